@@ -17,14 +17,16 @@ from textual.worker import Worker
 
 from console import quick_start
 from console.app import actions, pressed, themes, words
-from console.app.action import ANYWHERE, JOB, REPLAY, RUN, Action, bindings
+from console.app.action import ANYWHERE, JOB, MAP, REPLAY, RUN, Action, bindings
 from console.app.alarms import Bell
 from console.app.arrival import Arrival
 from console.app.dialogs import Choice, ChoiceDialog, TextDialog
 from console.app.fields import FieldPictures
+from console.app.first_question import ask_first
 from console.app.guide_line import GuideLine
 from console.app.history import History
 from console.app.joined import Joined, joined_words
+from console.app.kept_lines import KeptLines, guide_record
 from console.app.keys import ACTIONS
 from console.app.pace import NUMBERS_S
 from console.app.pages.all import Pages
@@ -54,6 +56,7 @@ from drivers.files.settings import Rates
 if TYPE_CHECKING:
     from console.app.pages.job.desk import JobDesk, Offer
     from console.app.pages.job.page import JobScreen
+    from console.app.pages.map.page import MapScreen
     from console.app.pages.replay.page import ReplayScreen
 
 NOTICE_S = 4.0
@@ -80,6 +83,7 @@ class TopdressApp(App[None], inherit_bindings=False):
     units, language, theme, keymap: instead of the settings' own.
     keymap: action id -> keys. limits_kg_ha: the range that a manual rate may have. live: False for tests and pictures:
     nothing moves but by `tick`. tour: begin with the guided tour. joined: `source` is of a machine that ran already.
+    ask_job: once it is seen, ask which of the jobs that were worked lately.
     """
 
     CSS_PATH: ClassVar = [_HERE / "style.tcss", *sorted((_HERE / "pages").glob("*/style.tcss"))]
@@ -93,7 +97,8 @@ class TopdressApp(App[None], inherit_bindings=False):
                  units: Units | None = None, language: str | None = None, theme: str | None = None,
                  keymap: Mapping[str, str] | None = None, utc_offset_s: float | None = None,
                  limits_kg_ha: tuple[float, float] = (0.0, 600.0), hopper_kg: float = 300.0, live: bool = True,
-                 services: Services | None = None, tour: bool = False, joined: Joined | None = None) -> None:
+                 services: Services | None = None, tour: bool = False, joined: Joined | None = None,
+                 ask_job: bool = False) -> None:
         self._plain_lines = PlainLines()
         super().__init__()
         self.source, self.clock = source, clock
@@ -112,6 +117,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.tour = Tour() if tour else None
         self.sweeps = Sweeps()
         self.joined = joined
+        self.ask_job = ask_job
         self.locked = False
         self.stray, self.held_enter, self.undo = StrayTyping(), HeldEnter(), Undo()
         self.gone = ""
@@ -165,6 +171,10 @@ class TopdressApp(App[None], inherit_bindings=False):
     @property
     def replay_page(self) -> ReplayScreen:
         return cast("ReplayScreen", self.pages[REPLAY])
+
+    @property
+    def map_page(self) -> MapScreen:
+        return cast("MapScreen", self.pages[MAP])
 
     @property
     def job_page(self) -> JobScreen:
@@ -269,6 +279,8 @@ class TopdressApp(App[None], inherit_bindings=False):
             self._until_first.stop()
             self.page.hurry()
             self.tick()
+            if self.ask_job and self.services.job is not None:
+                ask_first(self, self.services.job)
             self.set_timer(SEEN_S, lambda: self.run_worker(self._make_pages(), group="pages", exit_on_error=False))
 
     async def _make_pages(self) -> None:
@@ -327,6 +339,23 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.alarm_book.add_before(earlier.alarms)
             self.history.add_before(earlier.track)
             self.page.hurry()
+        if self.services.lines is not None:
+            self._take_lines(await asyncio.to_thread(self.services.lines.read, log_path))
+
+    def keep_line(self, record: str) -> None:
+        """Of the A-B line or a boundary that is being driven: the next console on this log has it too."""
+        frame, files = self.arrival.frame, self.services.lines
+        if files is not None and frame is not None and frame.log_path:
+            files.append(frame.log_path, record)
+
+    def _take_lines(self, kept: KeptLines) -> None:
+        """Those of the console before; a log that has none has this console's from now on."""
+        if kept.guide.a is not None:
+            self.guide = kept.guide
+        elif self.guide.a is not None:
+            self.keep_line(guide_record(self.guide))
+        if kept.drive is not None and self.map_page.drive is None:
+            self.map_page.go_on_driving(kept.drive, kept.way)
 
     def marks(self) -> tuple[str, ...]:
         """Words about this console itself for the status line."""

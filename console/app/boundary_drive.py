@@ -32,9 +32,12 @@ class BoundaryDrive:
         """A row of the run; those without a fix or a course, and those too near to the last corner, are left out."""
         if row.lat_deg is None or row.lon_deg is None or row.heading_deg is None or row.fix_quality not in FIXES:
             return
+        self.add_corner(Corner(row.lat_deg, row.lon_deg, row.heading_deg))
+
+    def add_corner(self, corner: Corner) -> None:
+        """Left out where it is too near to the last one."""
         if self._plane is None:
-            self._plane = TangentPlane(row.lat_deg, row.lon_deg)
-        corner = Corner(row.lat_deg, row.lon_deg, row.heading_deg)
+            self._plane = TangentPlane(corner.lat_deg, corner.lon_deg)
         if self.corners:
             step_m = apart_m(self._at(self.corners[-1]), self._at(corner))
             if step_m < APART_M:

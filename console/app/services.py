@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from console.app.field_picture import FieldPicture
+from console.app.kept_lines import LineFiles
 from console.app.pages.calibrate.job import CalibrateJob
 from console.app.pages.diagnosis.data import DiagnosisService
 from console.app.pages.job.desk import JobDesk
@@ -33,6 +34,8 @@ class Services:
     logs: LogFiles | None = None
 
     layers: LayerFiles | None = None
+
+    lines: LineFiles | None = None      # of the Map page: the A-B line, a boundary that is being driven
 
     model_check: Callable[[str], Departure | None] | None = None     # of the log at a path, so far; returns at once
 

@@ -7,6 +7,8 @@ import typer
 
 
 def run(
+    job: Annotated[str | None, typer.Argument(metavar="JOB", help="A job file, or the name of one of yours or of those "
+                                              "that are shipped. With it nothing is asked at the start.")] = None,
     config: Annotated[list[str] | None, typer.Option("--config", metavar="CFG", help="Job, machine, crop or cab file; "
                                                      "repeatable. Without it: the simulated machine.")] = None,
     effect: Annotated[list[str] | None, typer.Option(metavar="ID=SIZE", help="Plant an effect in the simulated machine "
@@ -19,5 +21,6 @@ def run(
                                               "process of its own.")] = True,
 ) -> None:
     """The console. Attaches to the control worker that runs, or starts one."""
-    from console.cli.screens import show_run
-    show_run(tuple(config or ()), tuple(effect or ()), seed, hz, log, model_check)
+    from console.cli.screens import own_job, show_run
+    named = () if job is None else (own_job(job),)
+    show_run((*named, *(config or ())), tuple(effect or ()), seed, hz, log, model_check)

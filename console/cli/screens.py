@@ -50,6 +50,7 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
     from console.app.app import TopdressApp
     from console.link import ComingLink, Link
     from console.services.job import JobFiles
+    from console.services.line_files import KeptLineFiles
     from console.services.live_checker import LiveChecker
     from console.services.settings import settings_store
     from console.services.sound import Player
@@ -61,20 +62,29 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
         await asyncio.to_thread(launcher.adopt, where.log_path)
         return Link(where)
 
-    job = JobFiles(launcher)
+    job, lines = JobFiles(launcher), KeptLineFiles()
     source: Link | None = None
     if running is not None:
         source = Link(running)
     elif coming is not None or job.offer() is None:           # else the console asks whether to go on with it
         source = ComingLink(coming or _begun(launcher.start))
+    tour = not config and first_time()
     app = TopdressApp(source, start=launcher.link, attach=attach, limits_kg_ha=(0.0, setup.crop.max_rate_kg_ha),
-                      hopper_kg=setup.machine.flow.full_kg, tour=not config and first_time(),
-                      joined=joined,
+                      hopper_kg=setup.machine.flow.full_kg, tour=tour, joined=joined,
+                      ask_job=not config and not tour and running is None and source is not None,
                       services=replace(run_services(setup, found, effects), job=job, settings=settings_store(),
-                                       play=Player(), model_check=LiveChecker().latest if model_check else None))
+                                       lines=lines, play=Player(),
+                                       model_check=LiveChecker().latest if model_check else None))
     app.run()
+    lines.close()
     if app.not_started:
         raise CommandError(app.not_started)
+
+
+def own_job(name: str) -> str:
+    """A name of one of the user's jobs as its file; a path and a shipped name as they are."""
+    own = Path(platformdirs.user_data_dir("topdress", appauthor=False)) / "jobs" / f"{name}.yaml"
+    return str(own) if "/" not in name and "\\" not in name and own.is_file() else name
 
 
 def _join(launcher: Launcher, running: Where) -> Joined:

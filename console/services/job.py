@@ -24,6 +24,7 @@ from console.app.pages.job.desk import (
     Offer,
     Progress,
     Reading,
+    Recent,
     Who,
 )
 from console.locale import _
@@ -157,6 +158,19 @@ class JobFiles:
             self._replace(wanted.format, value)
         except ConfigError as error:
             raise ValueError(error.lines[0]) from None
+
+    def recent(self) -> tuple[Recent, ...]:
+        from console.services.recent import recent
+        return recent(self._launcher.logs, self._folder)
+
+    def take_recent(self, recent: Recent) -> None:
+        """Raises ValueError."""
+        from drivers.files.setup import by_kind, setup_of
+        try:
+            setup_of(by_kind(recent.files), dt.date.today())
+        except ConfigError as error:
+            raise ValueError(error.lines[0]) from None
+        self._next = recent.files
 
     def take_strip(self, strip: StripValue) -> str:
         """Raises ValueError."""

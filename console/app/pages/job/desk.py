@@ -109,6 +109,16 @@ class Offer(NamedTuple):
     area_ha: float
 
 
+class Recent(NamedTuple):
+    """A job that was worked, or could be: its files, and what an operator knows it by. began_utc: of its last run."""
+
+    files: tuple[str, ...]
+    job: str
+    field: str = ""
+    machine: str = ""
+    began_utc: str = ""
+
+
 class Earlier(NamedTuple):
     """What happened before this console looked: alarms, and where material lies (east m, north m, heading, kg/ha)."""
 
@@ -142,6 +152,12 @@ class JobDesk(Protocol):
 
     def take(self, kind: str, value: str) -> None:
         """Another job, crop or machine for `restart`; checked first. `facts` are those of what runs until then."""
+
+    def recent(self) -> tuple[Recent, ...]:
+        """What was worked lately, the newest first."""
+
+    def take_recent(self, recent: Recent) -> None:
+        """All its files for `restart`; checked first."""
 
     def drop(self) -> None:
         """What was taken last is not wanted: the next start has the files that run."""

@@ -15,6 +15,7 @@ from console.app.pages.job.desk import (
     Offer,
     Progress,
     Reading,
+    Recent,
     Who,
 )
 from console.app.source import FrameSource
@@ -36,6 +37,14 @@ CUT_OFF = Offer("run.resume.json", "2026-03-18T06:18:00+00:00", "2026-03-18T07:0
 
 MAPS = (MapFile("/media/STICK/north.geojson", "north.geojson", "STICK", "2026-03-17 19:40"),
         MapFile("/media/STICK/zones.shp", "zones.shp", "STICK", "2026-03-16 08:12"))
+
+
+RECENT = (
+    Recent(("jobs/north-40.yaml", "machines/spreader.yaml", "cabs/red.yaml"), "Second dressing", "North 40",
+           "Two-disc spreader", "2026-03-17T13:05:00Z"),
+    Recent(("jobs/division-2.yaml", "machines/huanghai.yaml"), "Huanghai, 23 February", "Huanghai, division 2",
+           "Six-outlet fluted-roller applicator", "2026-03-14T06:30:00Z"),
+    Recent(("jobs/river.yaml",), "River field", "River field"))
 
 
 class SampleDesk:
@@ -64,6 +73,13 @@ class SampleDesk:
 
     def take(self, kind: str, value: str) -> None:
         self.asked.append(("take", kind, value))
+        self._fail()
+
+    def recent(self) -> tuple[Recent, ...]:
+        return RECENT
+
+    def take_recent(self, recent: Recent) -> None:
+        self.asked.append(("recent", *recent.files))
         self._fail()
 
     def drop(self) -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from console.app import layers
 from console.app.action import MAP, Action
 from console.app.dialogs import Choice, ChoiceDialog
+from console.app.kept_lines import guide_record
 from console.locale import N_, _
 
 if TYPE_CHECKING:
@@ -99,6 +100,7 @@ def guide(page: MapScreen) -> None:
 
 def no_guide(page: MapScreen) -> None:
     page.app.guide.clear()
+    page.app.keep_line(guide_record(page.app.guide))
 
 
 ACTIONS = (

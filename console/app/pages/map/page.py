@@ -12,6 +12,7 @@ from console.app.boundary_drive import BoundaryDrive
 from console.app.camera import Camera, fit
 from console.app.dialogs import Choice, ChoiceDialog, Confirm
 from console.app.guide_line import LEAST_M
+from console.app.kept_lines import corner_record, drive_record, guide_record
 from console.app.laid import LaidFile, LaidView
 from console.app.layers import LABELS, Layer
 from console.app.pages.log_page import EMPTY_MAP, LogPage
@@ -90,6 +91,20 @@ class MapScreen(LogPage):
             self.drive.add(frame.row)
             if frame.place_m is not None and len(self.drive.corners) > before:
                 self._driven.append(frame.place_m)
+                self.app.keep_line(corner_record(self.drive.corners[-1], frame.place_m, frame.row.time_s))
+
+    def _drive_is(self, drive: BoundaryDrive | None) -> None:
+        """One begins, or the one that there was has ended."""
+        frame = self.app.arrival.frame
+        self.drive, self._driven = drive, []
+        self.app.keep_line(drive_record(drive, frame.row.time_s if frame is not None else 0.0))
+
+    def go_on_driving(self, drive: BoundaryDrive, way: tuple[Place, ...]) -> None:
+        """One that another console began."""
+        self.drive, self._driven = drive, list(way)
+        self.app.notice(_("the boundary goes on: {way} driven so far").format(
+            way=self.app.units.distance.full(drive.way_m)))
+        self.hurry()
 
     def boundary_key(self) -> None:
         """Begins the drive, or ends it."""
@@ -102,8 +117,7 @@ class MapScreen(LogPage):
 
         def begin(side: str | None) -> None:
             if side is not None:
-                self._driven = []
-                self.drive = BoundaryDrive({"left": -half_m, "right": half_m}.get(side, 0.0))
+                self._drive_is(BoundaryDrive({"left": -half_m, "right": half_m}.get(side, 0.0)))
                 self.app.notice(_("the boundary begins here: drive round the field, then B again"))
                 self._at_once()
 
@@ -119,7 +133,7 @@ class MapScreen(LogPage):
 
         def drop(yes: bool | None) -> None:
             if yes:
-                self.drive = None
+                self._drive_is(None)
                 self._at_once()
 
         if not drive.enough:
@@ -134,7 +148,7 @@ class MapScreen(LogPage):
                 drop(True)
             elif answer == "keep" and desk is not None:
                 ring = drive.ring_deg()
-                self.drive = None
+                self._drive_is(None)
                 self.app.turn_to(JOB)
                 self.call_later(self.app.job_page.take, lambda: desk.take_boundary(ring))
 
@@ -154,8 +168,10 @@ class MapScreen(LogPage):
             self.app.notice(_("no position yet"))
         elif guide.a is None or guide.b is not None:
             guide.begin(frame.place_m, picture.width_m)
+            self.app.keep_line(guide_record(guide))
             self.app.notice(_("A is here: drive along the line, then N sets B"))
         elif guide.end(frame.place_m):
+            self.app.keep_line(guide_record(guide))
             self.app.notice(_("the A-B line is set: the Run page shows how far the machine is off it"))
         else:
             self.app.notice(_("B is too near to A: {least} or more are needed").format(

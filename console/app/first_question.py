@@ -1,0 +1,54 @@
+"""Which field and job, asked at the start: what was worked lately first, one key for all as it is."""
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from console.app.dialogs import Choice, ChoiceDialog
+from console.app.pages.job.day import file_name
+from console.app.view import wall_clock
+from console.locale import _
+
+if TYPE_CHECKING:
+    from console.app.app import TopdressApp
+    from console.app.pages.job.desk import JobDesk, Recent
+
+MAY_CHANGE = (None, "off")          # states in which nothing is lost by another start
+
+
+def ask_first(app: TopdressApp, desk: JobDesk) -> None:
+    """Asks when there is something to choose from. The machine is there meanwhile, off: nothing waits for an answer."""
+    def listed(found: tuple[Recent, ...]) -> None:
+        frame = app.arrival.frame
+        if found and app.screen is app.page and (frame is None or frame.row.state in MAY_CHANGE):
+            app.push_screen(_question(app, found), lambda number: answer(number, found))
+
+    def answer(number: str | None, found: tuple[Recent, ...]) -> None:
+        if number is not None:
+            one = found[int(number)]
+            app.with_files(lambda: desk.take_recent(one), lambda _nothing: begin(), app.notice)
+
+    def begin() -> None:
+        frame = app.arrival.frame
+        if frame is not None and frame.row.state not in MAY_CHANGE:
+            desk.drop()
+            app.notice(_("the machine works: stop it first, then choose again to start with it"))
+        else:
+            app.restart(desk.restart)
+
+    app.list_files(desk.recent, listed)
+
+
+def _question(app: TopdressApp, found: tuple[Recent, ...]) -> ChoiceDialog:
+    frame = app.arrival.frame
+    now = _("Esc: it stays as it is now, {job} on {machine}.").format(
+        job=frame.job if frame is not None else "--", machine=frame.machine if frame is not None else "--")
+    return ChoiceDialog(_("Which field and job?"), [
+        Choice(str(number), _words(one, app.utc_offset_s)) for number, one in enumerate(found)], "", now)
+
+
+def _words(one: Recent, utc_offset_s: float) -> str:
+    day = one.began_utc[:10]
+    since = f"{day} {wall_clock(one.began_utc, utc_offset_s)[:5]}" if day else _("not worked yet")
+    field = one.field or _("no field")
+    job = one.job or file_name(one.files[0])
+    return "  ".join(part for part in (since, field, job, one.machine) if part)

@@ -1,0 +1,81 @@
+"""The A-B line and a boundary that is being driven, as records of a file beside the log: a console that dies, or is
+closed, leaves them to the next one. Pure.
+
+A record is a line of JSON. The file only grows: what was said last holds, and a line that was cut off counts for
+nothing.
+"""
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from typing import Any, NamedTuple, Protocol
+
+from console.app.boundary_drive import BoundaryDrive, Corner
+from console.app.guide_line import GuideLine, Place
+
+
+class KeptLines(NamedTuple):
+    """drive None: no boundary is being driven. way: of the drive, east and north, m, as the map draws it. until_s: the
+    log's time of its last record."""
+
+    guide: GuideLine
+    drive: BoundaryDrive | None = None
+    way: tuple[Place, ...] = ()
+    until_s: float = 0.0
+
+
+class LineFiles(Protocol):
+    def append(self, log_path: str, record: str) -> None:
+        """Kept beside the log; returns at once."""
+
+    def read(self, log_path: str) -> KeptLines:
+        """What holds, with what the log tells of the drive since. Takes its time; never raises."""
+
+
+def guide_record(guide: GuideLine) -> str:
+    """As it is now; a line that was taken away too."""
+    return json.dumps({"guide": None if guide.a is None else {"a": guide.a, "b": guide.b, "width_m": guide.width_m}})
+
+
+def drive_record(drive: BoundaryDrive | None, time_s: float) -> str:
+    """A drive that begins; None: it has ended, kept or cancelled."""
+    return json.dumps({"drive": None if drive is None else {"right_m": drive.right_m, "time_s": time_s}})
+
+
+def corner_record(corner: Corner, place: Place, time_s: float) -> str:
+    return json.dumps({"corner": corner, "place_m": place, "time_s": time_s})
+
+
+def kept_lines(records: Iterable[str]) -> KeptLines:
+    """What holds after these records; those that are none are left out."""
+    kept = KeptLines(GuideLine())
+    for record in records:
+        try:
+            kept = _with(kept, json.loads(record))
+        except (ValueError, TypeError, KeyError):
+            continue
+    return kept
+
+
+def _with(kept: KeptLines, said: dict[str, Any]) -> KeptLines:
+    """Raises ValueError, TypeError, KeyError."""
+    if "guide" in said:
+        told = said["guide"]
+        guide = GuideLine() if told is None else GuideLine(
+            _place(told["a"]), None if told["b"] is None else _place(told["b"]), float(told["width_m"]))
+        return kept._replace(guide=guide)
+    if "drive" in said:
+        told = said["drive"]
+        if told is None:
+            return KeptLines(kept.guide)
+        return KeptLines(kept.guide, BoundaryDrive(float(told["right_m"])), (), float(told["time_s"]))
+    if kept.drive is None:
+        return kept
+    corner, place, time_s = Corner(*map(float, said["corner"])), _place(said["place_m"]), float(said["time_s"])
+    kept.drive.add_corner(corner)
+    return kept._replace(way=(*kept.way, place), until_s=time_s)
+
+
+def _place(told: Any) -> Place:
+    east_m, north_m = told
+    return float(east_m), float(north_m)

@@ -1,0 +1,62 @@
+"""What was worked lately, by the sidecars of its logs: the files of each job, the newest first, each set once."""
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+
+from console.app.pages.job.desk import Recent
+from drivers.files.config import load, load_any, shipped
+from drivers.files.config_error import ConfigError
+from drivers.files.kinds import CAB, JOB, KINDS, MACHINE
+from drivers.files.run_meta import RunMeta, meta_from_yaml
+
+LOOKED_AT = 60          # of the newest logs: a week of a contractor's
+SHOWN = 8               # with the one that runs as many as one digit chooses
+
+
+def recent(logs: Path, own: Path) -> tuple[Recent, ...]:
+    """logs: the folder of the logs; own: of the user's jobs, which are listed too when there is room. Sets of which a
+    file is gone, or cannot be read any more, are left out."""
+    found: dict[tuple[str, ...], Recent] = {}
+    for sidecar in _newest(logs, LOOKED_AT):
+        if len(found) >= SHOWN:
+            break
+        with contextlib.suppress(OSError, ValueError, ConfigError):
+            one = _of_run(meta_from_yaml(sidecar.read_text(encoding="utf-8")))
+            if one is not None:
+                found.setdefault(one.files, one)
+    for path in _newest(own / JOB.folder, SHOWN):
+        if len(found) >= SHOWN:
+            break
+        if not any(str(path) in one.files for one in found.values()):
+            with contextlib.suppress(OSError, ConfigError):
+                job = load(path, JOB).model
+                found[str(path),] = Recent((str(path),), job.title or path.stem, job.field.title)
+    return tuple(found.values())
+
+
+def _newest(folder: Path, most: int) -> list[Path]:
+    times: dict[Path, float] = {}
+    with contextlib.suppress(OSError):
+        for path in folder.glob("*.yaml"):
+            times[path] = path.stat().st_mtime
+    return sorted(times, key=lambda path: -times[path])[:most]
+
+
+def _of_run(meta: RunMeta) -> Recent | None:
+    """None: all of its files are those that are shipped. Raises ConfigError: one is gone."""
+    kinds = {}
+    for file in meta.sha256:
+        if Path(file).suffix.lower() in (".yaml", ".yml"):
+            kind, _loaded = load_any(Path(file), KINDS)
+            if kind in (JOB, MACHINE, CAB):
+                kinds[kind.format] = file
+    ours = {str(path) for folder in (JOB.folder, MACHINE.folder) for path in shipped(folder).values()}
+    files = tuple(kinds.values())
+    if all(file in ours for file in files):
+        return None
+    job, machine = meta.job or {}, meta.machine or {}
+    field = job.get("field")
+    return Recent(files, str(job.get("title") or job.get("id") or ""),
+                  str(field.get("title") or "") if isinstance(field, dict) else "",
+                  str(machine.get("title") or machine.get("id") or ""), meta.started_utc or "")

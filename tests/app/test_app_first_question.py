@@ -1,0 +1,138 @@
+"""Which field and job, asked at the start: recent first, one key leaves all as it is, nothing waits for an answer."""
+from __future__ import annotations
+
+import datetime as dt
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from console.app.app import TopdressApp
+from console.app.dialogs import ChoiceDialog
+from console.app.first_question import ask_first
+from console.app.sample import sample_services
+from console.cli import app as command
+from console.cli import screens
+from console.services.job import JobFiles
+from console.services.launcher import Launcher
+from console.services.recent import recent
+from control.orders import Do, Order
+from drivers.files.config import load, save, shipped
+from drivers.files.kinds import JOB
+from drivers.files.run_log import PlainLogWriter
+from drivers.files.run_meta import run_meta
+
+SIZES = [(120, 40), (80, 24), (60, 20)]
+
+
+@pytest.fixture
+def full(source, clock):
+    source.newest = replace(source.newest, row=source.newest.row._replace(state="off"), alarms=())
+    return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=sample_services())
+
+
+async def asked(app, pilot):
+    await pilot.pause()
+    ask_first(app, app.services.job)
+    await settled(app, pilot)
+
+
+async def settled(app, pilot):
+    for worker in [one for one in app.workers if one.group in ("files", "connect")]:
+        await worker.wait()
+    await pilot.pause()
+
+
+@pytest.mark.parametrize("size", SIZES)
+async def test_one_key_takes_the_newest_and_one_leaves_all_as_it_is(full, source, size, shown):
+    desk = full.services.job
+    async with full.run_test(size=size) as pilot:
+        await asked(full, pilot)
+        assert isinstance(full.screen, ChoiceDialog)
+        text = "\n".join(shown(full))
+        assert "Which field and job?" in text and "> 1  2026-03-17 13:05  North 40" in text and "not worked yet" in text
+        await pilot.press("escape")
+        assert full.screen is full.page and ("recent",) not in [one[:1] for one in desk.asked]
+        ask_first(full, desk)
+        await settled(full, pilot)
+        await pilot.press("enter")
+        await settled(full, pilot)
+        assert ("recent", "jobs/north-40.yaml", "machines/spreader.yaml", "cabs/red.yaml") in desk.asked
+
+
+async def test_hold_and_stop_work_under_it_and_a_machine_that_was_started_is_left_alone(full, source):
+    desk = full.services.job
+    async with full.run_test(size=(120, 40)) as pilot:
+        await asked(full, pilot)
+        await pilot.press("x")
+        await pilot.pause()
+        assert Order(Do.STOP) in source.orders and isinstance(full.screen, ChoiceDialog)
+        source.newest = replace(source.newest, seq=source.newest.seq + 1,
+                                row=source.newest.row._replace(state="working", time_s=source.newest.row.time_s + 1))
+        full.tick()
+        await pilot.press("enter")
+        await settled(full, pilot)
+        assert ("drop",) in desk.asked and "stop it first" in full.notice_text and not full.gone
+        ask_first(full, desk)
+        await settled(full, pilot)
+        assert full.screen is full.page, "nothing is asked while it works"
+
+
+async def test_nothing_to_choose_from_is_no_question(full, monkeypatch):
+    desk = full.services.job
+    monkeypatch.setattr(desk, "recent", lambda: ())
+    async with full.run_test(size=(120, 40)) as pilot:
+        await asked(full, pilot)
+        assert full.screen is full.page
+
+
+def worked(logs: Path, name: str, at: int, *files: Path, job: str = "A job", field: str = "A field") -> None:
+    """The sidecar of a log, so many seconds after some moment."""
+    logs.mkdir(parents=True, exist_ok=True)
+    meta = run_meta({"title": "A machine"}, None, {"title": job, "field": {"title": field}},
+                    sha256={str(one): "x" for one in files}, started_utc=f"2026-03-1{at}T08:00:00Z")
+    PlainLogWriter(logs / f"{name}.csv", meta).close()
+    os.utime(logs / f"{name}.yaml", (1e9 + at, 1e9 + at))
+
+
+def test_recent_jobs_are_sets_of_files_the_newest_first(tmp_path):
+    logs, own = tmp_path / "logs", tmp_path / "own"
+    jobs = {}
+    for name in ("north", "south", "gone"):
+        jobs[name] = own / "jobs" / f"{name}.yaml"
+        jobs[name].parent.mkdir(parents=True, exist_ok=True)
+        save(jobs[name], load("demo", JOB).model.model_copy(update={"title": name}), JOB)
+    machine = shipped("machines")["huanghai"]
+    worked(logs, "a", 1, jobs["north"], machine, job="north")
+    worked(logs, "b", 2, jobs["south"], machine, job="south", field="By the river")
+    worked(logs, "c", 3, jobs["north"], machine, job="north")
+    worked(logs, "d", 4, shipped("jobs")["demo"], machine)                  # nothing of the user's own
+    worked(logs, "e", 5, jobs["gone"], machine)
+    jobs["gone"].unlink()
+    (logs / "broken.yaml").write_text("format: [")
+    save(own / "jobs" / "new.yaml", load("demo", JOB).model.model_copy(update={"title": "new"}), JOB)
+    found = recent(logs, own)
+    assert [(one.job, one.began_utc[:10]) for one in found] == [("north", "2026-03-13"), ("south", "2026-03-12"),
+                                                                ("new", "")]
+    assert found[1].field == "By the river" and found[0].files == (str(jobs["north"]), str(machine))
+    launcher = Launcher((), (), 1, 20.0, None, tmp_path / "trouble.log")
+    desk = JobFiles(launcher, own)
+    desk.take_recent(found[1])
+    jobs["south"].write_text("format: topdress-job/1\ncolour: red\n")
+    with pytest.raises(ValueError, match="south"):
+        desk.take_recent(found[1])
+    assert dt.date.fromisoformat(found[0].began_utc[:10]) and launcher.config == ()
+
+
+def test_run_takes_a_job_by_path_or_name_and_asks_nothing_then(tmp_path, monkeypatch):
+    monkeypatch.setattr(screens.platformdirs, "user_data_dir", lambda *_a, **_k: str(tmp_path))
+    own = tmp_path / "jobs" / "north.yaml"
+    own.parent.mkdir()
+    save(own, load("demo", JOB).model, JOB)
+    begun = []
+    monkeypatch.setattr(screens, "show_run", lambda config, *_rest: begun.append(config))
+    for given in (["north"], ["demo"], [str(own)], ["north", "--config", "huanghai"], []):
+        assert CliRunner().invoke(command, ["run", *given]).exit_code == 0
+    assert begun == [(str(own),), ("demo",), (str(own),), (str(own), "huanghai"), ()]

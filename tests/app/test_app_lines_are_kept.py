@@ -1,0 +1,97 @@
+"""The A-B line and a boundary that is being driven outlive the console on which they were begun."""
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from console.app.app import TopdressApp
+from console.app.boundary_drive import BoundaryDrive, Corner
+from console.app.gallery import StillClock, StillSource
+from console.app.guide_line import GuideLine
+from console.app.kept_lines import corner_record, drive_record, guide_record, kept_lines
+from console.app.sample import sample_services
+from console.services.line_files import KeptLineFiles, beside
+from control.log_row import LogRow
+from drivers.files.run_log import PlainLogWriter
+from drivers.files.run_meta import run_meta
+
+SIZE = (120, 40)
+CORNERS = [Corner(34.8 + 0.0001 * k, 113.6, 0.0) for k in range(4)]
+
+
+def test_what_was_said_last_holds_and_half_a_line_counts_for_nothing():
+    guide, drive = GuideLine((0.0, 0.0), (3.0, 100.0), 2.4), BoundaryDrive(-1.2)
+    said = [guide_record(GuideLine((9.0, 9.0), None, 2.4)), guide_record(guide), drive_record(drive, 5.0),
+            *(corner_record(one, (0.0, 10.0 * k), 5.0 + k) for k, one in enumerate(CORNERS))]
+    kept = kept_lines([*said, '{"corner": [34.9, 113'])
+    assert kept.guide == guide and kept.drive.right_m == -1.2 and kept.until_s == 8.0
+    assert kept.drive.corners == CORNERS and kept.way[-1] == (0.0, 30.0)
+    ended = kept_lines([*said, drive_record(None, 9.0), guide_record(GuideLine())])
+    assert ended.drive is None and ended.way == () and ended.guide.a is None
+    assert kept_lines(["[]", "7", '{"guide": {"a": 1}}', ""]).guide.a is None
+
+
+def _app(frame, files):
+    services = replace(sample_services(), lines=files)
+    return TopdressApp(StillSource(frame), StillClock(), live=False, utc_offset_s=0.0, services=services)
+
+
+async def _settled(app, pilot):
+    app.tick()
+    for worker in [one for one in app.workers if one.group in ("earlier", "field")]:
+        await worker.wait()
+    await pilot.pause()
+
+
+async def test_the_next_console_goes_on_with_both(frames, tmp_path):
+    log, files = tmp_path / "run.csv", KeptLineFiles()
+    frame = replace(frames[-1], log_path=str(log))
+    first = _app(frame, files)
+    async with first.run_test(size=SIZE) as pilot:
+        await _settled(first, pilot)
+        first.guide.begin((0.0, 0.0), 2.4)
+        first.guide.end((0.0, 50.0))
+        first.keep_line(guide_record(first.guide))
+        first.turn_to("map")
+        await pilot.pause()
+        await pilot.press("b", "1", "enter")
+        for k in range(4):
+            row = frame.row._replace(lat_deg=34.8 + 0.0001 * k, time_s=100.0 + k, fix_quality=4, heading_deg=0.0)
+            first.map_page.gather(replace(frame, row=row))
+        way_m = first.map_page.drive.way_m
+        assert way_m > 30.0
+    files.close()
+    second = _app(frame, KeptLineFiles())
+    async with second.run_test(size=SIZE) as pilot:
+        await _settled(second, pilot)
+        assert second.guide.set and second.guide.b == (0.0, 50.0)
+        drive = second.map_page.drive
+        assert drive is not None and drive.way_m == pytest.approx(way_m) and "boundary goes on" in second.notice_text
+        second.turn_to("map")
+        await pilot.pause()
+        await pilot.press("q")
+        assert not second.guide.set
+        second.services.lines.close()
+    assert not KeptLineFiles().read(str(log)).guide.set
+
+
+def test_the_way_driven_while_no_console_looked_comes_from_the_log(tmp_path):
+    log, files = tmp_path / "run.csv", KeptLineFiles()
+    writer = PlainLogWriter(log, run_meta())
+    for k in range(9):
+        writer.append(LogRow(time_s=float(k), utc=f"2026-03-18T08:00:0{k}.000Z", lat_deg=34.8 + 0.0001 * k,
+                             lon_deg=113.6, heading_deg=0.0, fix_quality=4))
+    writer.close()
+    files.append(str(log), drive_record(BoundaryDrive(1.2), 0.0))
+    for k, one in enumerate(CORNERS):
+        files.append(str(log), corner_record(one, (0.0, 10.0 * k), float(k)))
+    files.close()
+    kept = files.read(str(log))
+    assert [corner.lat_deg for corner in kept.drive.corners] == pytest.approx([34.8 + 0.0001 * k for k in range(9)])
+
+
+def test_without_such_a_file_there_is_nothing(tmp_path):
+    kept = KeptLineFiles().read(str(tmp_path / "run.csv"))
+    assert kept.guide.a is None and kept.drive is None and not Path(beside(tmp_path / "run.csv")).exists()
