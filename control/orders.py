@@ -28,6 +28,7 @@ class TargetSource(StrEnum):
     FALLBACK = "fallback"
     NONE = "none"
     MAP_AND_CANOPY = "map_and_canopy"       # the map's rate, the heads' around it
+    INDEX_MAP = "index_map"                 # by source canopy: decided from the index map, where the heads are silent
 
 
 BY_CANOPY = (TargetSource.CANOPY, TargetSource.MAP_AND_CANOPY)      # the heads are needed

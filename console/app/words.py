@@ -21,6 +21,7 @@ STRATEGIES = {
 SOURCES = {
     "canopy": N_("from canopy"), "map": N_("from map"), "point": N_("plant by plant"), "manual": N_("manual rate"),
     "fallback": N_("FALLBACK RATE"), "none": N_("no target"), "map_and_canopy": N_("map and canopy"),
+    "index_map": N_("index map"),
 }
 FIXES = {0: N_("no fix"), 1: N_("GNSS"), 2: N_("DGNSS"), 4: N_("RTK fixed"), 5: N_("RTK float"),
          6: N_("dead reckoning")}

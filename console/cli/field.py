@@ -8,13 +8,17 @@ import typer
 
 from console.cli.inputs import Reads, need_ending, refuse_other
 from console.cli.outputs import Force, Output, named, refuse_collisions
+from console.cli.plain_errors import CommandError
 
 if TYPE_CHECKING:
     from drivers.files.fields.field_data import FieldData
 
+FAR_M = 1000.0          # done ground this far from the job's field is another field's
 READS = Reads(("kml", "kmz", "gpkg", "json", "shp", "zip", "folder", "aog", "config"),
               "a field of AgOpenGPS (its folder), KML, KMZ, GeoPackage, GeoJSON, a shapefile (.shp, zip, folder), or a "
               "job file")
+
+DONE = Reads((*READS.kinds, "text"), f"{READS.words}, or Sections.txt of AgOpenGPS")
 
 
 def field(
@@ -28,10 +32,12 @@ def field(
     name: Annotated[str | None, typer.Option(metavar="NAME", help="Of IN with several fields.")] = None,
     line: Annotated[str | None, typer.Option(metavar="NAME", help="Of several guidance lines: the one whose heading "
                                              "the passes have.")] = None,
+    done: Annotated[bool, typer.Option("--done", help="What AgOpenGPS marked as worked (Sections.txt), or the polygons "
+                                       "of IN, as ground that is done: the job spreads nothing there again.")] = False,
     force: Force = False,
 ) -> None:
     """Take a field's outline, obstacles, guidance lines and headland into a job, or write a job's field for others."""
-    refuse_other([source], READS)
+    refuse_other([source], DONE if done else READS)
     need_ending("--out", out, ".yaml", ".yml", ".kml", ".kmz", ".gpkg", ".geojson", ".json", "")
     is_job = out is not None and out.suffix.lower() in (".yaml", ".yml")
     if out is not None:
@@ -39,6 +45,9 @@ def field(
         reads = [*(source.iterdir() if source.is_dir() else [source]), *([named(job, JOB.folder)] if is_job else [])]
         files = (out,) if out.suffix else tuple(out / one for one in ("Field.txt", "Boundary.txt", "TrackLines.txt"))
         refuse_collisions(reads, [Output(files)], force)
+    if done:
+        _take_done(source, out, job)
+        return
     data = _read(source, name)
     for finding in data.findings:
         typer.echo(f"note: {source}: {finding}", err=True)
@@ -81,12 +90,35 @@ def _into_job(data: FieldData, job: str, line: str | None, out: Path, source: Pa
     from drivers.files.fields.field_data import ground_of
     from drivers.files.kinds import JOB
     loaded = load(job, JOB)
-    model = loaded.model
-    target = model.target.model_copy(update={
-        key: str((loaded.path.parent / value).resolve()) for key in ("map", "plants")
-        if (value := getattr(model.target, key)) is not None})
-    new = model.model_copy(update={"field": ground_of(data, model.field, line), "target": target})
+    model = loaded.model.with_files(lambda name: str((loaded.path.parent / name).resolve()))
+    new = model.model_copy(update={"field": ground_of(data, model.field, line)})
     save(out, new, JOB, f"From {loaded.path.name}, its field from {source.name}")
+
+
+def _take_done(source: Path, out: Path | None, job: str) -> None:
+    """Into a job, as the file that it names: it is read anew at each start."""
+    from control.geodesy import TangentPlane
+    from drivers.files.config import load, save
+    from drivers.files.fields.done import read_done
+    from drivers.files.kinds import JOB
+    if out is not None and out.suffix.lower() not in (".yaml", ".yml"):
+        raise CommandError(f"--out {out}: allowed with --done is a job, a name that ends in .yaml or .yml")
+    loaded = load(job, JOB)
+    ground = loaded.model.field
+    has_field = bool(ground.boundary_m) and out is not None
+    plane = TangentPlane(ground.origin_lat_deg, ground.origin_lon_deg) if has_field else None
+    found = read_done(source, plane)
+    typer.echo(f"done         {found.area_ha:.4f} ha, each place once: gets nothing more")
+    boundary = ground.boundary()
+    if plane is not None and boundary is not None and (away_m := boundary.away_m(found.middle_m)) > FAR_M:
+        typer.echo(f"note: {source}: lies {away_m / 1000.0:.1f} km from the field of {loaded.path.name}", err=True)
+    if out is None:
+        return
+    model = loaded.model.with_files(lambda name: str((loaded.path.parent / name).resolve()))
+    new = model.model_copy(update={"field": model.field.model_copy(update={"done": str(source.resolve())})})
+    out.parent.mkdir(parents=True, exist_ok=True)
+    save(out, new, JOB, f"From {loaded.path.name}, done ground from {source.name}")
+    typer.echo(f"written      {out}")
 
 
 def _tell(data: FieldData) -> None:

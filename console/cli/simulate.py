@@ -89,7 +89,7 @@ def simulate(
     true = setup.machine if plant is None else plausible(setup.machine, plant)
     terms = parse_terms(term or ())
     told = [*([] if plant is None else [f"machine {plant}"]), *(effect or ()), *(term or ())]
-    placed = placed_of_job(resolved, setup.folder)
+    placed = placed_of_job(resolved, setup.folder, setup.machine, setup.crop.index)
     told_map(check_of_job(resolved, setup.crop.max_rate_kg_ha, setup.folder), job)
     with nullcontext() if out is None else whole_log(out, _meta(setup, resolved, seed)) as log:
         run = _run(setup, true, resolved, seed, planted, terms, seconds, placed, log)

@@ -92,7 +92,7 @@ def picture_of(job: Job, folder: Path, width_m: float) -> FieldPicture:
 
 def _folder(meta: RunMeta, job: Job, beside: Path) -> Path:
     """Beside the log where the job's files lie there, else beside the job file of the run."""
-    names = [name for name in (job.target.map, job.target.plants) if name is not None]
+    names = job.named_files
     written = meta.extra.get("job_folder")
     if not isinstance(written, str) or (names and all((beside / name).exists() for name in names)):
         return beside

@@ -291,14 +291,11 @@ class JobFiles:
         path = _path_of(found, JOB.format, "demo")
         job = load(path, JOB).model
         beside = path.parent
-        target = job.target.model_copy(update={
-            name: str((beside / value).resolve()) for name in ("map", "plants")
-            if (value := getattr(job.target, name)) is not None})
         crop = _from(beside, job.crop)
         product_file = None if job.product_file is None else _from(beside, job.product_file)
         name = f"{job.id.split('-')[0]}-{dt.datetime.now():%Y%m%d-%H%M%S}"
-        new = job.model_copy(update={"target": target, "crop": crop, "product_file": product_file,
-                                     "id": name} | changes)
+        new = job.model_copy(update={"crop": crop, "product_file": product_file, "id": name} | changes).with_files(
+            lambda named: str((beside / named).resolve()))
         place = self._folder / "jobs" / f"{name}.yaml"
         try:
             place.parent.mkdir(parents=True, exist_ok=True)

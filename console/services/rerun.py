@@ -23,7 +23,7 @@ MOVES_MPS = 0.6
 def rerun(recorded: RunLog, setup: Setup) -> Iterator[Tick]:
     """A tick a row. Orders come from the log's events; a log without any gets ready and start when it moves."""
     loop = control_loop(setup.machine, setup.crop, setup.rule, setup.job, obeyed=False,
-                        **placed_of_job(setup.job, setup.folder))
+                        **placed_of_job(setup.job, setup.folder, setup.machine, setup.crop.index))
     orders = [parse_events(text) for text in recorded.texts("events")]
     own = any(orders)
     state = State.OFF.value
@@ -69,7 +69,7 @@ def _operator(state: str, speed_mps: float) -> list[Order]:
 def _folder(recorded: RunLog, job: Job) -> Path:
     """Where the map and the plants of a recorded job are looked for: beside the log if they lie there, else beside the
     job file of the run."""
-    names = [name for name in (job.target.map, job.target.plants) if name is not None]
+    names = job.named_files
     beside_log = recorded.path.parent
     written = recorded.meta.extra.get("job_folder") if recorded.meta is not None else None
     if not isinstance(written, str) or all((beside_log / name).exists() for name in names):

@@ -40,9 +40,10 @@ def drive_of(manoeuvre: str, job: Job, machine: Machine) -> Drive:
     if manoeuvre not in _DRIVES:
         raise ValueError(f"{manoeuvre}: the simulated machine cannot drive this run")
     target = job.target.model_copy(update={"source": TargetSource.MANUAL, "manual_rate_kg_ha": RATE_KG_HA, "map": None,
-                                           "plants": None, "hold_mean_kg_ha": None})
+                                           "plants": None, "index_map": None, "hold_mean_kg_ha": None})
     calm = job.model_copy(update={"id": f"separate_{manoeuvre}", "target": target, "flow_trim": False,
-                                  "field": job.field.model_copy(update={"boundary_m": (), "holes_m": ()})})
+                                  "field": job.field.model_copy(update={"boundary_m": (), "holes_m": (),
+                                                                        "done": None})})
     return _DRIVES[manoeuvre](calm, machine)
 
 

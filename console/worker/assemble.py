@@ -49,7 +49,7 @@ def assemble(options: Options, clock: Clock) -> Assembly:
     before = before_of(options, machine, setup.crop.product_n_fraction, _stops_s(cab))
     if before is not None:
         job = job_to_go_on(job, machine, before)
-    placed = _placed(job, setup.folder)
+    placed = _placed(job, setup)
     if cab is None:
         bench = _simulated(options, machine, job, clock)
     else:
@@ -114,9 +114,9 @@ def with_fixed_gate(machine: Machine, opening_mm: float) -> Machine:
     return machine.model_copy(update={"limits": limits, "set_points": set_points})
 
 
-def _placed(job: Job, folder: Path) -> Placed:
-    """Map and plants of the job. Raises ValueError, OSError."""
-    placed = placed_of_job(job, folder)
+def _placed(job: Job, setup: Setup) -> Placed:
+    """Map, plants, index map and done ground of the job. Raises ValueError, OSError."""
+    placed = placed_of_job(job, setup.folder, setup.machine, setup.crop.index)
     if job.target.source is TargetSource.POINT and placed["plants"] is None:
         raise ValueError(f"{job.id}: target.source point: a camera has no driver yet: allowed is target.plants, a "
                          "plant list beside the job")

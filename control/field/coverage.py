@@ -92,11 +92,13 @@ class Coverage:
         self._last: Place | None = None
         self._strips = [_Strip(left, right) for left, right in strips or ((-0.5 * width_m, 0.5 * width_m),)]
 
-    def seed(self, ground: Raster) -> None:
+    def seed(self, ground: Raster, ours: bool = True) -> None:
         """Ground that an earlier run has done, with cells of any size: covered, and never just passed over.
 
-        A cell here counts when its centre lies in a done cell there.
+        A cell here counts when its centre lies in a done cell there. ours: False for the ground of another machine,
+        which is no area that was covered here.
         """
+        cells = self._cells
         rows, columns = ground.done.shape
         south, west = (math.floor(edge / self.cell_m) for edge in (ground.south_m, ground.west_m))
         north, east = (math.floor((edge + count * ground.cell_m) / self.cell_m)
@@ -109,6 +111,8 @@ class Coverage:
         for row in range(south // _TILE, north // _TILE + 1):
             for column in range(west // _TILE, east // _TILE + 1):
                 self._mark(row, column, south, west, done, _EARLIER)
+        if not ours:
+            self._cells = cells
 
     def lay(self, place: Place, heading_deg: float, flowing: bool | Sequence[bool]) -> None:
         """The middle of the outlets is here; `flowing`: material has been landing since the last call, where the

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import datetime as dt
+from collections.abc import Callable
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -40,6 +41,8 @@ class Wanted(Part):
     decision_hz: Hz = 1.0
     map: str | None = None                      # a prescription, beside the job file
     plants: str | None = None                   # a plant list, beside the job file
+    # canopy: a raster or zones of the crop's index, beside the job file, for where the heads say nothing
+    index_map: str | None = None
     dose_angle_deg: Annotated[float, Field(ge=0.01, le=3600)] = 120.0      # point mode: one dose, as the paper's
     dose_rest_s: Annotated[float, Field(ge=0, le=5)] = 0.04     # the drive's pause between doses, for its report
     learn_threshold: bool = True                # point mode: measured dose errors move the threshold
@@ -76,6 +79,7 @@ class Ground(Part):
     pass_heading_deg: Annotated[float, Field(ge=0, lt=360)] = 0.0
     headland_m: Annotated[float, Field(ge=0, le=200)] = 0.0         # along every edge of the boundary
     headland_rate_kg_ha: Rate | None = None     # there; 0: nothing; None: as everywhere
+    done: str | None = None                     # ground that others have covered, beside the job: gets no more
 
     @model_validator(mode="after")
     def _polygon(self) -> Ground:
@@ -195,6 +199,22 @@ class Job(Part):
             raise ValueError("target.source point needs target.plants: a plant list beside the job; or, simulated, "
                              "simulated.plants and simulated.camera")
         return self
+
+
+    @property
+    def named_files(self) -> tuple[str, ...]:
+        """Map, plants, index map and done ground, as the job names them, beside its file."""
+        target = self.target
+        return tuple(name for name in (target.map, target.plants, target.index_map, self.field.done)
+                     if name is not None)
+
+    def with_files(self, place: Callable[[str], str]) -> Job:
+        """The same job, written elsewhere: the files that it names are named anew."""
+        def moved(part: Part, *keys: str) -> dict[str, str]:
+            return {key: place(value) for key in keys if (value := getattr(part, key)) is not None}
+        return self.model_copy(update={
+            "target": self.target.model_copy(update=moved(self.target, "map", "plants", "index_map")),
+            "field": self.field.model_copy(update=moved(self.field, "done"))})
 
 
 def rule_of(crop: Crop, job: Job, days: int | None = None) -> Rule:

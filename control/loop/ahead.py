@@ -7,6 +7,7 @@ from math import cos, inf, radians, sin
 from control.agronomy.crop import Crop
 from control.agronomy.noa import Rule
 from control.field.coverage import Coverage
+from control.field.done_ground import DoneGround
 from control.field.job import Job
 from control.loop.canopy_heads import CanopyHeads
 from control.loop.moment import Choices, Moment
@@ -20,6 +21,7 @@ from control.sensing import Sensed
 from control.targets.canopy import CanopyDecisions
 from control.targets.fence import OUTSIDE, Fence, Fenced
 from control.targets.hold_mean import HoldMean
+from control.targets.index_map import IndexMap
 from control.targets.map_and_canopy import Around, MapAndCanopy
 from control.targets.map_profile import MapProfile
 from control.targets.overlap import LONGEST_M, Overlap
@@ -35,7 +37,8 @@ class Ahead:
     """Looked at once a tick; then asked for the profile of targets that holds."""
 
     def __init__(self, machine: Machine, crop: Crop, rule: Rule, job: Job, fence: Fence | None, headland: Fence | None,
-                 prescription: MapProfile | None) -> None:
+                 prescription: MapProfile | None, index_map: IndexMap | None = None,
+                 done: DoneGround | None = None) -> None:
         geometry, width_m = machine.geometry, machine.geometry.working_width_m
         self._machine = machine
         self.fence = fence
@@ -52,7 +55,9 @@ class Ahead:
         self._around = Around(job.target.around_percent, job.target.around_kg_ha)
         self.heads = CanopyHeads(geometry.heads, CanopyDecisions(
             rule, geometry.heads_m, job.target.decision_hz, Stretches(crop.fallback_rate_kg_ha), self.hold),
-            crop.index)
+            crop.index, index_map, geometry.heads_m)
+        if done is not None:
+            self.overlap.seed(done.raster, ours=False)
         self._fallback = Everywhere(Target(crop.fallback_rate_kg_ha, TargetSource.FALLBACK))
 
     def look(self, m: Measurements, sensed: Sensed, fired_to_m: float, no_double: bool) -> None:

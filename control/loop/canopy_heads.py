@@ -2,24 +2,31 @@
 from __future__ import annotations
 
 from control.agronomy import fusion
+from control.geodesy import offset
+from control.orders import TargetSource
 from control.readings import Measurements
 from control.sensing import Sensed
 from control.targets.canopy import CanopyDecisions
+from control.targets.index_map import IndexMap
 
 LATENCY_S = 0.5                 # a head's reading may be one period old
 
 
 class CanopyHeads:
-    """`fused`: newest; None before the first look."""
+    """`fused`: newest; None before the first look. `by_map`: the index map stands in."""
 
-    def __init__(self, heads: int, decisions: CanopyDecisions, index: str = "ndvi") -> None:
-        """index: of the crop's rule; readings of another one are as none."""
+    def __init__(self, heads: int, decisions: CanopyDecisions, index: str = "ndvi",
+                 under: IndexMap | None = None, heads_m: float = 0.0) -> None:
+        """index: of the crop's rule; readings of another one are as none. under: what stands in for silent heads, which
+        look at the ground `heads_m` before the outlets."""
         self._index = index
         self.decisions = decisions
         self.fused: fusion.Fused | None = None
         self._state = fusion.start(heads)
         self._times: tuple[float | None, ...] = ()
         self._fused_s = float("-inf")
+        self._under, self._heads_m = under, heads_m
+        self.by_map = False
 
     def look(self, m: Measurements, sensed: Sensed) -> None:
         """Fuse what is new, or has grown old; decide when a period has passed."""
@@ -34,8 +41,28 @@ class CanopyHeads:
             if sensed.backwards:
                 self.decisions.pause()
             else:
-                self.decisions.sample(self.fused.ndvi if fresh else None, sensed.track_m, now, sensed.turn_deg_s)
+                self._sample(self.fused.ndvi, fresh, sensed)
         self.decisions.decide(sensed.track_m, now)
+
+    def _sample(self, read: float | None, fresh: bool, sensed: Sensed) -> None:
+        """What the heads read; where they are silent what the map has under them."""
+        mapped = self._mapped(sensed)
+        self.by_map = read is None and mapped is not None
+        if self._under is not None and mapped is not None and read is not None and fresh:
+            self._under.learn(read, mapped)
+        if self._under is not None and mapped is not None and read is None:
+            self.decisions.sample(self._under.levelled(mapped), sensed.track_m, sensed.time_s, sensed.turn_deg_s,
+                                  TargetSource.INDEX_MAP)
+        else:
+            self.decisions.sample(read if fresh else None, sensed.track_m, sensed.time_s, sensed.turn_deg_s)
+
+    def _mapped(self, sensed: Sensed) -> float | None:
+        """The map's index where the heads look; None without a map or a place."""
+        if (self._under is None or not sensed.position_ok or sensed.east_m is None or sensed.north_m is None
+                or sensed.heading_deg is None):
+            return None
+        ahead = offset((sensed.east_m, sensed.north_m), sensed.heading_deg, self._heads_m)
+        return self._under.at(ahead, sensed.heading_deg)
 
     @property
     def valid(self) -> int:

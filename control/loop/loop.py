@@ -8,6 +8,7 @@ from control.agronomy.crop import Crop
 from control.agronomy.growth import growth_of
 from control.agronomy.noa import Rule
 from control.field.coverage import Raster
+from control.field.done_ground import DoneGround
 from control.field.job import Job
 from control.field.planned_speed import planned_mps
 from control.field.totals import Sums, Totaliser, Totals
@@ -41,6 +42,7 @@ from control.readings import DriveCommand, Measurements, Reading, SpeedTold, pos
 from control.safety import BenchRun, DriveLimits, Safety, SafetyLimits, Verdict, limited, limited_valves, refusal
 from control.sensing import Forecaster, Sensed, Sensing
 from control.targets.fence import OUTSIDE, Fence
+from control.targets.index_map import IndexMap
 from control.targets.lag_correction import ChangeQueue
 from control.targets.map_profile import MapProfile
 from control.targets.point import Threshold
@@ -51,6 +53,7 @@ LONGEST_TICK_S = 1.0
 STANDING_TICKS = 10             # half a second at 20 Hz, as long as a drive may be silent
 GROWTH_TOLD_S = 15.0            # after START, of a crop outside its window
 ZERO_BY_CANOPY = ("above_cutoff", "below_cutoff", "yield_reached")       # why a rule's rate is nothing
+OF_THE_CANOPY = (TargetSource.CANOPY, TargetSource.INDEX_MAP, TargetSource.FALLBACK)
 ZERO_BY_SOURCE = (TargetSource.MAP, TargetSource.MANUAL, TargetSource.FALLBACK)
 SLOWEST_MPS = 0.3               # below, flow over speed means nothing
 
@@ -61,8 +64,10 @@ class ControlLoop:
     def __init__(self, machine: Machine, crop: Crop, rule: Rule, job: Job, fence: Fence | None = None,
                  has_work_switch: bool = False, safety_limits: SafetyLimits | None = None,
                  prescription: MapProfile | None = None, points: PointSource | None = None,
-                 headland: Fence | None = None, obeyed: bool = True) -> None:
-        """obeyed: False where the drives follow other commands, as in a log that is gone through again."""
+                 headland: Fence | None = None, obeyed: bool = True, index_map: IndexMap | None = None,
+                 done: DoneGround | None = None) -> None:
+        """obeyed: False where the drives follow other commands, as in a log that is gone through again. index_map: for
+        where the heads are silent. done: ground that others have covered."""
         self.machine = machine
         self.crop = crop
         self.job = job
@@ -72,8 +77,8 @@ class ControlLoop:
         allowed = safety_limits or standing_limits(machine, SafetyLimits(hopper_low_kg=limits.hopper_low_kg))
         self.safety = Safety(allowed, has_work_switch)
         self._stopped = Stopped(machine, allowed, obeyed)
-        self._sensing = Sensing(machine.geometry.antenna_m, _plane(job, prescription, points))
-        self._ahead = Ahead(machine, crop, rule, job, fence, headland, prescription)
+        self._sensing = Sensing(machine.geometry.antenna_m, _plane(job, prescription, points, index_map, done))
+        self._ahead = Ahead(machine, crop, rule, job, fence, headland, prescription, index_map, done)
         self._doses = None if points is None else Doses(machine, points, self._ahead, self._drive_limits)
         self._backing = Backing(machine)
         self._near = MapNear(None if prescription is None else prescription.prescription, job.field.boundary_m)
@@ -424,7 +429,7 @@ class ControlLoop:
     def _hold_mean(self, moment: Moment, decision: Decision, given_kg_ha: float) -> None:
         """Ground of the canopy counts to its mean: no headland with a rate of its own, nothing a second time."""
         hold, sensed = self._ahead.hold, moment.sensed
-        if (hold is None or decision.holding.source not in (TargetSource.CANOPY, TargetSource.FALLBACK)
+        if (hold is None or decision.holding.source not in OF_THE_CANOPY
                 or (self._operator.choices.no_double and self._ahead.is_done(sensed.track_m))):
             return
         hold.landed(given_kg_ha / (1.0 + self._operator.choices.nudge_percent / 100.0),
@@ -537,7 +542,7 @@ class ControlLoop:
 
     def _why_zero(self, source: TargetSource) -> list[str]:
         """Why the target is nothing, where its source says so. A canopy's: by its newest decision."""
-        if source is TargetSource.CANOPY:
+        if source in (TargetSource.CANOPY, TargetSource.INDEX_MAP):
             decided = self._ahead.heads.decisions
             why = decided.rule.decide(decided.ndvi).why if decided.rate_kg_ha == 0.0 else ""
             return [f"zero_{why}"] if why in ZERO_BY_CANOPY else []
@@ -549,11 +554,15 @@ def _stop(reach: Reach, holding: Target, sensed: Sensed) -> Lag:
     return reach.lag(holding, Change(sensed.track_m, OUTSIDE))
 
 
-def _plane(job: Job, prescription: MapProfile | None, points: PointSource | None) -> TangentPlane | None:
-    """Of the plant list, else of the map, else of the field; None where none has one."""
+def _plane(job: Job, prescription: MapProfile | None, points: PointSource | None, index_map: IndexMap | None,
+           done: DoneGround | None) -> TangentPlane | None:
+    """Of the plant list, else of the map, of the field, of the index map, of the done ground; None where none has
+    one."""
     if points is not None and points.plane is not None:
         return points.plane
     if prescription is not None:
         return prescription.plane
     ground = job.field
-    return TangentPlane(ground.origin_lat_deg, ground.origin_lon_deg) if ground.boundary_m else None
+    if ground.boundary_m:
+        return TangentPlane(ground.origin_lat_deg, ground.origin_lon_deg)
+    return next((one.plane for one in (index_map, done) if one is not None), None)

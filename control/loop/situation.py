@@ -20,7 +20,7 @@ def situation(moment: Moment, decision: Decision, metered: Metered, choices: Cho
         wheel_standstill=sensed.wheel_standstill, target_source=choices.source, position_ok=sensed.position_ok,
         course_awaited=sensed.course_awaited,
         landing_inside=decision.inside,
-        valid_heads=heads.valid if needs_heads else None,
+        valid_heads=heads.valid if needs_heads else None, by_index_map=needs_heads and heads.by_map,
         ndvi_age_s=sensed.time_s - max(heard) if heard else None,
         expected_rate_kg_ha=None if between_doses else metered.expected_rate_kg_ha,
         applied_rate_kg_ha=applied,

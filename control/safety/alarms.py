@@ -88,6 +88,8 @@ _KINDS = (
               N_("devices")),
     AlarmKind("ndvi_silent", _AMBER, N_("The canopy heads are silent; the fallback rate is used."),
               N_("Check the heads and their cable."), N_("canopy heads")),
+    AlarmKind("heads_by_map", _AMBER, N_("The canopy heads are silent; the index map stands in for them."),
+              N_("Check the heads and their cable."), N_("canopy heads")),
     AlarmKind("heads_few", _AMBER, N_("Only {valid_heads} canopy heads agree; at least {limit} are wanted."),
               N_("Clean and check the heads that are marked."), N_("canopy heads")),
     AlarmKind("heads_full", _AMBER, N_("All canopy heads read {limit} or more: no canopy does. The rate by it is "

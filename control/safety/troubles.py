@@ -91,7 +91,7 @@ def _sensors(found: dict[str, Details], m: Memory, now_s: float, s: Situation, s
         return
     settled = on_s > limits.ndvi_silent_s
     if settled if s.ndvi_age_s is None else not s.ndvi_age_s <= limits.ndvi_silent_s:
-        found["ndvi_silent"] = ()
+        found["heads_by_map" if s.by_index_map else "ndvi_silent"] = ()
     all_spoke = all(reading is not None for reading in s.measurements.ndvi)
     if s.valid_heads is not None and s.valid_heads < limits.heads_min and (all_spoke or settled):
         found["heads_few"] = (("valid_heads", s.valid_heads), ("limit", limits.heads_min))

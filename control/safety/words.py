@@ -55,6 +55,7 @@ class Situation(NamedTuple):
     cut_from_kg_ha: float | None = None         # the rate that was wanted, where it is above the crop's limit
     told: Told = Told()
     map_elsewhere: bool = False         # the map does not lie where work was started
+    by_index_map: bool = False          # the index map stands in for silent heads
     course_awaited: bool = False                # the position is known, but it never moved: where it points is not
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from control.agronomy.crop import Crop
 from control.agronomy.noa import Rule
 from control.field.boundary import Boundary
+from control.field.done_ground import DoneGround
 from control.field.job import Job
 from control.loop import ControlLoop
 from control.machine.fall import drop_s
@@ -15,6 +16,7 @@ from control.machine.terms import Term
 from control.orders import TargetSource
 from control.readings import DoseOrder
 from control.targets.fence import Fence
+from control.targets.index_map import IndexMap
 from control.targets.map_profile import MapProfile
 from control.targets.plants import PlantList
 from control.targets.point import PointLag
@@ -34,10 +36,10 @@ def with_simulated_field(job: Job, machine: Machine) -> Job:
 
 def control_loop(machine: Machine, crop: Crop, rule: Rule, job: Job, has_work_switch: bool = False,
                  prescription: MapProfile | None = None, plants: PlantList | None = None,
-                 obeyed: bool = True) -> ControlLoop:
+                 obeyed: bool = True, index_map: IndexMap | None = None, done: DoneGround | None = None) -> ControlLoop:
     """The loop of a job; fenced where the job knows its field. `prescription`, `plants`: on the job's plane, for map
-    and point mode; `obeyed`: as `ControlLoop` has it. Raises ValueError where the headland leaves nothing of the
-    field."""
+    and point mode; `obeyed`, `index_map`, `done`: as `ControlLoop` has them. Raises ValueError where the headland
+    leaves nothing of the field."""
     boundary = job.field.boundary()
     fence = Fence(boundary) if boundary is not None else None
     headland = Fence(_without_headland(job)) if fence is not None and job.field.headland_m > 0.0 else None
@@ -45,7 +47,7 @@ def control_loop(machine: Machine, crop: Crop, rule: Rule, job: Job, has_work_sw
     if plants is not None or job.target.source is TargetSource.POINT:
         points = point_source(machine, job, plants)
     return ControlLoop(machine, crop, rule, job, fence, has_work_switch, prescription=prescription, points=points,
-                       headland=headland, obeyed=obeyed)
+                       headland=headland, obeyed=obeyed, index_map=index_map, done=done)
 
 
 def _without_headland(job: Job) -> Boundary:

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from control.agronomy.noa import Rule
 from control.agronomy.strips import StripValue
+from control.orders import TargetSource
 
 from .hold_mean import HoldMean
 from .profile import Stretches
@@ -28,6 +29,7 @@ class CanopyDecisions:
         self._from_m: float | None = None
         self._begun_s = 0.0
         self._sampled_s: float | None = None
+        self._source = TargetSource.CANOPY          # of the newest sample
 
     def take_strip(self, strip: StripValue) -> None:
         """A strip was measured: later decisions go by it."""
@@ -38,8 +40,10 @@ class CanopyDecisions:
         self._samples.clear()
         self._from_m = None
 
-    def sample(self, ndvi: float | None, track_m: float, now_s: float, turn_deg_s: float) -> None:
-        """One fused reading (None: none valid), with the outlets at `track_m`."""
+    def sample(self, ndvi: float | None, track_m: float, now_s: float, turn_deg_s: float,
+               source: TargetSource = TargetSource.CANOPY) -> None:
+        """One fused reading (None: none valid), with the outlets at `track_m`. source: INDEX_MAP where it is the map's
+        in the place of the heads'."""
         if abs(turn_deg_s) > STRAIGHT_DEG_S:
             self.pause()
             self.stretches.forget()
@@ -48,6 +52,9 @@ class CanopyDecisions:
             return
         if self._from_m is None:
             self._from_m, self._begun_s = track_m + self._heads_m, now_s
+        if source is not self._source:
+            self._samples.clear()                   # one period speaks of one of them
+            self._source = source
         self._samples.append(ndvi)
         self._sampled_s = now_s
 
@@ -63,7 +70,7 @@ class CanopyDecisions:
             self._from_m = None
             return False
         if here > self._from_m and self.rate_kg_ha is not None:
-            self.stretches.append(self._from_m, here, self.rate_kg_ha)
+            self.stretches.append(self._from_m, here, self.rate_kg_ha, self._source)
             self._from_m = here
         self._samples.clear()
         self._begun_s = now_s

@@ -50,9 +50,10 @@ class Overlap:
         self.coverage.lay(place if place is not None and known else (float("nan"), float("nan")),
                            heading_deg if heading_deg is not None and known else 0.0, self._lands)
 
-    def seed(self, ground: Raster) -> None:
-        """What an earlier part of the job has done. START does not lift this: only the job's `no_double` does."""
-        self.coverage.seed(ground)
+    def seed(self, ground: Raster, ours: bool = True) -> None:
+        """What an earlier part of the job has done, or another machine (not ours). START does not lift this: only the
+        job's `no_double` does."""
+        self.coverage.seed(ground, ours)
         self._looked = None
 
     def earlier(self, place: Place) -> bool:

@@ -184,7 +184,7 @@ def on_plane(data: MapData, plane: TangentPlane) -> Prescription:
 
     Raises ValueError in one line where a field's outline cannot be used.
     """
-    return Prescription(_rate_map(data, plane), data.fallbacks, fields_on(data, plane))
+    return Prescription(rates_on(data, plane), data.fallbacks, fields_on(data, plane))
 
 
 def _boundary_rings(plane: TangentPlane, rings: Sequence[Floats]) -> tuple[list[Place], list[list[Place]]]:
@@ -192,7 +192,8 @@ def _boundary_rings(plane: TangentPlane, rings: Sequence[Floats]) -> tuple[list[
     return outline, holes
 
 
-def _rate_map(data: MapData, plane: TangentPlane) -> RateMap:
+def rates_on(data: MapData, plane: TangentPlane) -> RateMap:
+    """The numbers of the cells or zones laid on a plane."""
     if data.grid is not None:
         grid = data.grid
         rows, columns = grid.rate_kg_ha.shape

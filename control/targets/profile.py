@@ -54,7 +54,8 @@ class Stretches:
         self._to: list[float] = []
         self._target: list[Target] = []
 
-    def append(self, from_m: float, to_m: float, rate_kg_ha: float) -> None:
+    def append(self, from_m: float, to_m: float, rate_kg_ha: float,
+               source: TargetSource = TargetSource.CANOPY) -> None:
         """A decision for [from_m, to_m). What it overlaps of an earlier one is decided anew."""
         while self._from and self._from[-1] >= from_m:
             self._from.pop()
@@ -64,7 +65,7 @@ class Stretches:
             self._to[-1] = from_m
         self._from.append(from_m)
         self._to.append(to_m)
-        self._target.append(Target(rate_kg_ha, TargetSource.CANOPY))
+        self._target.append(Target(rate_kg_ha, source))
         if self._to[0] < from_m - self.KEEP_M:
             del self._from[0], self._to[0], self._target[0]
 

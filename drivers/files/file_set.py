@@ -5,11 +5,12 @@ from pathlib import Path
 
 from drivers.files.archives import Folder
 
-OF_MAPS = (".xml", ".bin", ".shp", ".shx", ".dbf", ".prj", ".cpg", ".cst", ".json")
+OF_MAPS = (".xml", ".bin", ".shp", ".shx", ".dbf", ".prj", ".cpg", ".cst", ".json", ".txt")
 
 
 def files_of(path: Path) -> tuple[Path, ...]:
-    """All files that reading what lies at `path` may open: those of its task, the companions of a shapefile."""
+    """All files that reading what lies at `path` may open: those of its task or of a field of AgOpenGPS, the companions
+    of a shapefile."""
     folder = path if path.is_dir() else path.parent
     if path.is_dir() or path.suffix.lower() == ".xml":
         names = Folder(folder, deep=path.is_dir()).names()

@@ -180,5 +180,5 @@ def index_disagreements(cab: Loaded[BaseModel] | None, crop: Crop, job: Job) -> 
 
 def _sums_beside(job: Job, folder: Path) -> dict[str, str]:
     """Checksums of the single files that a job names; what is not there, or is a folder, is said when it is read."""
-    named = [folder / name for name in (job.target.map, job.target.plants) if name is not None]
+    named = [folder / name for name in job.named_files]
     return {str(path): sha256_of(path) for path in named if path.is_file()}

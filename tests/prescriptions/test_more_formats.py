@@ -131,5 +131,5 @@ def test_an_index_becomes_rates_by_the_crops_rule(tmp_path: Path) -> None:
     assert [zone.rate_kg_ha for zone in back] == [rate_kg_ha(crop, zone.rate_kg_ha) for zone in zones]
     assert len({zone.rate_kg_ha for zone in back}) > 3
     (tmp_path / "ndvi.geojson").write_text(text.replace('"NDVI": 0.', '"NDVI": 30.'))
-    assert "allowed as NDVI is 0 to 1" in run("--rule", "demo")
+    assert "allowed as NDVI is -1 to 1" in run("--rule", "demo")
     assert run("--rule", "demo", "--unit", "lb/ac").startswith("2 ")

@@ -52,6 +52,7 @@ RAISED = [
     ("ndvi_silent", {"ndvi_age_s": 2.1}, 0.0, 0.05, State.WORKING),
     ("ndvi_silent", {"ndvi_age_s": None}, 1.3, 1.6, State.WORKING),
     ("ndvi_silent", {"ndvi_age_s": nan}, 0.0, 0.05, State.WORKING),
+    ("heads_by_map", {"ndvi_age_s": 2.1, "by_index_map": True}, 0.0, 0.05, State.WORKING),
     ("heads_few", {"valid_heads": 3}, 0.0, 0.05, State.WORKING),
     ("hopper_low", {"hopper_kg": 29.0}, 0.9, 1.1, State.WORKING),
     ("lead_short", {"usable_speed_mps": 2.04}, 0.0, 0.05, State.WORKING),

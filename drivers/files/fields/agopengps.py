@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import shapely
 
 from control.targets.rate_map import Floats
 from drivers.files.atomic import write_atomically
@@ -20,6 +21,7 @@ from drivers.files.findings import Finding
 
 AB, CURVE = 2, 4            # modes of a track in TrackLines.txt
 MOST_POINTS = 200_000
+LEAST_M2 = 1e-6             # of twice a triangle: smaller ones are a strip's turning points
 AB_HALF_M = 1000.0          # an AB line of old files is a place and a heading: as long to both sides, as it draws one
 
 
@@ -68,9 +70,10 @@ def read_agopengps(folder: Path) -> FieldData:
     if driven:
         findings.append(Finding("drive_through", f"{len(driven)} inner boundary that is driven through: worked like "
                                 "the rest"))
-    if "sections.txt" in files and (area := _covered_ha(files["sections.txt"])) > 0.0:
-        findings.append(Finding("sections", f"{area:.3f} ha are marked as worked in Sections.txt (overlaps counted "
-                                "twice): not taken"))
+    if "sections.txt" in files and len(marked := _triangles(files["sections.txt"])):
+        area = float(shapely.union_all(shapely.polygons(marked)).area) / 10_000.0
+        findings.append(Finding("sections", f"{area:.3f} ha are marked as worked in Sections.txt: --done takes them as "
+                                "ground that is done"))
     degrees = [plane.to_deg(ring) for k, (_, ring) in enumerate(rings) if k not in driven]
     return FieldData(title or folder.name, degrees[0] if degrees else None, tuple(degrees[1:]), tuple(lines), width,
                      tuple(findings))
@@ -165,16 +168,32 @@ def _old_lines(path: Path, plane: _Plane) -> list[Line]:
     return found
 
 
-def _covered_ha(path: Path) -> float:
-    """Of strips of triangles, m: number of rows, colour, then left and right by turns."""
+def covered_triangles(folder: Path) -> Floats:
+    """(n, 3, 2) latitude and longitude of the ground that Sections.txt marks as worked; they may lie over one another.
+
+    It holds strips of triangles: number of rows, colour, then left and right edge by turns, m. Raises FieldError,
+    OSError.
+    """
+    files = {one.name.lower(): one for one in folder.iterdir() if one.is_file()}
+    missing = [name for name in ("Field.txt", "Sections.txt") if name.lower() not in files]
+    if missing:
+        raise FieldError(f"{folder}: no {missing[0]}: allowed is the folder of a field of AgOpenGPS")
+    _, plane = _origin(files["field.txt"])
+    triangles = _triangles(files["sections.txt"])
+    return plane.to_deg(triangles.reshape(-1, 2)).reshape(-1, 3, 2)
+
+
+def _triangles(path: Path) -> Floats:
+    """(n, 3, 2), m; those without any area left out."""
     rest = iter([line for line in _texts(path) if line])
-    area = 0.0
+    strips = [np.zeros((0, 3, 2))]
     for line in rest:
         rows = _points(path, rest, _count(path, line))[1:]
         if len(rows) > 2:
-            a, b, c = rows[:-2], rows[1:-1], rows[2:]
-            area += 0.5 * float(np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]).sum())
-    return area / 10_000.0
+            strips.append(np.stack((rows[:-2], rows[1:-1], rows[2:]), axis=1))
+    all_of = np.concatenate(strips)
+    one, other = all_of[:, 1] - all_of[:, 0], all_of[:, 2] - all_of[:, 0]
+    return all_of[np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]) > LEAST_M2]
 
 
 def write_agopengps(data: FieldData, folder: Path) -> None:

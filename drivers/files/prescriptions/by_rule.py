@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 from control.agronomy.noa import Rule
 from control.targets.prescription import MapData
@@ -16,19 +17,28 @@ def index_choice(choice: Choice, rule: Rule, where: str) -> Choice:
     if not rule.is_ready:
         raise PrescriptionError(f"{where}: the rule waits for its strips: allowed is a job with ndvi_nrich (and, by "
                                 "the field's response, ndvi_check)")
-    return replace(choice, column=choice.column or rule.crop.index.upper(), unit="kg/ha")
+    return replace(choice, index=rule.crop.index.upper(), unit="kg/ha")
+
+
+def read_index(path: Path, index: str) -> Imported:
+    """A map of the canopy's index for the loop, its numbers in the place of rates. index: ndvi or ndre. Raises
+    PrescriptionError for what is no index, OSError."""
+    from drivers.files.prescriptions.read import read_prescription
+    read = read_prescription(path, Choice(index=index.upper(), unit="kg/ha"))
+    _need_zones(read)
+    return read
+
+
+def _need_zones(read: Imported) -> None:
+    if read.data.grid is not None:
+        raise PrescriptionError(f"{read.path}: a grid of rates: allowed is a map of the canopy's index")
 
 
 def by_rule(read: Imported, rule: Rule) -> Imported:
     """Each zone with the rate that the rule gives for its index. Raises PrescriptionError for what is no index."""
     data = read.data
-    if data.grid is not None:
-        raise PrescriptionError(f"{read.path}: a grid of rates: allowed with --rule is a map of the canopy's index")
-    highest = max(zone.rate_kg_ha for zone in data.zones)
+    _need_zones(read)
     index = rule.crop.index.upper()
-    if highest > 1.0:
-        raise PrescriptionError(f"{read.path}: {read.layers[0]} up to {highest:g}: allowed as {index} is 0 to 1 (is it "
-                                "scaled by 10000 or 255?)")
     zones = tuple(zone._replace(rate_kg_ha=rule.decide(zone.rate_kg_ha).rate_kg_ha) for zone in data.zones)
     said = Finding("by_rule", f"{index} taken to rates by the rule of {rule.crop.name}")
     new = MapData(zones, None, data.fallbacks, data.fields_deg, data.title, data.product)

@@ -18,6 +18,7 @@ from drivers.files.prescriptions.words import (
     Imported,
     NoPolygons,
     PrescriptionError,
+    checked_index,
     checked_rate,
     factor_kg_ha,
     not_degrees,
@@ -53,8 +54,7 @@ def imported(path: Path, format_name: str, features: Sequence[Feature], choice: 
         if math.isnan(cell.value):
             empty += 1
             continue
-        rate = checked_rate(cell.value * factor,
-                            lambda n=feature.number: f"{path}: row {n}: {column}")  # type: ignore[misc]
+        rate = _checked(choice, cell.value * factor, f"{path}: row {feature.number}: {column}")
         zones += [Zone(rate, rings) for rings in feature.polygons_deg]
     unused = [name for name in dict.fromkeys(name for feature in features for name in feature.attributes)
               if name != column and name not in KNOWN_EXTRA]
@@ -68,6 +68,13 @@ def imported(path: Path, format_name: str, features: Sequence[Feature], choice: 
     data = MapData(tuple(zones), None, with_choice(fallbacks, choice, str(path)), fields_deg, title, product)
     return Imported(path, format_name, data, unit, factor, (column,), tuple(findings),
                     f"{column} ({chosen.why})", chosen.unit_from)
+
+
+def _checked(choice: Choice, value: float, where: str) -> float:
+    """Raises PrescriptionError."""
+    if choice.index is not None:
+        return checked_index(value, choice.index, lambda: where)
+    return checked_rate(value, lambda: where)
 
 
 def ring(corners: Sequence[Sequence[float]] | Floats) -> Floats:

@@ -1,15 +1,18 @@
-"""The map and the plant list that a job names, laid on the plane that the job's loop works on."""
+"""Map, plant list, index map and done ground that a job names, laid on the plane that its loop works on."""
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TypedDict
 
+from control.field.done_ground import DoneGround
 from control.field.job import Job
 from control.geodesy import TangentPlane
+from control.machine.machine import Machine
+from control.targets.index_map import IndexMap
 from control.targets.map_check import MapCheck, map_check
 from control.targets.map_profile import MapProfile
 from control.targets.plants import PlantList
-from control.targets.prescription import MapData, on_plane
+from control.targets.prescription import MapData, on_plane, rates_on
 from drivers.files.file_set import files_of
 from drivers.files.prescriptions.plants import read_plants
 from drivers.files.prescriptions.words import Imported, PrescriptionError, RateQuestion
@@ -66,9 +69,8 @@ def plants_of_job(job: Job, folder: Path, plane: TangentPlane | None = None) -> 
 
 
 def files_of_job(job: Job, folder: Path) -> tuple[Path, ...]:
-    """The files of the job's map and plants."""
-    return tuple(file for name in (job.target.map, job.target.plants) if name is not None
-                 for file in files_of(folder / name))
+    """Those of the job's map, plants, index map and done ground."""
+    return tuple(file for name in job.named_files for file in files_of(folder / name))
 
 
 class Placed(TypedDict):
@@ -76,13 +78,39 @@ class Placed(TypedDict):
 
     prescription: MapProfile | None
     plants: PlantList | None
+    index_map: IndexMap | None
+    done: DoneGround | None
 
 
-def placed_of_job(job: Job, folder: Path) -> Placed:
-    """Map and plants of a job on one plane. Raises PrescriptionError in one line, OSError."""
+def placed_of_job(job: Job, folder: Path, machine: Machine, index: str) -> Placed:
+    """Map, plants, index map and done ground of a job on one plane. index: of the crop's rule. Raises PrescriptionError
+    or FieldError in one line, OSError."""
     prescription = map_of_job(job, folder)
-    return {"prescription": prescription,
-            "plants": plants_of_job(job, folder, None if prescription is None else prescription.plane)}
+    plants = plants_of_job(job, folder, None if prescription is None else prescription.plane)
+    plane = plants.plane if plants is not None else None if prescription is None else prescription.plane
+    under = index_map_of_job(job, folder, machine.geometry.working_width_m, index, plane)
+    plane = plane or (None if under is None else under.plane)
+    return {"prescription": prescription, "plants": plants, "index_map": under,
+            "done": done_of_job(job, folder, plane)}
+
+
+def index_map_of_job(job: Job, folder: Path, width_m: float, index: str, plane: TangentPlane | None) -> IndexMap | None:
+    """The map of `target.index_map` on the field's plane, else on `plane`, else on its own. Raises PrescriptionError in
+    one line, OSError."""
+    if job.target.index_map is None:
+        return None
+    from drivers.files.prescriptions.by_rule import read_index
+    data = read_index(folder / job.target.index_map, index).data
+    plane = _origin(job) or plane or data.plane()
+    return IndexMap(rates_on(data, plane), plane, width_m)
+
+
+def done_of_job(job: Job, folder: Path, plane: TangentPlane | None) -> DoneGround | None:
+    """The ground of `field.done`, on planes as above. Raises FieldError in one line, OSError."""
+    if job.field.done is None:
+        return None
+    from drivers.files.fields.done import read_done
+    return read_done(folder / job.field.done, _origin(job) or plane)
 
 
 def _plane(job: Job, data: MapData) -> TangentPlane:

@@ -85,6 +85,8 @@ def rate_column(path: Path, numbered: Sequence[tuple[int, Mapping[str, Any]]], c
     Raises RateQuestion where the file does not say which column it is, PrescriptionError where none can be.
     """
     names = list(dict.fromkeys(name for _, row in numbered for name in row))
+    if choice.index is not None:
+        return _chosen(path, numbered, names, choice, choice.column or _index_of(path, names, choice.index), beside)
     if choice.column is not None:
         return _chosen(path, numbered, names, choice, choice.column, beside)
     columns = {name: _cells(numbered, name) for name in names}
@@ -103,6 +105,16 @@ def rate_column(path: Path, numbered: Sequence[tuple[int, Mapping[str, Any]]], c
     raise RateQuestion(f"{path}: rate column not chosen: allowed {', '.join(one.name for one in numbers[:MOST_SHOWN])} "
                        f"({why}: {'; '.join(one.text for one in numbers[:MOST_SHOWN])}; --column says which)",
                        tuple(one.name for one in numbers))
+
+
+def _index_of(path: Path, names: Sequence[str], index: str) -> str:
+    """The column of an index: by its name in whatever letters, else the only one. Raises RateQuestion."""
+    named_so = [name for name in names if name.casefold() == index.casefold()]
+    found = named_so or [name for name in names if index.casefold() in name.casefold()] or names
+    if len(found) != 1:
+        raise RateQuestion(f"{path}: {index} not found: allowed is a column (or band) of this name, of "
+                           f"{', '.join(names[:MOST_SHOWN]) or 'none'}", tuple(names))
+    return found[0]
 
 
 def _chosen(path: Path, numbered: Sequence[tuple[int, Mapping[str, Any]]], names: Sequence[str], choice: Choice,

@@ -57,6 +57,7 @@ class Choice:
     lost_kg_ha: float | None = None
     layer: str | None = None            # of a task file with several: TASK/DDI or TASK/DDI/PRODUCT
     inside: str | None = None           # of a folder or zip with several: the task set or shapefile
+    index: str | None = None            # the numbers are the canopy's index of this name, not rates
     rate_from: Literal["ddi", "presentation"] | None = None    # where a task file contradicts itself
 
 
@@ -115,6 +116,13 @@ def checked_rate(rate_kg_ha: float, where: Callable[[], str]) -> float:
         raise PrescriptionError(f"{where()}: rate {rate_kg_ha:g} kg/ha: allowed 0 to {HIGHEST_KG_HA:g} "
                                 "(is the unit right?)")
     return rate_kg_ha
+
+
+def checked_index(value: float, name: str, where: Callable[[], str]) -> float:
+    """An index of the canopy: water and bare ground below 0 count as 0. Raises PrescriptionError for what is none."""
+    if not -1.0 <= value <= 1.0:
+        raise PrescriptionError(f"{where()}: {value:g}: allowed as {name} is -1 to 1 (is it scaled by 10000 or 255?)")
+    return max(0.0, value)
 
 
 def with_choice(found: Fallbacks, choice: Choice, where: str) -> Fallbacks:

@@ -62,8 +62,14 @@ def source(page: RunScreen) -> None:
     picture = page.app.fields.of(frame)
     no_map = "" if picture is None or picture.planned is not None else _("this job has no map; F10, P takes one")
     choices = [Choice(one.value, words.source_word(one.value), no_map if one in BY_MAP else "")
-               for one in TargetSource if one is not TargetSource.NONE]
-    _ask_choice(page, _("Target from"), choices, (frame.row.target_source if frame else None) or "", Do.SOURCE)
+               for one in TargetSource if one not in (TargetSource.NONE, TargetSource.INDEX_MAP)]
+    _ask_choice(page, _("Target from"), choices, _ordered_source(frame.row.target_source if frame else None) or "",
+                Do.SOURCE)
+
+
+def _ordered_source(now: str | None) -> str | None:
+    """Which source was ordered where a row tells this one: the index map stands in for the canopy's heads."""
+    return TargetSource.CANOPY.value if now == TargetSource.INDEX_MAP else now
 
 
 def _ask_choice(page: RunScreen, title: str, choices: Sequence[Choice], now: str, do: Do) -> None:
@@ -105,7 +111,7 @@ def preset(number: int) -> Callable[[RunScreen], None]:
             if yes:
                 app.give(Do.MANUAL_RATE, rate_kg_ha)
                 frame = app.arrival.frame
-                before = frame.row.target_source if frame else None
+                before = _ordered_source(frame.row.target_source if frame else None)
                 if before != TargetSource.MANUAL:
                     was = words.source_word(before)
                     app.change(Do.SOURCE, TargetSource.MANUAL.value, before, f"{_('Target from')}: {was}")
