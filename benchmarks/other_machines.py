@@ -111,13 +111,24 @@ def drive(what: Drive) -> tuple[dict[str, Any], list[Any]]:
         from control.geodesy import TangentPlane
         profile = MapProfile(Prescription(grid, Fallbacks()),
                              setup_plane or TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg))
-    plant = simulated_machine(Machine.model_validate(what.machine), job, what.seed, DT_S)
+    plant = simulated_machine(_of_this_tree(what.machine), job, what.seed, DT_S)
     loop = control_loop(setup.machine, setup.crop, setup.rule, job, prescription=profile)
     record = Record()
     orders = GO_HELD if manoeuvre.speeds and manoeuvre.speeds[0][1] == 0 else None
     for step in simulated_run(plant, loop, manoeuvre.end_s + 4.0, orders):
         record.add(step)
     return record.columns(), record.fired
+
+
+def _of_this_tree(told: dict[str, Any]) -> Machine:
+    """Keys that an older tree does not know are left out: its machine has no such thing (`shaft.one_way`: all its
+    shafts turn one way)."""
+    plain, known = Machine(), dict[str, Any]()
+    for name, value in told.items():
+        fields = getattr(getattr(plain, name, None), "_fields", None)
+        if name in Machine.model_fields:
+            known[name] = value if fields is None else {key: own for key, own in value.items() if key in fields}
+    return Machine.model_validate(known)
 
 
 def _knowing(known: dict[str, Any]) -> Setup:
@@ -220,9 +231,16 @@ def _tested(machine: Machine, lag_tested: bool) -> dict[str, Any]:
 
 
 def _known_to_all(machine: Machine) -> dict[str, Any]:
-    """The file of the machine's drives and flow; its tube is left to the landing."""
-    values = machine.model_dump(mode="json", exclude={"fall", "tolerance", "set_points"})
-    return {name: part._asdict() if hasattr(part, "_asdict") else part for name, part in values.items()}
+    """The file of the machine's drives and flow, of each part what is not as it comes by itself: a tree that knows
+    fewer keys reads it too. Its tube is left to the landing."""
+    plain, told = Machine(), dict[str, Any]()
+    values = machine.model_dump(mode="json", exclude={"fall", "tolerance", "set_points"}, exclude_defaults=True)
+    for name, value in values.items():
+        part, usual = getattr(machine, name), getattr(plain, name)
+        if hasattr(part, "_asdict"):
+            value = {key: own for key, own in part._asdict().items() if own != getattr(usual, key)}
+        told[name] = value
+    return told
 
 
 def summary(all_found: Sequence[Found]) -> Iterator[str]:

@@ -73,6 +73,18 @@ def test_the_slope_of_the_rigs_line_has_its_own_error_and_a_delay_is_not_ruled_o
     assert rivals.get("shaft.dead_time", 0.0) > 0.1
 
 
+def test_one_table_of_distances_alone_leaves_the_slope_of_the_line_open_too() -> None:
+    """Steeper distances than the line are a quicker drive, or a line that is steeper: held against it as exact, a delay
+    had no chance (probability 1.00)."""
+    found = diagnosed("lag_table1_distance")
+    speed = cause(found, "lag.speed_scale")
+    assert found.verdict == "ambiguous" and 0.4 < speed.probability < 0.9
+    assert sum(one.probability for one in speed.rivals) > 0.1
+    rise = cause(found, "lag.rebound").size
+    assert rise.low is not None and rise.high is not None
+    assert rise.high - rise.low > 0.09, "the rise is as open as the line below it"
+
+
 def test_after_the_correction_it_still_lands_late_and_something_is_left() -> None:
     found = diagnosed("lag_table5_corrected")
     assert found.channels[0].bias == pytest.approx(0.626, abs=0.002)

@@ -49,7 +49,6 @@ class Piece(NamedTuple):
     clocked: bool = False                   # times of a detector: may come in steps
     on_ground: bool = False                 # distances along the travel, of a drive
     named_only: frozenset[str] = frozenset()    # ids that these rows have only where a scope names them
-    shared: Mapping[str, Array] = {}        # as nuisances, of what only another instrument's table tells from an effect
 
     @property
     def table(self) -> str:

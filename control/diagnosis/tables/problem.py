@@ -209,16 +209,7 @@ def _prior(judged: Sequence[_Judged]) -> tuple[float, float]:
 
 
 def _tolerances(pieces: Sequence[Piece]) -> Array:
-    """What tolerances make of the rows, (n, q). Of those that are shared, where two tables have them: in one alone they
-    are what its effects are named against."""
-    tables: dict[str, set[str]] = {}
-    for piece in pieces:
-        for name in piece.shared:
-            tables.setdefault(name, set()).add(piece.table)
-    own = [{**piece.nuisances, **{name: column for name, column in piece.shared.items() if len(tables[name]) > 1}}
-           for piece in pieces]
-    names = list(dict.fromkeys(name for columns in own for name in columns))
-    parts = [np.column_stack([np.zeros((len(piece.observed), 0)),
-                              *(columns.get(name, np.zeros(len(piece.observed))) for name in names)])
-             for piece, columns in zip(pieces, own, strict=True)]
+    names = list(dict.fromkeys(name for piece in pieces for name in piece.nuisances))
+    parts = [np.column_stack([piece.nuisances.get(name, np.zeros(len(piece.observed))) for name in names])
+             if names else np.zeros((len(piece.observed), 0)) for piece in pieces]
     return np.concatenate(parts)

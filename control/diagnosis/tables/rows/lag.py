@@ -49,8 +49,8 @@ def _piece(table: BenchTable, machine: Machine, name: str) -> Piece:
 
     drops = name != "response_s"
     nuisances = {} if name == "drop_s" else {"dead_time": np.full(len(rpm), machine.tolerance.dead_time_s)}
-    # About the middle of the line, where its level, which `lag.offset` is, does not go with its slope.
-    slope = machine.tolerance.drop_s_per_rpm * (rpm - 0.5 * machine.fall.full_rpm)
+    if drops:       # about the middle of the line, where its level, which `lag.offset` is, does not go with its slope
+        nuisances["drop_slope"] = machine.tolerance.drop_s_per_rpm * (rpm - 0.5 * machine.fall.full_rpm)
     variables = {"shaft_rpm": rpm, "replicate": table.columns.get("replicate", np.full(len(keep), np.nan))[keep]}
     if roles.running.any():
         variables["before_rpm"] = np.nan_to_num(table.columns["before_rpm"][keep])
@@ -61,7 +61,7 @@ def _piece(table: BenchTable, machine: Machine, name: str) -> Piece:
     return Piece(f"{table.path} {name}".strip(), "lag" if drops else "shaft", "s", observed, predict, (spread,), label,
                  column_of(table), tuple(Candidate(i) for i in _ids(name, roles)), _scoped_ids(name, roles),
                  varying(variables), nuisances, {LAG_REBOUND.id: rises(rpm, machine.fall.full_rpm)} if drops else {},
-                 shared={"drop_slope": slope} if drops else {}, clocked=name != "lag_m", on_ground=name == "lag_m",
+                 clocked=name != "lag_m", on_ground=name == "lag_m",
                  named_only=frozenset() if name == "lag_m" else frozenset({LAG_SPEED_SCALE.id}))
 
 
