@@ -265,7 +265,8 @@ def promises(all_found: Sequence[Found], seeds: int) -> dict[str, object]:
         if f.tree != "new" or seeds < PROMISED_FROM:
             continue
         who = f"{f.manoeuvre}, {f.strategy}, {f.machine}, told {f.told}"
-        rate = PROMISED_PERCENT.get((f.manoeuvre, f.strategy))
+        promised = PROMISED_IN_FIELD_PERCENT if f.machine == "field_lag" else PROMISED_PERCENT
+        rate = promised.get((f.manoeuvre, f.strategy))
         place = PROMISED_M.get((f.manoeuvre, f.strategy))
         if rate is not None:
             kept[f"{who}: rate error {f.shifted_percent:.2f} %: at most {rate:g} %"] = f.shifted_percent <= rate
@@ -274,7 +275,10 @@ def promises(all_found: Sequence[Found], seeds: int) -> dict[str, object]:
     return kept
 
 
-PROMISED_PERCENT = {(STEADY, "opening_first"): 2.0, ("accelerating 3 to 7 km/h, 0.5 m/s2", "opening_first"): 10.0}
+# A gate alone leaves some 9 % of an acceleration that is seen without delay, 12 % with 0.3 s more of lag
+# (docs/decisions/0007-the-tube-is-unsettled.md); what there is above it is the delay.
+PROMISED_PERCENT = {(STEADY, "opening_first"): 2.0, ("accelerating 3 to 7 km/h, 0.5 m/s2", "opening_first"): 11.0}
+PROMISED_IN_FIELD_PERCENT = {**PROMISED_PERCENT, ("accelerating 3 to 7 km/h, 0.5 m/s2", "opening_first"): 13.5}
 PROMISED_M = {(ZONES, "opening_first"): 0.06, (ZONES, "speed_first"): 0.15}
 
 
