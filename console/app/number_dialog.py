@@ -25,7 +25,7 @@ class NumberDialog(Dialog[float | None]):
     PAD = ("7", "8", "9", "4", "5", "6", "1", "2", "3", "0", ".", "C")
 
     def __init__(self, title: str, unit: str, low: float, high: float, text: str = "",
-                 to_si: Callable[[float], float] = lambda shown: shown, typed: str = "",
+                 to_si: Callable[[float], float] = lambda shown: shown, *, typed: str = "",
                  doubt: Callable[[float], str] = lambda value: "",
                  full: tuple[str, str, float] | None = None) -> None:
         super().__init__(title, text)

@@ -111,7 +111,8 @@ def lag(
         from console.cli.lag_rig import measure_lag
         need_ending("--out", out, ".csv")
         _refuse((), out, machine, force)
-        measure_lag(rig, board, gnss, machine, out, rpm or (), repeats, opening_mm, no_key)
+        measure_lag(rig, board, gnss, machine=machine, out=out, speeds_rpm=rpm or (), repeats=repeats,
+                    opening_mm=opening_mm, no_key=no_key)
         return
     if data is None or rig is not None:
         raise CommandError("calibrate lag: allowed is a bench table, or --rig URL and no table")

@@ -28,6 +28,7 @@ TOGETHER = 2                # groups of channels judged at the same time
 def diagnose(
     data: Annotated[list[Path], typer.Argument(metavar="DATA.csv...", help="One or more run logs, or one or more "
                                                "bench tables, of the same machine.")],
+    *,
     machine: Annotated[str, typer.Option(metavar="MACHINE",
                                          help="Machine file, or name of a shipped one.")] = "huanghai",
     kind: Annotated[str | None, typer.Option(metavar="KIND",

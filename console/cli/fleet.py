@@ -21,6 +21,7 @@ ABOUT = ("log", "unit", "product", "operator", "field", "time")
 def fleet(
     paths: Annotated[list[str], typer.Argument(metavar="PATHS...", help="Logs, folders of logs, patterns with stars, "
                                                "fsspec URLs; CSV or Parquet, of any machine.")],
+    *,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Report, data, and what was done already: a second run "
                                       "diagnoses only what is new.")],
     scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Of a Dask cluster, as tcp://host:8786. "
@@ -101,8 +102,9 @@ def _told(found: object, out: Path, price: float | None, currency: str) -> None:
         typer.echo(f"broken: {why}" if path in why else f"broken: {path}: {why}", err=True)
     whole = season(found.records, found.broken, time.time() / 86_400.0)
     write_tables(out, whole, found.records)
-    page = fleet_page(whole.machines, whole.shared, whole.low, whole.units, whole.broken, price, currency,
-                      f"topdress {software_version()}", whole.aside, whole.by_file_date)
+    page = fleet_page(whole.machines, whole.shared, low=whole.low, units=whole.units, broken=whole.broken, price=price,
+                      currency=currency, software=f"topdress {software_version()}", aside=whole.aside,
+                      by_file_date=whole.by_file_date)
     write_atomically(out / REPORT, page)
     for one in whole.machines:
         typer.echo(f"{one.machine:20} {one.wrong_kg:9.1f} of {one.applied_kg:9.1f} kg  now {one.now_percent:+5.1f} %"

@@ -26,6 +26,7 @@ class _Given(NamedTuple):
 def import_log(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Text tables of any dialect, Excel, GeoJSON or "
                                                 "shapefile of points, ISOXML task with a time log, Parquet.")],
+    *,
     mapping: Annotated[Path | None, typer.Option(metavar="M.yaml", help="Import file: what the columns mean. With "
                                                  "--guess: where to write it; default beside output or file.")] = None,
     guess: Annotated[bool, typer.Option("--guess", help="Write a first import file, what is unsure marked; import "

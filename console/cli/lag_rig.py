@@ -41,7 +41,7 @@ class Unlogged:
         pass
 
 
-def measure_lag(rig: str, board: str | None, gnss: str | None, machine: str, out: Path, speeds_rpm: Sequence[float],
+def measure_lag(rig: str, board: str | None, gnss: str | None, *, machine: str, out: Path, speeds_rpm: Sequence[float],
                 repeats: int, opening_mm: float | None, no_key: bool) -> None:
     """Run the procedure and write `out`. Raises CommandError; interrupted, what was measured stays in the table.
 
@@ -57,7 +57,7 @@ def measure_lag(rig: str, board: str | None, gnss: str | None, machine: str, out
     from drivers.devices.lag_test import Plan
     plan = Plan(shaft_rpm=tuple(speeds_rpm) or Plan().shaft_rpm, repeats=repeats)
     with keys() as keyboard:
-        attended = Attended(keyboard, out, plan, opening_mm, no_key, gnss is not None)
+        attended = Attended(keyboard, out, plan, opening_mm=opening_mm, no_key=no_key, with_gnss=gnss is not None)
         began = time.monotonic()
         host = _host(rig, board, gnss, machine, lambda: time.monotonic() - began, attended.between)
         attended.host = host
@@ -103,7 +103,7 @@ class Attended:
 
     host: Host
 
-    def __init__(self, keyboard: Keys, out: Path, plan: Any, opening_mm: float | None, no_key: bool,
+    def __init__(self, keyboard: Keys, out: Path, plan: Any, *, opening_mm: float | None, no_key: bool,
                  with_gnss: bool, clock: Callable[[], float] = time.monotonic,
                  sleep: Callable[[float], None] = time.sleep) -> None:
         self._clock, self._sleep = clock, sleep

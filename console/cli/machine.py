@@ -47,6 +47,7 @@ class Answers:
 
 
 def machine(
+    *,
     log: Annotated[Path, typer.Option("--from", metavar="LOG", help="A log of the drive: its command and what was read "
                                       "of its speed.")],
     out: Annotated[Path, typer.Option(metavar="NEW.yaml", help="The machine file.")],

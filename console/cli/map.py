@@ -23,6 +23,7 @@ def map_files(
     source: Annotated[Path, typer.Argument(metavar="IN", help="A prescription (ISOXML task, its folder or zip; "
                                            "shapefile; GeoJSON; GeoPackage; KML; GeoTIFF; CSV of polygons; points of "
                                            "even cells), or a run log (.csv).")],
+    *,
     out: Annotated[Path | None, typer.Option(metavar="OUT", help="By its ending: .geojson, .shp, .gpkg, .kml, .zip "
                                              "(ISOXML task), a folder (ISOXML task); of a run log also .csv and .html "
                                              "(the job's report). Without it: IN is only told.")
@@ -66,7 +67,8 @@ def map_files(
     if out is not None:
         refuse_collisions(_read(source, is_log, machine), [_output(out)], force)
     if is_log:
-        _export(source, out, machine, product, nitrogen, every, polygons, as_json)
+        _export(source, out, machine=machine, product=product, nitrogen=nitrogen, every_s=every, polygons=polygons,
+                as_json=as_json)
         return
     choice = Choice(column, unit, scale, density, nitrogen, default, outside, lost, layer, inside, _source(rate_from))
     _convert(source, out, choice, rule, as_json)
@@ -174,7 +176,7 @@ def _tell(read: Imported, as_json: bool) -> None:
         typer.echo(f"note         {text}")
 
 
-def _export(source: Path, out: Path | None, machine: str | None, product: str | None, nitrogen: float | None,
+def _export(source: Path, out: Path | None, *, machine: str | None, product: str | None, nitrogen: float | None,
             every_s: float, polygons: bool, as_json: bool) -> None:
     from drivers.files.any_log import is_foreign, open_log
     from drivers.files.config import load

@@ -19,6 +19,7 @@ PLANT_STEP_S = 0.02
 
 
 def serve_machine(
+    *,
     machine: Annotated[str, typer.Option(metavar="MACHINE",
                                          help="Machine file, or name of a shipped one.")] = "huanghai",
     job: Annotated[str, typer.Option(metavar="JOB", help="Job file, or name of a shipped one.")] = "demo",

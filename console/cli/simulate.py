@@ -39,6 +39,7 @@ TRUTH_COLUMNS = ("time_s", "shaft_rpm", "opening_mm", "flow_kg_s", "landed_rate_
 
 
 def simulate(
+    *,
     machine: Annotated[str, typer.Option(metavar="MACHINE",
                                          help="Machine file, or name of a shipped one.")] = "huanghai",
     job: Annotated[str, typer.Option(metavar="JOB", help="Job file, or name of a shipped one.")] = "demo",
@@ -92,7 +93,8 @@ def simulate(
     placed = placed_of_job(resolved, setup.folder, setup.machine, setup.crop.index)
     told_map(check_of_job(resolved, setup.crop.max_rate_kg_ha, setup.folder), job)
     with nullcontext() if out is None else whole_log(out, _meta(setup, resolved, seed)) as log:
-        run = _run(setup, true, resolved, seed, planted, terms, seconds, placed, log)
+        run = _run(setup, true, resolved, seed=seed, planted=planted, terms=terms, seconds=seconds, placed=placed,
+                   log=log)
         if out is not None:
             write_atomically(truth_path(out), _truth_text(run.record, setup.machine.geometry.working_width_m))
     if out is not None:
@@ -104,8 +106,8 @@ def simulate(
         _tell(run, setup, resolved, seconds, told, as_json)
         return
     other = resolved.target.model_copy(update={"learn_threshold": not resolved.target.learn_threshold})
-    compared = _run(setup, true, resolved.model_copy(update={"target": other}), seed, planted, terms, seconds, placed,
-                    None)
+    compared = _run(setup, true, resolved.model_copy(update={"target": other}), seed=seed, planted=planted, terms=terms,
+                    seconds=seconds, placed=placed, log=None)
     learned, fixed = (run, compared) if resolved.target.learn_threshold else (compared, run)
     _tell_points(run, learned, fixed, resolved, seconds, told, as_json)
 
@@ -119,7 +121,7 @@ class _Ran(NamedTuple):
     took_s: float
 
 
-def _run(setup: Setup, true: Machine, job: Job, seed: int, planted: list[Planted], terms: list[Term], seconds: float,
+def _run(setup: Setup, true: Machine, job: Job, *, seed: int, planted: list[Planted], terms: list[Term], seconds: float,
          placed: Placed, log: PlainLogWriter | None) -> _Ran:
     from control.orders import TargetSource
     from control.simulation.assembly import control_loop, simulated_machine

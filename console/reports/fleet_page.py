@@ -21,7 +21,7 @@ MOST_DATES = 7              # along a picture
 FACTORS = {"product": N_("product"), "operator": N_("operator"), "field": N_("field")}
 
 
-def fleet_page(machines: Sequence[MachineSeason], shared: Sequence[Shared], low: Sequence[Low],
+def fleet_page(machines: Sequence[MachineSeason], shared: Sequence[Shared], *, low: Sequence[Low],
                units: Mapping[str, str], broken: Sequence[tuple[str, str]], price: float | None, currency: str,
                software: str, aside: Sequence[tuple[str, str]] = (), by_file_date: int = 0) -> str:
     """A whole HTML page. price: of a kilogram; None: no money. aside: path and date of logs whose clock was wrong.

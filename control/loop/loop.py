@@ -62,7 +62,7 @@ class ControlLoop:
     """One run of one machine on one job. Call `order` between ticks, `tick` once per control period."""
 
     def __init__(self, machine: Machine, crop: Crop, rule: Rule, job: Job, fence: Fence | None = None,
-                 has_work_switch: bool = False, safety_limits: SafetyLimits | None = None,
+                 has_work_switch: bool = False, *, safety_limits: SafetyLimits | None = None,
                  prescription: MapProfile | None = None, points: PointSource | None = None,
                  headland: Fence | None = None, obeyed: bool = True, index_map: IndexMap | None = None,
                  done: DoneGround | None = None) -> None:
@@ -92,9 +92,10 @@ class ControlLoop:
         self._flow_trim = FlowTrim(machine.noise.scale_kg, machine.noise.scale_correlation_s)
         self._expected = ExpectedDrives(machine)
         self._terms = KnownTerms(machine)
-        self._operator = Operator(job, crop, self.safety, self._setting, self._flow_trim, points,
-                                  prescription is not None, self._started, self._ahead.heads.decisions.take_strip,
-                                  len(machine.switched), machine.flow.full_kg, self._why_no_start)
+        self._operator = Operator(job, crop, self.safety, self._setting, flow_trim=self._flow_trim, points=points,
+                                  has_map=prescription is not None, started=self._started,
+                                  strip_measured=self._ahead.heads.decisions.take_strip, sections=len(machine.switched),
+                                  hopper_kg=machine.flow.full_kg, why_no_start=self._why_no_start)
         self._totals = Totaliser(machine.geometry.working_width_m, crop.product_n_fraction)
         self._command: DriveCommand | None = None       # of the tick before
         self._events = Events()                         # of the next rows
@@ -205,9 +206,9 @@ class ControlLoop:
         metered = self._meter(moment, decision)
         choices = self._operator.choices
         between = decision.by_point and self._doses is not None and self._doses.points.may_turn(moment.m.time_s)
-        verdict = self.safety.check(moment.m.time_s, situation(
-            moment, decision, metered, choices, self._ahead.heads, between, console_age_s, log_ok,
-            self._stopped.told, self._near.elsewhere_m is not None))
+        verdict = self.safety.check(moment.m.time_s, situation(moment, decision, metered, choices,
+            heads=self._ahead.heads, between_doses=between, console_age_s=console_age_s, log_ok=log_ok,
+            told=self._stopped.told, map_elsewhere=self._near.elsewhere_m is not None))
         command = self._command_of(moment, decision, verdict)
         self._follow(moment, decision, metered, verdict, command)
         return self._told(moment, decision, metered, verdict, command)
@@ -443,8 +444,9 @@ class ControlLoop:
         events = self._events.of_one_row()
         threshold = self.threshold if decision.by_point else None
         return Tick(
-            row=log_row(self._begun_s, moment, decision, metered, verdict, command, choices, self._setting.strategy,
-                        ndvi, heads.decisions.ndvi, events, self._newly_told(moment.m)),
+            row=log_row(self._begun_s, moment, decision=decision, metered=metered, verdict=verdict, command=command,
+                        choices=choices, strategy=self._setting.strategy, heads=ndvi, decided_ndvi=heads.decisions.ndvi,
+                        events=events, speed_told=self._newly_told(moment.m)),
             command=command, sensed=moment.sensed, verdict=verdict, choices=choices,
             allow=self.safety.memory.allow, fired=decision.fired, notes=self._notes(moment, decision),
             dropped_heads=heads.dropped, head_ndvi=ndvi, metres_left_m=metered.metres_left_m,

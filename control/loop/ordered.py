@@ -27,7 +27,7 @@ class Operator:
     """What the operator has chosen. `started`: called when safety has accepted START; `why_no_start`: what START is
     refused for, empty: nothing."""
 
-    def __init__(self, job: Job, crop: Crop, safety: Safety, setting: Setting, flow_trim: FlowTrim,
+    def __init__(self, job: Job, crop: Crop, safety: Safety, setting: Setting, *, flow_trim: FlowTrim,
                  points: PointSource | None, has_map: bool, started: Callable[[], None],
                  strip_measured: Callable[[StripValue], None], sections: int = 0, hopper_kg: float = inf,
                  why_no_start: Callable[[], str] = str) -> None:

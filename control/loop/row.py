@@ -11,7 +11,7 @@ HEAD_SILENT_S = HOLDS_S["ndvi_1"]
 _SILENT = (None,) * 7               # six heads and what was decided by them
 
 
-def log_row(begun_s: float, moment: Moment, decision: Decision, metered: Metered, verdict: Verdict,
+def log_row(begun_s: float, moment: Moment, *, decision: Decision, metered: Metered, verdict: Verdict,
             command: DriveCommand, choices: Choices, strategy: Strategy, heads: tuple[float | None, ...],
             decided_ndvi: float | None, events: list[str], speed_told: str | None) -> LogRow:
     """The row of one tick; times count from `begun_s`; heads: as `head_ndvi` has them. A GNSS place that was refused

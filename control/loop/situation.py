@@ -7,7 +7,7 @@ from control.orders import BY_CANOPY
 from control.safety import Situation, Told
 
 
-def situation(moment: Moment, decision: Decision, metered: Metered, choices: Choices, heads: CanopyHeads,
+def situation(moment: Moment, decision: Decision, metered: Metered, choices: Choices, *, heads: CanopyHeads,
               between_doses: bool, console_age_s: float | None,
               log_ok: bool, told: Told, map_elsewhere: bool) -> Situation:
     """`between_doses`: a rate means nothing there, and is not told."""

@@ -17,7 +17,7 @@ _LOOKING = (State.READY, State.WORKING, State.HELD, State.FAULT)
 _UNKNOWN = "?"
 
 
-def troubles(m: Memory, now_s: float, s: Situation, seen: Senses, motion: Motion, rate: RateWatch,
+def troubles(m: Memory, now_s: float, s: Situation, *, seen: Senses, motion: Motion, rate: RateWatch,
              hopper: HopperWatch, stand: Stand, scale_heard: bool, limits: SafetyLimits) -> dict[str, Details]:
     """Alarm id -> details, for each alarm of the list whose cause is there in the state of the tick before."""
     found: dict[str, Details] = {}
@@ -34,7 +34,7 @@ def troubles(m: Memory, now_s: float, s: Situation, seen: Senses, motion: Motion
     if m.state is State.CALIBRATING:
         _calibrating(found, seen, limits)
     if m.state in _LOOKING:
-        _sensors(found, m, now_s, s, seen, motion, scale_heard, limits)
+        _sensors(found, m, now_s, s=s, seen=seen, motion=motion, scale_heard=scale_heard, limits=limits)
         _hopper_low(found, s, seen, hopper)
     if m.state is State.WORKING:
         _working(found, now_s, s, seen, motion, limits)
@@ -74,7 +74,7 @@ def _calibrating(found: dict[str, Details], seen: Senses, limits: SafetyLimits) 
         found["calibration_moved"] = (("speed_mps", round(fastest, 2)),)
 
 
-def _sensors(found: dict[str, Details], m: Memory, now_s: float, s: Situation, seen: Senses, motion: Motion,
+def _sensors(found: dict[str, Details], m: Memory, now_s: float, *, s: Situation, seen: Senses, motion: Motion,
              scale_heard: bool, limits: SafetyLimits) -> None:
     """What was never heard has its time after off is left to speak up, as the drives have."""
     on_s = now_s - m.left_off_s

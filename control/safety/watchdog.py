@@ -62,7 +62,8 @@ class Safety:
         heads_full = since(m.heads_full_since_s, now_s, seen.heads_full)
         if heads_full != m.heads_full_since_s:
             m = m._replace(heads_full_since_s=heads_full)
-        found = troubles(m, now_s, s, seen, motion, rate, hopper, stand, scale_heard, limits)
+        found = troubles(m, now_s, s, seen=seen, motion=motion, rate=rate, hopper=hopper, stand=stand,
+                         scale_heard=scale_heard, limits=limits)
         state, why = after_tick(m, now_s, s, motion, found, limits)
         allow = m.allow._replace(unlogged=False) if s.log_ok and m.allow.unlogged else m.allow
         if state is State.OFF and m.state is not State.OFF:

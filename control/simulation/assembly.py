@@ -35,6 +35,7 @@ def with_simulated_field(job: Job, machine: Machine) -> Job:
 
 
 def control_loop(machine: Machine, crop: Crop, rule: Rule, job: Job, has_work_switch: bool = False,
+                 *,
                  prescription: MapProfile | None = None, plants: PlantList | None = None,
                  obeyed: bool = True, index_map: IndexMap | None = None, done: DoneGround | None = None) -> ControlLoop:
     """The loop of a job; fenced where the job knows its field. `prescription`, `plants`: on the job's plane, for map
@@ -70,6 +71,7 @@ def point_source(machine: Machine, job: Job, plants: PlantList | None) -> PointS
 
 
 def simulated_machine(machine: Machine, job: Job, seed: int, dt_s: float, planted: Sequence[Planted] = (),
+                      *,
                       keep: Callable[[Truth], None] | None = None, plants: PlantList | None = None,
                       terms: Sequence[Term] = ()) -> Plant:
     """The plant of a job. `plants`: of its plant list; `terms`: beside those of the machine's file. Raises ValueError

@@ -87,6 +87,7 @@ class Plant:
     """One simulated machine on one job. `step` advances it by `dt_s`; it reads no clock."""
 
     def __init__(self, machine: Machine, job: Job, seed: int, dt_s: float = 0.05, planted: Sequence[Planted] = (),
+                 *,
                  path: Path | None = None, keep: Callable[[Truth], None] | None = None,
                  plants: Array | None = None, terms: Sequence[Term] = ()) -> None:
         """`plants`: places (n, 2) of the plants of point mode, east and north, m; None: those of the job. `terms`: what

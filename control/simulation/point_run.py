@@ -35,6 +35,7 @@ class PointRun(NamedTuple):
 
 
 def point_run(lag: PointLag, spacing_m: float, speed_mps: float, plants: int, seed: int, learn: bool = True,
+              *,
               truth: PointTruth | None = None, camera_m: float | None = None, vision_s: float = 1.5,
               wander_percent: float = 3.0, tick_s: float = 0.02, within_tick: bool = True,
               measured_after: int = 10) -> PointRun:

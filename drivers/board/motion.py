@@ -31,7 +31,7 @@ class ShaftControl:
     drive it further; it learns no more than `held_share` of the feed-forward; and it is emptied at every stop.
     """
 
-    def __init__(self, duty_per_rpm: float, duty_to_start: float, time_constant_s: float, kp: float, ki: float,
+    def __init__(self, duty_per_rpm: float, duty_to_start: float, time_constant_s: float, *, kp: float, ki: float,
                  acceleration_rpm_s: float, held_share: float, held_rpm: float) -> None:
         self._held_share, self._held_rpm = held_share, held_rpm
         self._duty_per_rpm, self._duty_to_start = duty_per_rpm, duty_to_start

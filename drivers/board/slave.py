@@ -135,8 +135,8 @@ class Slave:
         self._status_seq = 0
         self._meter = SpeedMeter(settings.counts_per_turn)
         self._shaft = ShaftControl(settings.duty_per_rpm, settings.duty_to_start, settings.time_constant_s,
-                                   settings.kp, settings.ki, settings.acceleration_rpm_s, settings.held_share,
-                                   settings.held_rpm)
+                                   kp=settings.kp, ki=settings.ki, acceleration_rpm_s=settings.acceleration_rpm_s,
+                                   held_share=settings.held_share, held_rpm=settings.held_rpm)
         self._gate = Gate(settings.steps_per_mm, settings.gate_mm_s, settings.gate_acceleration_mm_s2,
                           settings.home_mm_s, settings.lost_mm, settings.lost_after_s)
         self._doser = Doser(settings.dose_steps_per_turn, settings.dose_acceleration_rpm_s)

@@ -31,6 +31,7 @@ class VirtualMachine:
     """
 
     def __init__(self, plant: Plant, gnss: Port, heads: Sequence[Port], board: Port, start_s: float,
+                 *,
                  layout: FieldMap = PROTOCOLS["greenseeker"], multiplexed: bool = False,
                  opening_mm: float = OPENING_MM, extras: Sequence[Extra] = ()) -> None:
         self.board = VirtualBoard(opening_mm)
@@ -88,7 +89,7 @@ class VirtualMachine:
             port.write(head_line(value, self._layout))
 
 
-def virtual_cab(plant: Plant, clock: Clock, heads: int = 6, protocol: str = "greenseeker", multiplexed: bool = False,
+def virtual_cab(plant: Plant, clock: Clock, heads: int = 6, *, protocol: str = "greenseeker", multiplexed: bool = False,
                 board: BoardConfig | None = None, opening_mm: float = OPENING_MM,
                 index: Literal["ndvi", "ndre"] = "ndvi", extras: Sequence[Extra] = ()) -> tuple[Cab, VirtualMachine]:
     """A cab and the virtual machine that it is plugged into, joined by ports in memory.
@@ -113,6 +114,6 @@ def virtual_cab(plant: Plant, clock: Clock, heads: int = 6, protocol: str = "gre
                           index=index),
         board=(board or BoardConfig(port="")).model_copy(update={"port": "memory:board"}))
     machine = VirtualMachine(plant, pairs["memory:gnss"][1], [pairs[name][1] for name in head_names],
-                             pairs["memory:board"][1], clock(), PROTOCOLS[protocol], multiplexed,
-                             opening_mm, extras)
+                             pairs["memory:board"][1], clock(), layout=PROTOCOLS[protocol], multiplexed=multiplexed,
+                             opening_mm=opening_mm, extras=extras)
     return Cab(config, clock, lambda url, _baud, _clock: pairs[url][0]), machine

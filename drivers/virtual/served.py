@@ -170,8 +170,8 @@ class ServedMachine:
             extras.append(VirtualAgOpenGps(self._datagrams("agopengps", f"udp://{host}:0?to={host}:{number}")))
         if any(fault.kind in DRIVES for fault in serve.faults):
             extras.append(VirtualRunaway(lambda at_s: runaway_at(serve.faults, at_s), self._start_s))
-        return VirtualMachine(plant, lines["gnss"], [lines[name] for name in heads], lines["board"],
-                              self._start_s, PROTOCOLS[serve.protocol], opening_mm=serve.opening_mm, extras=extras)
+        return VirtualMachine(plant, lines["gnss"], [lines[name] for name in heads], lines["board"], self._start_s,
+                              layout=PROTOCOLS[serve.protocol], opening_mm=serve.opening_mm, extras=extras)
 
     def _line(self, device: str, serve: Serve, place: int) -> ServedLine:
         number = serve.first_port + place if serve.first_port else 0

@@ -209,7 +209,7 @@ async def test_settings_are_typed_within_the_machine_s_range_and_sent_at_the_nex
         assert source.orders[1:] == [Order(Do.CALIBRATE_OPENING, 40.0), Order(Do.CALIBRATE_SHAFT, 90.0)]
 
 
-async def caught(app, source, clock, pilot, frame, rpm, mm, seconds):
+async def caught(app, source, clock, pilot, *, frame, rpm, mm, seconds):
     """Frames of a run at these settings, five a second."""
     time_s = source.newest.row.time_s
     seq = source.newest.seq
@@ -240,9 +240,9 @@ async def test_a_catch_test_from_settling_to_the_new_machine_file(app, source, c
             await pilot.press("i")
             await pilot.pause()
             assert len(app.screen_stack) == 2, "nothing is caught yet"
-            await caught(app, source, clock, pilot, frame, rpm, mm, 5.4)
+            await caught(app, source, clock, pilot, frame=frame, rpm=rpm, mm=mm, seconds=5.4)
             assert page.desk.test.phase == "weigh"
-            await caught(app, source, clock, pilot, frame, rpm, mm, 30.0)
+            await caught(app, source, clock, pilot, frame=frame, rpm=rpm, mm=mm, seconds=30.0)
             bar = next(row for row in page.query_one("#cal-sheet", Sheet).view
                        if isinstance(row, Bar) and row.label == "catch")
             assert bar.share == 1.0

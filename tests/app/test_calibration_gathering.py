@@ -52,7 +52,7 @@ def test_after_a_refusal_the_repeats_of_the_same_key_do_not_begin_again():
     assert held.down(4.5), "let go and pressed again, it runs"
 
 
-def turn(test, begin_s, seconds, rpm, mm=30.0, step_s=0.2, hopper_kg=100.0, ramp_rpm_s=200.0):
+def turn(test, begin_s, seconds, rpm, mm=30.0, *, step_s=0.2, hopper_kg=100.0, ramp_rpm_s=200.0):
     """Frames of a run: up, on, down, then standing for 4 s; returns the time after it."""
     steps = int((seconds + 5.0) / step_s)
     for index in range(steps):

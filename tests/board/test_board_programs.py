@@ -90,7 +90,7 @@ def test_a_weak_supply_is_made_good(scenarios):
 
 
 def test_the_feed_forward_alone_is_nearly_right():
-    control = ShaftControl(0.008, 0.04, 0.1, 0.0, 0.0, 1e9, 0.25, 5.0)
+    control = ShaftControl(0.008, 0.04, 0.1, kp=0.0, ki=0.0, acceleration_rpm_s=1e9, held_share=0.25, held_rpm=5.0)
     assert control.update(70.0, 0.0, 0.01) == pytest.approx(0.6)
     assert control.update(0.0, 70.0, 0.01) == 0.0
     assert control.update(1000.0, 0.0, 0.01) == 1.0

@@ -45,6 +45,7 @@ def simulated() -> Callable[..., Run]:
     kept: dict[str, Run] = {}
 
     def run(seconds: float, strategy: str = "opening_first", effects: Sequence[str] = (), seed: int = 1,
+            *,
             orders: Sequence[tuple[float, Order]] | None = None, sim: dict[str, Any] | None = None,
             plant: str = "", settled: bool = False, **changes: Any) -> Run:
         key = repr((seconds, strategy, tuple(effects), seed, orders, sim, plant, settled, sorted(changes.items())))

@@ -126,7 +126,7 @@ def test_a_released_button_stops_the_shaft_and_the_run_begins_again(bench, clock
     assert len(test.runs) == 1
 
 
-def rig_says(now_s, run=0, state=0, rpm=0.0, start_s=None, drop_s=None, turned=False, plate=False):
+def rig_says(now_s, run=0, state=0, rpm=0.0, start_s=None, drop_s=None, turned=False, *, plate=False):
     return RigReadings(now_s, run, state, Reading(rpm, now_s), start_s, drop_s, turned, plate)
 
 
@@ -152,7 +152,7 @@ def test_a_run_that_cannot_be_right_is_tried_again_and_then_left_out(landed, sai
         now_s, run = until_running(test, now_s)
         start_s = now_s + landed.get("early", 0.4)
         said_now = rig_says(now_s + 2.0, run, LANDED, 40.0, start_s, 1.5, landed.get("turned", False),
-                            landed.get("plate", False))
+                            plate=landed.get("plate", False))
         wish = test.tick(now_s + 2.0, said_now, True)
         assert said in wish.said and wish.shaft_rpm == 0.0
         now_s += 2.0

@@ -325,7 +325,8 @@ def test_logs_of_two_models_are_two_machines() -> None:
 def test_a_log_whose_clock_was_wrong_is_said_and_left_out(time_d: float) -> None:
     found = season([bare("a", "s", 20_500.0), bare("b", "s", time_d)], (), NOW_D)
     assert found.machines[0].logs == 1 and [one.path for one in found.aside] == ["b"]
-    page = fleet_page(found.machines, [], [], {}, (), None, "CNY", "t", found.aside, 3)
+    page = fleet_page(found.machines, [], low=[], units={}, broken=(), price=None, currency="CNY", software="t",
+                      aside=found.aside, by_file_date=3)
     assert "b: its clock said" in page and "3 logs tell no time" in page
 
 
@@ -355,7 +356,8 @@ def test_page_and_tables(tmp_path: Path) -> None:
     (costs,) = machines(told, [], [product])
     assert costs.wrong_kg == pytest.approx(costs.shared[0][1]) and costs.wrong_kg > 0.0
     assert service([costs])[0].startswith("product compound: ") and costliest(costs).startswith("product compound: ")
-    page = fleet_page(whole.machines, whole.shared, whole.low, whole.units, whole.broken, 2.5, "CNY", "t")
+    page = fleet_page(whole.machines, whole.shared, low=whole.low, units=whole.units, broken=whole.broken, price=2.5,
+                      currency="CNY", software="t")
     assert page.index(">one<") < page.index(">two<") and "<svg" in page and "spoilt &lt;b&gt;" in page
     assert "money, CNY" in page
 

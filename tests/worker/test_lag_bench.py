@@ -166,8 +166,8 @@ class Hand:
 def attend(bench, tmp_path, no_key=False, repeats=1):
     """The command's own attendant at the bench, `go(seconds)` with whatever its hand does."""
     hand = Hand()
-    attended = Attended(hand, tmp_path / "table.csv", Plan((40.0,), repeats=repeats, settle_s=2.5), 20.0, no_key, True,
-                        lambda: bench.now_s, lambda _: None)
+    attended = Attended(hand, tmp_path / "table.csv", Plan((40.0,), repeats=repeats, settle_s=2.5), opening_mm=20.0,
+                        no_key=no_key, with_gnss=True, clock=lambda: bench.now_s, sleep=lambda _: None)
     attended.host = bench.host
 
     def go(seconds):

@@ -9,6 +9,7 @@ DIGITS = "half of the last digit printed"
 
 
 def compared(where: str, says: str, published: float, obtained: float, within: float, form: str = "{:g}",
+             *,
              how: How = How.RECOMPUTED, remark: str = "", why: str = DIGITS) -> Claim:
     """A number beside a number; they agree if they differ by at most `within`, for the reason `why`. `form`: of both,
     with the unit."""

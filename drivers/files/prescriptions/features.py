@@ -39,6 +39,7 @@ class Feature(NamedTuple):
 
 
 def imported(path: Path, format_name: str, features: Sequence[Feature], choice: Choice, findings: list[Finding],
+             *,
              fallbacks: Fallbacks = NO_FALLBACKS, fields_deg: tuple[tuple[Floats, ...], ...] = (), title: str = "",
              product: str = "", units: Mapping[str, Unit] = NO_UNITS) -> Imported:
     """Zones of the features, by the operator's choice. units: what files beside say. Raises PrescriptionError."""

@@ -43,8 +43,9 @@ def read_geojson(path: Path, choice: Choice) -> Imported:
         findings.append(Finding("not_polygons", text, rows=others))
     ours = root.get(OURS)
     fallbacks, fields = _ours(ours, path) if isinstance(ours, dict) else (NO_FALLBACKS, ())
-    return imported(path, "geojson", features, choice, findings, fallbacks, fields, str(root.get("name", "")),
-                    str(ours.get("product", "")) if isinstance(ours, dict) else "")
+    return imported(path, "geojson", features, choice, findings, fallbacks=fallbacks, fields_deg=fields,
+                    title=str(root.get("name", "")),
+                    product=str(ours.get("product", "")) if isinstance(ours, dict) else "")
 
 
 def _properties(feature: dict[str, Any]) -> dict[str, Any]:

@@ -61,7 +61,8 @@ def read_isoxml(files: TaskFiles, path: Path, choice: Choice) -> Imported:
     zones: tuple[Zone, ...] = ()
     findings += _unused(layer, ids, grid_element is not None)
     if grid_element is not None:
-        grid = _grid(files, grid_element, layer, rates, factor, offset, where, findings)
+        grid = _grid(files, grid_element, layer, rates=rates, factor=factor, offset=offset, where=where,
+                     findings=findings)
     else:
         zones = _zones(layer.task, rates, where)
     data = MapData(zones, grid, fallbacks, fields, layer.task.get("B", ""), product)
@@ -224,8 +225,8 @@ def _ring(line: Element, where: str) -> Floats:
     return corners
 
 
-def _grid(files: TaskFiles, grid: Element, layer: _Layer, rates: dict[int, float | None], factor: float, offset: float,
-          where: str, findings: list[Finding]) -> GridDeg:
+def _grid(files: TaskFiles, grid: Element, layer: _Layer, *, rates: dict[int, float | None], factor: float,
+          offset: float, where: str, findings: list[Finding]) -> GridDeg:
     name, kind = f"{grid.get('G', '')}.bin", grid.get("I", "")
     columns, rows = (_number(grid.get(key, ""), 10, f"{where}: grid {key}") for key in ("E", "F"))
     cell_lat, cell_lon = _float(grid, "C", f"{where}: grid"), _float(grid, "D", f"{where}: grid")

@@ -77,7 +77,8 @@ class Curve(Canvas[CurveView]):
             labels[rows // 2] = _number(up[1] + (up[0] - up[1]) * (rows // 2 + 0.5) / rows, up)
         for row in range(rows):
             cells = [Segment(right(labels.get(row, ""), _AXIS - 1) + " ", muted)]
-            cells += [_cell(column, row, marks, line, edges, point, drawn, band) or Segment(" ", self.rich_style)
+            cells += [_cell(column, row, marks=marks, line=line, edges=edges, point=point, drawn=drawn,
+                            band=band) or Segment(" ", self.rich_style)
                       for column in range(columns)]
             strips.append(Strip(cells).adjust_cell_length(width, self.rich_style))
         first, last = _number(across[0], across), _number(across[1], across)
@@ -95,8 +96,8 @@ def _joined(places: list[tuple[int, int]]) -> set[tuple[int, int]]:
     return found
 
 
-def _cell(column: int, row: int, marks: set[tuple[int, int]], line: set[tuple[int, int]], edges: set[tuple[int, int]],
-          point: Style, drawn: Style, band: Style) -> Segment | None:
+def _cell(column: int, row: int, *, marks: set[tuple[int, int]], line: set[tuple[int, int]],
+          edges: set[tuple[int, int]], point: Style, drawn: Style, band: Style) -> Segment | None:
     if (column, row) in marks:
         return Segment("o", point)
     for places, style in ((line, drawn), (edges, band)):

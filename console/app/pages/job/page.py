@@ -205,8 +205,8 @@ class JobScreen(Page):
         missing_kg = full_kg if hopper_kg is None else full_kg - hopper_kg
         shown = seen_kg if seen_kg is not None else max(0.0, missing_kg)     # what the scale saw, else what is missing
         full = ("F", _("hopper full"), round(shown * unit.per_si, 1)) if low <= shown * unit.per_si <= high else None
-        self.app.push_screen(NumberDialog(_("Filled in"), unit.name, low, high, text, unit.to_si, typed, doubted,
-                                          full), answer)
+        self.app.push_screen(NumberDialog(_("Filled in"), unit.name, low, high, text, unit.to_si, typed=typed,
+                                          doubt=doubted, full=full), answer)
 
     @property
     def at_work(self) -> bool:
