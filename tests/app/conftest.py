@@ -84,6 +84,23 @@ def app(source, clock):
 
 
 @pytest.fixture
+def full(source, clock):
+    """The app with services: every page can do its work."""
+    return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=sample.sample_services())
+
+
+@pytest.fixture
+def turned():
+    """Turns to a page, and waits until it is drawn."""
+    async def turn(app, pilot, where):
+        app.turn_to(where)
+        for _ in range(3):
+            await pilot.pause()
+
+    return turn
+
+
+@pytest.fixture
 def replay_source(frames, clock):
     return ReplaySource(frames, clock)
 

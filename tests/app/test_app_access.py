@@ -108,24 +108,13 @@ def test_colour_blind_eyes_keep_what_matters_apart(theme, eye):
             if dist(seen(v[a]), seen(v[b])) < least} == {}
 
 
-@pytest.fixture
-def full(source, clock):
-    return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=sample_services())
-
-
-async def turned(app, pilot, where):
-    app.turn_to(where)
-    await pilot.pause()
-    await pilot.pause()
-
-
 def test_every_action_has_a_page_where_it_is_or_is_everywhere(full):
     assert {action.where for action in actions.ACTIONS} <= {"anywhere", *full.pages}
     assert {f"{where}_screen" for where in full.pages} <= set(actions.BY_ID)
 
 
 @pytest.mark.exam
-async def test_every_action_is_in_the_palette_of_its_page(full):
+async def test_every_action_is_in_the_palette_of_its_page(full, turned):
     async with full.run_test(size=(120, 40)) as pilot:
         found = {"palette"}
         for where in full.pages:
@@ -138,7 +127,7 @@ async def test_every_action_is_in_the_palette_of_its_page(full):
 
 
 @pytest.mark.exam
-async def test_every_page_s_key_bar_leads_to_the_palette_by_mouse_at_every_width(full):
+async def test_every_page_s_key_bar_leads_to_the_palette_by_mouse_at_every_width(full, turned):
     """So that what is not on the bar or the page can be clicked in the palette."""
     async with full.run_test(size=(80, 24)) as pilot:
         for where in full.pages:
@@ -171,7 +160,8 @@ async def test_an_action_is_run_by_two_clicks(full, source):
 
 
 @pytest.mark.exam
-async def test_no_colour_tells_states_and_alarms_in_symbol_and_word_on_every_page(monkeypatch, frames, clock, shown):
+async def test_no_colour_tells_states_and_alarms_in_symbol_and_word_on_every_page(monkeypatch, frames, clock, shown,
+                                                                                  turned):
     from dataclasses import replace
 
     from console.app.sample import sample_alarms
@@ -194,7 +184,7 @@ async def test_no_colour_tells_states_and_alarms_in_symbol_and_word_on_every_pag
 LOOKS = frozenset({"hold", "stop"})
 
 
-async def test_locked_no_action_of_any_page_orders_asks_or_works(full, source):
+async def test_locked_no_action_of_any_page_orders_asks_or_works(full, source, turned):
     async with full.run_test(size=(100, 30)) as pilot:
         await pilot.pause()
         full.locked = True
@@ -211,7 +201,7 @@ async def test_locked_no_action_of_any_page_orders_asks_or_works(full, source):
         assert full.locked and full.is_running
 
 
-async def test_locked_what_stays_only_holds_stops_unlocks_and_looks(full, source):
+async def test_locked_what_stays_only_holds_stops_unlocks_and_looks(full, source, turned):
     async with full.run_test(size=(100, 30)) as pilot:
         await pilot.pause()
         full.locked = True
@@ -239,7 +229,7 @@ def clickable(page):
             and widget.region.area and any(hasattr(widget, name) for name in handlers)]
 
 
-async def test_locked_no_click_on_any_page_orders_or_asks(full, source):
+async def test_locked_no_click_on_any_page_orders_or_asks(full, source, turned):
     async with full.run_test(size=(80, 24)) as pilot:
         await pilot.pause()
         full.locked = True

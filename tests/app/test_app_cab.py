@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import pytest
 
-from console.app.app import TopdressApp
 from console.app.boundary_drive import BoundaryDrive
 from console.app.dialogs import ChoiceDialog, Confirm
 from console.app.guide_line import GuideLine
@@ -13,24 +12,12 @@ from console.app.layers import Layer, scale_of
 from console.app.name_dialog import NameDialog
 from console.app.number_dialog import NumberDialog
 from console.app.pages.run.light_bar import LIGHTS, LightBar, light_view
-from console.app.sample import sample_services
 from console.app.units import IMPERIAL, METRIC
 from console.app.worked import Worked
 from control.geodesy import TangentPlane
 from control.orders import Do, Order
 
 SIZE = (120, 40)
-
-
-@pytest.fixture
-def full(source, clock):
-    return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=sample_services())
-
-
-async def turned(app, pilot, where):
-    app.turn_to(where)
-    await pilot.pause()
-    await pilot.pause()
 
 
 async def field_known(app, pilot):
@@ -95,7 +82,7 @@ def test_what_was_taken_back_is_no_refill_anywhere():
 
 # --- limits, miles, colours ---
 
-async def test_limits_are_the_same_in_settings_and_dialog(full, source, shown):
+async def test_limits_are_the_same_in_settings_and_dialog(full, source, shown, turned):
     full.crop_limits_kg_ha = 0.0, 500.0
     full.limits_kg_ha = 0.0, 500.0
     async with full.run_test(size=SIZE) as pilot:
@@ -164,7 +151,7 @@ def test_lights_stand_on_the_side_of_the_machine(frames):
 
 
 @pytest.mark.parametrize("size", [(120, 40), (100, 30), (80, 24)])
-async def test_a_line_is_set_by_key_and_the_run_page_shows_how_far_off(full, source, shown, size):
+async def test_a_line_is_set_by_key_and_the_run_page_shows_how_far_off(full, source, shown, size, turned):
     async with full.run_test(size=size) as pilot:
         await pilot.pause()
         await field_known(full, pilot)
@@ -229,7 +216,7 @@ def test_a_way_that_encloses_nothing_is_refused():
         driven_field(Ground(), ((34.28, 119.88), (34.281, 119.88)))
 
 
-async def test_a_boundary_is_driven_and_kept_by_key(full, source, shown):
+async def test_a_boundary_is_driven_and_kept_by_key(full, source, shown, turned):
     async with full.run_test(size=SIZE) as pilot:
         await pilot.pause()
         await field_known(full, pilot)
@@ -266,7 +253,7 @@ async def test_a_boundary_is_driven_and_kept_by_key(full, source, shown):
 
 # --- a map by its path ---
 
-async def test_a_map_by_its_path_and_through_folders(full, source):
+async def test_a_map_by_its_path_and_through_folders(full, source, turned):
     desk = full.services.job
     async with full.run_test(size=SIZE) as pilot:
         await turned(full, pilot, "job")

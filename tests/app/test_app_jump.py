@@ -7,10 +7,8 @@ import pytest
 from textual.widgets import Button
 
 from console.app import actions
-from console.app.app import TopdressApp
 from console.app.dialogs import ChoiceDialog
 from console.app.jump import labels, letters
-from console.app.sample import sample_services
 from console.app.screens.jump import JumpScreen, places_of
 from console.app.widgets.key_bar import KeyBar
 from console.app.widgets.page_bar import PageBar
@@ -18,17 +16,6 @@ from control.orders import Do
 
 SIZE = (120, 40)
 PAGES = ("run", "map", "trends", "devices", "calibrate", "replay", "diagnosis", "job", "settings")
-
-
-@pytest.fixture
-def full(source, clock):
-    return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=sample_services())
-
-
-async def turned(app, pilot, where):
-    app.turn_to(where)
-    for _ in range(3):
-        await pilot.pause()
 
 
 async def shown_letters(app, pilot):
@@ -62,7 +49,7 @@ def test_no_label_begins_another():
 
 @pytest.mark.exam
 @pytest.mark.parametrize("where", PAGES)
-async def test_every_page_has_letters_and_stop_stays_stop(full, source, where):
+async def test_every_page_has_letters_and_stop_stays_stop(full, source, where, turned):
     async with full.run_test(size=SIZE) as pilot:
         await turned(full, pilot, where)
         bar = full.page.query_one(KeyBar)
@@ -91,7 +78,7 @@ async def test_typing_a_label_clicks(full):
         assert full.page.where == "trends", "Caps Lock types the same label"
 
 
-async def test_rows_of_lists_are_clicked(full):
+async def test_rows_of_lists_are_clicked(full, turned):
     async with full.run_test(size=SIZE) as pilot:
         await turned(full, pilot, "settings")
         lines = full.page.query_one("SettingsList")

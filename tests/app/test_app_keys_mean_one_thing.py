@@ -7,11 +7,9 @@ import pytest
 from textual.widgets import Input
 
 from console.app import actions
-from console.app.app import TopdressApp
 from console.app.dialogs import ChoiceDialog, Confirm
 from console.app.name_dialog import NameDialog
 from console.app.number_dialog import NumberDialog
-from console.app.sample import sample_services
 from console.app.stray import HeldEnter, StrayTyping
 from console.app.widgets.key_bar import KeyBar, laid_out
 from control.orders import Do, Order
@@ -19,19 +17,8 @@ from control.orders import Do, Order
 SIZE = (120, 40)
 
 
-@pytest.fixture
-def full(source, clock):
-    return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=sample_services())
-
-
 def in_state(source, state):
     source.newest = replace(source.newest, seq=source.newest.seq + 1, row=source.newest.row._replace(state=state))
-
-
-async def turned(app, pilot, where):
-    app.turn_to(where)
-    await pilot.pause()
-    await pilot.pause()
 
 
 def test_no_digit_is_bound_on_any_page():
@@ -39,7 +26,7 @@ def test_no_digit_is_bound_on_any_page():
     assert not [key for key in keys if key.isdigit()]
 
 
-async def test_no_digit_does_anything_on_any_page(full, source):
+async def test_no_digit_does_anything_on_any_page(full, source, turned):
     async with full.run_test(size=SIZE) as pilot:
         for where in full.pages:
             await turned(full, pilot, where)
@@ -67,7 +54,7 @@ async def test_a_refused_question_lets_nothing_of_its_answer_through(full, sourc
         assert full.screen is not full.page, "after a pause a key is a key again"
 
 
-async def test_a_refused_name_swallows_its_letters(full, source):
+async def test_a_refused_name_swallows_its_letters(full, source, turned):
     async with full.run_test(size=SIZE) as pilot:
         await turned(full, pilot, "calibrate")
         desk = full.page.desk
@@ -177,7 +164,7 @@ async def test_a_map_that_the_job_has_not_is_greyed_with_the_way_to_one(full, so
         assert source.orders == [Order(Do.SOURCE, "manual")]
 
 
-async def test_start_from_another_page_asks(full, source):
+async def test_start_from_another_page_asks(full, source, turned):
     in_state(source, "held")
     async with full.run_test(size=SIZE) as pilot:
         for where in full.pages:
@@ -204,7 +191,7 @@ async def test_undo_takes_the_last_change_back_and_asks(full, source):
         assert full.undo.newest is None
 
 
-async def test_a_setting_is_taken_back_too(full):
+async def test_a_setting_is_taken_back_too(full, turned):
     store = full.services.settings
     before = store.settings
     async with full.run_test(size=SIZE) as pilot:
