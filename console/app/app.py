@@ -300,10 +300,9 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.notice(_("another console has ended or is silent; open now: {count}").format(count=frame.consoles))
 
     def _note_alarms(self, frame: Frame, now_s: float) -> None:
-        if frame.log_path != self._earlier_of and self.services.job is not None:
+        if frame.log_path != self._earlier_of:
             self._earlier_of = frame.log_path
-            self.run_worker(self._learn_earlier(self.services.job, frame.log_path), group="earlier",
-                            exit_on_error=False)
+            self.run_worker(self._learn_earlier(frame.log_path), group="earlier", exit_on_error=False)
         self.alarm_book.see(frame.row.time_s, frame.row.utc, frame.alarms)
         strokes = self.ring.due(now_s, frame.alarms)
         if strokes and self.sound:
@@ -327,14 +326,13 @@ class TopdressApp(App[None], inherit_bindings=False):
         for number in range(1, strokes):
             self.set_timer(number * STROKE_S, self.bell)
 
-    async def _learn_earlier(self, desk: JobDesk, log_path: str) -> None:
-        """What the machine goes by that writes this log; alarms and track from before this console looked."""
-        limits = await asyncio.to_thread(desk.at_work, log_path)
-        if limits is not None:
-            self.crop_limits_kg_ha, self.hopper_kg = (0.0, limits.most_rate_kg_ha), limits.hopper_kg
-            store = self.services.settings
-            limit_rates(self, None if store is None else store.settings.manual_rate)
-        earlier = await asyncio.to_thread(desk.earlier, log_path)
+    async def _learn_earlier(self, log_path: str) -> None:
+        """What the machine goes by that writes this log; alarms, track and lines from before this console looked."""
+        desk, look_back = self.services.job, self.services.earlier
+        if desk is not None:
+            look_back = desk.earlier
+            await self._learn_limits(desk, log_path)
+        earlier = await asyncio.to_thread(look_back, log_path) if look_back is not None else None
         if earlier is not None:
             self.alarm_book.add_before(earlier.alarms)
             self.history.add_before(earlier.track)
@@ -342,6 +340,12 @@ class TopdressApp(App[None], inherit_bindings=False):
         if self.services.lines is not None:
             self._take_lines(await asyncio.to_thread(self.services.lines.read, log_path))
 
+    async def _learn_limits(self, desk: JobDesk, log_path: str) -> None:
+        limits = await asyncio.to_thread(desk.at_work, log_path)
+        if limits is not None:
+            self.crop_limits_kg_ha, self.hopper_kg = (0.0, limits.most_rate_kg_ha), limits.hopper_kg
+            store = self.services.settings
+            limit_rates(self, None if store is None else store.settings.manual_rate)
     def keep_line(self, record: str) -> None:
         """Of the A-B line or a boundary that is being driven: the next console on this log has it too."""
         frame, files = self.arrival.frame, self.services.lines

@@ -8,7 +8,7 @@ from console.app.field_picture import FieldPicture
 from console.app.kept_lines import LineFiles
 from console.app.pages.calibrate.job import CalibrateJob
 from console.app.pages.diagnosis.data import DiagnosisService
-from console.app.pages.job.desk import JobDesk
+from console.app.pages.job.desk import Earlier, JobDesk
 from console.app.pages.map.layer_files import LayerFiles
 from console.app.pages.replay.log_files import LogFiles
 from console.app.settings import SettingsStore
@@ -34,6 +34,8 @@ class Services:
     logs: LogFiles | None = None
 
     layers: LayerFiles | None = None
+
+    earlier: Callable[[str], Earlier | None] | None = None      # before this console looked; where there is no `job`
 
     lines: LineFiles | None = None      # of the Map page: the A-B line, a boundary that is being driven
 

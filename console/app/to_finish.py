@@ -23,7 +23,7 @@ class ToFinish(NamedTuple):
         if self.area_ha is None and self.product_kg is None:
             return "--"
         time = "--" if self.time_s is None else duration(self.time_s)
-        return f"{time}  {units.mass.full(self.product_kg)}  {units.distance.full(self.way_m)}"
+        return f"{time}  {units.mass.full(self.product_kg)}  {units.way(self.way_m).full(self.way_m)}"
 
 
 def to_finish(frame: Frame | None, picture: FieldPicture | None) -> ToFinish:

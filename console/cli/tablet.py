@@ -115,11 +115,14 @@ def end_with(server: int) -> None:
 def tab_app(where: Where | None, token: str | None) -> TabletApp:
     """The app of one tab, looking."""
     from console.services.diagnosis import DiagnosisFiles
+    from console.services.earlier import earlier
     from console.services.field import field_picture
+    from console.services.line_files import LinesSeen
     waits = SharedWaits(default_run_file().with_name("tablet-waits.json"))
     source = None if where is None else TabLink(where.looking_only())
     return TabletApp(source, link_to, Key(token, time.monotonic, waits), **options_of(where),
-                     services=Services(field=field_picture, diagnosis=DiagnosisFiles()))
+                     services=Services(field=field_picture, diagnosis=DiagnosisFiles(), earlier=earlier,
+                                        lines=LinesSeen()))
 
 
 def main() -> None:

@@ -28,6 +28,7 @@ from console.app.pages.job.desk import (
     Who,
 )
 from console.locale import _
+from console.services.earlier import earlier
 from console.services.launcher import Launcher, data_folder
 from console.worker import resume
 from control.orders import BY_MAP, TargetSource
@@ -412,11 +413,7 @@ class JobFiles:
     # --- power cuts ---------------------------------------------------------------------------------------------
 
     def earlier(self, log_path: str) -> Earlier | None:
-        try:
-            kept = resume.read(resume.beside(log_path))
-        except (OSError, ValueError):
-            return None
-        return Earlier(kept.alarms, kept.track)
+        return earlier(log_path)
 
     def at_work(self, log_path: str) -> AtWork | None:
         from console.services.at_work import at_work

@@ -63,3 +63,10 @@ def _parts_before(log_path: str) -> tuple[Path, ...]:
         return tuple(map(Path, resume.read(resume.beside(log_path)).logs_before))
     except (OSError, ValueError):
         return ()
+
+
+class LinesSeen(KeptLineFiles):
+    """Of a console that writes no files: a tablet's tab."""
+
+    def append(self, log_path: str, record: str) -> None:
+        """Not kept."""

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import combinations, product
 
 import pytest
@@ -11,13 +12,14 @@ from rich.cells import set_cell_size as sized
 from rich.style import Style
 from textual.strip import Strip
 from textual.widget import Widget
+from textual.widgets import Button
 
 from console.app import words
 from console.app.app import TopdressApp
 from console.app.dialogs import Dialog
 from console.app.gallery import PICTURES, Picture, settle, still_app
 from console.app.number_dialog import NumberDialog
-from console.app.units import IMPERIAL, METRIC
+from console.app.units import IMPERIAL, METRIC, UNITS
 from console.app.view import AlarmsView, RatesView, Shown, StatusView, alarms
 from console.app.widgets import panel
 from console.app.widgets.alarm_bar import AlarmBar, rows_needed
@@ -70,6 +72,21 @@ def cut_on(app: TopdressApp) -> list[str]:
                 found += [f"{type(one).__name__}: {what}" for what in _cut_in(one)]
     if isinstance(app.screen, Dialog):
         found += _beyond(app.screen)
+    return [*found, *_buttons_cut(app.screen)]
+
+
+def _buttons_cut(screen) -> list[str]:
+    """Words of a button, or of a row of them, that have no room: also where the row runs out to the right of what can
+    be scrolled down only."""
+    found = []
+    for one in screen.query(Button):
+        inside = one.parent.content_region
+        label = max((cell_len(row) for row in one.label.plain.splitlines()), default=0)
+        wraps = one.has_class("dialog-choice")
+        if one.display and (one.region.x < inside.x or one.region.right > inside.right):
+            found.append(f"button {one.label.plain!r} runs out of its row")
+        elif one.display and not wraps and label > one.content_size.width:
+            found.append(f"button {one.label.plain!r} in {one.content_size.width}")
     return found
 
 
@@ -118,6 +135,25 @@ def test_the_finder_finds():
     assert cut_in(AlarmBar(view), view, 20, 1) == []
     note = RatesView(Shown("1"), Shown("1"), "kg/ha", "", Shown("--"), None, "", "a note of more cells than there are")
     assert cut_in(Rates(note), note, 24, 7)
+
+
+class Rowful(Dialog[None]):
+    """More buttons in a row than there are cells for."""
+
+    def buttons(self):
+        for number in range(6):
+            yield Button(f"answer number {number}", classes="dialog-button")
+
+
+@pytest.mark.parametrize(("columns", "finds"), [(120, True), (200, False)])
+async def test_the_finder_finds_a_row_of_buttons_that_runs_out(picture, columns, finds):
+    app = picture(size=(columns, 40))
+    async with app.run_test(size=(columns, 40)) as pilot:
+        app.push_screen(Rowful("A question"))
+        await pilot.pause()
+        app.screen.query_one(".dialog").styles.width = columns - 10
+        await pilot.pause()
+        assert any("answer number 5" in one for one in cut_on(app)) == finds
 
 
 @pytest.mark.parametrize("language", languages())
@@ -183,11 +219,14 @@ def test_state_and_marks_stand_whole_and_words_go_whole(language, width):
         assert words.state_word(state) in text and "SIMULATED" in text and silent in text
 
 
-async def on_every_size(picture):
+async def on_every_size(picture, change=None, units="metric"):
     app, _clock = still_app(picture)
     found = []
     async with app.run_test(size=SIZES[0]) as pilot:
         await settle(app, picture, pilot.pause)
+        app.units = UNITS[units]
+        if change is not None:
+            change(app)
         for size in SIZES:
             await pilot.resize_terminal(*size)
             for _again in range(2):
@@ -202,6 +241,25 @@ async def on_every_size(picture):
 @pytest.mark.parametrize("screen", ["run", "map", "job"])
 async def test_nothing_is_cut_with_alarms(screen):
     assert await on_every_size(Picture("cut", SIZES[0], screen=screen, alarms=True)) == []
+
+
+def late(app):
+    """The end of a long day on a large field: every number has its most digits."""
+    frame, picture = app.source.newest, app.fields.of(app.source.newest)
+    assert picture is not None
+    row = frame.row._replace(time_s=frame.row.time_s + 40_000.0, hopper_kg=1234.5, target_rate_kg_ha=412.3,
+                             applied_rate_kg_ha=398.7)
+    totals = frame.totals._replace(area_ha=138.61, worked_s=38_000.0, applied_kg=45_678.9, covered_ha=137.2,
+                                   overlap_ha=12.34, applied_n_kg=21_012.5)
+    app.source.newest = replace(frame, row=row, area_ha=138.61, applied_kg=45_678.9, totals=totals,
+                                metres_left_m=12_345.0, seq=frame.seq + 1)
+    app.fields.of = lambda _frame: replace(picture, area_ha=412.75, planned=None)
+
+
+@pytest.mark.parametrize("units", ["metric", "imperial"])
+@pytest.mark.parametrize("screen", ["run", "map", "job"])
+async def test_nothing_is_cut_at_the_end_of_a_long_day(screen, units):
+    assert await on_every_size(Picture("cut", SIZES[0], screen=screen), late, units) == []
 
 
 @pytest.mark.exam

@@ -1,15 +1,21 @@
 """A browser's tab: it looks until the key is typed, and the worker refuses what slips through."""
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from console.app import actions
 from console.app.action import ANYWHERE, CALIBRATE, DIAGNOSIS, RUN, SETTINGS
-from console.app.gallery import StillSource
+from console.app.gallery import StillClock, StillSource
+from console.app.guide_line import GuideLine
+from console.app.kept_lines import guide_record
 from console.app.pages.diagnosis.sample import MadeUpDiagnosis
+from console.app.pages.job.desk import Earlier
 from console.app.screens.gone import GoneScreen
 from console.app.services import Services
 from console.app.tablet import CLOSED, Key, KeyDialog, TabletApp
+from console.services.line_files import KeptLineFiles, LinesSeen
 from control.orders import Do
 
 
@@ -137,3 +143,25 @@ def test_wrong_keys_make_one_wait_longer_each_time(clock):
     clock.now_s += 0.5
     assert key.wrong(" abcd2345\n") == ""
     assert Key(None, clock).wrong("") == "There is no key: this server was started for viewing only."
+
+
+async def test_a_tab_that_comes_late_shows_the_ground_and_the_line_of_before(frames, tmp_path):
+    """The machine had worked for hours when the tablet was switched on; what the tab sets is its own alone."""
+    log = tmp_path / "run.csv"
+    frame = replace(frames[-1], log_path=str(log))
+    files = KeptLineFiles()
+    files.append(str(log), guide_record(GuideLine((0.0, 0.0), (0.0, 50.0), 2.4)))
+    files.close()
+    before = Earlier((), tuple((500.0, float(k), 0.0, 300.0) for k in range(40)))
+    app = TabletApp(StillSource(frame), None, Key(None, StillClock()), clock=StillClock(), live=False,
+                    services=Services(earlier=lambda path: before if path == str(log) else None, lines=LinesSeen()))
+    async with app.run_test(size=(120, 40)) as pilot:
+        app.tick()
+        for worker in [one for one in app.workers if one.group == "earlier"]:
+            await worker.wait()
+        await pilot.pause()
+        assert app.history.worked.box.east_m > 400.0 and app.guide.b == (0.0, 50.0)
+        app.guide.clear()
+        app.keep_line(guide_record(app.guide))
+        app.services.lines.close()
+    assert KeptLineFiles().read(str(log)).guide.set

@@ -5,7 +5,9 @@ from rich.cells import cell_len
 from textual.content import Content
 
 from console.app.view import Item
-from console.app.widgets.panel import Panel, Part, fit, line
+from console.app.widgets.panel import Panel, Part, fit, fullest, line
+
+APART = "  "            # between the parts of a value
 
 
 class Items(Panel[tuple[Item, ...]]):
@@ -15,12 +17,27 @@ class Items(Panel[tuple[Item, ...]]):
         count = -(-len(view) // columns)
         label_widths = [max((cell_len(item.label) for item in view[first:first + count]), default=0) + 2
                         for first in range(0, len(view), max(1, count))]
-        rows = []
+        rows, left = [], height - count
         for row in range(count):
-            parts: list[Part] = []
-            for item, label_width in zip(view[row::count], label_widths, strict=False):
-                style = "$stale" if item.value.stale else "bold"
-                parts += [(fit(f" {item.label}", label_width), "$muted"),
-                          (fit(f" {item.value.text}", each - label_width), style)]
-            rows.append(line(*parts))
+            cells = [_cell(item, each, label_width, left) for item, label_width in zip(
+                view[row::count], label_widths, strict=False)]
+            high = max(len(cell) for cell in cells)
+            left -= high - 1
+            rows += [line(*(part for cell in cells for part in (
+                cell[number] if number < len(cell) else [(" " * each, "")]))) for number in range(high)]
         return rows
+
+
+def _cell(item: Item, width: int, label_width: int, more: int) -> list[list[Part]]:
+    """Rows of label and value. A value that has no room moves together, then its parts take rows of their own, `more`
+    at most."""
+    style = "$stale" if item.value.stale else "bold"
+    room = width - label_width - 1
+    text = fullest((item.value.text, item.value.text.replace(APART, " ")), room)
+    texts = [text]
+    if cell_len(text) > room:
+        parts = item.value.text.split(APART)
+        whole = len(parts) - max(0, len(parts) - 1 - more)
+        texts = [*parts[:whole - 1], APART.join(parts[whole - 1:])]
+    return [[(fit(f" {item.label if not number else ''}", label_width), "$muted"),
+             (fit(f" {one}", width - label_width), style)] for number, one in enumerate(texts)]

@@ -67,7 +67,7 @@ def job_items(frame: Frame | None, picture: FieldPicture | None, units: Units, s
     return tuple(Item(label, Shown(text, stale)) for label, text in (
         (_("done"), f"{units.area.full(frame.area_ha)}{share}"),
         (_("left"), units.area.full(left.area_ha)),
-        (_("time left"), f"{time_left}  {units.distance.full(left.way_m)}"),
+        (_("time left"), f"{time_left}  {units.way(left.way_m).full(left.way_m)}"),
         (_("applied"), units.mass.full(frame.applied_kg)),
         (_("still needed"), units.mass.full(left.product_kg)),
         (_("in hopper"), units.mass.full(row.hopper_kg)),
