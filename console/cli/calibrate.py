@@ -70,7 +70,7 @@ def _day(text: str | None) -> dt.date:
 
 
 def _save_test(product: str, machine: Machine, flow: FlowFit, day: dt.date, data: Path, out: Path) -> None:
-    """The product with this test beside its earlier ones."""
+    """The product with this test added to its earlier ones."""
     from control.calibration.product import catch_test
     from drivers.files.config import load, save, sha256_of
     from drivers.files.kinds import PRODUCT
@@ -101,7 +101,7 @@ def lag(
     repeats: Annotated[int, typer.Option(metavar="NUMBER", min=1, max=100, help="--rig: runs at each speed.")] = 10,
     opening_mm: Annotated[float | None, typer.Option(metavar="MM", help="--rig: opening of the gate; default: as it "
                                                      "stands.")] = None,
-    no_key: Annotated[bool, typer.Option("--no-key", help="--rig: turn without a held key; somebody stands beside the "
+    no_key: Annotated[bool, typer.Option("--no-key", help="--rig: turn without a held key; somebody stands at the "
                                          "hard-wired stop.")] = False,
     date: Date = None,
     force: Force = False,
@@ -183,7 +183,7 @@ def _save(fitted: Machine, data: Path, out: Path) -> None:
     typer.echo(f"machine file: {out}")
 
 
-UNSETTLED = ("starts do not tell whether the stream in the tube carries what falls; a step from 40 to 80 r/min at the "
+UNSETTLED = ("starts do not show whether the stream in the tube carries what falls; a step from 40 to 80 r/min at the "
              "rig, ten times, does (before_rpm in the table): docs/field-work.md")
 
 
@@ -197,7 +197,7 @@ def _signed(machine: Machine, data: Path) -> Machine:
 
 
 def _from_log(what: What, data: Path, machine: Machine, today: str) -> Machine:
-    """The machine as a run log makes it; what was found is told."""
+    """The machine as a run log makes it; prints what was found."""
     from control.calibration.heads_check import check_heads
     from control.calibration.wheel_fit import fit_wheel
     from drivers.files.calibration_log import counted_by, heads_columns, wheel_columns

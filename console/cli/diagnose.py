@@ -124,7 +124,7 @@ def _columns(path: Path, machine: Machine, where: str = "") -> dict[str, Any]:
     from drivers.files.any_log import open_log
     log = open_log(path)
     for finding in log.findings:
-        if finding.id != "missing" or not machine.stages:       # what it has not got is not told of
+        if finding.id != "missing" or not machine.stages:       # what the machine has not got is not missed
             typer.echo(f"note: {where}{finding}", err=True)
     return dict(log.columns)
 

@@ -28,13 +28,13 @@ def import_log(
                                                 "shapefile of points, ISOXML task with a time log, Parquet.")],
     *,
     mapping: Annotated[Path | None, typer.Option(metavar="M.yaml", help="Import file: what the columns mean. With "
-                                                 "--guess: where to write it; default beside output or file.")] = None,
+                                                 "--guess: where to write it; default: by the output or file.")] = None,
     guess: Annotated[bool, typer.Option("--guess", help="Write a first import file, what is unsure marked; import "
                                         "nothing.")] = False,
     machine: Annotated[str | None, typer.Option(metavar="MACHINE", help="Machine file, or name of a shipped one: what "
                                                 "100 % or the full count of a command is, where the file does not "
                                                 "say.")] = None,
-    out: Annotated[Path | None, typer.Option(metavar="LOG.csv", help="The run log; its sidecar stands beside. "
+    out: Annotated[Path | None, typer.Option(metavar="LOG.csv", help="The run log; its sidecar is written next to it. "
                                              "LOG.parquet: all in one small file; a run log becomes one too, and is "
                                              "read back equal.")] = None,
     inside: Annotated[str | None, typer.Option(metavar="NAME", help="Of a zip or folder with several: the task set or "

@@ -53,7 +53,7 @@ def measure_lag(rig: str, board: str | None, gnss: str | None, *, machine: str, 
         return
     if not (no_key or sys.stdin.isatty()):
         raise CommandError("lag test: the shaft turns only while the space bar is held down, and there is no keyboard "
-                           "here: allowed is --no-key, with somebody beside the hard-wired stop")
+                           "here: allowed is --no-key, with somebody at the hard-wired stop")
     from drivers.devices.lag_test import Plan
     plan = Plan(shaft_rpm=tuple(speeds_rpm) or Plan().shaft_rpm, repeats=repeats)
     with keys() as keyboard:

@@ -73,7 +73,7 @@ def machine(
     if out.suffix not in (".yaml", ".yml"):
         raise CommandError(f"--out {out}: allowed is a name that ends in .yaml")
     if out.resolve() == log_files(log)[1].resolve():
-        raise CommandError(f"--out {out}: the place of what is told of the log {log}: allowed is another name")
+        raise CommandError(f"--out {out}: is the sidecar of the log {log}: allowed is another name")
     refuse_collisions(log_files(log), [Output((out,))], force)
     try:
         columns = dict(open_log(log).columns)

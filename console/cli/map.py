@@ -1,4 +1,4 @@
-"""`topdress map`: prescriptions read, told and converted; run logs to as-applied exports."""
+"""`topdress map`: prescriptions read, summarised and converted; run logs to as-applied exports."""
 from __future__ import annotations
 
 import json
@@ -26,7 +26,7 @@ def map_files(
     *,
     out: Annotated[Path | None, typer.Option(metavar="OUT", help="By its ending: .geojson, .shp, .gpkg, .kml, .zip "
                                              "(ISOXML task), a folder (ISOXML task); of a run log also .csv and .html "
-                                             "(the job's report). Without it: IN is only told.")
+                                             "(the job's report). Without it: only a summary of IN.")
                    ] = None,
     column: Annotated[str | None, typer.Option(metavar="NAME",
                                                help="Rate column of a shapefile, GeoJSON or CSV.")] = None,
@@ -50,12 +50,12 @@ def map_files(
     rule: Annotated[str | None, typer.Option(metavar="JOB", help="IN holds the canopy's index (NDVI): rates by the "
                                              "rule of this job's crop.")] = None,
     machine: Annotated[str | None, typer.Option(metavar="MACHINE",
-                                                help="Of a run log that has no NAME.yaml beside it.")] = None,
+                                                help="Of a run log without its NAME.yaml.")] = None,
     product: Annotated[str | None, typer.Option(metavar="NAME",
                                                 help="Name of the product, instead of the log's.")] = None,
     every: Annotated[float, typer.Option(metavar="S", help="Longest stretch of an as-applied export, s.")] = 1.0,
     polygons: Annotated[bool, typer.Option("--polygons", help="As-applied as ground covered, not points.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="What is told, as JSON.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="The summary as JSON.")] = False,
     force: Force = False,
 ) -> None:
     """Read a prescription and convert it, or export what a run log applied."""

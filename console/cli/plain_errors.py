@@ -20,7 +20,7 @@ from drivers.plain_text import one_line
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-FAILED, WRONG, NOT_JUDGED, OUR_FAULT, CANCELLED = 1, 2, 3, 70, 130      # exit codes, told by `topdress --help`
+FAILED, WRONG, NOT_JUDGED, OUR_FAULT, CANCELLED = 1, 2, 3, 70, 130      # exit codes, listed by `topdress --help`
 
 
 class CommandError(Exception):

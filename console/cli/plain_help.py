@@ -1,4 +1,4 @@
-"""Help in words: what an argument is called says what it is, ranges are told; Python's names and signs are left out."""
+"""Help in words: an argument's name says what it is, ranges are written out, no types and signs of Python."""
 from __future__ import annotations
 
 import re

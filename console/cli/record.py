@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def record(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Run logs, or logs of other programs.")],
     out: Annotated[Path | None, typer.Option(metavar="FARM.csv", help="The farm record: a line for each log, added to "
-                                             "those that are there. Without it: the sums are only told.")] = None,
+                                             "those that are there. Without it: only the sums are printed.")] = None,
     price: Annotated[list[str] | None, typer.Option(metavar="PRODUCT=MONEY", help="Of a kilogram of a product "
                                                     "(repeatable); MONEY alone: of every product. Without it: the "
                                                     "job's price_per_kg.")] = None,

@@ -26,7 +26,7 @@ def reproduce(
     seed: Annotated[int, typer.Option(metavar="NUMBER", min=0, help="Of the simulated canopies and noise.")] = 1,
     force: Force = False,
 ) -> None:
-    """Recompute the three papers and set what they print beside what comes out here."""
+    """Recompute the three papers: published next to obtained."""
     from console.reports.figure import need_matplotlib
     from console.reports.html import GENERATOR
     from console.reports.paper_page import paper_page

@@ -45,7 +45,7 @@ def simulate(
     job: Annotated[str, typer.Option(metavar="JOB", help="Job file, or name of a shipped one.")] = "demo",
     seconds: Annotated[float, typer.Option(metavar="SECONDS", min=1.0, help="Simulated time.")] = 600.0,
     seed: Annotated[int, typer.Option(metavar="NUMBER", min=0, help="Of canopy and noise.")] = 1,
-    out: Annotated[Path | None, typer.Option(metavar="LOG.csv", help="Run log; beside it LOG.truth.csv. "
+    out: Annotated[Path | None, typer.Option(metavar="LOG.csv", help="Run log; LOG.truth.csv is written next to it. "
                                              "Without it: nothing is written.")] = None,
     effect: Annotated[list[str] | None, typer.Option(metavar="ID=SIZE[@ONSET_S][#MEMBER]", help="Plant an effect that "
                                                      "the controller does not know (repeatable).")] = None,

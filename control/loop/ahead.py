@@ -37,7 +37,7 @@ class Ahead:
     """Looked at once a tick; then asked for the profile of targets that holds."""
 
     def __init__(self, machine: Machine, crop: Crop, rule: Rule, job: Job, fence: Fence | None, headland: Fence | None,
-                 prescription: MapProfile | None, index_map: IndexMap | None = None,
+                 *, prescription: MapProfile | None, index_map: IndexMap | None = None,
                  done: DoneGround | None = None) -> None:
         geometry, width_m = machine.geometry, machine.geometry.working_width_m
         self._machine = machine

@@ -78,7 +78,8 @@ class ControlLoop:
         self.safety = Safety(allowed, has_work_switch)
         self._stopped = Stopped(machine, allowed, obeyed)
         self._sensing = Sensing(machine.geometry.antenna_m, _plane(job, prescription, points, index_map, done))
-        self._ahead = Ahead(machine, crop, rule, job, fence, headland, prescription, index_map, done)
+        self._ahead = Ahead(machine, crop, rule, job, fence, headland, prescription=prescription,
+                            index_map=index_map, done=done)
         self._doses = None if points is None else Doses(machine, points, self._ahead, self._drive_limits)
         self._backing = Backing(machine)
         self._near = MapNear(None if prescription is None else prescription.prescription, job.field.boundary_m)
