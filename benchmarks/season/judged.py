@@ -18,8 +18,8 @@ from season.truth import (
     Planted,
 )
 
-from control.diagnosis.season.courses import Course, Shared
-from control.diagnosis.season.owner import Low, MachineSeason, repaired_d, wears
+from control.diagnosis.season.courses import Course, Shared, wears
+from control.diagnosis.season.owner import Low, MachineSeason
 
 MOST_STRANGE = 1            # machines with an effect told that was not planted, of all
 DATE_OFF_D = 3.0
@@ -90,7 +90,7 @@ def _course(told: Told, planted: Planted) -> Course | None:
 
 def _matters(one: Course) -> bool:
     """Whether more is told than what the machine's tolerances, and a product's level, leave open."""
-    return any(abs(size) > 2.0 * half + one.open_half for piece in one.pieces
+    return any(abs(size) > 2.0 * half for piece in one.pieces
                for size, half in ((piece.begin, piece.begin_half), (piece.end, piece.end_half)))
 
 
@@ -104,13 +104,17 @@ def _held(planted: Planted, course: Course, first_d: float) -> tuple[bool, str]:
         right = planted.effect in OTHER_FORM or abs(slope - planted.per_day) < SLOPE_OFF * abs(planted.per_day)
         return wears(course) and right, said
     if planted.repaired:
-        dates = [one - first_d for one in repaired_d(course)]
+        dates = [one - first_d for one in _repaired_d(course)]
         return any(abs(one - (planted.last + 0.5)) < DATE_OFF_D for one in dates), said
     if planted.first > 0:
         dates = [one - first_d for one in course.breaks_d]
         return any(abs(one - (planted.first - 0.5)) < DATE_OFF_D for one in dates) and _size_held(
-            planted.end, course.pieces[-1].end, course.pieces[-1].end_half + course.open_half), said
-    return _size_held(planted.end, course.mean, course.mean_half + course.open_half), said
+            planted.end, course.pieces[-1].end, course.pieces[-1].end_half), said
+    return _size_held(planted.end, course.mean, course.mean_half), said
+
+
+def _repaired_d(course: Course) -> list[float]:
+    return [change.time_d for change in course.changes if change.repair > 0.5]
 
 
 def _size_held(truth: float, told: float, half: float) -> bool:
@@ -120,7 +124,7 @@ def _size_held(truth: float, told: float, half: float) -> bool:
 def _words(course: Course, first_d: float) -> str:
     pieces = "; ".join(f"{piece.begin:+.2f} to {piece.end:+.2f} (+-{piece.end_half:.2f}) on days "
                        f"{piece.begin_d - first_d:.0f} to {piece.end_d - first_d:.0f}" for piece in course.pieces)
-    repairs = "".join(f", repaired at {one - first_d:.1f}" for one in repaired_d(course))
+    repairs = "".join(f", repaired at {one - first_d:.1f}" for one in _repaired_d(course))
     return f"{course.effect} {pieces}{', wears' if wears(course) else ''}{repairs}"
 
 

@@ -8,8 +8,9 @@ from season.judged import Checks, Told, judge
 from season.logs import columns_of
 from season.truth import MACHINES, NEVER_REFILLS, Day, days
 
-from control.diagnosis.season.courses import OneLog, courses
+from control.diagnosis.season.courses import fitted
 from control.diagnosis.season.evidence import Form, evidence
+from control.diagnosis.season.forms import OneLog
 from control.machine.machine import Machine
 
 REAL = 8                    # logs whose information is drawn from
@@ -49,8 +50,8 @@ def pooled(seeds: list[int], minutes: float, machine: Machine) -> Checks:
                 drawn(form, truth, off.setdefault(day.machine, {}), rng) for form in forms),
                 {"product": day.product, "operator": day.operator, "field": day.field}))
         begin = time.process_time()
-        found, shared = courses(logs)
+        fit = fitted(logs)
         print(f"seed {seed}: {len(logs)} logs of {MACHINES} machines put together in "
               f"{time.process_time() - begin:.1f} s of processor; {NEVER_REFILLS} is of whole logs only", flush=True)
-        judge(Told(found, shared, None, 0.0), every)
+        judge(Told(fit.courses, fit.shared, None, 0.0), every)
     return every

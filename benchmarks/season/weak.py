@@ -17,7 +17,7 @@ from season.logs import PROGRAMMES, ROW_HZ
 
 from console.services.fleet_job import record
 from console.services.fleet_season import one_log
-from control.diagnosis.season.courses import selected
+from control.diagnosis.season.courses import fitted
 from control.machine.machine import Machine
 from drivers.files.log_store import write_store
 from drivers.files.run_meta import run_meta
@@ -44,7 +44,7 @@ def weak(minutes: float, machine: Machine, seed: int, checks: Checks) -> None:
                                                      extra={"unit": "m"}))
                 records.append({"key": place.stem, **record(str(place), {}, machine.model_dump(mode="json"), {})})
                 z += [Eye(Plant(done), noises, Physics()).z(planted)] if planted else []
-        found = dict(selected([one_log(one) for one in records]))
+        found = {one.effect: one.probability for one in fitted([one_log(one) for one in records]).courses}
         named = sum(EFFECT in [cause["id"] for cause in one["causes"]] for one in records)
         if size:
             checks.that(list(found) == [EFFECT], f"{EFFECT} {size:g}, z {min(z):.1f} to {max(z):.1f} (mean "

@@ -22,7 +22,7 @@ from season.ran import ENVIRONMENT, ROOT, Ran, done_in, ran, records_in
 from season.truth import DAYS, MACHINES, PLANTED, WEAK, WEAK_DAYS, WRONG_CLOCK, days
 
 from console.services.fleet_season import one_log, season
-from control.diagnosis.season.courses import selected
+from control.diagnosis.season.courses import fitted
 from control.machine.machine import Machine
 
 LONG_ROWS = 1_000_000
@@ -48,7 +48,7 @@ def told(out: Path, minutes: float, checks: Checks) -> None:
     begin = time.process_time()
     found = season(records, broken, time.time() / 86_400.0)
     print(f"put together in {time.process_time() - begin:.1f} s of processor")
-    judge(Told(found.courses, found.shared, found.low), checks)
+    judge(Told(found.fit.courses, found.fit.shared, found.low), checks)
     checks.that(len(found.machines) == MACHINES, f"{len(found.machines)} machines, however their names are spelt")
     aside = {one.path.replace("\\", "/") for one in found.aside}
     checks.that(len(aside) == len(WRONG_CLOCK) and all(any(f"{machine}/{day:02d}." in path for path in aside)
@@ -56,7 +56,8 @@ def told(out: Path, minutes: float, checks: Checks) -> None:
     kilograms(found.machines, _wrong_kg(records, minutes), checks)
     own = [one for one in records if f"/{WEAK}/" in one["path"] and int(Path(one["path"]).stem) < WEAK_DAYS]
     named = sum("shaft.load_droop" in [cause["id"] for cause in one["causes"]] for one in own)
-    weak_alone(dict(selected([one_log(one) for one in own])), _zs(minutes), named, checks)
+    weak_alone({one.effect: one.probability for one in fitted(
+        [one_log(one) for one in own]).courses}, _zs(minutes), named, checks)
 
 
 def _wrong_kg(records: list[dict[str, Any]], minutes: float) -> dict[str, float]:

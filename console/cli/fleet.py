@@ -14,7 +14,7 @@ from console.cli.outputs import Force, marked, named, refuse_collisions
 from console.cli.plain_errors import CANCELLED, CommandError
 from console.cli.progress_line import ProgressLine
 
-REPORT, DATA = "report.html", ("logs", "courses", "pieces", "shared", "machines")
+REPORT = "report.html"
 ABOUT = ("log", "unit", "product", "operator", "field", "time")
 
 
@@ -46,6 +46,7 @@ def fleet(
     from console.reports.html import GENERATOR
     from console.services.fleet import Asked, cluster, diagnosed, logs_at
     from console.services.fleet_job import FORMAT
+    from console.services.fleet_season import TABLES
     from drivers.files.config import load, sha256_of
     from drivers.files.kinds import MACHINE
     from drivers.files.run_meta import software_version
@@ -58,7 +59,7 @@ def fleet(
     table = None if about is None else Path(about)
     reads = [*(Path(log) for log in logs if "://" not in log), named(machine, MACHINE.folder),
              *([] if table is None else [table])]
-    tables = [out / f"{name}.parquet" for name in DATA]
+    tables = [out / f"{name}.parquet" for name in TABLES]
     refuse_collisions(reads, [marked(out / REPORT, GENERATOR.encode(), tables)], force)
     known = {} if table is None else _about(table, logs)
     out.mkdir(parents=True, exist_ok=True)
@@ -90,7 +91,7 @@ def _options(said: list[str]) -> dict[str, str]:
 
 
 def _told(found: object, out: Path, price: float | None, currency: str) -> None:
-    from console.reports.fleet_page import aside_words, costliest, fleet_page, low_words, shared_words
+    from console.reports.fleet_page import aside_words, costliest, fleet_page, low_words, same_words, shared_words
     from console.services.fleet import Found
     from console.services.fleet_season import season, write_tables
     from drivers.files.atomic import write_atomically
@@ -102,15 +103,16 @@ def _told(found: object, out: Path, price: float | None, currency: str) -> None:
         typer.echo(f"broken: {why}" if path in why else f"broken: {path}: {why}", err=True)
     whole = season(found.records, found.broken, time.time() / 86_400.0)
     write_tables(out, whole, found.records)
-    page = fleet_page(whole.machines, whole.shared, low=whole.low, units=whole.units, broken=whole.broken, price=price,
+    page = fleet_page(whole.machines, whole.fit, low=whole.low, units=whole.units, broken=whole.broken, price=price,
                       currency=currency, software=f"topdress {software_version()}", aside=whole.aside,
                       by_file_date=whole.by_file_date)
     write_atomically(out / REPORT, page)
     for one in whole.machines:
         typer.echo(f"{one.machine:20} {one.wrong_kg:9.1f} of {one.applied_kg:9.1f} kg  now {one.now_percent:+5.1f} %"
                    f"  {costliest(one)}")
-    shared = (shared_words(one, whole.units) for one in whole.shared)
-    for said in (*map(aside_words, whole.aside), *shared, *map(low_words, whole.low)):
+    fit = whole.fit
+    shared = (shared_words(one, whole.units) for one in fit.shared)
+    for said in (*map(aside_words, whole.aside), *shared, *map(same_words, fit.same), *map(low_words, whole.low)):
         typer.echo(said)
     typer.echo(f"report: {out / REPORT}", err=True)
 

@@ -2,9 +2,7 @@
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Mapping, Sequence
-
-import numpy as np
+from collections.abc import Iterator, Mapping, Sequence
 
 from console.locale import N_, _
 from console.reports.figure import AFTER, BEFORE, DIM, drawn, svg
@@ -12,36 +10,42 @@ from console.reports.html import escape, figure, items, page, paragraph, section
 from console.reports.numbers import fixed
 from console.reports.page_style import STYLE
 from console.reports.picture import Picture
-from control.diagnosis.season.courses import Course, Shared
-from control.diagnosis.season.owner import Low, MachineSeason, repaired_d, wears
+from control.diagnosis.season.courses import Course, Fit, Same, Shared, wears
+from control.diagnosis.season.mixed import MACHINE, Alternative
+from control.diagnosis.season.owner import Low, MachineSeason, still_there
 from control.machine.machine import CATALOGUE
 
 SHOWN = 40                  # machines with pictures
 MOST_DATES = 7              # along a picture
-FACTORS = {"product": N_("product"), "operator": N_("operator"), "field": N_("field")}
+FACTORS = {"product": N_("product"), "operator": N_("operator"), "field": N_("field"), "machine": N_("machine"),
+           "fleet": N_("all machines")}
 
 
-def fleet_page(machines: Sequence[MachineSeason], shared: Sequence[Shared], *, low: Sequence[Low],
-               units: Mapping[str, str], broken: Sequence[tuple[str, str]], price: float | None, currency: str,
-               software: str, aside: Sequence[tuple[str, str]] = (), by_file_date: int = 0) -> str:
+def fleet_page(machines: Sequence[MachineSeason], fit: Fit, *, low: Sequence[Low], units: Mapping[str, str],
+               broken: Sequence[tuple[str, str]], price: float | None, currency: str, software: str,
+               aside: Sequence[tuple[str, str]] = (), by_file_date: int = 0) -> str:
     """A whole HTML page. price: of a kilogram; None: no money. aside: path and date of logs whose clock was wrong.
 
     by_file_date: logs that tell no time of their own. Needs matplotlib.
     """
     logs, kg = sum(one.logs for one in machines), sum(one.applied_kg for one in machines)
-    wrong = sum(one.wrong_kg for one in machines)
-    said = _("{wrong} of {kg} kg were spread too much or too little").format(wrong=fixed(wrong, 0), kg=fixed(kg, 0))
+    wrong, most = sum(one.wrong_kg for one in machines), sum(one.most_kg for one in machines)
+    said = _("{wrong} of {kg} kg were spread too much or too little").format(
+        wrong=_between(wrong, most), kg=fixed(kg, 0))
     head = [_("machine"), _("logs"), _("hours"), _("applied, kg"), _("spread wrongly, kg"),
             *([] if price is None else [_("money, {currency}").format(currency=currency)]), _("dose now, %"),
-            _("costliest cause")]
-    rows = [[one.machine, str(one.logs), fixed(one.hours, 1), fixed(one.applied_kg, 0), fixed(one.wrong_kg, 1),
-             *([] if price is None else [fixed(price * one.wrong_kg, 0)]), f"{one.now_percent:+.1f}",
-             costliest(one)] for one in machines]
+            _("by operator, product, field, %"), _("costliest cause")]
+    rows = [[one.machine, str(one.logs), fixed(one.hours, 1), fixed(one.applied_kg, 0),
+             _between(one.wrong_kg, one.most_kg, 1),
+             *([] if price is None else [_between(price * one.wrong_kg, price * one.most_kg)]),
+             f"{one.now_percent:+.1f}", f"{one.others_percent:+.1f}", costliest(one)] for one in machines]
     numbers = frozenset(range(1, len(head) - 1))
     parts = [
         section(_("Machines, worst first"), table(head, rows, numbers)),
         section(_("At the next service"), items(service(machines))),
-        section(_("What logs share"), items([*(shared_words(one, units) for one in shared), *map(low_words, low)])),
+        section(_("What logs share"), items([*(shared_words(one, units) for one in fit.shared),
+                                             *map(same_words, fit.same), *map(low_words, low)])),
+        *_level_tables(fit, units),
         *(_of_machine(one, units, number) for number, one in enumerate(machines[:SHOWN]) if one.courses),
         section(_("Logs without a time"), items([*map(aside_words, aside), *by_file_words(by_file_date)])),
         section(_("Logs that could not be read"),
@@ -53,6 +57,24 @@ def fleet_page(machines: Sequence[MachineSeason], shared: Sequence[Shared], *, l
                               f'{paragraph(software, "dim")}')
 
 
+def _between(low: float, high: float, digits: int = 0) -> str:
+    """Two numbers, or one where they are the same as shown."""
+    ends = fixed(low, digits), fixed(high, digits)
+    return ends[0] if ends[0] == ends[1] else _("{low} to {high}").format(low=ends[0], high=ends[1])
+
+
+def _level_tables(fit: Fit, units: Mapping[str, str]) -> Iterator[str]:
+    """Every operator and product of each effect that is told, the commonest among them, with its interval."""
+    for effect in sorted({one.effect for one in fit.levels}):
+        rows = [[_factor(one), str(one.logs), f"{one.size:+.2f} +- {fixed(one.half, 2)}",
+                 f"{100.0 * one.probability:.0f}", "" if one.apart else _("these logs cannot part it from others")]
+                for one in fit.levels if one.effect == effect and one.factor in ("operator", "product")]
+        if rows:
+            title = f"{titled(effect)}, {_unit(effect, units)}"
+            yield section(title, table([_("who or what"), _("logs"), _("size, 90 % interval"), _("probability, %"), ""],
+                                       rows, frozenset({1, 2, 3})))
+
+
 def titled(name: str) -> str:
     """An effect's title; of a member's, with its number."""
     effect_id, _hash, member = name.partition("#")
@@ -61,54 +83,89 @@ def titled(name: str) -> str:
 
 
 def costliest(one: MachineSeason) -> str:
-    """What costs a machine most, of its own or of what its logs share."""
-    causes = [*((kg, titled(course.effect)) for course, kg in one.courses),
-              *((kg, f"{_factor(shared)}: {titled(shared.effect)}") for shared, kg in one.shared)]
-    return max(causes, key=lambda each: each[0])[1] if causes else "-"
+    """What costs a machine most of what is still there, its own or shared; its set of alternatives."""
+    causes = [cost for cost in (*one.courses, *one.shared) if still_there(cost.cause)]
+    if not causes:
+        return "-"
+    cause = max(causes, key=lambda cost: (cost.kg, cost.most_kg)).cause
+    name = set_words(cause)
+    return name if isinstance(cause, Course) else f"{_factor(cause)}: {name}"
 
 
-def _factor(one: Shared) -> str:
-    return f"{_(FACTORS.get(one.factor, one.factor))} {one.level}"
+def set_words(cause: Course | Shared) -> str:
+    """A cause, or all that it may be with their probabilities."""
+    if len(cause.alternatives) < 2:
+        return titled(cause.effect)
+    own = (MACHINE, cause.machine) if isinstance(cause, Course) else (cause.factor, cause.level)
+    return _(" or ").join(
+        f"{titled(one.effect)}{'' if (one.factor, one.level) == own else ' (' + _factor(one) + ')'} "
+        f"{100.0 * one.probability:.0f} %" for one in cause.alternatives)
+
+
+def _factor(one: Shared | Alternative) -> str:
+    return f"{_(FACTORS.get(one.factor, one.factor))} {one.level}".strip()
 
 
 def service(machines: Sequence[MachineSeason]) -> list[str]:
-    """What to do, costliest first over all machines; what a product does is done once."""
-    every = [(kg, one.machine, course.effect) for one in machines for course, kg in one.courses if _over(course)]
-    of_level: dict[Shared, float] = {}
+    """What to do, costliest first over all machines; what a product does is done once; what may be several things is
+    told apart first."""
+    of_level: dict[Shared, list[float]] = {}
+    every: list[tuple[float, float, str, Course | Shared]] = []
     for one in machines:
-        for shared, kg in one.shared:
-            of_level[shared] = of_level.get(shared, 0.0) + kg
-    every += [(kg, _factor(shared), shared.effect) for shared, kg in of_level.items()]
+        for cost in (*one.courses, *one.shared):
+            if isinstance(cost.cause, Shared):
+                sums = of_level.setdefault(cost.cause, [0.0, 0.0])
+                sums[0] += cost.kg
+                sums[1] += cost.most_kg
+            elif still_there(cost.cause):
+                every.append((cost.kg, cost.most_kg, one.machine, cost.cause))
+    every += [(sums[0], sums[1], _factor(shared), shared) for shared, sums in of_level.items()]
     return [_("{machine}: {advice} ({title}, {kg} kg)").format(
-        machine=who, advice=_(CATALOGUE[effect.partition("#")[0]].effect.advice), title=titled(effect),
-        kg=fixed(kg, 1)) for kg, who, effect in sorted(every, key=lambda each: -each[0])]
+        machine=who, advice=_advice(cause), title=set_words(cause), kg=_between(kg, most, 1))
+        for kg, most, who, cause in sorted(every, key=lambda each: (-each[0], -each[1]))]
 
 
-def _over(course: Course) -> bool:
-    """Whether it is still there at the end."""
-    last = course.pieces[-1]
-    return abs(last.end) > last.end_half + course.open_half
+def _advice(cause: Course | Shared) -> str:
+    """Where the set has one advice that, else what to look at in turn."""
+    effects = list(dict.fromkeys((cause.effect, *cause.alike)))
+    said = list(dict.fromkeys(_(CATALOGUE[effect.partition("#")[0]].effect.advice) for effect in effects))
+    if len(said) == 1:
+        return said[0]
+    return _("find out which it is, likeliest first: {each}").format(each="; ".join(said))
 
 
 def course_words(course: Course, unit: str) -> str:
     """How an effect went over the season, in one sentence."""
     last = course.pieces[-1]
-    half = float(np.hypot(last.end_half, course.open_half))
     said = _("{title}: {size} {unit} +- {half} at the end").format(
-        title=titled(course.effect), size=f"{last.end:+.2f}", half=fixed(half, 2), unit=unit)
+        title=titled(course.effect), size=f"{last.end:+.2f}", half=fixed(last.end_half, 2), unit=unit)
     if wears(course):
         said += _(", growing by {slope} a day (wear)").format(slope=f"{last.per_day:+.3f}")
-    for time_d in repaired_d(course):
-        said += _(", less from {date} on (repair or new setting)").format(date=_date(time_d))
-    if course.alike:
-        said += _("; these logs cannot tell it from {others}").format(others=", ".join(map(titled, course.alike)))
+    for change in course.changes:
+        if change.repair >= 0.5 * change.probability:
+            said += _(", repaired or set anew on {date} with {percent} % ({logs} logs after)").format(
+                date=_date(change.time_d), percent=f"{100.0 * change.repair:.0f}", logs=change.logs_after)
+        else:
+            said += _(", another from {date} on with {percent} %").format(
+                date=_date(change.time_d), percent=f"{100.0 * change.probability:.0f}")
+    if len(course.alternatives) > 1:
+        said += _("; these logs cannot tell which: {others}").format(others=set_words(course))
     return said
 
 
 def shared_words(one: Shared, units: Mapping[str, str]) -> str:
-    return _("{factor} {level}: {title} {size} {unit} +- {half} on every machine ({logs} logs)").format(
-        factor=_(FACTORS.get(one.factor, one.factor)), level=one.level, title=titled(one.effect),
-        size=f"{one.size:+.2f}", half=fixed(one.half, 2), unit=_unit(one.effect, units), logs=one.logs)
+    said = _("{factor}: {title} {size} {unit} +- {half} on every machine ({logs} logs)").format(
+        factor=_factor(one), title=titled(one.effect), size=f"{one.size:+.2f}", half=fixed(one.half, 2),
+        unit=_unit(one.effect, units), logs=one.logs)
+    if len(one.alternatives) > 1:
+        said += _("; these logs cannot tell which: {others}").format(others=set_words(one))
+    return said
+
+
+def same_words(one: Same) -> str:
+    return _("{one} and {other} have the same logs: whose doing something is, they cannot tell").format(
+        one=_factor(Alternative(one.factor, one.level, "", 0.0, 0.0)),
+        other=_factor(Alternative(one.other_factor, one.other_level, "", 0.0, 0.0)))
 
 
 def _unit(effect: str, units: Mapping[str, str]) -> str:
@@ -136,7 +193,7 @@ def by_file_words(logs: int) -> list[str]:
 
 def _of_machine(one: MachineSeason, units: Mapping[str, str], number: int) -> str:
     pictures = [figure(_time_line(course, _unit(course.effect, units), f"m{number}c{k}"))
-                for k, (course, _kg) in enumerate(one.courses)]
+                for k, course in enumerate(cost.cause for cost in one.courses) if isinstance(course, Course)]
     return section(one.machine, *pictures)
 
 

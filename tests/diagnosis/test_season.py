@@ -2,8 +2,10 @@
 import numpy as np
 import pytest
 
-from control.diagnosis.season.courses import OneLog, courses, selected
+from control.diagnosis.season.courses import Course, Shared, fitted
 from control.diagnosis.season.evidence import Form
+from control.diagnosis.season.forms import OneLog, stacked
+from control.diagnosis.season.mixed import found as causes_found
 
 NAMES = ("flow.gain", "flow.fill_falloff", "flow.slope", "gate.offset")
 GRAM = np.array([[1.0, 0.6, 0.1, 0.0], [0.6, 1.0, 0.0, 0.1], [0.1, 0.0, 1.0, 0.0], [0.0, 0.1, 0.0, 1.0]])
@@ -17,6 +19,16 @@ def log(rng: np.random.Generator, number: int, truth: dict[str, float], sd: floa
     right = normal @ truly + np.linalg.cholesky(normal) @ rng.normal(size=4)
     return OneLog(f"{machine}{number}", machine, float(number), (Form(NAMES, tuple(map(tuple, normal)), tuple(right)),),
                   shared)
+
+
+def courses(logs: list[OneLog]) -> tuple[list[Course], list[Shared]]:
+    fit = fitted(logs)
+    return list(fit.courses), list(fit.shared)
+
+
+def selected(logs: list[OneLog]) -> list[tuple[str, float]]:
+    every = stacked(logs)
+    return [(every.names[one.effect], one.log_odds) for one in causes_found(every)]
 
 
 def test_an_effect_too_weak_for_one_log_is_found_in_thirty() -> None:
@@ -71,13 +83,16 @@ def test_a_product_that_flows_otherwise_is_shared_and_taken_off_the_courses() ->
             product = "urea" if (k // 4 + ord(machine)) % 3 else "compound"
             truth = {"flow.gain": (5.0 if product == "compound" else 0.0) + (0.0 if machine != "d" else -6.0)}
             logs.append(log(rng, k, truth, machine=machine, product=product, operator="o" + machine))
-    found, shared = courses(logs)
-    (seen,) = shared
+    fit = fitted(logs)
+    found, (seen,) = fit.courses, fit.shared
     assert (seen.factor, seen.level, seen.effect) == ("product", "compound", "flow.gain")
     assert seen.size == pytest.approx(5.0, abs=1.5 * seen.half)
     by_machine = {one.machine: one for one in found if one.effect == "flow.gain"}
     assert by_machine["d"].mean == pytest.approx(-6.0, abs=0.8)
     assert all(len(one.pieces) == 1 for one in by_machine.values())
+    sets = {(one.factor, one.level): one.probability for one in by_machine["d"].alternatives}
+    assert sets == {("machine", "d"): pytest.approx(0.5, abs=0.05), ("operator", "od"): pytest.approx(0.5, abs=0.05)}
+    assert ("machine", "d", "operator", "od") in fit.same       # whose it is, such a season does not say
 
 
 def test_a_field_is_not_blamed_for_what_one_machine_shows_while_it_stands_there() -> None:
@@ -114,6 +129,52 @@ def test_another_machines_effect_does_not_give_this_ones_its_name() -> None:
     assert next(one for one in found if one.machine == "b").alike == ("flow.gain",)
 
 
+def season_with_operators(rng: np.random.Generator, share: float = 0.6) -> list[OneLog]:
+    """Wang, who drives most of five machines, loses 5 %; nobody else does anything."""
+    return [log(rng, k, {"flow.gain": -5.0 * (name == "Wang")}, sd=0.5, machine=machine, operator=name)
+            for machine in "abcde" for k in range(20)
+            for name in ("Wang" if rng.random() < share else str(rng.choice(["Li", "Sun"])),)]
+
+
+def test_the_commonest_operator_is_examined_as_any_other() -> None:
+    fit = fitted(season_with_operators(np.random.default_rng(21)))
+    assert [(one.factor, one.level, one.effect) for one in fit.shared] == [("operator", "Wang", "flow.gain")]
+    assert not fit.courses and abs(fit.shared[0].size + 5.0) < fit.shared[0].half * 2.0
+    others = {one.level: one for one in fit.levels if one.factor == "operator" and one.level != "Wang"}
+    assert set(others) == {"Li", "Sun"} and all(abs(one.size) < 2.0 * one.half for one in others.values())
+
+
+def test_ninety_of_a_hundred_intervals_hold_the_truth() -> None:
+    """Of all operators of twelve seasons, told or not: 28 of 36 or more are what 90 % give in 98 of 100 such tests."""
+    rng, held = np.random.default_rng(22), list[bool]()
+    for _ in range(12):
+        held += [abs(one.size - (-5.0 if one.level == "Wang" else 0.0)) <= one.half
+                 for one in fitted(season_with_operators(rng)).levels if one.factor == "operator"]
+    assert len(held) == 36 and 28 <= sum(held), sum(held)
+
+
+@pytest.mark.parametrize("after", [1, 2, 3])
+def test_a_repair_is_told_with_its_probability_from_the_first_log_after(after: int) -> None:
+    rng = np.random.default_rng(23)
+    logs = [log(rng, k, {"flow.gain": 8.0 if k < 20 else 0.0}, sd=0.8) for k in range(20 + after)]
+    (course,) = fitted(logs).courses
+    change = course.changes[-1]
+    assert change.logs_after == after and change.time_d == 19.5 and change.repair > 0.9
+    assert abs(course.pieces[-1].end) < course.pieces[-1].end_half
+    never = fitted(logs[:20]).courses[0]
+    assert not never.changes and never.pieces[-1].end == pytest.approx(8.0, abs=1.0)
+
+
+def test_look_alikes_are_a_set_and_stay_one_with_more_logs() -> None:
+    rng, close = np.random.default_rng(24), np.eye(4)
+    close[0, 1] = close[1, 0] = 0.9995
+    logs = [log(rng, k, {"flow.gain": 6.0}, gram=close) for k in range(30)]
+    for count in (5, 10, 30):
+        (course,) = fitted(logs[:count]).courses
+        sets = {one.effect: one.probability for one in course.alternatives}
+        assert set(sets) == {"flow.gain", "flow.fill_falloff"} and min(sets.values()) > 0.05
+
+
 def within_tolerance(rng: np.random.Generator, logs: int, off: float, remembered: bool = True) -> list[OneLog]:
     """A healthy machine whose flow is off by `off` tolerances, the same in all logs; each log alone cannot tell."""
     found = []
@@ -137,8 +198,8 @@ def test_what_is_within_a_machines_tolerance_is_no_effect_however_many_its_logs(
     assert sum(bool(one) for one in forgotten) > 5          # what would be told if each log had a tolerance of its own
     (course,), _ = courses([one._replace(forms=tuple(_shifted(form) for form in one.forms))
                             for one in within_tolerance(rng, 50, 0.0)])
-    assert course.mean == pytest.approx(8.0, abs=0.4) and course.mean_half < 0.15
-    assert course.open_half == pytest.approx(1.645 * 0.5, rel=0.1)
+    assert course.mean == pytest.approx(8.0, abs=0.4)
+    assert course.mean_half == pytest.approx(1.645 * 0.5, rel=0.2)      # the tolerance: 50 logs make it no less
 
 
 def _shifted(form: Form) -> Form:

@@ -5,8 +5,19 @@ import math
 
 import pytest
 
-from control.diagnosis.season.courses import Course, Piece
-from control.diagnosis.season.owner import REPAIR_SHARE, WEAR_P, at, repaired_d, wears
+from control.diagnosis.season.courses import (
+    REPAIR_SHARE,
+    WEAR_P,
+    Course,
+    Fit,
+    Piece,
+    Shared,
+    _nearer_zero,
+    wears,
+)
+from control.diagnosis.season.evidence import Worked
+from control.diagnosis.season.mixed import Alternative
+from control.diagnosis.season.owner import Told, at, machines, still_there
 
 
 def piece(begin_d: float, end_d: float, begin: float, end: float, *, half: float = 0.1,
@@ -15,23 +26,48 @@ def piece(begin_d: float, end_d: float, begin: float, end: float, *, half: float
 
 
 def course(*pieces: Piece) -> Course:
-    return Course("m01", "flow.gain", 30.0, (), (), (), pieces, 0.0, 0.1, 0.1)
+    return Course("m01", "flow.gain", 1.0, (), (), (), pieces, 0.0, 0.1)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_jump_towards_zero_by_more_than_both_intervals_is_a_repair(sign: float) -> None:
-    worn = piece(0.0, 30.0, 0.0, sign * 1.0, half=0.3)
-    assert repaired_d(course(worn, piece(34.0, 60.0, sign * 0.39, sign * 0.39, half=0.3))) == [32.0]
-    assert repaired_d(course(worn, piece(34.0, 60.0, sign * 0.41, sign * 0.41, half=0.3))) == [], "0.59 of 0.3 + 0.3"
-
-
-def test_a_little_less_or_more_is_no_repair() -> None:
-    worn = piece(0.0, 30.0, 0.0, 10.0, half=0.01)
+def test_a_repair_makes_an_effect_less_and_not_as_large_the_other_way(sign: float) -> None:
+    exact = 1e-6
     left = (1.0 - REPAIR_SHARE) * 10.0
-    assert repaired_d(course(worn, piece(34.0, 60.0, left - 0.1, 0.0, half=0.01))) == [32.0]
-    assert repaired_d(course(worn, piece(34.0, 60.0, left + 0.1, 0.0, half=0.01))) == []
-    assert repaired_d(course(worn, piece(34.0, 60.0, 12.0, 12.0, half=0.01))) == [], "away from zero"
-    assert repaired_d(course(worn, piece(34.0, 60.0, -9.0, -9.0, half=0.01))) == [], "as wrong the other way"
+    assert _nearer_zero(sign * 10.0, exact, sign * (left - 0.1), exact) == pytest.approx(1.0)
+    assert _nearer_zero(sign * 10.0, exact, sign * (left + 0.1), exact) == pytest.approx(0.0)
+    assert _nearer_zero(sign * 10.0, exact, -sign * 9.0, exact) == pytest.approx(0.0), "as wrong the other way"
+    assert _nearer_zero(sign * 10.0, 1.0, sign * left, 1.0) == pytest.approx(0.5), "on the edge"
+
+
+def told(percent: dict[str, float], kg: float = 100.0, **shared: str) -> Told:
+    return Told("a", "m01", 0.0, Worked(1.0, kg, 1.0, 0.0, 0), percent, shared)
+
+
+def alternative(effect: str, size: float, probability: float) -> Alternative:
+    return Alternative("machine", "m01", effect, size, probability)
+
+
+def test_the_dose_is_that_on_which_a_set_agrees() -> None:
+    """Less flow, 5 %, or a scale that drifts: what the scale alone says wrong spreads nothing wrongly."""
+    one = course(piece(0.0, 10.0, -5.0, -5.0))
+    two_doses = one._replace(alternatives=(alternative("flow.gain", -5.0, 0.6), alternative("flow.leak", -3.0, 0.4)))
+    no_dose = one._replace(alternatives=(alternative("flow.gain", -5.0, 0.6), alternative("scale.drift", 5.5, 0.4)))
+    percent = {"flow.gain": 1.0, "flow.leak": 1.0}
+    assert [(each.wrong_kg, each.most_kg) for set_ in (one, two_doses, no_dose)
+            for each in machines([told(percent)], Fit((set_,)))] == [(5.0, 5.0), (3.0, 5.0), (0.0, 5.0)]
+
+
+def test_what_a_machine_does_now_stands_apart_from_its_operators_share() -> None:
+    by_li = Shared("operator", "Li", "flow.gain", -4.0, 0.1, 1.0, 9)
+    (one,) = machines([told({"flow.gain": 1.0}, operator="Li")], Fit((course(piece(0.0, 9.0, 1.0, 1.0)),), (by_li,)))
+    assert one.now_percent == 1.0 and one.others_percent == -4.0 and one.wrong_kg == 3.0
+    (other,) = machines([told({"flow.gain": 1.0}, operator="Wang")], Fit((), (by_li,)))
+    assert other.others_percent == 0.0 and not other.shared
+
+
+def test_what_was_repaired_is_not_there_any_more() -> None:
+    gone = course(piece(0.0, 30.0, 0.0, 10.0), piece(32.0, 60.0, 0.0, 0.0))
+    assert not still_there(gone) and still_there(course(piece(0.0, 9.0, 1.0, 1.0)))
 
 
 def test_it_wears_where_its_last_piece_surely_grows_away_from_zero() -> None:

@@ -15,8 +15,8 @@ from console.cli import app
 from console.reports.fleet_page import costliest, fleet_page, service
 from console.services import fleet
 from console.services.fleet_job import FORMAT, beside_url, checksum, record
-from console.services.fleet_season import season, write_tables
-from control.diagnosis.season.courses import Shared
+from console.services.fleet_season import TABLES, season, write_tables
+from control.diagnosis.season.courses import Course, Fit, Shared
 from control.diagnosis.season.evidence import evidence
 from control.diagnosis.season.owner import machines
 from control.machine.machine import Machine
@@ -325,7 +325,7 @@ def test_logs_of_two_models_are_two_machines() -> None:
 def test_a_log_whose_clock_was_wrong_is_said_and_left_out(time_d: float) -> None:
     found = season([bare("a", "s", 20_500.0), bare("b", "s", time_d)], (), NOW_D)
     assert found.machines[0].logs == 1 and [one.path for one in found.aside] == ["b"]
-    page = fleet_page(found.machines, [], low=[], units={}, broken=(), price=None, currency="CNY", software="t",
+    page = fleet_page(found.machines, Fit(), low=[], units={}, broken=(), price=None, currency="CNY", software="t",
                       aside=found.aside, by_file_date=3)
     assert "b: its clock said" in page and "3 logs tell no time" in page
 
@@ -344,19 +344,26 @@ def test_page_and_tables(tmp_path: Path) -> None:
     assert not [one["error"] for one in made if "error" in one]
     whole = season(made, [("c.csv", "spoilt <b>")], NOW_D)
     worst = whole.machines[0]
-    assert worst.machine == "one" and worst.courses[0][0].effect.startswith("speed.wheel_")
-    assert worst.courses[0][0].mean == pytest.approx(3.0, abs=0.3)
+    (course,) = (cost.cause for cost in worst.courses)
+    assert isinstance(course, Course)
+    assert worst.machine == "one" and course.effect.startswith("speed.wheel_")
+    assert course.mean == pytest.approx(3.0, abs=0.3)
     assert not whole.machines[1].courses
     write_tables(tmp_path, whole, made)
     assert pl.read_parquet(tmp_path / "courses.parquet").height == 4
     assert pl.read_parquet(tmp_path / "logs.parquet")["machine"].to_list() == ["one"] * 4 + ["two"] * 4
-    product = Shared("product", "compound", "speed.wheel_radius", 5.0, 0.1, 1e-9, 4)
+    for name, columns in TABLES.items():
+        assert pl.read_parquet(tmp_path / f"{name}.parquet").columns == list(columns)
+    write_tables(tmp_path, season([], (), NOW_D), [])           # an empty season has the same columns
+    for name, columns in TABLES.items():
+        assert pl.read_parquet(tmp_path / f"{name}.parquet").columns == list(columns)
+    product = Shared("product", "compound", "speed.wheel_radius", 5.0, 0.1, 1.0, 4)
     told = [one._replace(shared={"product": "compound"}, worked=one.worked._replace(applied_kg=10.0))
             for one in whole.told if one.machine == "two"]
-    (costs,) = machines(told, [], [product])
-    assert costs.wrong_kg == pytest.approx(costs.shared[0][1]) and costs.wrong_kg > 0.0
+    (costs,) = machines(told, Fit((), (product,)))
+    assert costs.wrong_kg == pytest.approx(costs.shared[0].kg) and costs.wrong_kg > 0.0
     assert service([costs])[0].startswith("product compound: ") and costliest(costs).startswith("product compound: ")
-    page = fleet_page(whole.machines, whole.shared, low=whole.low, units=whole.units, broken=whole.broken, price=2.5,
+    page = fleet_page(whole.machines, whole.fit, low=whole.low, units=whole.units, broken=whole.broken, price=2.5,
                       currency="CNY", software="t")
     assert page.index(">one<") < page.index(">two<") and "<svg" in page and "spoilt &lt;b&gt;" in page
     assert "money, CNY" in page

@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import mannwhitneyu
 
-from .courses import Course, Shared
+from .courses import Course, Fit, Shared
 from .evidence import Worked
+from .forms import Array
+from .mixed import FLEET
 
-WEAR_P = 1e-3               # of a slope, that it is noise
-REPAIR_SHARE = 0.25         # of an effect, that a repair takes away at least
 LOW_P = 1e-3                # of an operator, that chance made the hopper run low so often
 LEAST_OPERATOR_LOGS = 5
 LOW_RATIO = 2.0             # times the others' minutes an hour
@@ -28,18 +28,32 @@ class Told(NamedTuple):
     shared: Mapping[str, str]
 
 
+Doses = tuple[Course | Shared, Array, Array]    # in % of each log: what all of a set agree on; its largest
+
+
+class Cost(NamedTuple):
+    """What a cause spread wrongly: kilograms by what all of its set agree on, and by the one of it that costs most."""
+
+    cause: Course | Shared
+    kg: float
+    most_kg: float
+
+
 class MachineSeason(NamedTuple):
-    """wrong_kg: what was spread too much or too little; now_percent: of the dose, at its last log. courses: costliest
-    first, with the kg of each; shared: what its logs share with others', the same."""
+    """wrong_kg: what was spread too much or too little, by what all alternatives of each set agree on; most_kg: by the
+    costliest of each. now_percent: of the dose at its last log, by the machine itself; others_percent: by what that
+    log's operator, product and field do. courses, shared (what its logs share with others'): costliest first."""
 
     machine: str
     logs: int
     hours: float
     applied_kg: float
     wrong_kg: float
+    most_kg: float
     now_percent: float
-    courses: tuple[tuple[Course, float], ...]
-    shared: tuple[tuple[Shared, float], ...]
+    others_percent: float
+    courses: tuple[Cost, ...]
+    shared: tuple[Cost, ...]
 
 
 class Low(NamedTuple):
@@ -52,7 +66,7 @@ class Low(NamedTuple):
     p: float
 
 
-def machines(told: Sequence[Told], found: Sequence[Course], shared: Sequence[Shared]) -> list[MachineSeason]:
+def machines(told: Sequence[Told], fit: Fit) -> list[MachineSeason]:
     """Worst first, by kilograms. What a product shares is the product's, and counts where it was spread.
 
     Each effect's kilograms count by themselves; in the sum of a log effects may make up for each other.
@@ -60,25 +74,46 @@ def machines(told: Sequence[Told], found: Sequence[Course], shared: Sequence[Sha
     result = []
     for machine in sorted({one.machine for one in told}):
         own = sorted((one for one in told if one.machine == machine), key=lambda one: one.time_d)
-        mine = [course for course in found if course.machine == machine]
-        percent = [np.array([at(course, one.time_d) * one.percent.get(course.effect, 0.0) for one in own])
-                   for course in mine]
         kg = np.array([one.worked.applied_kg for one in own])
-        levels = [np.array([_percent(one, log) for log in own]) for one in shared]
-        whole = sum((*percent, *levels), np.zeros(len(own)))
-        wrong = np.abs(whole) @ kg / 100.0
-        costs = [(course, float(np.abs(one) @ kg / 100.0)) for course, one in zip(mine, percent, strict=True)]
-        others = [(one, float(np.abs(each) @ kg / 100.0)) for one, each in zip(shared, levels, strict=True)]
-        now = float(whole[-1])
-        result.append(MachineSeason(machine, len(own), sum(one.worked.hours for one in own), float(kg.sum()),
-                                    float(wrong), now, tuple(sorted(costs, key=lambda each: -each[1])),
-                                    tuple(sorted((each for each in others if each[1]), key=lambda each: -each[1]))))
-    return sorted(result, key=lambda one: -one.wrong_kg)
+        mine = [_doses(one, own) for one in fit.courses if one.machine == machine]
+        others = [_doses(one, own) for one in fit.shared]
+        agreed = sum((one[1] for one in (*mine, *others)), np.zeros(len(own)))
+        most = sum((one[2] for one in (*mine, *others)), np.zeros(len(own)))
+        result.append(MachineSeason(
+            machine, len(own), sum(one.worked.hours for one in own), float(kg.sum()), _kg(agreed, kg), _kg(most, kg),
+            sum(float(low[-1]) for _, low, _ in mine), sum(float(low[-1]) for _, low, _ in others), _costs(mine, kg),
+            tuple(one for one in _costs(others, kg) if one.most_kg)))
+    return sorted(result, key=lambda one: (-one.wrong_kg, -one.most_kg))
 
 
-def _percent(one: Shared, log: Told) -> float:
-    """Dose error of one log by what it shares with others."""
-    return one.size * log.percent.get(one.effect, 0.0) if log.shared.get(one.factor) == one.level else 0.0
+def _kg(doses: Array, kg: Array) -> float:
+    return float(np.abs(doses) @ kg / 100.0)
+
+
+def _costs(of: Sequence[Doses], kg: Array) -> tuple[Cost, ...]:
+    found = [Cost(cause, _kg(low, kg), _kg(high, kg)) for cause, low, high in of]
+    return tuple(sorted(found, key=lambda one: (-one.kg, -one.most_kg)))
+
+
+def _doses(cause: Course | Shared, own: Sequence[Told]) -> Doses:
+    """Dose error in % of each log: what all of the set agree on, and that of the set's largest."""
+    sizes = np.array([at(cause, one.time_d) if isinstance(cause, Course) else cause.size * has(cause, one)
+                      for one in own])
+    here = cause.pieces[-1].end if isinstance(cause, Course) else cause.size
+    each = [sizes * np.array([one.percent.get(cause.effect, 0.0) for one in own])]
+    for other in cause.alternatives:
+        if other.effect != cause.effect:        # its course has the same shape
+            share = other.size / here if here else 0.0
+            each.append(sizes * share * np.array([one.percent.get(other.effect, 0.0) for one in own]))
+    doses = np.stack(each)
+    least = doses[np.argmin(np.abs(doses), axis=0), np.arange(len(own))]
+    agreed = np.where(np.all(doses > 0.0, axis=0) | np.all(doses < 0.0, axis=0), least, 0.0)
+    return cause, agreed, doses[np.argmax(np.abs(doses), axis=0), np.arange(len(own))]
+
+
+def has(one: Shared, log: Told) -> bool:
+    """Whether a log is of a level."""
+    return one.factor == FLEET or log.shared.get(one.factor) == one.level
 
 
 def at(course: Course, time_d: float) -> float:
@@ -92,16 +127,12 @@ def at(course: Course, time_d: float) -> float:
     return 0.0
 
 
-def wears(course: Course) -> bool:
-    """Whether its last piece grows away from zero."""
-    last = course.pieces[-1]
-    return last.per_day_p < WEAR_P and last.per_day * last.end > 0.0
-
-
-def repaired_d(course: Course) -> list[float]:
-    """When it jumped towards zero, by more than its uncertainty and a part of it that is worth the name."""
-    return [0.5 * (a.end_d + b.begin_d) for a, b in zip(course.pieces, course.pieces[1:], strict=False)
-            if abs(b.begin) < (1.0 - REPAIR_SHARE) * abs(a.end) and abs(a.end - b.begin) > a.end_half + b.begin_half]
+def still_there(cause: Course | Shared) -> bool:
+    """Whether it is there at the end: what was repaired calls for nothing."""
+    if isinstance(cause, Shared):
+        return True
+    last = cause.pieces[-1]
+    return abs(last.end) > last.end_half
 
 
 def low_hoppers(told: Sequence[Told]) -> list[Low]:

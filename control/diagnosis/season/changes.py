@@ -1,0 +1,119 @@
+"""Where the course of one effect on one machine changes: a product partition model, summed exactly.
+
+A machine is repaired, or set anew, between two logs, by chance once in USUAL logs. Between two changes an effect is
+not there, stands, or grows along a straight line (wear); what it is on either side of a change has nothing to do with
+the other side (Barry and Hartigan, Journal of the American Statistical Association 88, 1993, 309). Each stretch then
+has a closed marginal likelihood, and the sums over all partitions are a recursion over the logs in both directions
+(as Fearnhead, Statistics and Computing 16, 2006, 203). It gives the probability of a change in each gap, from the
+first log after it on, and the likeliest partition. How much a size scatters from log to log beyond its own error, as
+a constant and as a share of the size (an effect's form is never quite right), is that of a short grid under which the
+logs are likeliest.
+"""
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import logsumexp
+
+Array = npt.NDArray[np.float64]
+
+USUAL = 50.0                # logs between two changes of one effect: a season has some 50, a repair or none
+SLOPES = 2.0                # of a level's s.d. prior: what a line changes by over the season
+SCATTERS = (0.0, 0.25, 0.5, 1.0, 1.5)       # of the s.d. about a smooth curve
+SHARES = (0.0, 0.1, 0.2, 0.4)               # of the size
+NEAR = 2                    # gaps on either side of a change, in which it may as well be
+KINDS = ("gone", "stands", "line")
+
+
+class Stretch(NamedTuple):
+    """Logs `begin` to `end` (without it) between two changes; kind: one of KINDS."""
+
+    begin: int
+    end: int
+    kind: str
+
+
+class Partition(NamedTuple):
+    """change: (n - 1,) probability of a change in each gap. scatter: (n,) variance from log to log."""
+
+    stretches: tuple[Stretch, ...]
+    change: Array
+    scatter: Array
+    log_likelihood: float
+
+    @property
+    def log_prior(self) -> float:
+        """Of its stretches."""
+        breaks = len(self.stretches) - 1
+        stays = self.stretches[-1].end - 1 - breaks
+        return float(stays * np.log1p(-1.0 / USUAL) - breaks * np.log(USUAL) - (breaks + 1) * np.log(len(KINDS)))
+
+    def near(self, gap: int) -> float:
+        """Probability of a change at a gap or so near that the logs cannot tell."""
+        return float(min(1.0, self.change[max(0, gap - NEAR):gap + NEAR + 1].sum()))
+
+
+def partition(times_d: Array, sizes: Array, variance: Array, level_sd: float, curve: Array, scatter: float
+              ) -> Partition:
+    """Of sizes (n,) with their variances. curve: (n,) smooth sizes; scatter: variance about it."""
+    return max((_summed(times_d, sizes, variance, level_sd, extra) for extra in _scatters(curve, scatter)),
+               key=lambda one: one.log_likelihood)
+
+
+def _scatters(curve: Array, scatter: float) -> Iterator[Array]:
+    constants = [share ** 2 * scatter for share in SCATTERS] if scatter > 0.0 else [0.0]
+    shares = SHARES if scatter > 0.0 else (0.0,)
+    return (constant + (share * curve) ** 2 for constant in constants for share in shares)
+
+
+def _summed(times_d: Array, sizes: Array, variance: Array, level_sd: float, extra: Array) -> Partition:
+    count = len(sizes)
+    each = _stretches(times_d, sizes, variance + extra, level_sd) - np.log(len(KINDS))      # (kinds, n, n + 1)
+    whole = logsumexp(each, axis=0)
+    on, off = np.log1p(-1.0 / USUAL), -np.log(USUAL)
+    ahead, back = np.full(count + 1, -np.inf), np.full(count + 1, -np.inf)
+    best, came = np.full(count + 1, -np.inf), [0] * (count + 1)
+    ahead[0] = back[count] = best[0] = 0.0
+    stay = on * np.arange(count + 1)
+    for end in range(1, count + 1):
+        begins = np.arange(end)
+        change = np.where(begins > 0, off, 0.0) + stay[end - 1 - begins]
+        ahead[end] = logsumexp(ahead[begins] + whole[begins, end] + change)
+        tried = best[begins] + each[:, begins, end].max(axis=0) + change
+        came[end] = int(np.argmax(tried))
+        best[end] = tried[came[end]]
+    for begin in range(count - 1, -1, -1):
+        ends = np.arange(begin + 1, count + 1)
+        back[begin] = logsumexp(back[ends] + whole[begin, ends] + np.where(ends < count, off, 0.0)
+                                + stay[ends - 1 - begin])
+    inside = np.arange(1, count)
+    found, end = [], count
+    while end > 0:
+        found.append(Stretch(came[end], end, KINDS[int(np.argmax(each[:, came[end], end]))]))
+        end = came[end]
+    return Partition(tuple(found[::-1]), np.exp(ahead[inside] + off + back[inside] - ahead[count]), extra,
+                     float(ahead[count]))
+
+
+def _stretches(times_d: Array, sizes: Array, variance: Array, level_sd: float) -> Array:
+    """Log marginal likelihood of every stretch [begin, end) by kind, (kinds, n, n + 1); -inf where there is none."""
+    count = len(sizes)
+    span = max(float(np.ptp(times_d)), 1e-9)
+    share = (times_d - times_d[0]) / span
+    weight = 1.0 / variance
+    sums = np.concatenate([np.zeros((7, 1)), np.cumsum(np.stack([
+        weight, weight * share, weight * share ** 2, weight * sizes, weight * share * sizes, weight * sizes ** 2,
+        np.log(2.0 * np.pi * variance)]), axis=1)], axis=1)
+    outside = np.arange(count + 1)[None, :] <= np.arange(count)[:, None]
+    w, wt, wtt, wy, wty, wyy, logs = np.where(outside, 0.0, sums[:, None, :] - sums[:, :-1, None])     # (n, n + 1)
+    gone = -0.5 * (wyy + logs)
+    precision = level_sd ** -2
+    stands = gone + 0.5 * wy ** 2 / (w + precision) - 0.5 * np.log1p(w * level_sd ** 2)
+    middle = np.divide(wt, w, out=np.zeros_like(wt), where=w > 0.0)
+    spread, pull = np.maximum(wtt - wt * middle, 0.0), wty - middle * wy
+    slope_sd = SLOPES * level_sd
+    line = stands + 0.5 * pull ** 2 / (spread + slope_sd ** -2) - 0.5 * np.log1p(spread * slope_sd ** 2)
+    return np.where(outside, -np.inf, np.stack([gone, stands, line]))
