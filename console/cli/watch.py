@@ -38,7 +38,7 @@ def watch(
             time.sleep(POLL_S)
         return not to_end
     try:
-        for look in followed(log, machine, wait):
+        for look in followed(log, machine, wait, lambda said: typer.echo(said, err=True)):
             looks += 1
             if look.departure != last:
                 typer.echo(f"{clock(look.at_s)}  {said(look.departure)}")
@@ -70,7 +70,7 @@ def said(departure: Departure | None) -> str:
     if departure is None:
         return "as the model says again"
     return f"{departure_line(departure, '' if departure.since_s is None else clock(departure.since_s))}; " \
-           f"{todo(departure)}"
+           f"{todo(departure, console=False)}"
 
 
 def clock(seconds: float) -> str:

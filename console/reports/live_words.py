@@ -34,15 +34,19 @@ def what(found: Departure) -> str:
     return form.format(channel=channel, share=share)
 
 
-def todo(found: Departure) -> str:
-    """What is offered once the machine is held."""
+def todo(found: Departure, console: bool = True) -> str:
+    """What is offered once the machine is held. console: there is a page for it; else a command does it."""
     if found.next_run and not found.adoptable:
-        return _("{offer}: {plan}").format(offer=offer(found), plan=_(found.next_run))
-    return offer(found)
+        return _("{offer}: {plan}").format(offer=offer(found, console), plan=_(found.next_run))
+    return offer(found, console)
 
 
-def offer(found: Departure) -> str:
+def offer(found: Departure, console: bool = True) -> str:
     """The same without what the run is that tells rivals apart."""
+    if not console:
+        if found.adoptable:
+            return _("adopt it into the machine file: topdress diagnose --adopt")
+        return _("the run that tells which") if found.next_run else _("what it is and what to do: topdress diagnose")
     if found.adoptable:
         return _("F9: adopt it into the machine file")
     return _("F9: the run that tells which") if found.next_run else _("F9: what it is and what to do")

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 NICE = 19
 POLL_S = 5.0
+STILL_S = 60.0                  # without a new row, after which a log is said to grow no longer
 MOST_SHARE = 0.05               # of one core's time, that bringing in the log may take
 DEFAULT_MACHINE = "huanghai"
 
@@ -47,18 +48,20 @@ def machine_of_log(log: Path, machine: str | None) -> Machine:
     return load(machine or DEFAULT_MACHINE, MACHINE).model
 
 
-def followed(log: Path, machine: str | None, wait: Callable[[], bool]) -> Iterator[Look]:
-    """Each look, for ever; `wait` returns False where that is enough.
+def followed(log: Path, machine: str | None, wait: Callable[[], bool],
+             tell: Callable[[str], None] = lambda said: None) -> Iterator[Look]:
+    """Each look, for ever; `wait` returns False where that is enough. tell: what is to be said of the file itself.
 
     Rows that are there already are gone through as if they came now. Rows that are earlier than those before are
     another log's, which is checked from its beginning. Raises LogError, ImportTrouble, ConfigError, OSError.
     """
     from control.diagnosis.live.watch import LiveCheck
     from drivers.files.growing_log import GrowingLog
-    growing, check = GrowingLog(log), None
+    growing, check, state = GrowingLog(log), None, _FileState(log, tell)
     while True:
         begin_s = time.process_time()
         rows = growing.more()
+        state.looked(growing.damaged, rows is not None)
         if rows is None:
             if not wait():
                 return
@@ -75,6 +78,29 @@ def followed(log: Path, machine: str | None, wait: Callable[[], bool]) -> Iterat
         for _ in range(int(took_s / (MOST_SHARE * POLL_S))):        # a log that is brought in anew each time
             if not wait():
                 break
+
+
+class _FileState:
+    """What is said of the file that is followed: lines left out, and that it no longer grows."""
+
+    def __init__(self, log: Path, tell: Callable[[str], None]) -> None:
+        self._log, self._tell = log, tell
+        self._damaged, self._looks, self._grew = 0, 0, False
+
+    def looked(self, damaged: int, grew: bool) -> None:
+        """After each look at the file, POLL_S apart."""
+        if damaged > self._damaged:
+            self._damaged = damaged
+            self._tell(f"{self._log}: {damaged} damaged line{'s' if damaged > 1 else ''} left out so far")
+        still = round(STILL_S / POLL_S)
+        if grew:
+            if self._looks >= still:
+                self._tell(f"{self._log}: it grows again")
+            self._looks, self._grew = 0, True
+        elif self._grew:
+            self._looks += 1
+            if self._looks == still:
+                self._tell(f"{self._log}: no new row for {STILL_S:.0f} s: it no longer grows; still watched")
 
 
 def _pieces(rows: Columns) -> Iterator[Columns]:

@@ -32,10 +32,15 @@ def open_log(path: Path) -> RunLog:
         except LogError:
             if is_store(path) or "time_s" in [name.strip().lower() for name in header_of(path)]:
                 raise                       # our own; of another's with names as ours the import knows more
+    raw, mapping, said_by = raw_and_mapping(path)
+    return by_import(path, raw, mapping, said_by)
+
+
+def by_import(path: Path, raw: RawTable, mapping: ImportFile, said_by: Path | None = None) -> RunLog:
+    """What was read, as a run log. said_by: the import file. Raises ImportTrouble, OSError."""
     from drivers.files.imports.convert import convert
     from drivers.files.imports.join import joined
     from drivers.files.imports.log_file import write_imported
-    raw, mapping, said_by = _raw_and_mapping(path)
     imported = joined([convert(raw, mapping)], mapping.join)
     with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
         place = Path(folder) / "imported.csv"
@@ -45,12 +50,16 @@ def open_log(path: Path) -> RunLog:
     return replace(log, path=path, findings=(*odd, *(one for one in log.findings if one not in odd)))
 
 
-def _raw_and_mapping(path: Path) -> tuple[RawTable, ImportFile, Path | None]:
-    """What is read, by the import file beside it or, without one, by a guess in which nothing is unsure."""
+def raw_and_mapping(path: Path, called: Path | None = None) -> tuple[RawTable, ImportFile, Path | None]:
+    """What is read, by the import file beside it or, without one, by a guess in which nothing is unsure.
+
+    called: the file of which `path` holds a copy. Raises ImportTrouble, ConfigError, OSError.
+    """
     from drivers.files.imports.beside import import_file
     from drivers.files.imports.read import read_raw
     from drivers.files.imports.trouble import ImportTrouble
-    place = import_file(path)
+    called = called or path
+    place = import_file(called)
     if place is not None:
         from drivers.files.config import load
         from drivers.files.imports.mapping import IMPORT
@@ -60,8 +69,8 @@ def _raw_and_mapping(path: Path) -> tuple[RawTable, ImportFile, Path | None]:
     raw = read_raw(path)
     found = guess(raw)
     if not found.sure:
-        raise ImportTrouble(*found.questions(path), f"{path}: not opened: topdress import {path} --guess writes an "
-                            "import file in which these lines can be put right")
+        raise ImportTrouble(*found.questions(called), f"{called}: not opened: topdress import {called} --guess writes "
+                            "an import file in which these lines can be put right")
     return raw, found.mapping, None
 
 

@@ -1,8 +1,9 @@
 """A log that another program is still writing: what came since the last look.
 
-Of a run log of ours only the new lines are read, whole ones only. A log of another program is brought in anew whenever
-it has grown, and what is later than the last row counts as new. Where another log stands in its place, that one is
-read from its beginning: its times say so.
+Only the new lines are read, whole ones only, of a run log of ours and of a text of another program
+(`growing_foreign.py`); what is no text is brought in anew whenever it has grown, and what is later than the last row
+counts as new. A damaged line is left out and counted. Where another log stands in its place, that one is read from its
+beginning: its times say so.
 """
 from __future__ import annotations
 
@@ -12,23 +13,27 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.files.any_log import is_foreign, open_log
+from drivers.files.any_log import FOREIGN, is_foreign, open_log
+from drivers.files.good_lines import GoodLines
+from drivers.files.growing_foreign import ForeignText
 from drivers.files.log_store import is_store
 from drivers.files.read_log import LogError, read_log
 from drivers.files.table import Columns, TableError
 
 MOST_BYTES = 64 << 20           # of new lines that are read at a time
+BOOKS = frozenset({".xlsx", ".xlsm", ".xls", ".xlsb", ".ods"})
 FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
 
 
 class GrowingLog:
     """Rows as they come. A file that is not there yet, or has no whole row, has none.
 
-    behind : whether the file had more than is read at a time.
+    behind : whether the file had more than is read at a time. damaged : lines that were left out.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.damaged = 0
         self._begin()
 
     def _begin(self) -> None:
@@ -38,6 +43,7 @@ class GrowingLog:
         self._header = b""
         self._size, self._place = -1, (0, 0)        # of the file when it was read last
         self._foreign: bool | None = None
+        self._text = ForeignText(self.path)
 
     def more(self) -> Columns | None:
         """The rows since the last call, columns as of `RunLog`; None: there are none, or no room to work on them.
@@ -68,9 +74,15 @@ class GrowingLog:
                 self._foreign = is_foreign(self.path)
             except TableError:
                 return None             # no header yet
-        if self._foreign or is_store(self.path):
-            columns: Columns | None = open_log(self.path).columns
-            self._size = size
+        columns: Columns | None
+        if self._foreign and not self.path.is_dir() and self.path.suffix.lower() not in FOREIGN | BOOKS:
+            if size < self._size:                       # another stands in its place
+                self._text = ForeignText(self.path)
+            before = self._text.damaged
+            columns, self._size = self._text.read(size), size
+            self.damaged += self._text.damaged - before
+        elif self._foreign or is_store(self.path):
+            columns, self._size = open_log(self.path).columns, size
         else:
             columns = self._lines()
             if self._offset == size:
@@ -86,10 +98,18 @@ class GrowingLog:
         if not whole:
             return None
         header = self._header or whole[:whole.find(b"\n") + 1]
-        text = self._header + whole
-        columns = self._parsed(text) if text.count(b"\n") > 1 else None
+        lines = (self._header + whole).splitlines(keepends=True)
+        columns = self._good(lines) if len(lines) > 1 else None
         self._header, self._offset = header, self._offset + len(whole)
         return columns
+
+    def _good(self, lines: list[bytes]) -> Columns | None:
+        """Without the lines that are damaged; raises as the reader does where nothing of it is a log."""
+        good = GoodLines(lines, 1, lambda some: self._parsed(b"".join(some)))
+        if good.found is None and self._offset == 0:
+            return self._parsed(b"".join(lines))
+        self.damaged += good.damaged
+        return good.found
 
     def _parsed(self, text: bytes) -> Columns:
         with tempfile.TemporaryDirectory(prefix="topdress-") as folder:

@@ -24,7 +24,7 @@ def rows(count: int) -> str:
 
 
 def test_what_departs_is_said_once_and_when_it_is_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def followed(log: Path, machine: str | None, wait: Callable[[], bool]) -> Iterator[Look]:
+    def followed(log: Path, machine: str | None, wait: Callable[[], bool], tell: object) -> Iterator[Look]:
         yield from (Look(330.0, None), Look(660.0, FOUND, False), Look(690.0, FOUND), Look(2700.0, None))
     monkeypatch.setattr(live_check, "followed", followed)
     log = tmp_path / "run.csv"
@@ -33,7 +33,7 @@ def test_what_departs_is_said_once_and_when_it_is_over(tmp_path: Path, monkeypat
     assert done.exit_code == 0
     assert done.stdout.splitlines() == [
         "0:11:00  flow 4 % low since 0:10:00, probably: Flutes fill less at high shaft speed; "
-        "F9: adopt it into the machine file", "0:45:00  as the model says again"]
+        "adopt it into the machine file: topdress diagnose --adopt", "0:45:00  as the model says again"]
     assert "4 looks" in done.stderr
 
 

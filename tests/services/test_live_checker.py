@@ -212,3 +212,84 @@ def test_a_log_that_is_read_in_parts_is_behind_until_the_last(tmp_path: Path, mo
         behind.append(growing.behind)
         count += len(more["time_s"])
     assert count == 200 and behind[0] and not behind[-1]
+
+
+def foreign(count: int, begin: int = 0) -> str:
+    return "".join(f"2026-05-01 08:{k // 1200:02d}:{k // 20 % 60:02d}.{k % 20 * 50:03d};{5.0 + 0.1 * (k % 9):.2f};"
+                   f"{60 + k // 40 % 7};{60 + (k - 6) // 40 % 7 + 0.2 * (k % 3):.1f}\n"
+                   for k in range(begin, begin + count))
+
+
+FOREIGN_HEAD = "Time;Ground speed [km/h];Shaft speed set [1/min];Shaft speed actual [1/min]\n"
+
+
+def test_of_a_foreign_log_only_the_new_lines_are_brought_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At 20 Hz in steps of 5 s: rows as of the whole, each line read a few times and not at each look."""
+    from drivers.files.imports import text
+    path, read_bytes = tmp_path / "other.csv", [0]
+    before = text.read_text
+
+    def counted(where: Path, said: Any) -> Any:
+        read_bytes[0] += where.stat().st_size
+        return before(where, said)
+    monkeypatch.setattr(text, "read_text", counted)
+    path.write_text(FOREIGN_HEAD)
+    growing, times = GrowingLog(path), list[float]()
+    for step in range(24):
+        with path.open("a") as file:
+            file.write(foreign(100, 100 * step))
+        more = growing.more()
+        times += [] if more is None else more["time_s"].tolist()
+    assert times == pytest.approx([0.05 * k for k in range(2400)])
+    assert read_bytes[0] < 6.0 * path.stat().st_size
+
+
+@pytest.mark.parametrize("kind", ["own", "foreign"])
+@pytest.mark.parametrize("bad", ["\0\0\x01\xff;,;\"\n", "0.45,abc,,,\n", ";;;;;;;;;;;;;\n"])
+def test_a_damaged_line_is_left_out_and_counted(tmp_path: Path, kind: str, bad: str) -> None:
+    path = tmp_path / "run.csv"
+    head = HEADER if kind == "own" else FOREIGN_HEAD
+
+    def some(begin: int, end: int) -> str:
+        return rows(begin, end) if kind == "own" else foreign(end - begin, begin)
+    path.write_text(head + some(0, 200))
+    growing = GrowingLog(path)
+    seen = len(growing.more()["time_s"])                                     # type: ignore[index, arg-type]
+    with path.open("ab") as file:
+        file.write(some(200, 240).encode() + bad.encode("latin-1") + some(240, 300).encode())
+    more = growing.more()
+    seen += 0 if more is None else len(more["time_s"])
+    assert seen >= 299 and growing.damaged <= 1                              # the reader itself may pass over one
+    with path.open("a") as file:
+        file.write(some(300, 320))
+    assert len(growing.more()["time_s"]) == 20                               # type: ignore[index, arg-type]
+
+
+def test_a_log_that_no_longer_grows_is_said_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from control.diagnosis.live import watch
+    monkeypatch.setattr(watch.LiveCheck, "look", lambda self: setattr(self, "_looked_s", self.now_s))
+    path, said, waits = tmp_path / "run.csv", list[str](), [0]
+    path.write_text(HEADER + rows(0, 100))
+
+    def wait() -> bool:
+        waits[0] += 1
+        if waits[0] == 30:
+            with path.open("a") as file:
+                file.write(rows(100, 110))
+        return waits[0] < 40
+    list(followed(path, "huanghai", wait, said.append))
+    assert [one.split(": ", 1)[1] for one in said] == ["no new row for 60 s: it no longer grows; still watched",
+                                                       "it grows again"]
+
+
+def test_a_foreign_log_is_followed_by_its_import_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    (tmp_path / "import.yaml").write_text("format: topdress-import/1\ntime: {column: t, counts: s}\ncolumns:\n"
+                                          "  shaft_rpm_cmd: {from: S, unit: 1/min}\n"
+                                          "  shaft_rpm: {from: I, unit: 1/min}\n")
+    path.write_text("t;S;I\n" + "".join(f"{0.5 * k};{60 + k % 7};{60 + k % 5}\n" for k in range(100)))
+    growing = GrowingLog(path)
+    assert len(growing.more()["shaft_rpm"]) == 100                           # type: ignore[index, arg-type]
+    with path.open("a") as file:
+        file.write("".join(f"{0.5 * k};{60 + k % 7};{60 + k % 5}\n" for k in range(100, 120)))
+    assert growing.more()["time_s"].tolist() == [0.5 * k for k in range(100, 120)]     # type: ignore[index]

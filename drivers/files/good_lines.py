@@ -1,0 +1,51 @@
+"""Of lines that are not all readable those that are: a log that is being written may hold a damaged one."""
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from drivers.files.imports.trouble import ImportTrouble
+from drivers.files.read_log import LogError
+from drivers.files.table import Columns
+
+MOST_SHARE = 0.5                # of lines that may be damaged: with more it is no such log
+TRIED = 100                     # readings, at most: each damaged line costs two for each halving
+
+
+class GoodLines:
+    """found: what `read` makes of the lines without the damaged ones; None where too many are. head: lines before the
+    rows, kept in any case. Raises what `read` raises but LogError and ImportTrouble."""
+
+    def __init__(self, lines: list[bytes], head: int, read: Callable[[list[bytes]], Columns]) -> None:
+        self.found: Columns | None = None
+        self.damaged = 0
+        self._read, self._head, self._tried = read, lines[:head], 0
+        self._error: LogError | ImportTrouble | None = None
+        rows = lines[head:]
+        self.found = self._whole(rows)
+        if self.found is None and len(rows) > 1:
+            good = self._good(rows)
+            self.damaged = len(rows) - len(good)
+            if good and self.damaged <= MOST_SHARE * len(rows):
+                self.found = self._whole(good)
+        elif self.found is None:
+            self.damaged = len(rows)
+
+    def _whole(self, rows: list[bytes]) -> Columns | None:
+        self._tried += 1
+        try:
+            return self._read([*self._head, *rows])
+        except (LogError, ImportTrouble) as error:
+            self._error = self._error or error
+            return None
+
+    def _good(self, rows: list[bytes]) -> list[bytes]:
+        """Those that can be read, found by halving what cannot."""
+        if self._tried > TRIED:
+            return []
+        if len(rows) == 1:
+            return rows if self._whole(rows) is not None else []
+        half = len(rows) // 2
+        good = []
+        for part in (rows[:half], rows[half:]):
+            good += part if self._whole(part) is not None else self._good(part)
+        return good
