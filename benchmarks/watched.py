@@ -1,9 +1,9 @@
-"""`topdress watch` on six logs of other programs that grow at 20 Hz: processor, delay, a damaged line, a log that stops.
+"""`topdress watch` on six logs of other programs that grow at 20 Hz: processor, delay, a damaged line, an end.
 
     python benchmarks/watched.py RUN.csv [--onset 600] [--tree OLD]
 
-RUN.csv: a run log at 20 Hz in which something begins at the onset (`topdress simulate --effect shaft.gain=-5@600`). It is
-written anew in six dialects, 5 s of it between two looks at the file, as a clock would bring them; processor is that of
+RUN.csv: a run log at 20 Hz in which something begins at the onset (`topdress simulate --effect shaft.gain=-5@600`). It
+is written anew in six dialects, 5 s of it between two looks at the file, as a clock would bring them; processor is that of
 this process within the looks, over the time of the log. At 400 s a damaged line stands in each.
 """
 from __future__ import annotations
@@ -21,8 +21,9 @@ import polars as pl
 
 STEP_S, DAMAGED_S = 5.0, 400.0
 DAMAGED = b"\x00\x00\x01;,;\"#\n"
-COLUMNS = {"speed_mps": ("speed", "m/s"), "wheel_speed_mps": ("wheel speed", "m/s"), "shaft_rpm_cmd": ("shaft set", "r/min"),
-           "shaft_rpm": ("shaft is", "r/min"), "opening_mm_cmd": ("opening set", "mm"), "opening_mm": ("opening is", "mm"),
+COLUMNS = {"speed_mps": ("speed", "m/s"), "wheel_speed_mps": ("wheel speed", "m/s"),
+           "shaft_rpm_cmd": ("shaft set", "r/min"), "shaft_rpm": ("shaft is", "r/min"),
+           "opening_mm_cmd": ("opening set", "mm"), "opening_mm": ("opening is", "mm"),
            "hopper_kg": ("hopper", "kg"), "supply_v": ("supply", "V")}
 DIALECTS = {"semicolons, decimal commas": (";", ",", "utf-8", "unix_ms"), "commas": (",", ".", "utf-8", "unix_s"),
             "tabs": ("\t", ".", "utf-8", "ms"), "bars": ("|", ".", "utf-8", "s"),
