@@ -3,8 +3,8 @@
     python benchmarks/watched.py RUN.csv [--onset 600] [--tree OLD]
 
 RUN.csv: a run log at 20 Hz in which something begins at the onset (`topdress simulate --effect shaft.gain=-5@600`). It
-is written anew in six dialects, 5 s of it between two looks at the file, as a clock would bring them; processor is that of
-this process within the looks, over the time of the log. At 400 s a damaged line stands in each.
+is written anew in six dialects, 5 s of it between two looks at the file, as a clock would bring them. Processor is that
+of this process within the looks, over the time of the log. At 400 s a damaged line stands in each.
 """
 from __future__ import annotations
 
