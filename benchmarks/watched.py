@@ -59,10 +59,10 @@ def main() -> int:
 
 def watched(name: str, path: Path, head: bytes, rows: list[bytes], said: str, onset_s: float) -> None:
     from console.services.live_check import followed
-    path.write_bytes(head)
+    path.write_bytes(head + b"".join(rows[:100]))
     path.with_name("import.yaml").write_text(said)
     path.with_suffix(".import.yaml").write_text(said)
-    per_step, used, at, lines = int(STEP_S * 20), [0.0], [0], list[str]()
+    per_step, used, at, lines = int(STEP_S * 20), [0.0], [100], list[str]()
     began = [time.process_time()]
 
     def wait() -> bool:

@@ -32,7 +32,7 @@ class ForeignText:
         self._mapping: ImportFile | None = None
 
     def read(self, size: int) -> Columns | None:
-        """None: no whole new line. Raises LogError, ImportTrouble (what is not known of the columns), OSError."""
+        """None: no whole new line, or too few to say what they mean. Raises LogError, ImportTrouble (what is not known of the columns), OSError."""
         if self._mapping is None or size >= GROWN * self._whole_size:
             return self._whole()
         return self._new()
@@ -50,8 +50,8 @@ class ForeignText:
             return self._ask(data)
         except ImportTrouble:                   # open questions stay; a damaged line may be left out
             lines = data.splitlines(keepends=True)
-            if len(lines) <= FIRST_LINES:
-                raise
+            if len(lines) <= FIRST_LINES:       # nothing but a header, or too few rows to tell: it still grows
+                return None
             self._ask(b"".join(lines[:FIRST_LINES]))
             good = GoodLines(lines, FIRST_LINES, lambda some: self._ask(b"".join(some)))
             if good.found is None:

@@ -235,6 +235,7 @@ def test_of_a_foreign_log_only_the_new_lines_are_brought_in(tmp_path: Path, monk
     monkeypatch.setattr(text, "read_text", counted)
     path.write_text(FOREIGN_HEAD)
     growing, times = GrowingLog(path), list[float]()
+    assert growing.more() is None                       # a header alone: it is waited for rows
     for step in range(24):
         with path.open("a") as file:
             file.write(foreign(100, 100 * step))
