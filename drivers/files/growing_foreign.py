@@ -32,7 +32,10 @@ class ForeignText:
         self._mapping: ImportFile | None = None
 
     def read(self, size: int) -> Columns | None:
-        """None: no whole new line, or too few to say what they mean. Raises LogError, ImportTrouble (what is not known of the columns), OSError."""
+        """None: no whole new line, or too few to say what they mean.
+
+        Raises LogError, ImportTrouble (what is not known of the columns), OSError.
+        """
         if self._mapping is None or size >= GROWN * self._whole_size:
             return self._whole()
         return self._new()
