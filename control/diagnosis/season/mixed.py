@@ -281,8 +281,8 @@ def found(logs: Logs) -> list[Cause]:
         causes.append(best)
     for sweep in range(SWEEPS):
         before = [(one.factor, one.level, one.effect) for one in causes]
-        causes = _swept(logs, levels, causes, sweep == 0)
-        if sweep and [(one.factor, one.level, one.effect) for one in causes] == before:
+        causes = _swept(logs, levels, causes, sweep < SWEEPS - 1)
+        if [(one.factor, one.level, one.effect) for one in causes] == before:
             break
     return causes
 
