@@ -304,12 +304,9 @@ def _swept(logs: Logs, levels: Levels, causes: list[Cause], by_machines: bool) -
 def _by_machines(logs: Logs, levels: Levels, causes: list[Cause], shared: Cause) -> list[Cause]:
     """The same, or without what several machines share where courses of their own explain the season better: greedily
     one field is chosen before four machines that stood there when they were set anew."""
-    tried = [one for one in causes if one is not shared]
     machines = {logs.machines[k] for k in np.unique(logs.machine[shared.at])}
-    for cause in [one for one in tried if one.effect == shared.effect and one.level in machines]:
-        others = [one for one in tried if one is not cause]
-        again = _asked_again(logs, levels, others, cause)
-        tried = others if again is None else [*others, again]
+    tried = [one for one in causes if one is not shared and not (
+        one.factor == MACHINE and one.effect == shared.effect and one.level in machines)]
     rows = [k for k, one in enumerate(zip(levels.factor, levels.level, strict=True)) if one[0] == MACHINE
             and one[1] in machines]
     for _ in rows:
