@@ -22,7 +22,7 @@ from textual_serve.server import Server
 from console.serve.tab import TabConsole
 
 TABS = 6                    # consoles at once, counted until their processes have ended
-HEARTBEAT_S = 10.0          # a tablet that went away is noticed in one and a half of them; 3 s ended tabs of busy computers
+HEARTBEAT_S = 10.0          # a tablet that went away is noticed in 15 s; with 3 s tabs of busy computers were ended
 LEAST_FONT, USUAL_FONT, MOST_FONT = 8, 16, 40
 MOST_COLUMNS, MOST_ROWS = 400, 200
 MESSAGE_BYTES = 16_384      # of a tab's message: a paste
