@@ -44,9 +44,9 @@ STEADY, ZONES = "steady 4.5 km/h, from the second minute on", "map, abrupt zones
 ZONE_M = 15.0
 ZONES_KG_HA = (300.0, 450.0, 150.0, 400.0, 200.0, 330.0, 120.0, 450.0)
 OF_OLD = {m.name: m for m in MANOEUVRES}
-DRIVEN = (Manoeuvre(STEADY, 120, 170, ()),
+DRIVEN = (Manoeuvre(STEADY, 100, 145, ()),
           OF_OLD["accelerating 3 to 7 km/h, 0.5 m/s2"], OF_OLD["decelerating 7 to 3 km/h, 0.5 m/s2"],
-          Manoeuvre(ZONES, 20, 110, ()), OF_OLD["stop and go, 6 s standing"])
+          Manoeuvre(ZONES, 20, 90, ()), OF_OLD["stop and go, 6 s standing"])
 SHIFTS_M = np.arange(-1.2, 1.2001, 0.05)
 GO_HELD = (GO[0], *((1.0 + 0.2 * k, Order(Do.START, True)) for k in range(40)))
 PROMISED_FROM = 3               # seeds
