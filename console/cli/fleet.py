@@ -15,6 +15,7 @@ from console.cli.plain_errors import CANCELLED, CommandError
 from console.cli.progress_line import ProgressLine
 
 REPORT = "report.html"
+EVERY_S = 30.0                  # between two lines of progress where there is no terminal
 ABOUT = ("log", "unit", "product", "operator", "field", "time")
 
 
@@ -133,11 +134,16 @@ def _about(table: Path, logs: list[str]) -> dict[str, dict[str, str]]:
     return {log: found for log in logs if (found := said.get(log) or said.get(log.replace("\\", "/").split("/")[-1]))}
 
 
-def _progress() -> Callable[[int, int, str], None]:
-    line = ProgressLine()
+def _progress(clock: Callable[[], float] = time.monotonic) -> Callable[[int, int, str], None]:
+    """On a terminal a line that rewrites itself; elsewhere a line now and then, for whoever reads it later."""
+    line, told_s = ProgressLine(), [clock()]
 
     def tell(done: int, of: int, what: str) -> None:
-        if done >= of:
+        if not line.shown:
+            if done < of and clock() - told_s[0] >= EVERY_S:
+                told_s[0] = clock()
+                typer.echo(f"{done} of {of} {what}", err=True)
+        elif done >= of:
             line.end()
         else:
             line.tell(f"{done} of {of} {what} (Ctrl-C cancels)")

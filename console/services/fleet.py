@@ -250,11 +250,12 @@ def diagnosed(client: Any, paths: Sequence[str], asked: Asked, out: Path, tell: 
             tell(known + number + 1, len(first), "diagnosing")
     finally:
         write_atomically(out / SEEN, json.dumps(seen))
-    records = [{"key": key, **kept[key]} for key in first if key in kept]
+    every = [{"key": key, **kept[key]} for key in first if key in kept]
+    records = list({one.get("content", one["key"]): one for one in reversed(every)}.values())[::-1]
     broken = [*errors.items(), *((one["path"], one["error"]) for one in records if "error" in one)]
-    return Found(tuple(one for one in records if "error" not in one), tuple(sorted(broken)), known,
-                 len(keys) - len(first), tuple(f"{who} does not see the logs, and is left out: {why}"
-                                               for who, why in sorted(blind.items())))
+    twins = len(keys) - len(first) + len(every) - len(records)
+    return Found(tuple(one for one in records if "error" not in one), tuple(sorted(broken)), known, twins,
+                 tuple(f"{who} does not see the logs, and is left out: {why}" for who, why in sorted(blind.items())))
 
 
 def _whole(path: str) -> str:

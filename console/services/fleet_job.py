@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 FORMAT = "topdress-fleet-log/3"
 BLOCK = 1 << 20
 FIRST_BYTES = 4096
+LEAST_S = 20.0                  # of a log: what is shorter shows no level of a hopper and no course
 SHARED = ("product", "operator", "field")
 Options = Mapping[str, str]             # of fsspec, for logs at URLs
 
@@ -85,13 +86,15 @@ def _judged(where: str, path: Path, default: Machine, about: Mapping[str, str]) 
     from drivers.files.config import validated
     from drivers.files.kinds import MACHINE
     log = open_log(path)
+    if log.duration_s < LEAST_S:
+        raise ValueError(f"{where}: {log.duration_s:.0f} s long: allowed is a log of {LEAST_S:.0f} s and more")
     machine = default
     if log.meta is not None and log.meta.machine is not None:
         machine = validated(log.meta.machine, MACHINE, f"{where}: machine")
     seen = evidence(log.columns, machine, where)
     found = seen.found
     return {
-        "format": FORMAT, "path": where, "rows": len(log), "duration_s": log.duration_s,
+        "format": FORMAT, "path": where, "content": _content(log), "rows": len(log), "duration_s": log.duration_s,
         "model": machine.id, "nominal": hashlib.sha256(machine.model_dump_json().encode()).hexdigest(),
         "unit": _known(log, about, "unit") or _folder(where), **_time(log, path, about),
         "shared": {name: _known(log, about, name) for name in SHARED},
@@ -99,6 +102,16 @@ def _judged(where: str, path: Path, default: Machine, about: Mapping[str, str]) 
         "causes": [{"id": cause.id, "size": cause.size.value, "low": cause.size.low, "high": cause.size.high,
                     "probability": cause.probability, "onset_s": cause.onset_s} for cause in found.causes],
         "forms": [form._asdict() for form in seen.forms]}
+
+
+def _content(log: RunLog) -> str:
+    """SHA-256 of what was measured: the same run as text and as Parquet is one log."""
+    import numpy as np
+    digest = hashlib.sha256()
+    for name in ("time_s", "speed_mps", "wheel_speed_mps", "shaft_rpm", "opening_mm", "hopper_kg"):
+        if name in log.columns:
+            digest.update(name.encode() + (np.round(np.asarray(log.columns[name], np.float64), 6) + 0.0).tobytes())
+    return digest.hexdigest()
 
 
 def _known(log: RunLog, about: Mapping[str, str], name: str) -> str:

@@ -476,3 +476,25 @@ def test_where_nothing_was_diagnosed_the_command_fails(tmp_path: Path) -> None:
     (tmp_path / "in" / "a.csv").write_text("a,b\nc,d\n")
     done = CliRunner().invoke(app, ["fleet", str(tmp_path / "in"), "--out", str(tmp_path / "out"), "--workers", "1"])
     assert done.exit_code != 0 and "no log was diagnosed" in done.output
+
+
+def test_a_run_as_text_and_as_parquet_is_one_log(tmp_path: Path, client: Any) -> None:
+    logs = [str(wheel_log(tmp_path / "in" / name, seconds=30.0)) for name in ("a.csv", "a.parquet")]
+    logs.append(str(wheel_log(tmp_path / "in" / "b.csv", seconds=30.0, seed=2)))
+    found = fleet.diagnosed(client, logs, fleet.Asked(MACHINE, {}, "s"), tmp_path / "out", quiet)
+    assert len(found.records) == 2 and found.twins == 1 and not found.broken
+
+
+def test_a_log_of_six_seconds_is_no_log(tmp_path: Path) -> None:
+    said = record(str(wheel_log(tmp_path / "a.csv", seconds=6.0)), {}, MACHINE, {})
+    assert said["error"].endswith("6 s long: allowed is a log of 20 s and more") and said["lasting"]
+
+
+def test_progress_without_a_terminal_is_a_line_now_and_then(capsys: pytest.CaptureFixture[str]) -> None:
+    from console.cli.fleet import _progress
+    now = [0.0]
+    tell = _progress(lambda: now[0])
+    for done in range(1, 101):
+        now[0] += 1.0
+        tell(done, 100, "diagnosing")
+    assert capsys.readouterr().err.splitlines() == [f"{k} of 100 diagnosing" for k in (30, 60, 90)]
