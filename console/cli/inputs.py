@@ -7,6 +7,8 @@ from typing import NamedTuple
 
 from console.cli.plain_errors import CommandError
 
+AS_PDF = "a browser prints that page to a PDF"
+
 
 class Reads(NamedTuple):
     """`kinds`: ids of drivers.files.what_it_is. `words`: what is read, for people."""
@@ -37,7 +39,8 @@ def need_ending(option: str, path: Path | None, *endings: str) -> None:
     """Raises CommandError where a name ends otherwise, before anything is read or written."""
     if path is not None and str(path) != "-" and path.suffix.lower() not in endings:
         said = "a folder, or a name" if "" in endings else "a name"
-        raise CommandError(f"{option} {path}: allowed is {said} that ends in {' or '.join(filter(None, endings))}")
+        how = f": {AS_PDF}" if path.suffix.lower() == ".pdf" and ".html" in endings else ""
+        raise CommandError(f"{option} {path}: allowed is {said} that ends in {' or '.join(filter(None, endings))}{how}")
 
 
 def refuse_run_log(table: Path, command: str) -> None:

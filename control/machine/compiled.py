@@ -1,10 +1,11 @@
-"""The steps compiled over whole logs. The only module that imports numba; import it only where a log is run.
+"""The steps compiled over whole logs. It and `kept_code` alone import numba; import it only where a log is run.
 
-The cache folder carries a hash of the sources: numba's own check looks at one file only, and would go on running
-old machine code after an edit in another.
+The cache folder and its entries carry a hash of the sources: numba's own check looks at one file only, and would go on
+running old machine code after an edit in another.
 """
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import pathlib
 from collections.abc import Callable
@@ -16,11 +17,13 @@ import platformdirs
 from numba.extending import register_jitable
 
 from . import elements, fall, flow, gate, heads, scale, shaft, speed, term_step
+from .kept_code import KeptCode, named_apart
 from .over_log import Run, mapped, over_log
 
 _here = pathlib.Path(__file__).parent
 _sources = b"".join(file.read_bytes() for file in sorted(_here.glob("*.py")))
-CACHE_DIR = pathlib.Path(platformdirs.user_cache_dir("topdress")) / hashlib.sha256(_sources).hexdigest()[:12]
+_SOURCES = hashlib.sha256(_sources).hexdigest()[:12]
+CACHE_DIR = pathlib.Path(platformdirs.user_cache_dir("topdress")) / _SOURCES
 numba.config.CACHE_DIR = str(CACHE_DIR)  # type: ignore[attr-defined]
 
 for _piece in (elements.line_put, elements.line_mean, elements.line_held, elements.table_at, elements.stepped,
@@ -33,8 +36,12 @@ for _piece in (elements.line_put, elements.line_mean, elements.line_held, elemen
 
 
 def compiled(run: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of numbers and arrays compiled when it is first called, kept on disk by its own file's date."""
-    return numba.njit(cache=True, nogil=True, error_model="numpy")(run)
+    """A function of numbers and arrays compiled when it is first called, kept on disk where there is room."""
+    apart = named_apart(run)
+    made = numba.njit(nogil=True, error_model="numpy")(apart)
+    with contextlib.suppress(RuntimeError, OSError):        # nowhere to keep it: compiled anew in each process
+        made._cache = KeptCode(apart, _SOURCES)
+    return made
 
 
 def _compiled(run: Callable[..., Any]) -> Run:
@@ -50,7 +57,7 @@ heads_run = _compiled(mapped(heads.head_reads))
 term_run = _compiled(term_step.over_rows(term_step.term_step))
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def remembered_run(keep: float, fresh: elements.Array) -> elements.Array:
     """y[k] = keep y[k - 1] + fresh[k], y before the first being 0: (rows,)."""
     out = np.empty(len(fresh))
@@ -61,7 +68,7 @@ def remembered_run(keep: float, fresh: elements.Array) -> elements.Array:
     return out
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def table_run(nodes: elements.Table, values: elements.Table, at: elements.Array) -> elements.Array:
     """A table over a log: (rows,)."""
     out = np.empty(len(at))
