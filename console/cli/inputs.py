@@ -22,7 +22,7 @@ LOG = Reads(_TABLES, "a log: a table (CSV, Excel, Parquet), points (GeoJSON, sha
             "worked")
 TABLE = Reads(("text", "excel", "empty"), "a bench table (CSV, Excel)")
 RUN_LOG = Reads(("text", "excel", "parquet", "empty"), "a run log (CSV, Parquet)")
-MAP = Reads((*_TABLES, "gpkg", "kml", "kmz", "geotiff"),
+MAP = Reads((*(kind for kind in _TABLES if kind != "empty"), "gpkg", "kml", "kmz", "geotiff"),
             "a prescription (ISOXML, shapefile, GeoJSON, GeoPackage, KML, GeoTIFF, CSV), or a log of work done")
 CHECKED = Reads(("config", "text", "task", "zip", "folder", "empty"), "a configuration file, or an ISOXML task file")
 CAPTURED = Reads(("text", "nmea", "capture", "json", "binary", "empty"), "the capture of a device, as received")

@@ -70,7 +70,9 @@ def map_files(
         _export(source, out, machine=machine, product=product, nitrogen=nitrogen, every_s=every, polygons=polygons,
                 as_json=as_json)
         return
-    choice = Choice(column, unit, scale, density, nitrogen, default, outside, lost, layer, inside, _source(rate_from))
+    choice = Choice(column=column, unit=unit, scale=scale, density_kg_l=density, n_fraction=nitrogen,
+                    default_kg_ha=default, outside_kg_ha=outside, lost_kg_ha=lost, layer=layer, inside=inside,
+                    rate_from=_source(rate_from))
     _convert(source, out, choice, rule, as_json)
 
 
@@ -79,7 +81,7 @@ def _is_log(source: Path) -> bool:
     from drivers.files.point_files import TABLES, holds_points
     from drivers.files.prescriptions.csv_zones import holds_polygons
     from drivers.files.prescriptions.lattice import is_map_of_points
-    if source.suffix.lower() in TABLES:
+    if source.suffix.lower() in TABLES and not source.is_dir():
         return not holds_polygons(source) and not is_map_of_points(source)
     return holds_points(source) and not is_map_of_points(source)
 

@@ -116,3 +116,22 @@ def test_decode_and_devices_do_not_end_well_where_nothing_was(topdress: Callable
 
 def test_an_install_line_works_for_who_cloned() -> None:
     assert install_line("report").endswith("[report]'") and " -m pip install -e '/" in install_line("report")
+
+
+@pytest.mark.parametrize("ending", ["shp", "tif", "gpkg", "kml", "geojson", "zip", "csv"])
+def test_an_empty_file_and_a_folder_by_such_a_name(tmp_path: Path, ending: str) -> None:
+    (tmp_path / f"a.{ending}").touch()
+    (tmp_path / f"b.{ending}").mkdir()
+    for command in ("map", "field"):
+        if (command, ending) == ("field", "csv"):
+            continue
+        said = CliRunner().invoke(app, [command, str(tmp_path / f"a.{ending}")])
+        assert said.exit_code == 2 and f"a.{ending}: this is an empty file" in said.output, said.output
+        said = CliRunner().invoke(app, [command, str(tmp_path / f"b.{ending}")])
+        assert said.exit_code == 2 and f"b.{ending}: no " in said.output, said.output
+
+
+def test_a_report_as_pdf_is_told_how(tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_text("time_s,speed_mps\n0,1\n1,1\n")
+    said = CliRunner().invoke(app, ["diagnose", str(tmp_path / "run.csv"), "--report", str(tmp_path / "why.pdf")])
+    assert said.exit_code == 2 and "ends in .html: a browser prints that page to a PDF" in said.output, said.output

@@ -143,6 +143,12 @@ def test_what_is_no_done_ground_is_one_line(tmp_path: Path, topdress: Callable[.
         read_done(folder)
     with pytest.raises(FieldError, match=r"Sections.txt: '': allowed is a place"):
         read_agopengps(folder)
+    boundary = folder / "Boundary.txt"
+    boundary.write_bytes(boundary.read_text().encode("utf-16"))
+    (folder / "Sections.txt").unlink()
+    assert read_agopengps(folder).outline_deg is not None, "saved by an editor as UTF-16"
+    with pytest.raises(FieldError, match=r"north: no Sections.txt: allowed is"):
+        read_done(folder)
     with pytest.raises(FieldError, match="no such file: allowed is a field of AgOpenGPS"):
         read_done(tmp_path / "gone")
     aog_field(tmp_path / "other", [strip((0.0, 20.0), 0.0, 30.0, 8.0)])

@@ -5,7 +5,8 @@ from pathlib import Path
 
 from drivers.files.exports.as_applied import AsApplied, ExportError
 
-KNOWN = ".csv, .geojson or .json, .shp, .gpkg, .zip (ISO 11783-10 task), or a folder (task)"
+KNOWN = (".csv, .geojson or .json, .shp, .gpkg, .zip (ISO 11783-10 task), a folder (task), or .html (the report, which "
+         "a browser prints to a PDF)")
 
 
 def write_as_applied(applied: AsApplied, path: str | Path, polygons: bool = False) -> None:

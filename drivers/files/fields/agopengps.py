@@ -80,7 +80,9 @@ def read_agopengps(folder: Path) -> FieldData:
 
 
 def _texts(path: Path) -> list[str]:
-    return [line.strip() for line in path.read_text(encoding="utf-8-sig", errors="replace").splitlines()]
+    data = path.read_bytes()
+    encoding = "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+    return [line.strip() for line in data.decode(encoding, errors="replace").splitlines()]
 
 
 def _origin(path: Path) -> tuple[str, _Plane]:

@@ -11,6 +11,7 @@ from control.geodesy import TangentPlane
 from drivers.files.fields.agopengps import covered_triangles
 from drivers.files.fields.field_data import FieldError
 from drivers.files.fields.shapes import named_shapes
+from drivers.files.what_it_is import what_is
 
 SECTIONS = "sections.txt"
 
@@ -34,8 +35,7 @@ def _shapes_deg(path: Path) -> np.ndarray:
     """Polygons (n,) in longitude and latitude."""
     if not path.exists():
         raise FieldError(f"{path}: no such file: allowed is a field of AgOpenGPS, or a file of polygons")
-    if path.name.lower() == SECTIONS or (path.is_dir() and any(
-            one.name.lower() == SECTIONS for one in path.iterdir())):
+    if path.name.lower() == SECTIONS or (path.is_dir() and what_is(path).id == "aog"):
         triangles = covered_triangles(path if path.is_dir() else path.parent)
         if not len(triangles):
             raise FieldError(f"{path}: no ground is marked as worked in Sections.txt")

@@ -30,7 +30,7 @@ def read_prescription(path: str | Path, choice: Choice | None = None) -> Importe
         check_file(path)
     except BeyondLimits as error:
         raise PrescriptionError(str(error)) from None
-    suffix = path.suffix.lower()
+    suffix = "" if path.is_dir() else path.suffix.lower()
     if suffix in (".geojson", ".json"):
         from drivers.files.prescriptions.geojson import read_geojson
         return _areas_or_points(partial(read_geojson, path, choice), path, choice)

@@ -43,7 +43,7 @@ class RateQuestion(PrescriptionError):
         self.columns = columns
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Choice:
     """What the operator picks; None: what the file says, or the plain default."""
 
@@ -57,8 +57,8 @@ class Choice:
     lost_kg_ha: float | None = None
     layer: str | None = None            # of a task file with several: TASK/DDI or TASK/DDI/PRODUCT
     inside: str | None = None           # of a folder or zip with several: the task set or shapefile
-    index: str | None = None            # the numbers are the canopy's index of this name, not rates
     rate_from: Literal["ddi", "presentation"] | None = None    # where a task file contradicts itself
+    index: str | None = None            # the numbers are the canopy's index of this name, not rates
 
 
 @dataclass(frozen=True, slots=True, eq=False)
