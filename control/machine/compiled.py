@@ -40,7 +40,8 @@ def compiled(run: Callable[..., Any]) -> Callable[..., Any]:
     apart = named_apart(run)
     made = numba.njit(nogil=True, error_model="numpy")(apart)
     with contextlib.suppress(RuntimeError, OSError):        # nowhere to keep it: compiled anew in each process
-        made._cache = KeptCode(apart, _SOURCES)
+        dispatcher: Any = made
+        dispatcher._cache = KeptCode(apart, _SOURCES)
     return made
 
 

@@ -38,18 +38,18 @@ def named_apart(run: Callable[..., Any]) -> Callable[..., Any]:
     return made
 
 
-class KeptCode(FunctionCache):      # type: ignore[misc]
+class KeptCode(FunctionCache):
     """Of one function. Raises RuntimeError where there is no folder that can be written."""
 
     def __init__(self, run: Callable[..., Any], sources: str) -> None:
         """sources: a hash of all that is compiled into it."""
-        super().__init__(run)
+        super().__init__(run)           # type: ignore[no-untyped-call]
         self._sources = sources
 
     def key(self, signature: Any, codegen: Any) -> bytes:
         """What an entry is of: types of arguments, processor, code, closure, sources, versions."""
-        return repr((self._index_key(signature, codegen), self._sources, numba.__version__,
-                     sys.version_info[:3])).encode()
+        of_numba = self._index_key(signature, codegen)          # type: ignore[no-untyped-call]
+        return repr((of_numba, self._sources, numba.__version__, sys.version_info[:3])).encode()
 
     def path(self, key: bytes) -> Path:
         return Path(self._cache_path) / f"{self._impl.filename_base}.{hashlib.sha256(key).hexdigest()[:24]}.code"
