@@ -495,7 +495,9 @@ def _alternatives(logs: Logs, levels: Levels, others: Sequence[Cause], post: Sol
                                                                          0.0)))
     most = max(one[0] for one in tried)
     temper = 1.0 / (1.0 + COARSE * 2.0 * max(0.0, most))
-    weights = np.array([temper * (likely - most) + prior_ for likely, prior_, _ in tried])
+    # Of the same effect at another level the form is as wrong: only effects among each other are tempered.
+    weights = np.array([temper * (likely - most) + prior_ if what.effect != mine[2].effect else
+                        temper * (mine[0] - most) + likely - mine[0] + prior_ for likely, prior_, what in tried])
     shares = np.exp(weights - logsumexp(weights))
     return sorted((one[2]._replace(probability=float(share)) for one, share in zip(tried, shares, strict=True)),
                   key=lambda one: -one.probability)
