@@ -137,6 +137,20 @@ def grams_per_rev(p: Flow, shaft_rpm: float, opening_mm: float) -> float:
     return mass * (1.0 - lost / 100.0) if mass > 0.0 else 0.0
 
 
+def common_factor(p: Flow, share_full: float, elapsed_s: float, pitch_deg: float, more_percent: float,
+                  refilled: bool) -> float:
+    """What multiplies the flow whatever shaft and opening are: hopper head, blocked outlets, drift, slope, lot, an
+    uneven outlet. share_full: of the hopper."""
+    lost = p.hopper_head_percent * (1.0 - share_full) + p.blocked_percent
+    more = p.moisture_percent_per_h * elapsed_s / 3600.0 + p.slope_percent_per_deg * pitch_deg
+    more += more_percent
+    if refilled:
+        more += p.batch_percent
+    if p.uneven_outlet > 0.0:
+        more += p.uneven_percent / p.outlets
+    return (1.0 - lost / 100.0) * (1.0 + more / 100.0)
+
+
 def flow_step(p: Flow, s: FlowState, u: FlowInput, dt_s: float) -> tuple[FlowState, FlowOutput]:
     """One step of `dt_s` with the inputs held; the flow is its mean over the step. Mass is conserved.
 
@@ -147,15 +161,8 @@ def flow_step(p: Flow, s: FlowState, u: FlowInput, dt_s: float) -> tuple[FlowSta
         hopper = p.full_kg
     if u.refill_kg > 0.0:
         refills += 1.0
-    lost = p.hopper_head_percent * (1.0 - hopper / p.full_kg) + p.blocked_percent
-    more = p.moisture_percent_per_h * s.time_s / 3600.0 + p.slope_percent_per_deg * u.pitch_deg
-    more += u.more_percent
-    if refills > 0.0:
-        more += p.batch_percent
-    if p.uneven_outlet > 0.0:
-        more += p.uneven_percent / p.outlets
     flow = grams_per_rev(p, u.shaft_rpm, u.opening_mm) * u.shaft_rpm / 60_000.0
-    flow *= (1.0 - lost / 100.0) * (1.0 + more / 100.0)
+    flow *= common_factor(p, hopper / p.full_kg, s.time_s, u.pitch_deg, u.more_percent, refills > 0.0)
     if p.pulsation_percent != 0.0:
         flow *= 1.0 + p.pulsation_percent / 100.0 * sin(2.0 * pi * p.flutes * s.angle_rev)
     if u.shaft_rpm >= STOPPED_RPM:

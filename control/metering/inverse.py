@@ -4,7 +4,7 @@ from __future__ import annotations
 from math import inf
 from typing import NamedTuple
 
-from control.machine.flow import Flow, grams_per_rev
+from control.machine.flow import Flow, common_factor, grams_per_rev
 from control.machine.machine import Machine
 from control.machine.shaft import Shaft
 from control.machine.term_sums import StandingTerms
@@ -32,16 +32,9 @@ class Conditions(NamedTuple):
 
 
 def standing_factor(p: Flow, c: Conditions) -> float:
-    """What multiplies the flow whatever the set-points are: hopper head, drift, lot, slope, scale's correction."""
-    lost = p.blocked_percent
-    if c.hopper_kg is not None and p.hopper_head_percent != 0.0:
-        lost += p.hopper_head_percent * (1.0 - min(1.0, max(0.0, c.hopper_kg / p.full_kg)))
-    more = p.moisture_percent_per_h * c.elapsed_s / 3600.0 + p.slope_percent_per_deg * c.pitch_deg
-    if c.refilled:
-        more += p.batch_percent
-    if p.uneven_outlet > 0.0:
-        more += p.uneven_percent / p.outlets
-    return (1.0 - lost / 100.0) * (1.0 + more / 100.0) * c.flow_trim
+    """What multiplies the flow whatever the set-points are, the scale's correction included."""
+    full = 1.0 if c.hopper_kg is None else min(1.0, max(0.0, c.hopper_kg / p.full_kg))
+    return common_factor(p, full, c.elapsed_s, c.pitch_deg, 0.0, c.refilled) * c.flow_trim
 
 
 def flow_kg_s(machine: Machine, shaft_rpm: float, opening_mm: float, c: Conditions = Conditions()) -> float:
