@@ -16,7 +16,7 @@ from beyond_other_run import NOISE, READING
 from beyond_problem import Channel, column_of
 from peers_methods import Small
 
-from control.diagnosis.runs import noise as noises
+from control.diagnosis.judgement import noise as noises
 
 Floats = npt.NDArray[np.float64]
 STAGES = ("shaft", "gate", "flow", "scale", "speed")

@@ -122,7 +122,7 @@ def machine_text(case: Case) -> str:
     return yaml.safe_dump({
         "format": "topdress-machine/1", "id": case.pair.split("/")[0],
         "shaft": {"dead_time_s": s["dead_s"], "time_constant_s": s["tau_s"], "acceleration_rpm_s": 5000.0,
-                  "nominal_supply_v": 7.4},
+                  "nominal_supply_v": 7.4, "full_rpm": s["full_rpm"]},
         "flow": {"full_rpm": s["full_rpm"]}, "fall": {"full_rpm": s["full_rpm"]},
         "limits": {"shaft_low_rpm": 0.0, "shaft_high_rpm": s["full_rpm"]},
         "set_points": {"shaft_rpm": 0.5 * s["full_rpm"]}, "noise": {"shaft_rpm": s["noise_rpm"]},

@@ -16,7 +16,7 @@ from hidden.plant import Plant
 from hidden.programmes import PROGRAMMES, Drive
 from scipy.ndimage import uniform_filter1d
 
-from control.diagnosis.runs import noise as noises
+from control.diagnosis.judgement import noise as noises
 
 Floats = npt.NDArray[np.float64]
 CHANNELS = ("shaft", "gate", "scale", "speed", "heads")

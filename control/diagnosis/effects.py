@@ -41,6 +41,7 @@ class Row:
     """What a diagnosis must know of an effect beside its place in the model."""
 
     id: str
+    usual: float                        # s.d. of its prior: what such effects usually are, in its unit
 
     # -- how its column is made
     probe: float | None = None          # size at which the slope of a straight-line effect is taken
@@ -54,6 +55,8 @@ class Row:
     needs_refill: bool = False          # shows only after the hopper was filled up
     min_move_mm: float = 0.0            # the opening's command must move so far (1st to 99th percentile)
     needs: str = ""                     # recorded variable without which it cannot be told from others
+    open_loop: bool = False             # none in a drive that holds its speed by its own encoder
+    both_ways: bool = False             # shows only where commands turn the shaft either way
     seen_in_steps: bool = True          # can be told where the shaft's speed is read in steps
 
     # -- what it may be taken for
@@ -65,6 +68,7 @@ class Row:
 
     # -- when it begins
     may_begin: bool = True              # whether it may begin in the middle of a run
+    ends: float = 1.0                   # how much rarer than others it comes and goes by itself
     loss_begins_as: str = ""            # effect that such a loss is called where it begins in mid-run
 
     # -- in bench tables
@@ -82,7 +86,7 @@ class Row:
         ladder = tuple(scale * size for size in self.ladder)
         if self.threshold:
             ladder = (*_finer(ladder[0], machine), *ladder)
-        return replace(self, probe=None if self.probe is None else scale * self.probe,
+        return replace(self, usual=scale * self.usual, probe=None if self.probe is None else scale * self.probe,
                        ladder=ladder,
                        slope_step=None if self.slope_step is None else scale * self.slope_step,
                        min_move_mm=opening * self.min_move_mm)
@@ -116,55 +120,70 @@ def _finer(lowest_rpm: float, machine: Machine) -> tuple[float, ...]:
     return tuple(found)
 
 
-SHAFT_GAIN = Row("shaft.gain", probe=0.5, form_over="shaft_rpm")
-SHAFT_SLOW = Row("shaft.slow", ladder=(0.03, 0.1, 0.3, 0.8), siblings=("shaft.dead_time",), moves="time_constant_s",
-                 seen_in_steps=False, move_shaped=True, costs=Costs.PLACE)
-SHAFT_DEAD_TIME = Row("shaft.dead_time", ladder=(0.03, 0.1, 0.25, 0.6), siblings=("shaft.slow",), moves="dead_time_s",
-                      seen_in_steps=False, move_shaped=True, costs=Costs.PLACE,
+# What such effects usually are (`usual`), 1 s.d. of a normal about nothing: by what a machine in use departs from its
+# data sheet before somebody repairs it. A prior of half or twice as much moves the log evidence by 0.7: an order of
+# size will do. Gains of drives, wheel and feed rollers: some per cent (a spreader in order keeps its rate to 5 %,
+# ISO 5690-1); of a scale on a machine that drives no less, and some kg/h of drift (a scale at rest: OIML R 76, class
+# 4). Times: fractions of a second, as drives of this size take. Openings: a millimetre or two, as a worn spindle or a
+# moved stop gives. Supply: as it droops from 14 to 12 V. Slope: a per cent a degree, as a hopper rests on its side.
+# A blocked outlet is one of six.
+SHAFT_GAIN = Row("shaft.gain", 3.0, probe=0.5, form_over="shaft_rpm")
+SHAFT_SLOW = Row("shaft.slow", 0.2, ladder=(0.03, 0.1, 0.3, 0.8), siblings=("shaft.dead_time",),
+                 moves="time_constant_s", seen_in_steps=False, move_shaped=True, costs=Costs.PLACE)
+SHAFT_DEAD_TIME = Row("shaft.dead_time", 0.15, ladder=(0.03, 0.1, 0.25, 0.6), siblings=("shaft.slow",),
+                      moves="dead_time_s", seen_in_steps=False, move_shaped=True, costs=Costs.PLACE,
                       only_adds=True, constant_time=True, scoped_in=("lag",))
-SHAFT_DEAD_BAND = Row("shaft.dead_band", ladder=(11.0, 13.0, 16.0, 20.0, 25.0, 31.0, 40.0), threshold=True)
-SHAFT_VOLTAGE_SAG = Row("shaft.voltage_sag", probe=0.5, form_over="supply_v", along="supply_v")
-SHAFT_LOAD_DROOP = Row("shaft.load_droop", probe=1.0, form_over="opening_mm", needs="opening_mm")
-SHAFT_COARSE_ENCODER = Row("shaft.coarse_encoder", found_by=FoundBy.STEPS, costs=Costs.NEITHER)
-SHAFT_STALL = Row("shaft.stall", found_by=FoundBy.STOP)
-GATE_OFFSET = Row("gate.offset", probe=0.1, form_over="opening_mm", also_on=("scale",))     # flow follows the true one
-GATE_HOME_ERROR = Row("gate.home_error", probe=0.1, form_over="opening_mm")
-GATE_BACKLASH = Row("gate.backlash", ladder=(0.02, 0.06, 0.15, 0.4, 1.0, 2.5), min_move_mm=2.0, move_shaped=True)
-GATE_LOST_STEPS = Row("gate.lost_steps", probe=0.02, may_begin=False, move_shaped=True)
-GATE_SLOW = Row("gate.slow", ladder=(0.4, 1.5, 5.0, 10.0, 15.0), moves="slew_mm_s", min_move_mm=2.0, move_shaped=True,
-                costs=Costs.PLACE)
-GATE_STUCK = Row("gate.stuck", found_by=FoundBy.STOP)
-FLOW_GAIN = Row("flow.gain", probe=1.0, loss_begins_as="flow.blocked_outlet", scoped_in=("catch",))
-FLOW_ZERO_OFFSET = Row("flow.zero_offset", probe=1.0, form_over="opening_mm")
-FLOW_FILL_FALLOFF = Row("flow.fill_falloff", probe=1.0, form_over="shaft_rpm", only_adds=True)
-FLOW_HOPPER_HEAD = Row("flow.hopper_head", probe=1.0, form_over="hopper_kg")
-FLOW_MOISTURE_DRIFT = Row("flow.moisture_drift", probe=1.0, form_over="time_s", may_begin=False)
-FLOW_BATCH = Row("flow.batch", probe=1.0, needs_refill=True, may_begin=False)
-FLOW_BLOCKED_OUTLET = Row("flow.blocked_outlet", probe=2.0, found_by=FoundBy.ONSET)
-FLOW_OUTLET_UNEVEN = Row("flow.outlet_uneven")
-FLOW_BRIDGING = Row("flow.bridging", found_by=FoundBy.STANDSTILL)
-FLOW_LEAK = Row("flow.leak", probe=1.0)
-FLOW_SLOPE = Row("flow.slope", probe=0.2, form_over="pitch_deg", along="pitch_deg")
-FLOW_PULSATION = Row("flow.pulsation", costs=Costs.NEITHER)
-SCALE_GAIN = Row("scale.gain", probe=0.2)
-SCALE_DRIFT = Row("scale.drift", probe=0.5, form_over="time_s", may_begin=False)
-SCALE_TILT = Row("scale.tilt", probe=0.05, form_over="pitch_deg", along="pitch_deg")
-SPEED_WHEEL_SLIP = Row("speed.wheel_slip", probe=0.5, form_over="pitch_deg", only_adds=True)
-SPEED_WHEEL_RADIUS = Row("speed.wheel_radius", probe=0.5)
-SPEED_MISSED_PULSES = Row("speed.missed_pulses", probe=0.5, found_by=FoundBy.DIPS)
-SPEED_GNSS_LATENCY = Row("speed.gnss_latency", ladder=(0.1, 0.3, 0.8), slope_step=0.05,     # two rows of its stage
+SHAFT_DEAD_BAND = Row("shaft.dead_band", 20.0, ladder=(11.0, 13.0, 16.0, 20.0, 25.0, 31.0, 40.0), threshold=True)
+SHAFT_DEAD_ZONE = Row("shaft.dead_zone", 10.0, ladder=(2.0, 8.0, 20.0, 40.0), form_over="shaft_rpm", only_adds=True,
+                      open_loop=True)
+SHAFT_SATURATION = Row("shaft.saturation", 15.0, ladder=(3.0, 12.0, 30.0, 60.0), form_over="shaft_rpm", only_adds=True,
+                       open_loop=True)
+SHAFT_BACK_GAIN = Row("shaft.back_gain", 5.0, probe=0.5, form_over="shaft_rpm", both_ways=True)
+SHAFT_BACK_ZONE = Row("shaft.back_zone", 5.0, probe=0.5, form_over="shaft_rpm", both_ways=True, open_loop=True)
+SHAFT_VOLTAGE_SAG = Row("shaft.voltage_sag", 3.0, probe=0.5, form_over="supply_v", along="supply_v")
+SHAFT_LOAD_DROOP = Row("shaft.load_droop", 6.0, probe=1.0, form_over="opening_mm", needs="opening_mm")
+SHAFT_COARSE_ENCODER = Row("shaft.coarse_encoder", 4.0, found_by=FoundBy.STEPS, costs=Costs.NEITHER)
+SHAFT_STALL = Row("shaft.stall", 1.0, found_by=FoundBy.STOP)
+GATE_OFFSET = Row("gate.offset", 1.5, probe=0.1, form_over="opening_mm", also_on=("scale",))
+GATE_HOME_ERROR = Row("gate.home_error", 1.5, probe=0.1, form_over="opening_mm")
+GATE_BACKLASH = Row("gate.backlash", 0.8, ladder=(0.02, 0.06, 0.15, 0.4, 1.0, 2.5), min_move_mm=2.0,
+                    move_shaped=True)
+GATE_LOST_STEPS = Row("gate.lost_steps", 0.3, probe=0.02, may_begin=False)
+GATE_SLOW = Row("gate.slow", 8.0, ladder=(0.4, 1.5, 5.0, 10.0, 15.0), moves="slew_mm_s", min_move_mm=2.0,
+                move_shaped=True, costs=Costs.PLACE)
+GATE_STUCK = Row("gate.stuck", 1.0, found_by=FoundBy.STOP)
+FLOW_GAIN = Row("flow.gain", 6.0, probe=1.0, loss_begins_as="flow.blocked_outlet", scoped_in=("catch",))
+FLOW_ZERO_OFFSET = Row("flow.zero_offset", 6.0, probe=1.0, form_over="opening_mm")
+FLOW_FILL_FALLOFF = Row("flow.fill_falloff", 6.0, probe=1.0, form_over="shaft_rpm", only_adds=True)
+FLOW_HOPPER_HEAD = Row("flow.hopper_head", 6.0, probe=1.0, form_over="hopper_kg")
+FLOW_MOISTURE_DRIFT = Row("flow.moisture_drift", 5.0, probe=1.0, form_over="time_s", may_begin=False)
+FLOW_BATCH = Row("flow.batch", 6.0, probe=1.0, needs_refill=True, may_begin=False)
+FLOW_BLOCKED_OUTLET = Row("flow.blocked_outlet", 17.0, probe=2.0, found_by=FoundBy.ONSET)
+FLOW_OUTLET_UNEVEN = Row("flow.outlet_uneven", 6.0)
+FLOW_BRIDGING = Row("flow.bridging", 10.0, found_by=FoundBy.STANDSTILL)
+FLOW_LEAK = Row("flow.leak", 20.0, probe=1.0)
+FLOW_SLOPE = Row("flow.slope", 1.0, probe=0.2, form_over="pitch_deg", along="pitch_deg")
+FLOW_PULSATION = Row("flow.pulsation", 10.0, costs=Costs.NEITHER)
+SCALE_GAIN = Row("scale.gain", 4.0, probe=0.2)
+SCALE_DRIFT = Row("scale.drift", 3.0, probe=0.5, form_over="time_s", may_begin=False)
+SCALE_TILT = Row("scale.tilt", 0.5, probe=0.05, form_over="pitch_deg", along="pitch_deg")
+SPEED_WHEEL_SLIP = Row("speed.wheel_slip", 4.0, probe=0.5, form_over="pitch_deg", only_adds=True)
+SPEED_WHEEL_RADIUS = Row("speed.wheel_radius", 3.0, probe=0.5)
+SPEED_MISSED_PULSES = Row("speed.missed_pulses", 5.0, probe=0.5, found_by=FoundBy.DIPS)
+SPEED_GNSS_LATENCY = Row("speed.gnss_latency", 0.3, ladder=(0.1, 0.3, 0.8), slope_step=0.05,     # two rows of its stage
                          costs=Costs.PLACE)
-CANOPY_HEAD_FOULED = Row("canopy.head_fouled", probe=1.0, costs=Costs.CROP)
-CANOPY_WARM_UP = Row("canopy.warm_up", costs=Costs.CROP)
-CANOPY_SATURATION = Row("canopy.saturation", costs=Costs.CROP)
-LAG_OFFSET = Row("lag.offset", costs=Costs.PLACE, constant_time=True, scoped_in=("lag",))
-LAG_REBOUND = Row("lag.rebound", costs=Costs.PLACE, only_adds=True)
-LAG_FIRST_FILL = Row("lag.first_fill", costs=Costs.PLACE, only_adds=True)
-LAG_ASYMMETRY = Row("lag.asymmetry", costs=Costs.PLACE, half_looks_like=("lag.offset", "shaft.dead_time"))
-LAG_COARSE_CLOCK = Row("lag.coarse_clock", costs=Costs.NEITHER)
-LAG_SPEED_SCALE = Row("lag.speed_scale", costs=Costs.PLACE, scoped_in=("lag",))
-PLACE_LEVER_ARM = Row("place.lever_arm", costs=Costs.PLACE, scoped_in=("place",))
-PLACE_LATENCY = Row("place.latency", costs=Costs.PLACE, scoped_in=("place",))
+# Dirt stays where it is; what wanders off and comes back is nearly always the sensor, which warms up and cools down.
+CANOPY_HEAD_FOULED = Row("canopy.head_fouled", 8.0, probe=1.0, ends=0.01, costs=Costs.CROP)
+CANOPY_WARM_UP = Row("canopy.warm_up", 8.0, costs=Costs.CROP)
+CANOPY_SATURATION = Row("canopy.saturation", 8.0, costs=Costs.CROP)
+LAG_OFFSET = Row("lag.offset", 0.2, costs=Costs.PLACE, constant_time=True, scoped_in=("lag",))
+LAG_REBOUND = Row("lag.rebound", 0.2, costs=Costs.PLACE, only_adds=True)
+LAG_FIRST_FILL = Row("lag.first_fill", 0.4, costs=Costs.PLACE, only_adds=True)
+LAG_ASYMMETRY = Row("lag.asymmetry", 0.2, costs=Costs.PLACE, half_looks_like=("lag.offset", "shaft.dead_time"))
+LAG_COARSE_CLOCK = Row("lag.coarse_clock", 0.1, costs=Costs.NEITHER)
+LAG_SPEED_SCALE = Row("lag.speed_scale", 5.0, costs=Costs.PLACE, scoped_in=("lag",))
+PLACE_LEVER_ARM = Row("place.lever_arm", 1.0, costs=Costs.PLACE, scoped_in=("place",))
+PLACE_LATENCY = Row("place.latency", 0.3, costs=Costs.PLACE, scoped_in=("place",))
 
 ROWS: dict[str, Row] = {row.id: row for row in list(globals().values()) if isinstance(row, Row)}
 _unmatched = sorted(set(ROWS) ^ set(CATALOGUE))

@@ -21,10 +21,33 @@ class Shaft(NamedTuple):
     full_opening_mm: Annotated[float, Field(ge=0.1, le=500)] = 60.0
     one_way: Annotated[float, Field(ge=0, le=1)] = 0.0      # 1: a command to turn backwards is none
     full_rpm: Annotated[float, Field(ge=0.1, le=1e5)] = 100.0       # speed at which the saturation is told
-    dead_zone_rpm: Annotated[float, Field(ge=0, le=1e5)] = 0.0      # taken off every command, either way
-    saturation_percent: Annotated[float, Field(ge=0, le=95)] = 0.0  # of the speed at full_rpm, lost to the curve
-    back_gain_percent: Annotated[float, Field(ge=-90, le=200)] = 0.0        # backwards, more than forwards ...
-    back_zone_rpm: Annotated[float, Field(ge=-1e5, le=1e5)] = 0.0   # ... and taken off besides
+    regulated: Annotated[float, Field(ge=0, le=1)] = 0.0    # 1: it holds its speed by its own encoder
+    dead_zone_rpm: Annotated[float, Field(ge=0, le=1e5), Effect(
+        "shaft.dead_zone", "r/min", "Shaft turns slower than its command by the same speed everywhere",
+        "Friction and the power stage take a constant part of every duty cycle away, either way.",
+        "brushed motors by duty cycle: 5-25 % of the range", ("run",),
+        "Let the drive hold its speed by an encoder, or adopt it: control then adds it to each command.",
+        "A staircase of shaft commands over the whole range, settled at each.", probes=(1.0, 5.0, 15.0),
+        bounds=(0.0, 60.0), scales_with=SHAFT_RANGE)] = 0.0
+    saturation_percent: Annotated[float, Field(ge=0, le=95), Effect(
+        "shaft.saturation", "% lost at full speed", "Shaft falls the further behind its command the faster it turns",
+        "A motor's speed bends away from its duty cycle as load and the supply's resistance grow.",
+        "robot and pump drives by duty cycle: 10-50 % at full speed", ("run",),
+        "Let the drive hold its speed by an encoder, or adopt it: control then bends each command the other way.",
+        "A staircase of shaft commands up to full speed, settled at each.", probes=(1.0, 5.0, 20.0))] = 0.0
+    back_gain_percent: Annotated[float, Field(ge=-90, le=200), Effect(
+        "shaft.back_gain", "%", "Shaft turns at another fraction of its command backwards than forwards",
+        "Brushes that are set for one direction, and a load that helps or hinders, make a motor unlike either way.",
+        "two-way motors: a few per cent, worn ones 10 %", ("run",),
+        "Check the brushes' timing and what the load does backwards.",
+        "The same staircase of commands forwards and backwards.")] = 0.0
+    back_zone_rpm: Annotated[float, Field(ge=-1e5, le=1e5), Effect(
+        "shaft.back_zone", "r/min", "Shaft loses another constant speed backwards than forwards",
+        "Friction of bearings, brushes and gears is seldom the same either way.",
+        "two-way motors by duty cycle: a few per cent of the range", ("run",),
+        "Check bearings and gears for what rubs in one direction.",
+        "The same staircase of small commands forwards and backwards.", probes=(1.0, 5.0),
+        bounds=(-60.0, 60.0), scales_with=SHAFT_RANGE)] = 0.0
     gain_percent: Annotated[float, Field(ge=-50, le=50), Effect(
         "shaft.gain", "%", "Shaft turns at a constant fraction of its command",
         "A wrong gear or encoder setting or a slipping belt scales every speed alike.",

@@ -21,11 +21,13 @@ from control.orders import Do, Order, Strategy
 
 EXTENDED = with_effect(with_effect(with_effect(Machine(), "flow.fill_falloff", 9.0), "flow.zero_offset", 8.0),
                        "flow.hopper_head", 3.0)
+ZONED = with_effect(with_effect(EXTENDED, "shaft.dead_zone", 4.0), "shaft.saturation", 10.0)
 LIMITS = Machine().limits
 
 
 @settings(max_examples=200, deadline=None)
-@given(st.sampled_from([Machine(), EXTENDED]), st.floats(0.005, 0.4), st.floats(10.0, 100.0), st.floats(20.0, 300.0))
+@given(st.sampled_from([Machine(), EXTENDED, ZONED]), st.floats(0.005, 0.4), st.floats(10.0, 100.0),
+       st.floats(20.0, 300.0))
 def test_the_inverse_inverts(machine: Machine, flow: float, shaft_rpm: float, hopper_kg: float) -> None:
     c = Conditions(hopper_kg=hopper_kg)
     opening = opening_for(machine, flow, shaft_rpm, c)
@@ -37,7 +39,7 @@ def test_the_inverse_inverts(machine: Machine, flow: float, shaft_rpm: float, ho
 
 
 @settings(max_examples=300, deadline=None)
-@given(st.sampled_from([Machine(), EXTENDED]), st.sampled_from(list(Strategy)), st.floats(0.0, 1.0),
+@given(st.sampled_from([Machine(), EXTENDED, ZONED]), st.sampled_from(list(Strategy)), st.floats(0.0, 1.0),
        st.floats(0.0, 60.0))
 def test_every_pair_lies_within_the_limits(machine: Machine, strategy: Strategy, wanted: float, now_mm: float) -> None:
     pair = pair_for(machine, strategy, wanted, now_mm)

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from control.diagnosis.judgement.noise import coefficients, leaving_out, segments, series_of
 from control.diagnosis.runs.diagnose import diagnose_run
-from control.diagnosis.runs.noise import coefficients, leaving_out, segments, series_of
 from control.machine.machine import Machine
 
 MACHINE = Machine()

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from control.diagnosis.judgement.noise import Noise
 from control.diagnosis.live.change import Begun, begun
 from control.diagnosis.live.departure import Departure
 from control.diagnosis.live.rolling import Rolling
 from control.diagnosis.live.watch import BARS, LOOK_S, NAMED_AFTER_S, QUARTER_S, LiveCheck, departure_of
 from control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Rival, Size, Unexplained
 from control.diagnosis.runs.hypothesis import Part
-from control.diagnosis.runs.noise import Noise
 from control.machine.machine import Machine
 
 MACHINE = Machine()

@@ -4,7 +4,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from control.diagnosis.runs.noise import coefficients, segments, series_of
+from control.diagnosis.judgement.noise import coefficients, segments, series_of
 
 
 @pytest.mark.parametrize("bounds", [((0, 400), (400, 800)), ((0, 400), (500, 900)), ((100, 500), (600, 1000))])

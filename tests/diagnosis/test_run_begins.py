@@ -4,14 +4,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from control.diagnosis.judgement.evidence import Role
+from control.diagnosis.judgement.noise import series_of
 from control.diagnosis.runs.changes import END_S
 from control.diagnosis.runs.channels import channels
 from control.diagnosis.runs.columns import Columns
 from control.diagnosis.runs.diagnose import diagnose_run, series_of_log
 from control.diagnosis.runs.hypothesis import Part
-from control.diagnosis.runs.likelihood import Role
 from control.diagnosis.runs.model import GROUPS, GroupModel
-from control.diagnosis.runs.noise import series_of
 from drivers.files.config import load
 from drivers.files.kinds import MACHINE
 

@@ -6,10 +6,9 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from scipy.stats import chi2
 
 from control.diagnosis.extend import extend
-from control.diagnosis.runs import evidence, log, noise, onset, search, stages, unexplained
+from control.diagnosis.runs import log, onset, search, stages
 from control.diagnosis.runs.channels import channels
 from control.diagnosis.runs.diagnose import Cancelled, diagnose_run
 from control.diagnosis.runs.hypothesis import Part
@@ -170,8 +169,8 @@ def off_by(of_time, seed=31):
 def only_cause(columns):
     found = diagnose_run(columns, Machine())
     assert [c.id for c in found.causes] in (["gate.offset"], ["gate.home_error"])   # the same without scale
-    gone_again = found.causes[0].until_s is not None        # what adds a constant for a while may be anything
-    assert {r.id for r in found.causes[0].rivals} <= {"gate.offset", "gate.home_error", *["unknown"] * gone_again}
+    within = found.causes[0].onset_s is not None        # what adds a constant for a while may be anything
+    assert {r.id for r in found.causes[0].rivals} <= {"gate.offset", "gate.home_error", *["unknown"] * within}
     return found.causes[0]
 
 
@@ -269,7 +268,7 @@ def test_what_is_not_named_has_a_smallest_size_or_none_at_all():
     sizes = {n.id: n.smallest_detectable.value for n in found.not_shown}
     assert sizes["flow.pulsation"] is None and sizes["lag.offset"] is None
     assert 0.0 < sizes["shaft.gain"] < 1.0
-    assert len(sizes) == 44
+    assert len(sizes) == 48
 
 
 def test_extending_takes_the_effect_into_the_machine_and_the_second_look_finds_nothing():
@@ -356,20 +355,6 @@ def a_gate_alone(machine, dead_time_off_s=0.0):
     return search.Search([channels(data, machine)["gate"]], machine, data)
 
 
-def test_drift_that_stays_beside_a_smooth_structure_makes_it_drift():
-    found = a_gate_alone(Machine())
-    channel = found.model.channels[0]
-    before = noise.Noise((np.log(0.05), np.log(0.02), np.log(0.05), np.log(60.0)))
-    without_drift = before._replace(theta=(*before.theta[:2], np.log(0.001), before.theta[3]))
-    along = channel.grid.even_s / channel.grid.even_s[-1]
-    slow = noise.coefficients(np.cos(np.pi * along), channel.cut)
-    quick = noise.coefficients(np.cos(300.0 * np.pi * along), channel.cut)
-    assert unexplained.as_drift(channel, slow, before, before) == (True, True)
-    assert unexplained.as_drift(channel, slow, before, without_drift) == (True, False)
-    assert unexplained.as_drift(channel, quick, before, before) == (False, False)
-    assert evidence.slow_share(slow, channel, without_drift) == 0.0
-
-
 @pytest.mark.parametrize("off_s", [-0.012, -0.006])
 def test_a_dead_time_is_found_where_moves_are_shorter_than_a_row(off_s):
     """Such a move has begun or is over when it is read: the likelihood has a kink, and its slope leads nowhere."""
@@ -380,7 +365,7 @@ def test_a_dead_time_is_found_where_moves_are_shorter_than_a_row(off_s):
 
 @pytest.mark.exam
 def test_one_stretch_alone_is_no_evidence():
-    """A GNSS receiver that holds its reading through one restart of the tractor is not late."""
+    """A GNSS receiver that holds its reading through one restart of the tractor is late then, and not all along."""
     columns = a_run(Machine(), seed=20, seconds=400.0)
     time = columns["time_s"]
     stop = np.clip(np.abs(time - 200.0) / 3.0 - 1.0, 0.3, 1.0)
@@ -388,7 +373,9 @@ def test_one_stretch_alone_is_no_evidence():
         columns[name] = columns[name] * stop
     late = columns["speed_mps"] / stop * np.interp(time - 0.6, time, stop)
     columns["speed_mps"] = np.where((time > 203.0) & (time < 207.0), late, columns["speed_mps"])
-    assert "speed.gnss_latency" not in ids(diagnose_run(columns, Machine()))
+    late_s = [(one.onset_s, one.until_s) for one in diagnose_run(columns, Machine()).causes
+              if one.id == "speed.gnss_latency"]
+    assert all(begin is not None and end is not None and 150.0 < begin < 205.0 < end < 260.0 for begin, end in late_s)
 
 
 @pytest.mark.exam
@@ -416,28 +403,6 @@ def test_a_long_log_is_looked_at_in_windows_and_judged_on_every_row(monkeypatch)
     assert "33 % of 9000 rows" in said and "stage shaft: what was named holds on every row" in said
 
 
-def test_replicates_have_the_maximum_that_noise_has():
-    """40 independent traces against white noise: the 95th percentile of the largest squared score is known."""
-    rng = np.random.default_rng(6)
-    traces = rng.standard_normal((64, 50, 40))
-    seen = evidence.Scores((rng.standard_normal((64, 50, 1)) * traces).sum(axis=1), (traces ** 2).sum(axis=1))
-    replicates = evidence.null_of_maximum(seen)
-    known = chi2.isf(1.0 - 0.95 ** (1.0 / 40.0), 1.0)
-    assert np.quantile(replicates, 0.95) == pytest.approx(known, rel=0.15)
-    assert evidence.chance(replicates, known) == pytest.approx(0.05, abs=0.03)
-    assert evidence.chance(replicates, 60.0) < 0.002
-
-
-def test_an_uneven_trace_does_not_set_the_bar_for_all():
-    rng = np.random.default_rng(7)
-    traces = rng.standard_normal((64, 50, 10))
-    score, energy = (rng.standard_normal((64, 50, 1)) * traces).sum(axis=1), (traces ** 2).sum(axis=1)
-    even = evidence.null_of_maximum(evidence.Scores(score, energy))
-    score[:, 3] *= 6.0
-    assert evidence.spread_over(evidence.Scores(score, energy), 3) > 20.0
-    assert np.quantile(evidence.null_of_maximum(evidence.Scores(score, energy)), 0.95) < 1.4 * np.quantile(even, 0.95)
-
-
 @pytest.mark.exam
 def test_a_steady_error_is_told_from_drift_from_whichever_side_the_noise_is_fitted():
     """A wheel off by a constant share, in a log whose first fit takes it for drift."""
@@ -453,24 +418,6 @@ def drifting(columns, sd, seed):
     memory = np.exp(-float(np.median(np.diff(columns["time_s"]))) / 90.0)
     fresh = np.random.default_rng(seed).standard_normal(len(columns["time_s"])) * np.sqrt(1.0 - memory ** 2)
     return {**columns, "opening_mm": columns["opening_mm"] + sd * lfilter([1.0], [1.0, -memory], fresh)}
-
-
-def test_a_slow_dependence_must_gain_more_than_with_its_variable_moved_along_the_log():
-    columns = drifting(a_run(Machine(), seed=32, seconds=900.0), 0.06, 9)
-    clean = log.gate(columns)
-    data = stages.run_data(clean, Machine())
-    group = search.Search([channels(data, Machine())["gate"]], Machine(), data)
-    null_fit = group.refit(())
-    plain = [unexplained.dependence(group.columns, null_fit, "gate", "roll_deg")]
-    moved = [unexplained.moved_gain(group.columns, null_fit, "gate", "roll_deg", k / 8.0) for k in range(1, 8)]
-    assert plain[0].gain < unexplained.SHIFT_MARGIN * max(moved)
-    rolls = {**columns, "opening_mm": columns["opening_mm"] + 0.12 * columns["roll_deg"]}
-    data = stages.run_data(log.gate(rolls), Machine())
-    group = search.Search([channels(data, Machine())["gate"]], Machine(), data)
-    null_fit = group.refit(())
-    there = unexplained.dependence(group.columns, null_fit, "gate", "roll_deg")
-    moved = [unexplained.moved_gain(group.columns, null_fit, "gate", "roll_deg", k / 8.0) for k in range(1, 8)]
-    assert there.gain > 2.0 * max(moved) and unexplained.holds(group.columns, null_fit, there, 0.0)
 
 
 @pytest.mark.exam
@@ -515,14 +462,6 @@ def test_a_further_column_is_blamed_beside_a_drift():
     columns["shaft_rpm"] = columns["shaft_rpm"] * (1.0 + 0.0006 * (heat - 60.0)) + 0.2 * drift / np.std(drift)
     found = diagnose_run({**columns, "x_oil_temperature_c": heat}, Machine())
     assert [(u.channel, u.variable) for u in found.unexplained] == [("shaft", "x_oil_temperature_c")]
-
-
-def test_evidence_of_one_block_falls_with_it():
-    score, energy = np.full((64, 1), 0.5), np.full((64, 1), 1.0)
-    even = evidence.without_best_block(evidence.Scores(score, energy), 0)
-    score = np.zeros((64, 1))
-    score[10] = 32.0
-    assert even > 15.0 and evidence.without_best_block(evidence.Scores(score, energy), 0) == 0.0
 
 
 @pytest.mark.exam

@@ -6,7 +6,6 @@ import pytest
 from scipy.signal import lfilter
 
 from control.diagnosis.runs.diagnose import diagnose_run
-from control.diagnosis.runs.evidence import Scores, without_best_stretch
 from control.diagnosis.runs.quantised import whole_steps
 from control.log_row import COMMANDS_HELD
 from drivers.files.config import load
@@ -31,7 +30,7 @@ def test_a_short_log_that_is_off_all_along_is_not_called_noise():
     read = 267.0 + 2.0 * rng.standard_normal(len(time_s))
     found = diagnose_run({"time_s": time_s, "shaft_rpm_cmd": np.full(len(time_s), 300.0), "shaft_rpm": read}, drive)
     assert found.verdict != "none"
-    assert found.verdict == "named" or found.unexplained[0].hint == "shaft.gain"
+    assert found.verdict in ("named", "ambiguous") or found.unexplained[0].hint == "shaft.gain"
 
 
 def test_settings_with_their_settled_answers_are_judged_however_far_apart_they_are():
@@ -56,17 +55,6 @@ def test_steps_of_an_encoder_are_seen_through_a_clock_that_jitters():
     steps = whole_steps(np.round(16.667 * counts * jitter, 2))
     assert steps is not None and steps.step_rpm == pytest.approx(16.667, rel=0.001)
     assert whole_steps(np.round(rng.uniform(200.0, 300.0, 4000), 2)) is None
-
-
-def test_evidence_of_one_stretch_falls_with_it():
-    """Four blocks in a row, wherever they begin; the row of the tolerances speaks for nothing."""
-    even = Scores(np.full((65, 1), 0.5), np.ones((65, 1)))
-    score = np.zeros((65, 1))
-    score[9:13], score[-1] = 8.0, 8.0
-    one = Scores(score, np.ones((65, 1)))
-    nowhere = Scores(score, np.where(score > 0.0, 1.0, 0.0))
-    assert without_best_stretch(even, 0) == pytest.approx(16.0)
-    assert without_best_stretch(one, 0) == 0.0 and without_best_stretch(nowhere, 0) == 0.0
 
 
 def test_one_staircase_up_is_a_log():

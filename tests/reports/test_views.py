@@ -24,9 +24,9 @@ def test_true_cause_takes_the_dependence_away(run_columns: dict[str, Any], machi
     parts = parts_of([cause_of("shaft.voltage_sag", 5.0)])
     axis = view.axes["supply_v"]
     before, after = binned(axis, view.residual(())), binned(axis, view.residual(parts))
-    lost = np.mean([40.0, 60.0, 50.0, 0.0, 12.0]) * 0.05 * np.maximum(0.0, 13.5 - before.at)
-    assert np.median(np.abs(before.mean + lost)) < 0.25 and before.mean.min() < -1.5
-    assert np.median(np.abs(after.mean)) < 0.15          # changes of speed are a little other than the model's
+    lost = np.mean([40.0, 60.0, 50.0, 12.0]) * 0.05 * np.maximum(0.0, 13.5 - before.at)
+    assert np.median(np.abs(before.mean + lost)) < 0.3 and before.mean.min() < -1.5
+    assert np.median(np.abs(after.mean)) < 0.2          # changes of speed are a little other than the model's
 
 
 def test_axis_is_chosen_by_what_the_effect_does(run_columns: dict[str, Any], machine: Machine,

@@ -14,14 +14,14 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.effects import ROWS
+from control.diagnosis.judgement.evidence import Column, Role, best_fitted, problem
+from control.diagnosis.judgement.noise import Noise, NoisePrior, coefficients, segments, series_of, start
 from control.diagnosis.runs.changes import best_begins, that_may_begin
 from control.diagnosis.runs.channels import ChannelSeries, channels
 from control.diagnosis.runs.columns import nuisance_columns
 from control.diagnosis.runs.diagnose import series_of_log
-from control.diagnosis.runs.likelihood import Column, Role, best_fitted, problem
 from control.diagnosis.runs.log import HEADS, MIN_ROWS, Clean, gate
 from control.diagnosis.runs.model import GROUPS, GroupModel, adds_up
-from control.diagnosis.runs.noise import Noise, NoisePrior, coefficients, segments, series_of, start
 from control.diagnosis.runs.row_order import Move, moved, order_of
 from control.diagnosis.runs.search import Candidate, Scanned, candidates
 from control.diagnosis.runs.stages import Grid

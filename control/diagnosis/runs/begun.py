@@ -7,11 +7,12 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from control.diagnosis.judgement.evidence import Column
+from control.diagnosis.judgement.noise import Noise, coefficients, series_of, strengths
+
 from .channels import ChannelSeries
 from .hypothesis import Part
-from .likelihood import Column
 from .model import adds_up, course, with_course
-from .noise import Noise, coefficients, series_of, strengths
 from .search import Candidate
 
 Array = npt.NDArray[np.float64]
@@ -46,6 +47,11 @@ class Alike(NamedTuple):
     seen: list[Whitened]        # the channels that they touch
     summed: tuple[bool, ...]    # whether each adds up what they do
     ones: list[Tried]
+
+    @property
+    def usual(self) -> list[float]:
+        """S.d. of the prior of each one's size."""
+        return [one.candidate.usual for one in self.ones]
 
     def units(self) -> list[Array]:
         """What one unit of each does all along, (k, copies x m) by channel."""

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import RegularGridInterpolator
+from scipy.special import logsumexp
 
 from control.diagnosis.effects import ROWS
 
@@ -17,6 +19,7 @@ Array = npt.NDArray[np.float64]
 
 EDGES = 13                  # times of a log at which a box may begin or end at first
 FEW = 4                     # best of those that touch the same channels, that are tried at finer times
+BETWEEN = 12                # times tried for each of these
 LEVELS = 2                  # of finer times ...
 FINER = 4                   # ... each so many times finer
 MIN_SPAN_S = 20.0           # of an effect that ends again: less is one stretch of the log, which is no evidence
@@ -34,15 +37,19 @@ def box(ground: Ground, group: Alike, time_s: Array, pull: Array, matters: float
     may = [not ROWS[one.candidate.part.id].threshold for one in group.ones]
     group, pull = group.only(may), pull[may]
     edges_s = np.linspace(first_s, last_s, EDGES)
-    found = _best(ground, group, time_s, pull, edges_s) if group.ones else []
+    found = _best(ground, group, time_s, pull, edges_s, BETWEEN) if group.ones else []
     for k in np.argsort([-one.gain for one in found])[:FEW].tolist():
         one = found[k]
         if one.gain >= matters:
             only = [j == k for j in range(len(found))]
-            apart_s = float(edges_s[1] - edges_s[0])
+            apart_s = float(edges_s[1] - edges_s[0]) / BETWEEN
             for _ in range(LEVELS):
                 about_s = np.clip(_about(one, apart_s), first_s, last_s)
-                one = found[k] = _best(ground, group.only(only), time_s, pull[only], np.unique(about_s))[0]
+                finer = _best(ground, group.only(only), time_s, pull[only], np.unique(about_s))[0]
+                if finer.part.onset_s is None:      # the log is too short for two times so near
+                    break
+                spent = max(finer.spent + 2.0 * np.log(FINER), one.spent) if finer is not one else one.spent
+                one = found[k] = finer._replace(spent=spent, evidence=finer.evidence + finer.spent - spent)
                 apart_s /= FINER
     return [one for one in found if one.gain >= matters]
 
@@ -54,20 +61,30 @@ def _about(one: Scanned, apart_s: float) -> Array:
     return np.concatenate([one.part.onset_s + finer_s, one.part.until_s + finer_s])
 
 
-def _best(ground: Ground, group: Alike, time_s: Array, pull: Array, edges_s: Array) -> list[Scanned]:
-    """Each candidate at the best of all pairs of times (edges,)."""
-    rows, taken = begun_rows(ground, group, edges_s, grows=False)
-    begin, end = np.nonzero(edges_s[None, :] - edges_s[:, None] >= MIN_SPAN_S)
+def _best(ground: Ground, group: Alike, time_s: Array, pull: Array, exact_s: Array, between: int = 1) -> list[Scanned]:
+    """Each candidate at the best of all pairs of times. exact_s : at which inner products are had (edges,); between :
+    so many times for each of these are tried, the inner products interpolated."""
+    rows, taken = begun_rows(ground, group, exact_s, grows=False)
+    edges_s = np.interp(np.arange((len(exact_s) - 1) * between + 1) / between, np.arange(len(exact_s)), exact_s)
+    shortest_s = MIN_SPAN_S if between == 1 else float(exact_s[1] - exact_s[0])     # interpolation is too coarse below
+    begin, end = np.nonzero(edges_s[None, :] - edges_s[:, None] >= shortest_s)
+    if not len(begin):
+        return [Scanned(one.candidate.part, -np.inf, -np.inf) for one in group.ones]
     found = []
     for k, one in enumerate(group.ones):
-        inner = sum(whole[k] @ whole[k].T for whole in rows) - taken[k] @ taken[k].T
-        own = np.diag(inner)
-        information = np.maximum(own[begin] + own[end] - 2.0 * inner[begin, end], 1e-12)
+        exact = sum(whole[k] @ whole[k].T for whole in rows) - taken[k] @ taken[k].T
+        inner = RegularGridInterpolator((exact_s, exact_s), exact)
+        own = np.interp(edges_s, exact_s, np.diag(exact))
+        across = exact[begin, end] if between == 1 else inner(np.stack((edges_s[begin], edges_s[end]), axis=1))
+        information = np.maximum(own[begin] + own[end] - 2.0 * across, 1e-12)
         at_edges = np.interp(edges_s, time_s, pull[k])
         pulled = at_edges[begin] - at_edges[end]
         size = np.clip(pulled / information, one.candidate.low, one.candidate.high)
         gain = 2.0 * pulled * size - information * size ** 2
         at = int(np.argmax(gain))
+        log_odds = 0.5 * (gain - np.log1p(information * group.usual[k] ** 2))
+        evidence = float(logsumexp(log_odds)) - float(np.log(len(begin)))
         found.append(Scanned(one.candidate.part._replace(
-            size=float(size[at]), onset_s=float(edges_s[begin[at]]), until_s=float(edges_s[end[at]])), float(gain[at])))
+            size=float(size[at]), onset_s=float(edges_s[begin[at]]), until_s=float(edges_s[end[at]])), float(gain[at]),
+            evidence, float(log_odds[at]) - evidence))
     return found

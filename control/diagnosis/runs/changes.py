@@ -12,8 +12,21 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import logsumexp
 
 from control.diagnosis.effects import ROWS
+from control.diagnosis.judgement.evidence import (
+    Column,
+    Problem,
+    adapted,
+    best_fitted,
+    calm,
+    fitted,
+    problem,
+    solved,
+    taken_off,
+)
+from control.diagnosis.judgement.noise import Noise
 from control.machine.machine import CATALOGUE
 
 from .begun import Alike, Ground, alike, begun_rows, grounded, pulls
@@ -21,8 +34,6 @@ from .boxes import box
 from .channels import ChannelSeries
 from .columns import Columns
 from .hypothesis import Parts
-from .likelihood import Column, Problem, best_fitted, calm, problem, solved, taken_off
-from .noise import Noise
 from .search import Candidate, Scanned
 
 Array = npt.NDArray[np.float64]
@@ -48,9 +59,10 @@ def changes(columns: Columns, parts: Parts, noise: dict[str, Noise], tried: Sequ
     channels, banded, base = columns.model.channels, columns.model.banded_residual(parts), columns.of_hypothesis(parts)
     p = problem(channels, banded, base)
     fit = best_fitted(p, np.arange(len(base)), noise, channels)
-    at_ease = calm(fit.noise, channels)
+    at_ease = adapted(p, np.arange(len(base)), fit.amplitude, calm(fit.noise, channels))
     under = [fit.noise] if at_ease == fit.noise else [fit.noise, at_ease]
-    return best_begins(p, channels, banded, base, under, begins, traces, boxes=boxes)
+    behind = [fit.log_evidence - fitted(p, np.arange(len(base)), one, rounds=0).log_evidence for one in under]
+    return best_begins(p, channels, banded, base, under, begins, traces, boxes=boxes, behind=behind)
 
 
 def that_may_begin(tried: Sequence[Candidate]) -> list[Candidate]:
@@ -62,7 +74,8 @@ def that_may_begin(tried: Sequence[Candidate]) -> list[Candidate]:
 
 def best_begins(p: Problem, channels: Sequence[ChannelSeries], banded: dict[str, Array], base: Sequence[Column],
                 under: Sequence[dict[str, Noise]], begins: Sequence[Candidate], traces: Sequence[dict[str, Array]],
-                matters: float = MAY_MATTER, end_s: float = END_S, boxes: bool = False) -> list[Scanned]:
+                matters: float = MAY_MATTER, end_s: float = END_S, boxes: bool = False,
+                behind: Sequence[float] = (0.0, 0.0)) -> list[Scanned]:
     """The same of series, however they were had. traces : what each candidate does all along, (m,) by channel.
 
     banded : cosine coefficients of the residual by channel. base : what the hypothesis can take up. p : both as one
@@ -70,7 +83,7 @@ def best_begins(p: Problem, channels: Sequence[ChannelSeries], banded: dict[str,
     the information is had at more times. end_s : from either end, within which nothing is looked for.
     """
     best: dict[tuple[str, int | None, bool, bool], Scanned] = {}
-    for noise in under:
+    for noise, less in zip(under, behind, strict=False):
         amplitude, _ = solved(p, np.arange(len(base)), noise)
         ground = grounded(channels, taken_off(banded, base, amplitude), base, noise)
         found = []
@@ -82,11 +95,11 @@ def best_begins(p: Problem, channels: Sequence[ChannelSeries], banded: dict[str,
             growing = group.only([not ROWS[one.candidate.part.id].threshold for one in group.ones])
             if growing.ones:
                 found += _begun(ground, growing, *pulls(growing, grows=True), True, matters, end_s)
-        for one in found:
+        for one in (each._replace(evidence=each.evidence - less, gain=each.gain - 2.0 * less) for each in found):
             name = (one.part.id, one.part.member, one.part.grows, one.part.until_s is not None)
-            if name not in best or one.gain > best[name].gain:
+            if name not in best or one.evidence > best[name].evidence:
                 best[name] = one
-    return sorted(best.values(), key=lambda one: -one.gain)
+    return sorted(best.values(), key=lambda one: -one.evidence)
 
 
 def _begun(ground: Ground, group: Alike, time_s: Array, pull: Array, grows: bool, matters: float,
@@ -97,13 +110,14 @@ def _begun(ground: Ground, group: Alike, time_s: Array, pull: Array, grows: bool
         return []
     left = np.arange(len(group.ones))
     found: dict[int, Scanned] = {}
+    usual = group.usual
     for count in (FEW_TIMES, TIMES):
         exact_s = np.linspace(time_s[0] + end_s, time_s[-1] - end_s, count)
         exact = _information(ground, group.only(np.isin(np.arange(len(group.ones)), left).tolist()), exact_s, grows)
         more = []
         for k, line in zip(left.tolist(), exact, strict=True):
             information = np.maximum(np.interp(time_s, exact_s, line), 1e-12)
-            found[k] = _at_best(group.ones[k].candidate, pull[k], information, inside, time_s, grows)
+            found[k] = _at_best(group.ones[k].candidate, pull[k], information, inside, time_s, grows, usual[k])
             if found[k].gain >= matters:
                 more.append(k)
         left = np.array(more, int)
@@ -113,15 +127,18 @@ def _begun(ground: Ground, group: Alike, time_s: Array, pull: Array, grows: bool
 
 
 def _at_best(candidate: Candidate, pull: Array, information: Array, inside: npt.NDArray[np.bool_], time_s: Array,
-             grows: bool) -> Scanned:
-    """One candidate at its best time. pull, information : were it to begin at each sample (m,)."""
+             grows: bool, usual: float) -> Scanned:
+    """One candidate at its best time, its evidence averaged over all times. pull, information : were it to begin at
+    each sample (m,). usual : s.d. of its size's prior."""
     size = np.clip(pull / information, candidate.low, candidate.high)
     if ROWS[candidate.part.id].threshold:       # half a threshold's column is not what half a threshold does
         size = np.full(len(time_s), candidate.part.size)
     gain = np.where(inside, 2.0 * pull * size - information * size ** 2, -np.inf)
     at = int(np.argmax(gain))
+    log_odds = np.where(inside, 0.5 * (gain - np.log1p(information * usual ** 2)), -np.inf)
+    evidence = float(logsumexp(log_odds)) - float(np.log(len(time_s)))
     return Scanned(candidate.part._replace(size=float(size[at]), onset_s=float(time_s[at]), grows=grows),
-                   float(gain[at]))
+                   float(gain[at]), evidence, float(log_odds[at]) - evidence)
 
 
 def _information(ground: Ground, group: Alike, onsets_s: Array, grows: bool) -> Array:

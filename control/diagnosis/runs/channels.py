@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from control.diagnosis.judgement.noise import NoisePrior, Segments, as_one_band, segments
 from control.machine.compiled import flow_run, gate_run, heads_run, scale_run, shaft_run, speed_run
 from control.machine.effect import HOPPER
 from control.machine.flow import FlowInput, FlowOutput, flow_start
@@ -19,7 +20,6 @@ from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start
 from control.machine.speed import SpeedInput, SpeedOutput, speed_start
 
 from .hypothesis import MAX_SWITCHES, Schedule
-from .noise import NoisePrior, Segments, segments
 from .stages import Drive, Grid, Heads, Hopper, RunData, Speed, joined
 
 Array = npt.NDArray[np.float64]
@@ -28,6 +28,7 @@ Rows = Callable[[Schedule, float], Array]    # schedule, model step s -> (n, 2) 
 MAX_CHAINED = 4             # refills of one log that are filled into the model
 SEAM_S = 20.0               # a longer gap between readings, times MAX_BRIDGED_STEPS, is a seam of windows
 OVER_FULL_KG = 5.0          # free in the model's hopper above the highest reading, on the nominal machine
+NO_DRIFT, NO_SPREAD = 0.01, 0.1         # of a noise that has no slow part: a share that nobody sees, known well
 WHITE_S = 0.02              # correlation time that stands for "none"
 
 
@@ -42,6 +43,7 @@ class ChannelSeries(NamedTuple):
     cut: Segments
     prior: NoisePrior
     copies: int = 1                                 # series stacked one after the other (heads)
+    settled: bool = False                           # each sample is the settled answer to its command
 
 
 def switches(plan: Schedule, stage: str, time_s: Array) -> tuple[tuple[Any, ...], npt.NDArray[np.int64]]:
@@ -84,8 +86,11 @@ def drive_channel(drive: Drive, machine: Machine) -> ChannelSeries:
         return drive.grid.of(run(plan, step_s)[:, 1])
     sd = machine.noise.shaft_rpm if drive.name == "shaft" else machine.noise.opening_mm
     floor = max(_floor(drive.measured), drive.step / np.sqrt(12.0), 0.02 * sd)
-    return _channel(drive.name, "r/min" if drive.name == "shaft" else "mm", drive.grid, drive.measured, predict,
-                    NoisePrior(sd, WHITE_S, floor))
+    prior = NoisePrior(sd, WHITE_S, floor)
+    if drive.settled:           # each row is the mean of an answer: what one leaves the next knows nothing of
+        prior = prior._replace(slow_share=NO_DRIFT, spread=(prior.spread[0], NO_SPREAD, NO_SPREAD, NO_SPREAD))
+    found = _channel(drive.name, "r/min" if drive.name == "shaft" else "mm", drive.grid, drive.measured, predict, prior)
+    return found._replace(settled=True, cut=as_one_band(found.cut)) if drive.settled else found
 
 
 def hopper_channel(h: Hopper, machine: Machine) -> ChannelSeries:

@@ -8,24 +8,25 @@ import numpy.typing as npt
 
 from control.diagnosis import effects
 from control.diagnosis.effects import ROWS
+from control.diagnosis.judgement.evidence import Column, Label, Problem, Role, problem, projected
+from control.diagnosis.judgement.noise import coefficients, series_of
+from control.diagnosis.judgement.prior import FORM_SHARE, sd_of_size
 from control.machine.effect import HOPPER
 from control.machine.machine import Machine, bounds, of_nominal
 from control.machine.over_log import MOST_STEP_S
+from control.machine.terms import own_command
 
 from .channels import ChannelSeries
 from .hypothesis import Part, Parts, schedule
-from .likelihood import Column, Label, Problem, Role, problem, projected
 from .model import GroupModel, adds_up, course, stamp_sd_s, with_course
-from .noise import coefficients, series_of
 from .smooth import TABLES, series, span
-from .stages import RunData
 
 Array = npt.NDArray[np.float64]
 
-FORM_SHARE = 0.25           # of an effect's own signal that its form may be wrong by
 BENDS = (0.3, 0.15)         # of the size, by which a growth may differ from an even one: half-wave, whole wave (1 s.d.)
 TRAIT_SHARE = 0.5           # of a tolerance, by which it may differ from case to case within one machine
 REFILL_SD_KG = 0.5          # of what the operator wrote down; on the nominal machine, as the next
+WRITTEN = "refill"          # ... which has the tails of a Cauchy distribution: the wrong bag, or a slip of the pen
 UNKNOWN_KG = 20.0           # (1 s.d.) the level at the start, and a refill that nobody wrote down
 ROUNDING_SHARE = 0.1        # of an encoder's step: how well the mean error of rounding is known
 TURNS_SHARE = 1e-3          # of what a gain does at most: below, the shaft stands
@@ -82,7 +83,8 @@ def _of_readings(model: GroupModel, channel: ChannelSeries) -> list[Column]:
         bins, hopper = np.arange(len(data.hopper.reading_kg)), of_nominal(model.machine, HOPPER)
         steps = [channel.grid.of((bins >= jump).astype(np.float64)) for jump in data.hopper.jumps]
         return [_column(model, label, {"scale": np.ones(len(channel.measured))}, hopper * UNKNOWN_KG),
-                *(_column(model, label, {"scale": after}, hopper * (REFILL_SD_KG if told else UNKNOWN_KG))
+                *(_column(model, Label(Role.READING, WRITTEN) if told else label, {"scale": after},
+                          hopper * (REFILL_SD_KG if told else UNKNOWN_KG))
                   for after, told in zip(steps, data.hopper.told, strict=True)),
                 *(_column(model, label, {"scale": channel.grid.of((bins >= end).astype(np.float64))},
                           metered * model.machine.flow.grams_per_rev_mm / 60_000.0)
@@ -109,33 +111,31 @@ class Forms:
                        if table.channel in model.names and stage != "scale"}
         self._made: dict[tuple[str, str], list[Column]] = {}
 
-    def over(self, stage: str, variable: str) -> list[Column]:
-        """Columns of a stage over a variable (empty: the variable hardly moves)."""
+    def over(self, stage: str, variable: str, moves: Parts = ()) -> list[Column]:
+        """Columns of a stage over a variable (empty: the variable hardly moves). moves : parts of a hypothesis that
+        change how the stage's drive moves: a form comes when the drive does."""
+        if moves:
+            return self._columns(stage, variable, moves)
         if (stage, variable) not in self._made:
-            self._made[(stage, variable)] = self._columns(stage, variable, self._model.data)
+            self._made[(stage, variable)] = self._columns(stage, variable, ())
         return self._made[(stage, variable)]
 
-    def moved(self, stage: str, variable: str, share: float) -> list[Column]:
-        """The same with the variable moved along the log by a share of it, round the end."""
-        data = self._model.data
-        moved = np.roll(data.variables[variable], round(share * len(data.time_s)))
-        return self._columns(stage, variable, data._replace(variables={**data.variables, variable: moved}))
-
-    def _columns(self, stage: str, variable: str, data: RunData) -> list[Column]:
-        model, name = self._model, TABLES[stage].channel
+    def _columns(self, stage: str, variable: str, moves: Parts) -> list[Column]:
+        model, name, data = self._model, TABLES[stage].channel, self._model.data
         over = span(data, variable, model.machine)
         if over is None or name not in model.names:
             return []
-        rows = series(stage, over, model.channel(name), self._units.get(stage, np.ones(1)), data, model.base,
-                      model.machine)
+        unit = _unit(model, TABLES[stage].unit, moves) if moves else self._units.get(stage, np.ones(1))
+        own = model.predicted(moves)[name] if moves and own_command(stage, variable) != variable else None
+        rows = series(stage, over, model.channel(name), unit, data, model.base, model.machine, own)
         return [_column(model, Label(Role.FORM), {name: row}) for row in rows]
 
 
-def _unit(model: GroupModel, part: Part) -> Array:
+def _unit(model: GroupModel, part: Part, others: Parts = ()) -> Array:
     """What one unit of an effect does to the first channel that it moves, from the slope at its probe."""
     size = ROWS[part.id].on(model.machine).probe
     assert size is not None
-    return next(iter(model.difference((), part._replace(size=size)).values())) / size
+    return next(iter(model.difference(others, part._replace(size=size)).values())) / size
 
 
 class Columns:
@@ -173,7 +173,8 @@ class Columns:
             moved = (*parts[:k], part._replace(size=part.size + step), *parts[k + 1:])
             now = model.predicted(parts)
             change = {name: (one - now[name]) / step for name, one in model.run(moved, only=row.channels).items()}
-            found.append(_column(self.model, Label(Role.SLOPE, part.id, k), change))
+            found.append(_column(self.model, Label(Role.SLOPE, part.id, k), change,
+                                 sd_of_size(part.size, row.on(model.machine).usual), -part.size))
         return found
 
     def form_columns(self, parts: Parts, slopes: Sequence[Column], share: float = FORM_SHARE) -> list[Column]:
@@ -217,7 +218,8 @@ class Columns:
         """Shapes by which a part's form may differ, where and as it is there: over its own variable, and those of its
         siblings."""
         row = ROWS[part.id]
-        over = self.forms.over(row.stage, row.form_over) if row.form_over else []
+        moves = tuple(p for p in parts if ROWS[p.id].stage == row.stage and ROWS[p.id].move_shaped and p.id != part.id)
+        over = self.forms.over(row.stage, row.form_over, moves) if row.form_over else []
         found = [self._while_there(column, part, row.stage) for column in over]
         for sibling in row.siblings:
             step = ROWS[sibling].on(self.model.machine).ladder[1]
@@ -264,7 +266,8 @@ class Columns:
                 self._kept.clear()
             change = self.model.difference(parts, part)
             self._kept[(parts, part)] = _column(self.model, Label(Role.CANDIDATE, part.id),
-                                                    {name: one / part.size for name, one in change.items()})
+                                                    {name: one / part.size for name, one in change.items()},
+                                                    ROWS[part.id].on(self.model.machine).usual)
         return self._kept[(parts, part)]
 
     def trace(self, parts: Parts, k: int) -> Column:

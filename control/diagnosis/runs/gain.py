@@ -10,6 +10,8 @@ import numpy.typing as npt
 
 from control.agronomy.crop import Crop
 from control.agronomy.noa import Rule
+from control.diagnosis.judgement.evidence import Z90, Column, Role, fitted
+from control.diagnosis.judgement.noise import Noise, series_of
 from control.diagnosis.result import Gain
 from control.field.job import Job
 from control.machine.machine import Machine
@@ -19,11 +21,8 @@ from control.simulation.closed_loop import Record, simulated_run
 from control.simulation.errors import Errors, errors
 
 from .held_out import BLOCKS, HELD_OUT, HeldOut, amplitudes, errors_of, held_out
-from .likelihood import Z90, Column, Role, fitted
-from .noise import Noise, series_of
 from .selection import Judged
-from .smooth import TABLES, variables_of
-from .unexplained import DOWNSTREAM
+from .smooth import DOWNSTREAM, TABLES, variables_of
 
 Array = npt.NDArray[np.float64]
 

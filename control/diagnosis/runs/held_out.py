@@ -7,9 +7,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from control.diagnosis.judgement.evidence import Column, problem, solved
+from control.diagnosis.judgement.noise import Noise, coefficients, segments
+
 from .channels import ChannelSeries
-from .likelihood import Column, problem, solved
-from .noise import Noise, coefficients, segments
 
 Array = npt.NDArray[np.float64]
 

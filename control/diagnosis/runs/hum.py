@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from control.diagnosis.judgement import noise as noises
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
-from . import noise as noises
 from .channels import ChannelSeries
 from .hypothesis import schedule, stages_of
 

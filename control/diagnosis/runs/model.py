@@ -8,14 +8,14 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.effects import ROWS
+from control.diagnosis.judgement import noise as noises
+from control.diagnosis.judgement.noise import coefficients
 from control.machine.effect import FULL_REVOLUTION, SLEW
 from control.machine.machine import CATALOGUE, Machine, of_nominal
 from control.machine.over_log import MOST_STEP_S
 
-from . import noise as noises
 from .channels import ChannelSeries
 from .hypothesis import Part, Parts, Stages, schedule, stages_of
-from .noise import coefficients
 from .stages import RunData
 
 Array = npt.NDArray[np.float64]

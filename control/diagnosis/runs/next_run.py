@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.effects import ROWS
+from control.diagnosis.judgement.evidence import projected
 from control.diagnosis.levels import opening_levels, shaft_levels
 from control.diagnosis.result import Cause, NextRun
 from control.machine.effect import HOPPER
@@ -16,7 +17,6 @@ from control.machine.machine import CATALOGUE, Machine, of_nominal
 
 from .channels import channels
 from .hypothesis import Part
-from .likelihood import projected
 from .log import gate
 from .model import GROUPS
 from .search import Search

@@ -8,11 +8,10 @@ from scipy.ndimage import binary_opening, median_filter, uniform_filter1d
 from control.diagnosis import effects
 from control.diagnosis.effects import ROWS
 from control.machine.effect import OPENING_RANGE, SHAFT_RANGE
-from control.machine.machine import CATALOGUE, Machine, bounds, of_nominal
+from control.machine.machine import CATALOGUE, of_nominal
 
-from .boxes import MIN_SPAN_S
-from .changes import END_S, changes
-from .hypothesis import MAX_SWITCHES, Part, Parts, replaced, without
+from .changes import END_S
+from .hypothesis import Part, Parts, replaced
 from .model import HALT_S, GroupModel
 from .search import Candidate, Refit, Search
 from .stages import RunData
@@ -35,10 +34,7 @@ STOP_SD_S = 0.5             # how sharply a stop is seen
 
 # An onset, tried on a grid.
 TIMES = 16                  # tried over the working time
-ONSET_SHARE = 0.08          # of what the effect explains, at least gained: forms are never quite right
-HALVINGS = 5                # of the step by which an onset is moved, about
-NARROWER = 0.45             # factor on the step in each halving
-MAX_OTHER_ONSETS = 2        # a hypothesis with more onsets than this is given no further one
+STEPS_ROWS = (32, 8, 2, 1)     # by which an onset is moved about where a scan has it
 
 
 def working_times(data: RunData, count: int = TIMES) -> Array:
@@ -49,19 +45,13 @@ def working_times(data: RunData, count: int = TIMES) -> Array:
     return np.interp(np.linspace(0.0, done[-1], count + 2)[1:-1], done, data.time_s)
 
 
-def blocked(data: RunData, machine: Machine) -> list[Candidate]:
-    """An outlet that closes at some time."""
-    row = effects.FLOW_BLOCKED_OUTLET
-    assert row.probe is not None
-    high = bounds(row.id, machine).high
-    return [Candidate(Part(row.id, row.probe, float(at)), 0.0, high) for at in working_times(data)]
-
-
 def stops(model: GroupModel) -> list[Candidate]:
     """Drives that stood still to the end of the log though commanded."""
     found: list[Candidate] = []
     predicted = model.predicted(())
     for channel in model.channels:
+        if channel.settled:
+            continue            # the last rows of a staircase down are within a dead zone
         if channel.name == "shaft":
             asked = predicted["shaft"] > of_nominal(model.machine, SHAFT_RANGE) * TURNING_RPM
             obeyed = asked & (median_filter(channel.measured, MEDIAN_SAMPLES) > TURNS_SHARE * predicted["shaft"])
@@ -86,6 +76,8 @@ def stands_below(model: GroupModel) -> list[Candidate]:
     if "shaft" not in model.names:
         return []
     channel, asked = model.channel("shaft"), model.predicted(())["shaft"]
+    if channel.settled:
+        return []
     rows = np.ones(max(3, round(EPISODE_S / channel.grid.step_s)), bool)
     told = asked > of_nominal(model.machine, SHAFT_RANGE) * TURNING_RPM
     turns = median_filter(channel.measured, MEDIAN_SAMPLES) > TURNS_SHARE * asked
@@ -163,60 +155,24 @@ def _last_obeyed(asked: npt.NDArray[np.bool_], obeyed: npt.NDArray[np.bool_], st
     return last + 1 if asked[last + 1:].sum() * step_s > MIN_STILL_S else None
 
 
-def with_onset(search: Search, found: Refit, data: RunData, threshold: float) -> Refit:
-    """The hypothesis with an onset for the part that gains most by one, where it gains more than `threshold`."""
-    best = found
-    for k, part in enumerate(found.parts):
-        others: Parts = without(found.parts, k)
-        if part.onset_s is not None or len({t for p in others for t in p.switches}) + 1 > MAX_SWITCHES:
-            continue
-        tried = changes(search.columns, others, found.noise, [Candidate(part, *bounds(part.id, search.model.machine))])
-        if not tried:
-            continue
-        alone = search.refit(others, found.noise)
-        reach = max(threshold, ONSET_SHARE * 2.0 * (found.log_likelihood - alone.log_likelihood))
-        for one in tried:
-            better = search.refit(replaced(found.parts, k, as_begun(one.part)), found.noise)
-            if 2.0 * (better.log_likelihood - best.log_likelihood) > reach:
-                best, reach = refined(search, better, data), 0.0
-    return best
-
-
-def with_end(search: Search, found: Refit, threshold: float) -> Refit:
-    """The hypothesis with an end for each part that began, where that gains more than `threshold`."""
-    best = found
-    for k, part in enumerate(found.parts):
-        if not part.switches or part.until_s is not None or CATALOGUE[part.id].effect.onset_only or \
-                len({t for p in best.parts for t in p.switches}) + 1 > MAX_SWITCHES:
-            continue
-        back = Candidate(part._replace(onset_s=None), -abs(part.size) * 2.0, abs(part.size) * 2.0)
-        ends = [one.part.onset_s for one in changes(search.columns, best.parts, best.noise, [back])
-                if not one.part.grows and one.part.size * part.size < 0.0]
-        for at_s in ends:
-            if at_s is not None and part.onset_s is not None and at_s > part.onset_s + MIN_SPAN_S:
-                tried = search.refit(replaced(best.parts, k, best.parts[k]._replace(until_s=at_s)), best.noise)
-                if 2.0 * (tried.log_likelihood - best.log_likelihood) > threshold:
-                    best = refined(search, tried, search.model.data)
-    return best
-
-
 def as_begun(part: Part) -> Part:
     """The part by the name that it has where it begins within a run."""
     begun = ROWS[part.id].loss_begins_as
-    return part._replace(id=begun, size=-part.size) if begun and part.size < 0.0 and not part.grows else part
+    within = part.onset_s is not None and not part.grows
+    return part._replace(id=begun, size=-part.size) if begun and within and part.size < 0.0 else part
 
 
 def refined(search: Search, found: Refit, data: RunData) -> Refit:
-    """Onsets and ends moved to where they fit best, in ever smaller steps."""
+    """Onsets and ends moved to where they fit best, in ever smaller steps down to a row: an edge that is a row off is
+    explained by nothing else."""
     best = found
-    step = float(np.median(np.diff(working_times(data))))
     first_s, last_s = float(data.time_s[0]) + END_S, float(data.time_s[-1]) - END_S
-    for _ in range(HALVINGS):
-        step *= NARROWER
+    row_s = min(channel.grid.step_s for channel in search.model.channels)
+    for rows in STEPS_ROWS:
         for k, part in enumerate(best.parts):
             if part.onset_s is None or CATALOGUE[part.id].effect.onset_only:
                 continue
-            for moved in (*_moved(part, -step), *_moved(part, step)):
+            for moved in (*_moved(part, -rows * row_s), *_moved(part, rows * row_s)):
                 times = [t for t in (moved.onset_s, moved.until_s) if t is not None]
                 if times != sorted(set(times)) or times[0] < first_s or times[-1] > last_s:
                     continue

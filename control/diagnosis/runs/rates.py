@@ -20,11 +20,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtrc, chdtri, stdtrit
 
+from control.diagnosis.judgement.evidence import Z90
 from control.diagnosis.result import RateFit, Size
 from control.geodesy import TangentPlane
 from control.orders import State
-
-from .likelihood import Z90
 
 Array = npt.NDArray[np.float64]
 

@@ -8,6 +8,8 @@ import numpy.typing as npt
 from scipy.special import chdtrc
 
 from control.diagnosis.effects import ROWS
+from control.diagnosis.judgement.evidence import Z90, projected
+from control.diagnosis.judgement.prior import LISTED, NAMED
 from control.diagnosis.result import (
     STRUCTURE_P,
     UNKNOWN,
@@ -32,17 +34,17 @@ from .cost import field_cost
 from .gain import measure_gain
 from .hypothesis import Part
 from .intermittent import ReadOff
-from .likelihood import Z90, projected
 from .model import tolerance_of
 from .next_run import next_run
 from .onset import stop_interval
-from .selection import THRESHOLD, Judged
+from .selection import Judged
 from .stages import RunData
 from .term_seen import marginal, means_along
 from .terms import Found
-from .verdict import OTHERWISE, Remains, remains, suspected
+from .verdict import Remains, remains, unknown_share
 
 Array = npt.NDArray[np.float64]
+THRESHOLD = 22.0            # of twice the log-likelihood: what a steady effect gains that is named
 LEAST_TRIED = 5             # effects, as if so many: a gain below THRESHOLD is no structure
 BEGINS = 8                  # independent times at which an effect may begin or grow, about
 WINDOW_S = 10.0             # flow is read off the scale over windows of this length
@@ -78,7 +80,7 @@ def by_chance(gain: float) -> float:
 def _structure_p(one: Judged) -> float:
     """Probability of the best single explanation's gain where there is nothing, over the catalogue searched."""
     gain = max(one.structure_gain, 2.0 * (one.found.log_likelihood - one.null.log_likelihood),
-               0.0 if one.left is None else one.left.gain)
+               max((term.gain for term in one.terms), default=0.0))
     single = by_chance(gain)
     return float(1.0 - (1.0 - single) ** (BEGINS * max(LEAST_TRIED, len(one.scan))))
 
@@ -140,16 +142,15 @@ def report(data: RunData, machine: Machine, judged: Sequence[Judged], read_off: 
     gains = [measure_gain(one) for one in judged]
     causes: list[Cause] = []
     unexplained: list[Unexplained] = []
-    for one, own in zip(judged, gains, strict=True):
+    for one in judged:
         rest = remains(one, {ROWS[each.part.id].channels[0] for each in read_off})
-        causes += [_cause(one, k, machine, data, suspected(one, k, rest, own)) for k in range(len(one.found.parts))]
+        causes += [_cause(one, k, machine, data, unknown_share(one, k, rest)) for k in range(len(one.found.parts))]
         unexplained += _unexplained(one, rest, rows)
     causes += [_read_off_cause(one, machine, data) for one in read_off]
     terms = [(group, found) for group in judged for found in group.terms]
     tables = [table for one in judged for table in _tables(one, data)]
     absent = [one for group in judged for one in not_shown(group) if one.id not in {r.part.id for r in read_off}]
     verdict = _verdict(rows, causes, unexplained)
-    unexplained += [entry for one in judged if not one.terms for entry in _instead(one, rows)]
     excited = {word: (float(np.percentile(series, 1.0)), float(np.percentile(series, 99.0)))
                for word, series in data.variables.items()}
     return Diagnosis(
@@ -190,16 +191,12 @@ def _unexplained(one: Judged, rest: Sequence[Remains], rows: Sequence[Channel]) 
         return [Unexplained(term.stage, variable, term.explained_share, by_name[term.stage].rmse,
                             by_name[term.stage].noise_floor, by_name[term.stage].unit, term.field_percent)
                 for term in one.terms for variable in term.tried.over]
-    if one.left is not None:
-        row = by_name[one.left.stage]
-        return [Unexplained(one.left.stage, one.left.variable, one.left.explained_share, row.rmse, row.noise_floor,
-                            row.unit, one.left.field_percent)]
     if one.found.parts:
         return []                       # the names are then suspected instead
     prior = {c.name: c.prior.fast_sd for c in one.search.model.channels}
     found = [Unexplained(r.channel, "", _structure_share(by_name[r.channel]), by_name[r.channel].rmse,
                          prior[r.channel] if r.why == "loud" else by_name[r.channel].noise_floor,
-                         by_name[r.channel].unit, None, r.hint, r.from_s, r.period_s) for r in rest]
+                         by_name[r.channel].unit, None, r.hint, None, r.period_s) for r in rest]
     inside = [row for row in rows if row.channel in one.search.model.names and row.structure_p < STRUCTURE_P]
     if inside and not found:
         row = max(inside, key=_structure_share)
@@ -207,18 +204,8 @@ def _unexplained(one: Judged, rest: Sequence[Remains], rows: Sequence[Channel]) 
     return found
 
 
-def _instead(one: Judged, rows: Sequence[Channel]) -> list[Unexplained]:
-    """What there is if a name that comes and goes is none: something unknown in the same channel, for as long."""
-    by_name = {row.channel: row for row in rows}
-    return [Unexplained(box.stage, "time_s", _structure_share(by_name[box.stage]), by_name[box.stage].rmse,
-                        by_name[box.stage].noise_floor, by_name[box.stage].unit, hint=box.id, from_s=box.begin_s)
-            for box in one.or_boxes]
-
-
 def _tables(one: Judged, data: RunData) -> list[TableFit]:
     """Smooth dependences, one for each entry of `_unexplained`: the search's own, or how each variable's term runs."""
-    if one.left is not None:
-        return [TableFit(one.left.stage, one.left.variable, one.left.nodes, one.left.values)]
     return [TableFit(term.stage, variable, *marginal(term.term, variable, data))
             for term in one.terms for variable in term.tried.over]
 
@@ -244,23 +231,26 @@ def _read_off_cause(seen: ReadOff, machine: Machine, data: RunData) -> Cause:
                  field_cost(seen.part, machine, data))
 
 
-def _cause(one: Judged, k: int, machine: Machine, data: RunData, suspicious: bool) -> Cause:
-    """suspicious : the name may be something else altogether; it then shares its probability with that."""
+def _cause(one: Judged, k: int, machine: Machine, data: RunData, left: float) -> Cause:
+    """left : probability that the name is something else altogether, by what the whole model leaves."""
     part, sd = one.found.parts[k], one.found.sd[k]
     entry = CATALOGUE[part.id]
     unit = unit_of(part.id, machine)
-    weights = np.exp(-0.5 * np.array([0.0, *(max(0.0, r.behind) for r in one.rivals[k])]))
-    nothing = by_chance(one.gains[k])
-    shares = weights / (weights.sum() + nothing)
+    weights = np.exp(-np.array([0.0, *(r.behind for r in one.rivals[k])]))
+    unknown = float(np.exp(one.unknown[k])) if one.unknown and not one.terms else 0.0
+    every = weights.sum() + np.exp(-one.worths[k]) + unknown
+    shares = weights / every
     if entry.effect.onset_only:
         size = Size(part.onset_s, *stop_interval(one.search.model, part), unit)
     else:
         sd = float(np.hypot(sd, tolerance_of(part.id, machine)))
         low, high = part.size - Z90 * sd, part.size + Z90 * sd
         size = Size(part.size, low, high, unit)
-    certain = 1.0 - OTHERWISE if suspicious else 1.0
-    rivals = tuple(Rival(r.part.id, certain * float(p)) for r, p in zip(one.rivals[k], shares[1:], strict=True))
-    if suspicious:
-        rivals = (*rivals, Rival(UNKNOWN, OTHERWISE))
+    certain = 1.0 - left
+    rivals = tuple(Rival(r.part.id, certain * float(p)) for r, p in zip(one.rivals[k], shares[1:], strict=True)
+                   if p > LISTED) if shares[0] < NAMED else ()
+    other = max(left, unknown / every)
+    if other > LISTED and certain * shares[0] < NAMED:
+        rivals = (*rivals, Rival(UNKNOWN, float(other)))
     return Cause(part.id, size, part.onset_s, certain * float(shares[0]), rivals, part.member, entry.effect.advice,
                  field_cost(part, machine, data), until_s=part.until_s, grows=part.grows)

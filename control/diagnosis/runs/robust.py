@@ -12,13 +12,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import median_filter, uniform_filter1d
 
+from control.diagnosis.judgement.evidence import Column, problem, solved, taken_off
+from control.diagnosis.judgement.noise import coefficients, series_of
 from control.machine.compiled import remembered_run
 
 from .channels import ChannelSeries
 from .columns import Columns
 from .hypothesis import Parts
-from .likelihood import Column, problem, solved, taken_off
-from .noise import coefficients, series_of
 from .stages import RunData
 
 Array = npt.NDArray[np.float64]

@@ -8,14 +8,26 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.effects import ROWS, FoundBy
+from control.diagnosis.judgement.evidence import (
+    Z90,
+    Fit,
+    Problem,
+    Role,
+    adapted,
+    best_fitted,
+    calm,
+    first_noise,
+    fitted,
+    projected,
+)
+from control.diagnosis.judgement.noise import Noise
+from control.diagnosis.judgement.prior import log_of_size, sd_of_size
 from control.machine.machine import CATALOGUE, Machine, bounds, size_scale
 
 from .channels import ChannelSeries
-from .columns import Columns
+from .columns import WRITTEN, Columns
 from .hypothesis import Part, Parts, replaced
-from .likelihood import Z90, Fit, Problem, Role, best_fitted, calm, fitted, problem, projected
 from .model import GroupModel
-from .noise import Noise
 from .stages import RunData
 
 Array = npt.NDArray[np.float64]
@@ -23,7 +35,6 @@ Array = npt.NDArray[np.float64]
 MAX_TANGLED = 0.97          # cosine of two effects' traces: above it they are not two findings
 MAX_ROUNDS = 4              # rounds of a refit: the model is run, then sizes are fitted
 SETTLED_SD = 0.05           # in s.d. of a size: a refit ends where no size moves by more
-RIVAL_FORM_SHARE = 0.1      # of an effect's own signal that its form may be wrong by, where names are held together
 FITTED_FROM = 4.0           # gain in twice the log-likelihood from which on the noise is fitted too
 DIPS_WITHIN_S = 0.5         # a pulse that goes missing shows in rows of this length
 WALK_ROWS = 0.5             # of a row of the log: the first step of a walk ...
@@ -38,6 +49,7 @@ class Candidate(NamedTuple):
     part: Part
     low: float
     high: float
+    usual: float = np.inf       # s.d. of its prior
 
 
 class Scanned(NamedTuple):
@@ -45,6 +57,8 @@ class Scanned(NamedTuple):
 
     part: Part                  # with the estimated size
     gain: float                 # of twice the log-likelihood
+    evidence: float = 0.0       # of the log evidence, its size and times integrated
+    spent: float = 0.0          # ... of which its times cost so much: they were not known
 
 
 class Refit(NamedTuple):
@@ -55,6 +69,7 @@ class Refit(NamedTuple):
     log_likelihood: float
     noise: dict[str, Noise]
     tangled: float = 0.0        # largest correlation between two sizes
+    log_evidence: float = 0.0   # sizes integrated; priors of the parts and of their times left out
 
 
 class Search:
@@ -65,7 +80,8 @@ class Search:
         self.columns = Columns(self.model)
         refilled = data.hopper is not None and bool(data.hopper.jumps)
         every = candidates(self.model.names, machine, self.model.heads, refilled)
-        self.candidates = [c for c in every if excited(c, data, machine)]
+        self.candidates = [c._replace(usual=ROWS[c.part.id].on(machine).usual) for c in every
+                           if excited(c, data, machine)]
         self._all_over: set[str] = set()        # thresholds that were looked for all over
 
     def scan(self, parts: Parts, noise: dict[str, Noise], only: Sequence[Candidate] | None = None) -> list[Scanned]:
@@ -79,17 +95,17 @@ class Search:
         p, before = self.columns.compressed(parts, [self.columns.of_candidate(parts, c.part) for c in tried])
         fixed = np.arange(before)
         null = best_fitted(p, fixed, noise, self.model.channels)
-        starts = [null.noise, calm(null.noise, self.model.channels)]
+        starts = [null.noise, adapted(p, fixed, null.amplitude, calm(null.noise, self.model.channels))]
         normals = [projected(p, fixed, start) for start in starts]
         best: dict[tuple[str, int | None, float | None], Scanned] = {}
         for k, c in enumerate(tried):
-            found = Scanned(c.part, -np.inf)
+            found = Scanned(c.part, -np.inf, -np.inf)
             for start, (normal, right) in zip(starts, normals, strict=True):
-                found = max(found, _added(p, before + k, c, null, start, normal, right), key=lambda f: f.gain)
+                found = max(found, _added(p, before + k, c, null, start, normal, right), key=lambda f: f.evidence)
             name = (c.part.id, c.part.member, c.part.onset_s)
-            if name not in best or found.gain > best[name].gain:
+            if name not in best or found.evidence > best[name].evidence:
                 best[name] = found
-        return sorted(best.values(), key=lambda f: -f.gain)
+        return sorted(best.values(), key=lambda f: -f.evidence)
 
     def refit(self, parts: Parts, noise: dict[str, Noise] | None = None) -> Refit:
         """Sizes, their s.d. and likelihood of a hypothesis, its model rerun until the sizes stand still."""
@@ -101,37 +117,63 @@ class Search:
                 p, fit = self._fit(now, last)
             moved, sd, biggest = _stepped(now, p, fit, self.model.machine)
             last = fit.noise
-            best = Refit(now, sd, fit.log_likelihood, fit.noise, self._tangled(p, fit.noise))
+            best = Refit(now, sd, fit.log_likelihood, fit.noise, self._tangled(p, fit.noise), self._of_forms(p, fit))
             if biggest < SETTLED_SD:
                 best = best._replace(parts=moved)
                 break
             now = moved
+        else:                       # a slope leads further than the model goes: what it is worth where it was run
+            best = best and self._where_run(best, p, fit)
         assert best is not None
-        best = self._within_bounds(best, p, fit)
         return self._threshold(best) if any(ROWS[part.id].threshold for part in best.parts) else best
 
-    def under(self, parts: Parts, noise: dict[str, Noise]) -> float:
-        """Log-likelihood of a refitted hypothesis under a given noise, its forms held closer to the catalogue's."""
-        base = self.columns.of_hypothesis(parts, RIVAL_FORM_SHARE)
-        p = problem(self.model.channels, self.model.banded_residual(parts), base)
-        return fitted(p, np.arange(len(base)), noise, rounds=0).log_likelihood
+    def find_noise(self) -> None:
+        """The noise that nothing wrong leaves, from which models are fitted."""
+        p, count = self.columns.compressed(())
+        self.model.noise = first_noise(p, np.arange(count), self.model.noise, self.model.channels)
+
+    def _of_forms(self, p: Problem, fit: Fit) -> float:
+        """Log evidence of a hypothesis whose forms are, at even odds, the catalogue's own or free to differ."""
+        forms = p.places(Role.FORM)
+        if not forms:
+            return fit.log_evidence
+        stand = np.flatnonzero(fit.amplitude == 0.0)
+        exact = fitted(p, np.setdiff1d(np.arange(len(fit.amplitude)), [*forms, *stand]), fit.noise)
+        return float(np.logaddexp(fit.log_evidence, exact.log_evidence) - np.log(2.0))
 
     def _fit(self, parts: Parts, noise: dict[str, Noise]) -> tuple[Problem, Fit]:
+        """The best fit about a hypothesis; a size at its bound that is pulled beyond stands, its amplitude 0."""
         p, count = self.columns.compressed(parts)
-        return p, best_fitted(p, np.arange(count), noise, self.model.channels)
-
-    def _within_bounds(self, found: Refit, p: Problem, fit: Fit) -> Refit:
-        """The same, with the likelihood that it has where it stands: a slope leads on beyond the bound of a size."""
-        stands = []
+        fit = best_fitted(p, np.arange(count), noise, self.model.channels)
+        off = [k for k, label in enumerate(p.labels) if label.name == WRITTEN and abs(fit.amplitude[k]) > p.sd[k]]
+        if off:
+            sd = p.sd.copy()
+            sd[off] = np.abs(fit.amplitude[off])
+            weight = float(np.sum(np.log(p.sd[off] / sd[off])))
+            p = p._replace(sd=sd)
+            fit = best_fitted(p, np.arange(count), fit.noise, self.model.channels)
+            fit = fit._replace(log_likelihood=fit.log_likelihood + weight, log_evidence=fit.log_evidence + weight)
+        stand = []
         for at in p.places(Role.SLOPE):
-            part = found.parts[p.labels[at].part]
+            part = parts[p.labels[at].part]
             low, high = bounds(part.id, self.model.machine)
             if (part.size <= low and fit.amplitude[at] < 0.0) or (part.size >= high and fit.amplitude[at] > 0.0):
-                stands.append(at)
-        if not stands:
-            return found
-        inside = best_fitted(p, np.setdiff1d(np.arange(len(fit.amplitude)), stands), found.noise, self.model.channels)
-        return found._replace(log_likelihood=inside.log_likelihood, noise=inside.noise)
+                stand.append(at)
+        if not stand:
+            return p, fit
+        free = np.setdiff1d(np.arange(count), stand)
+        inside = best_fitted(p, free, fit.noise, self.model.channels)
+        amplitude, covariance = np.zeros(count), fit.covariance.copy()
+        amplitude[free], covariance[np.ix_(free, free)] = inside.amplitude, inside.covariance
+        return p, inside._replace(amplitude=amplitude, covariance=covariance)
+
+    def _where_run(self, found: Refit, p: Problem, fit: Fit) -> Refit:
+        """The same, with the likelihood of the sizes that the model was run with."""
+        held = np.setdiff1d(np.arange(len(fit.amplitude)), p.places(Role.SLOPE))
+        there = best_fitted(p, held, found.noise, self.model.channels)
+        lost = fit.log_likelihood - there.log_likelihood
+        return found._replace(log_likelihood=there.log_likelihood, noise=there.noise,
+                              log_evidence=found.log_evidence - lost)
 
     def _tangled(self, p: Problem, noise: dict[str, Noise]) -> float:
         """Largest likeness of two parts' traces, nuisances taken out and their forms as the catalogue has them."""
@@ -157,13 +199,15 @@ class Search:
             if place not in tried:
                 parts = replaced(found.parts, k, part._replace(size=0.5 * float(edges[place] + edges[place + 1])))
                 _, fit = self._fit(parts, found.noise)
-                tried[place] = found._replace(parts=parts, log_likelihood=fit.log_likelihood, noise=fit.noise)
+                tried[place] = found._replace(parts=parts, log_likelihood=fit.log_likelihood, noise=fit.noise,
+                                              log_evidence=fit.log_evidence)
             return tried[place].log_likelihood
 
         last = len(edges) - 2
         here, step = int(np.clip(np.searchsorted(edges, part.size) - 1, 0, last)), 2
-        if part.id not in self._all_over:               # a plateau leads nowhere: look all over once
-            self._all_over.add(part.id)
+        course = f"{part.id} {part.onset_s}"
+        if course not in self._all_over:                # a plateau leads nowhere: look all over once
+            self._all_over.add(course)
             places = np.unique(np.linspace(0, last, THRESHOLDS_TRIED).astype(int)).tolist()
             best_place = max([here, *places, self._stood_below(edges, part.onset_s)], key=value)
             here, step = best_place, max(1, last // THRESHOLDS_TRIED)
@@ -174,6 +218,8 @@ class Search:
         as_good = [place for place in tried if value(place) > value(here) - 0.5 * THRESHOLD_GAP]
         low, high = float(edges[min(as_good)]), float(edges[max(as_good) + 1])
         best = tried[here]
+        lowest, highest = bounds(part.id, self.model.machine)
+        best = best._replace(log_evidence=best.log_evidence + float(np.log((high - low) / (highest - lowest))))
         return best._replace(parts=replaced(best.parts, k, part._replace(size=0.5 * (low + high))),
                              sd=(*best.sd[:k], 0.5 * (high - low) / Z90, *best.sd[k + 1:]))
 
@@ -199,7 +245,8 @@ class Search:
     def _sized(self, found: Refit, k: int, size: float) -> Refit:
         parts = replaced(found.parts, k, found.parts[k]._replace(size=size))
         _, fit = self._fit(parts, found.noise)
-        return found._replace(parts=parts, log_likelihood=fit.log_likelihood, noise=fit.noise)
+        return found._replace(parts=parts, log_likelihood=fit.log_likelihood, noise=fit.noise,
+                              log_evidence=fit.log_evidence)
 
     def _stood_below(self, edges: Array, from_s: float | None) -> int:
         """Place of the edge that best parts the speeds at which the shaft stood, though asked, from those at which it
@@ -213,8 +260,10 @@ class Search:
         return int(np.clip(np.argmax(np.where(at >= 0, gained[at], 0.0)), 0, len(edges) - 2))
 
     def _commands_between(self, low: float, high: float) -> Array:
-        """The shaft speeds that were asked for between two bounds, and the bounds."""
+        """The shaft speeds that were asked for between two bounds, and the bounds. What is read in steps is read as
+        nothing below the first."""
         shaft = self.model.data.shaft
+        low = low if shaft is None else max(low, shaft.step)
         command = np.empty(0) if shaft is None else np.round(shaft.command, 3)
         return np.unique(np.concatenate(([low], command[(command > low) & (command < high)], [high])))
 
@@ -249,6 +298,10 @@ def excited(candidate: Candidate, data: RunData, machine: Machine) -> bool:
     mean.
     """
     row = ROWS[candidate.part.id].on(machine)
+    if row.open_loop and machine.shaft.regulated > 0.0:
+        return False
+    if row.both_ways and (data.shaft is None or not (data.shaft.command.min() < 0.0 < data.shaft.command.max())):
+        return False
     if row.found_by is FoundBy.DIPS and data.speed is not None:
         return float(np.median(np.diff(data.speed.time_s))) > DIPS_WITHIN_S
     if not row.seen_in_steps and data.shaft is not None and data.shaft.step > 0.0:
@@ -269,18 +322,22 @@ def _added(p: Problem, at: int, c: Candidate, null: Fit, start: dict[str, Noise]
     """One candidate column beside the fixed ones, its noise fitted from `start` where the gain may matter."""
     stiff, before = normal[at, at], len(null.amplitude)
     if stiff <= 0.0:
-        return Scanned(c.part, -np.inf)
+        return Scanned(c.part, -np.inf, -np.inf)
     whole = ROWS[c.part.id].threshold           # half a threshold's column is not what half a threshold does
     size = c.part.size if whole else float(np.clip(right[at] / stiff, c.low, c.high))
     gain = 2.0 * right[at] * size - stiff * size * size
+    sd = p.sd.copy()
+    sd[at] = sd_of_size(size, p.sd[at])
+    spread = 0.5 * float(np.log1p(stiff * sd[at] ** 2)) - log_of_size(size, p.sd[at])
+    p = p._replace(sd=sd)
     if gain > FITTED_FROM and not whole:
         full = fitted(p, np.append(np.arange(before), at), start)
         size = float(np.clip(full.amplitude[-1], c.low, c.high))
         gain = 2.0 * (full.log_likelihood - null.log_likelihood) if size == full.amplitude[-1] else \
             min(gain, 2.0 * (full.log_likelihood - null.log_likelihood))
     elif start is not null.noise and not whole:
-        return Scanned(c.part, -np.inf)
-    return Scanned(c.part._replace(size=size), float(gain))
+        return Scanned(c.part, -np.inf, -np.inf)
+    return Scanned(c.part._replace(size=size), float(gain), 0.5 * float(gain) - spread)
 
 
 def _stepped(parts: Parts, p: Problem, fit: Fit, machine: Machine) -> tuple[Parts, tuple[float, ...], float]:

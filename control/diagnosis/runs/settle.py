@@ -3,22 +3,23 @@ from __future__ import annotations
 
 import numpy as np
 
+from control.diagnosis.judgement.evidence import Role, fitted, problem
+from control.diagnosis.judgement.noise import coefficients
 from control.machine.machine import Machine, bounds
 
 from .channels import ChannelSeries
 from .columns import Columns
 from .hypothesis import Part, Parts
-from .likelihood import Role, fitted, problem
 from .model import Nuisance
-from .noise import coefficients
 
 MAX_ROUNDS = 4
 STEP_SHARES = (1.0, 0.4, 0.15)      # shares of the step that the slopes ask for, tried until one gains
-MAX_OFFSET_SD = 3.0                 # of a tolerance
+MAX_OFFSET_SD = 3.0                 # of a tolerance: its prior ends there, what is further off is an effect
 SETTLED_SD = 0.05                   # of a tolerance: smaller steps are not worth the model's runs
 MIN_GAIN = 0.5                      # gain in log-likelihood that asks for a further round
-DEAD_TIME_HALVINGS = 5              # of its tolerance, when a dead time is looked for: down to a thirtieth of it
-DEAD_TIME_GAIN = 2.0                # gain in log-likelihood below which a dead time is not moved
+TIMED = ("dead_time_s", "slew_mm_s")     # when a move ends
+HALVINGS = 5                        # of a tolerance, when one of these is looked for: down to a thirtieth of it
+TIME_GAIN = 2.0                     # gain in log-likelihood below which it is not moved
 
 
 def settle(columns: Columns, parts: Parts) -> Parts:
@@ -26,7 +27,7 @@ def settle(columns: Columns, parts: Parts) -> Parts:
 
     The parts' sizes move along, for a size and a tolerance may stand for the same thing; they are returned.
     """
-    _try_dead_times(columns, parts)
+    _try_times(columns, parts)
     model, best = columns.model, _at_rest(columns, parts)
     for _ in range(MAX_ROUNDS):
         before = dict(model.offsets)
@@ -71,17 +72,17 @@ def _at_rest(columns: Columns, parts: Parts) -> float:
     return value
 
 
-def _try_dead_times(columns: Columns, parts: Parts) -> None:
-    """Dead times moved to the best of a grid: rows see only the end of a short move, so slopes lead nowhere.
+def _try_times(columns: Columns, parts: Parts) -> None:
+    """Dead times and slews moved to the best of a grid: rows see only the end of a short move, so slopes lead nowhere.
 
     A move shorter than a row is over before it is read, or has not begun: the likelihood has kinks there.
     """
     for channel, n in columns.model.nuisances:
-        if n.field == "dead_time_s":
-            _move_dead_time(columns, parts, channel, n)
+        if n.field in TIMED:
+            _move_time(columns, parts, channel, n)
 
 
-def _move_dead_time(columns: Columns, parts: Parts, channel: ChannelSeries, n: Nuisance) -> None:
+def _move_time(columns: Columns, parts: Parts, channel: ChannelSeries, n: Nuisance) -> None:
     model, name = columns.model, channel.name
     kept = [c for c in columns.fixed if name in c.coefficients
             and not (c.label.role is Role.TOLERANCE and c.label.name == n.key)]
@@ -98,13 +99,13 @@ def _move_dead_time(columns: Columns, parts: Parts, channel: ChannelSeries, n: N
     for off in now + step * np.arange(-2.0, 3.0):
         if abs(off) <= MAX_OFFSET_SD * n.sd:
             tried[float(off)] = value(float(off))
-    for _ in range(DEAD_TIME_HALVINGS):
+    for _ in range(HALVINGS):
         step *= 0.5
         middle = max(tried, key=lambda off: tried[off])
         for off in (middle - step, middle + step):
             tried.setdefault(off, value(off))
     best = max(tried, key=lambda off: tried[off])
-    if tried[best] > tried[now] + DEAD_TIME_GAIN:
+    if tried[best] > tried[now] + TIME_GAIN:
         model.move({**model.offsets, n.key: best})
 
 

@@ -26,6 +26,17 @@ MIN_RANGE = {"time_s": 60.0, "shaft_rpm": 2.0, "opening_mm": 1.0, "supply_v": 0.
                "roll_deg": 0.5, "speed_mps": 0.15, "hopper_kg": 10.0, "heading_deg": 30.0}
 RANGES = {"shaft_rpm": SHAFT_RANGE, "opening_mm": OPENING_RANGE, "hopper_kg": HOPPER}
 
+# Recorded variables that follow a stage's own reading, so that its noise comes back through them. Control sets shaft
+# and gate by the measured speed, and by the scale through the flow trim; shaft_rpm and opening_mm are the commands
+# (drives see them before they answer). A gate knows nothing of the shaft; the shaft bears the load of the opening.
+DOWNSTREAM: dict[str, frozenset[str]] = {
+    "shaft": frozenset(),
+    "gate": frozenset({"shaft_rpm"}),
+    "flow": frozenset(),
+    "scale": frozenset({"hopper_kg", "shaft_rpm", "opening_mm"}),
+    "speed": frozenset({"speed_mps", "shaft_rpm", "opening_mm"}),
+}
+
 
 def variables_of(data: RunData) -> tuple[str, ...]:
     """What a stage may depend on: the published variables, and the log's further columns."""
@@ -86,18 +97,19 @@ def flow_change(hopper: Hopper, machine: Machine, base: Stages, percent: Array |
 
 
 def series(stage: str, over: Span, channel: ChannelSeries, unit: Array, data: RunData, base: Stages,
-           machine: Machine) -> Array:
+           machine: Machine, own: Array | None = None) -> Array:
     """What one unit of each shape does to the channel: (SHAPES, m).
 
     `unit`: what one unit of the stage's own constant does (TABLES). The flow's integral is run through the model;
-    the other stages answer at once, and their unit column is shaped by the table.
+    the other stages answer at once, and their unit column is shaped by the table. own : the variable at the channel's
+    samples, where it is what the stage's drive does.
     """
     if stage == "flow" and data.hopper is not None:
         values = at_times(data, over.variable, data.hopper.time_s)
         rows = [flow_change(data.hopper, machine, base, percent=table_run(over.nodes, shape(k), values))
                 for k in range(1, SHAPES + 1)]
         return np.array(rows)
-    values = at_times(data, over.variable, channel.grid.even_s)
+    values = at_times(data, over.variable, channel.grid.even_s) if own is None else own
     shaped = np.array([np.interp(values, over.nodes, shape(k)) for k in range(1, SHAPES + 1)])
     return shaped if stage == "scale" else shaped * unit
 

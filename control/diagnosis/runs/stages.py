@@ -25,6 +25,7 @@ HOPPER_STEP_S = 1.0         # the scale's noise remembers a second: finer rows o
 MIN_BINS = 20               # of the scale: the flow is read off over windows of ten seconds, and two are no noise
 MAX_BINS = 60_000           # of the scale: a longer log has longer bins
 SETTLE_S = 3.0              # of the drives at the beginning, at most: their past is not in the log ...
+ANSWERED = 5.0              # times that: it has settled, to a hundredth, where it was left alone with its command
 SETTLES = 10.0              # ... nor is it seen after so many times what they take to answer
 UNSEEN_CHANGE = 0.3         # (1 s.d.) of a change from row to row: it may have come early or late, 1 / sqrt(12)
 UNSEEN_STEADY = 0.05        # of the rate itself: what control may have tried and taken back ...
@@ -89,6 +90,7 @@ class Drive(NamedTuple):
     step: float = 0.0           # in which its readings come, where that is coarser than the log is written ...
     steps_from_s: float | None = None   # ... from then on, or all along
     moves_seen: bool = True     # most rows tell what was commanded, also while the drive moves: no settled answers do
+    settled: bool = False        # each row is the settled answer to its command
     left_out: int = 0           # rows in which it moves, of a computer that was late
     more: Array | float = 0.0           # of the machine file's terms: % of the shaft, mm of the gate
     more_rpm: Array | float = 0.0
@@ -317,13 +319,15 @@ def _drives(log: Clean, every: _Rows, machine: Machine, whole: bool) -> dict[str
     c, found, still_rpm = log.columns, {}, of_nominal(machine, SHAFT_RANGE) * STILL_READ_RPM
     if "shaft" in log.stages:
         since = every.time_s - np.maximum.accumulate(np.where(every.command_rpm != 0.0, every.time_s, -np.inf))
-        still = (since > STILL_AFTER_S) & (np.abs(c["shaft_rpm"]) < still_rpm)
-        read = np.where(still, 0.0, c["shaft_rpm"])
-        sure = _sure(every, every.command_rpm, of_nominal(machine, SHAFT_RANGE) * SAME_RPM, SHAFT_ANSWERS_S)
-        settle_s = min(SETTLE_S, SETTLES * (machine.shaft.dead_time_s + machine.shaft.time_constant_s))
+        read = _smooth(_bridged(every.time_s, c["shaft_rpm"], np.zeros(len(every.time_s))), log.step_s)
+        still = (since > STILL_AFTER_S) & (np.abs(read) < still_rpm)    # for a while: single readings would be a choice
+        # A shaft that stands as it was commanded tells nothing, and its reading has none of the noise of a turning one.
+        sure = ~still & _sure(every, every.command_rpm, of_nominal(machine, SHAFT_RANGE) * SAME_RPM, SHAFT_ANSWERS_S)
         sure &= ~against_the_way(every.time_s, every.command_rpm, c["shaft_rpm"], machine)
-        found["shaft"] = _drive("shaft", every, every.command_rpm, read, sure, whole, machine.noise.shaft_rpm,
-                                settle_s, log.held)
+        settle_s = min(SETTLE_S, SETTLES * (machine.shaft.dead_time_s + machine.shaft.time_constant_s))
+        settled = log.held and every.step_s > ANSWERED * (machine.shaft.dead_time_s + machine.shaft.time_constant_s)
+        found["shaft"] = _drive("shaft", every, every.command_rpm, c["shaft_rpm"], sure, whole, machine.noise.shaft_rpm,
+                                settle_s, settled, MIN_SETTLED if log.held else MIN_ROWS)
     if "gate" in log.stages:
         sure = _sure(every, every.command_mm, of_nominal(machine, OPENING_RANGE) * SAME_MM, GATE_ANSWERS_S)
         found["gate"] = _drive("gate", every, every.command_mm, c["opening_mm"], sure, whole, machine.noise.opening_mm)
@@ -375,20 +379,21 @@ def _quick(every: _Rows, measured: Array, noise: float) -> npt.NDArray[np.bool_]
 
 
 def _drive(name: str, every: _Rows, command: Array, measured: Array, sure: npt.NDArray[np.bool_],
-           whole: bool, noise: float, settle_s: float = SETTLE_S, settled: bool = False) -> Drive | None:
-    """None where hardly a row can be judged. noise : of a reading (1 s.d.). settled : a row holds a settled answer."""
+           whole: bool, noise: float, settle_s: float = SETTLE_S, settled: bool = False,
+           least: int = MIN_ROWS) -> Drive | None:
+    """None where hardly a row can be judged. noise : of a reading (1 s.d.). settled : a row holds a settled answer.
+    least : rows that can be judged."""
     time = every.time_s
     pick, clock, since = (np.arange(len(time)), time, time - time[0]) if whole else _windows(time, every.step_s)
     quick = _quick(every, measured, noise)[pick]
     known = np.isfinite(measured[pick]) & (since >= settle_s) & sure[pick] & ~quick
-    if known.sum() < (MIN_SETTLED if settled else MIN_ROWS):
+    if known.sum() < least:
         return None
     grid = _grid(time[pick], known, every.step_s, clock)
     more, more_rpm = every.more.get("shaft_percent" if name == "shaft" else "gate_mm"), every.more.get("shaft_rpm")
     return Drive(name, time[pick], clock, command[pick], measured[pick], every.opening_mm[pick], every.supply_v[pick],
-                 grid, moves_seen=bool(np.mean(every.lost) < MAX_LOST) and not quick.any() and not (
-                     settled and every.step_s > settle_s),
-                 left_out=int(np.sum(quick)),
+                 grid, moves_seen=bool(np.mean(every.lost) < MAX_LOST) and not quick.any() and not settled,
+                 settled=settled, left_out=int(np.sum(quick)),
                  more=0.0 if more is None else more[pick],
                  more_rpm=0.0 if more_rpm is None or name != "shaft" else more_rpm[pick])
 

@@ -21,6 +21,7 @@ ONE_AXIS = 0.03                     # of the variance along an axis: less across
 ALONG_DEG = (15.0, 30.0)            # from an axis: what was seen on it holds so far, and from there on no more
 CYCLES = {"heading_deg": (1, 2, 3), SHAFT_ANGLE: (1, 2, 3, 4, 5, 6)}
 SPAN_EDGES = 24
+SPAN_PLACES = 100                   # of either edge: it is known to some per cent of the log
 SHAPES = 4                          # smooth half-waves that a table is made of
 # Price of a form in twice the log-likelihood: for each amplitude, and twice the logarithm of the places tried.
 PER_AMPLITUDE = 4.0
@@ -35,7 +36,12 @@ class Tried(NamedTuple):
     over: tuple[str, ...]
     knobs: dict[str, float]
     mix: Array                  # (basis, amplitudes): the form's columns from those of the basis
-    price: float
+    places: int                 # so many such forms are tried, at different places or of different memory
+
+    @property
+    def price(self) -> float:
+        """What ranks forms in a scan, in twice the log-likelihood."""
+        return float(PER_AMPLITUDE * self.mix.shape[1] + 2.0 * np.log(max(1, self.places)))
 
 
 class Basis(NamedTuple):
@@ -108,8 +114,7 @@ class _Mixer:
         for j, one in enumerate(columns):
             for row, weight in one.items():
                 mix[row, j] += weight
-        price = PER_AMPLITUDE * len(columns) + 2.0 * float(np.log(max(1, places)))
-        self.forms.append(Tried(form, (self._name,), knobs, mix, price))
+        self.forms.append(Tried(form, (self._name,), knobs, mix, places))
 
 
 def over_one(v: Scaled, time_s: Array, work: npt.NDArray[np.bool_]) -> Basis:
@@ -167,13 +172,12 @@ def _periodic(v: Scaled, work: npt.NDArray[np.bool_]) -> Basis:
     if strengths[0] < ONE_AXIS * strengths[1]:
         mix = np.zeros((len(series), 1))
         mix[:2, 0] = axes[:, 1]
-        return Basis(series, (Tried(Form.PERIODIC, (v.name,), {"cycles": float(cycles[0])}, mix, PER_AMPLITUDE),))
+        return Basis(series, (Tried(Form.PERIODIC, (v.name,), {"cycles": float(cycles[0])}, mix, 1),))
     forms = []
     for k, n in enumerate(cycles):
         found = np.zeros((len(series), 2))
         found[2 * k, 0] = found[2 * k + 1, 1] = 1.0
-        forms.append(Tried(Form.PERIODIC, (v.name,), {"cycles": float(n)}, found,
-                           2 * PER_AMPLITUDE + 2.0 * float(np.log(len(cycles)))))
+        forms.append(Tried(Form.PERIODIC, (v.name,), {"cycles": float(n)}, found, len(cycles)))
     return Basis(series, tuple(forms))
 
 
@@ -186,7 +190,7 @@ def _spans(v: Scaled) -> Basis:
             found = np.zeros((len(series), 1))
             found[i, 0], found[j, 0] = 1.0, -1.0
             forms.append(Tried(Form.SPAN, (v.name,), {"low_end": edges[i + 1], "high_end": edges[j + 1]}, found,
-                               PER_AMPLITUDE + 4.0 * float(np.log(SPAN_EDGES))))
+                               SPAN_PLACES ** 2))
     return Basis(series, tuple(forms))
 
 
@@ -203,13 +207,13 @@ def with_one(variables: Sequence[Scaled], one: Scaled) -> Basis:
 def _products(variables: Sequence[Scaled], pairs: Sequence[tuple[int, int]], second_main: bool) -> Basis:
     zs = [v.z for v in variables]
     series = np.array([*zs, *(zs[i] * zs[j] for i, j in pairs)])
-    price, forms = 2.0 * float(np.log(max(1, len(pairs)))), []
+    forms = []
     for k, (i, j) in enumerate(pairs):
         over, product = (variables[i].name, variables[j].name), len(zs) + k
         for knobs, columns in (({}, [product]), ({"mains": 1.0}, [i, j, product] if second_main else [i, product])):
             mix = np.zeros((len(series), len(columns)))
             mix[columns, range(len(columns))] = 1.0
-            forms.append(Tried(Form.PRODUCT, over, knobs, mix, PER_AMPLITUDE * len(columns) + price))
+            forms.append(Tried(Form.PRODUCT, over, knobs, mix, 1))
     return Basis(series, tuple(forms))
 
 

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from . import noise as noises
+from control.diagnosis.judgement import noise as noises
+from control.diagnosis.judgement.evidence import Column
+from control.diagnosis.judgement.noise import Noise, coefficients
+
 from .channels import ChannelSeries
 from .columns import Columns
-from .evidence import BLOCKS, Scores
 from .hypothesis import Parts
-from .likelihood import Column
-from .noise import Noise, coefficients, series_of
 
 Array = npt.NDArray[np.float64]
 
@@ -28,8 +28,7 @@ class Ground:
         self._scale: dict[str, Array] = {}
         self._place: dict[str, slice] = {}
         for channel in model.channels:
-            strength = noises.spectrum(np.array(noise[channel.name].theta), channel.prior, channel.cut,
-                                       channel.grid.step_s)
+            strength = noises.variances(noise[channel.name], channel.prior, channel.cut, channel.grid.step_s)
             self._scale[channel.name] = 1.0 / np.sqrt(np.repeat(strength, channel.cut.members.astype(np.int64)))
             self._place[channel.name] = slice(begin, begin + len(channel.cut.order))
             begin += len(channel.cut.order)
@@ -60,17 +59,6 @@ class Ground:
         shared = white @ self._basis[place].astype(np.float32)
         normal = white @ white.T - shared @ shared.T
         return normal.astype(np.float64), (white @ self._left[place].astype(np.float32)).astype(np.float64)
-
-    def blocks(self, channel: ChannelSeries, trace: Array) -> Scores:
-        """Evidence for one series (m,), block by block."""
-        place = self._place[channel.name]
-        white = coefficients(trace, channel.cut) * self._scale[channel.name]
-        own = white - self._basis[place] @ (self._basis[place].T @ white)
-        residual, plain = series_of(self._left[place], channel.cut), series_of(own, channel.cut)
-        edges = np.linspace(0, len(residual), BLOCKS + 1).astype(int)[:-1]
-        none = np.zeros((1, 1))
-        return Scores(np.concatenate((np.add.reduceat(residual * plain, edges)[:, None], none)),
-                      np.concatenate((np.add.reduceat(plain ** 2, edges)[:, None], none)))
 
 
 def without(normal: Array, right: Array, k: int) -> tuple[Array, Array]:

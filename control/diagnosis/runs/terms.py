@@ -17,7 +17,19 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from control.diagnosis.extend import WORSE
+from control.diagnosis.judgement import prior
+from control.diagnosis.judgement.evidence import (
+    Z90,
+    Column,
+    Fit,
+    Label,
+    Role,
+    best_fitted,
+    calm,
+    fitted,
+    power_left,
+)
+from control.diagnosis.judgement.noise import Noise, coefficients, series_of
 from control.machine.compiled import term_run
 from control.machine.machine import Machine, of_nominal
 from control.machine.term_sums import over_log
@@ -25,48 +37,35 @@ from control.machine.terms import SHAFT_ANGLE, STAGE_OF, UNIT_OF, Acts, Form, In
 
 from . import term_forms
 from .channels import ChannelSeries
-from .evidence import coarser, spread_over, without_best_block
+from .coarsening import even_gain
 from .held_out import amplitudes, errors_of, held_out
-from .likelihood import Z90, Column, Fit, Label, Role, best_fitted, calm, fitted, power_left, problem, projected
-from .noise import Noise, coefficients, segments, series_of
+from .hypothesis import Part
 from .search import MAX_TANGLED, Refit, Search
-from .smooth import MIN_RANGE, RANGES
+from .smooth import DOWNSTREAM, MIN_RANGE, RANGES
 from .stages import RunData
 from .term_columns import CHANNEL_OF, ActedOn, tried
 from .term_forms import Scaled, Tried
 from .term_ground import Ground, gain_of, gains_of_single, without
-from .unexplained import DOWNSTREAM, MIN_FIELD_PERCENT, MIN_SHARE, OPEN_SHARE, TIME_FACTOR, TIME_LIKE, as_drift, walks
 
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.bool_]
 
 # Gains are of twice the log-likelihood, prices of forms taken off (`term_forms`).
-TERM_THRESHOLD = 22.0       # over all quantities, variables and forms; largest of 40 healthy logs that held: below 10
-SPAN_THRESHOLD = 45.0       # a drift can follow a box
-MAX_IN_A_BLOCK = 0.6        # of a box's energy: less than three blocks are a moment
-SLOW_MEMORY_S = 30.0        # what is remembered for longer is as smooth as drift
 MIN_SCORE = 6.0             # of a scan, for a refit
 MAX_TERMS = 2               # of one group of channels
 VERIFIED = 4                # best of a scan that are refitted, their noise too ...
 FORMS_AGAIN = 3             # ... and best forms over a term's variable under the noise that it leaves
-PLAINER = 8.0               # a form over fewer variables may gain less by so much ...
-PLAINER_SHARE = 0.02        # ... or by this share
-PLAINER_FORM = 4.0          # a plainer form over the same, by so much ...
-PLAINER_FORM_SHARE = 0.005  # ... or by this share
-MIN_WITHOUT_BLOCK = 0.4     # share of the evidence that must be left without the block with most of it
-SURE = 4.0                  # times the threshold, above which drift is not asked any more
-CONSTANT_SURE = 2.0         # the same of a constant loss, which a drift's own level may be
-SHIFTS = 7                  # shifts of slow variables in time: what is gained then is what drift gives
-SHIFT_MARGIN = 1.5
 FINENESS = (1.0, 0.5, 0.25)     # of the steps by which knobs are settled
 FINER = (*FINENESS, 0.12, 0.06)     # of a box's edges
 LONGEST_ID = 76             # letters; adopted beside another of the same name it is given a number
-SPAN_AGAIN = 4.0            # times what a further box gains
 LEVEL_SD = 2.0              # s.d. of a level, that it must differ from nothing by ...
 LEVEL_SHARE = 0.05          # ... and so much of what its form does
 A_LEVEL = 0.7               # cosine of what a tolerance does and a level, above which the one gives the other
+OF_JUMPS = (Form.THRESHOLD, Form.SPAN)
+OF_MOVES = (Form.MEMORY, Form.SIDE)     # forms that tell how something has been moving
 STILL = 0.01                # of the fast noise: a drift that is none
 EXTRA_SPREAD = 1e-12
+NARROWEST = 1e-3            # of a variable's spread, between two ends: nearer ones are one
 # The wheel is held against the GNSS speed, whose own noise is a dependence on it; in a product with another variable
 # that noise adds up to nothing.
 NEVER_ALONE = {"speed": frozenset({"speed_mps"})}
@@ -80,12 +79,14 @@ class Found(NamedTuple):
     term: Term
     tried: Tried
     gain: float                         # of twice the log-likelihood, its noise refitted
+    worth: float                        # log posterior odds against nothing in its place
     columns: tuple[Column, ...]         # level (where it is open) and form
     trace: Column                       # what the whole term does to its channel
     explained_share: float              # of what is left, as variance
     field_percent: float                # of the dose, r.m.s. over the working rows
     noise: dict[str, Noise]             # with it
-    log_likelihood: float               # with it and those before
+    log_evidence: float                 # with it and those before
+    log_prior: float                    # odds of it
     held_out: float = 0.0               # share of the held-out mean square error that it takes away
     tolerance: float = 0.0              # s.d. of what the tolerances may give of its level
 
@@ -135,15 +136,29 @@ class Dictionary:
         return self._made[acts]
 
 
-def found_terms(search: Search, dictionary: Dictionary, now: Refit, explained: float) -> list[Found]:
-    """Terms on top of a hypothesis, the strongest first. explained : gain of its names, twice the log-likelihood."""
+def found_terms(search: Search, dictionary: Dictionary, now: Refit,
+                not_over: frozenset[str] = frozenset()) -> list[Found]:
+    """Terms on top of a hypothesis, the strongest first, each likelier with than without it. not_over : variables that
+    no term is over alone."""
     terms: list[Found] = []
     for _ in range(MAX_TERMS):
-        best = _best(search, dictionary, now, explained, terms)
+        best = _best(search, dictionary, now, terms, not_over)
         if best is None:
             break
         terms.append(best)
     return told_together(search, dictionary, now, terms) if len(terms) > 1 else terms
+
+
+def best_span(search: Search, dictionary: Dictionary, now: Refit, part: Part) -> Found | None:
+    """The best constant that is there as long as a part, of any quantity, on top of a hypothesis: something unknown in
+    the part's place. None where no quantity is looked at over time."""
+    base = search.columns.of_hypothesis(now.parts)
+    knobs = {"low_end": part.onset_s or 0.0, "high_end": part.until_s or np.inf}
+    span = Tried(Form.SPAN, ("time_s",), knobs, np.ones((1, 1)), term_forms.SPAN_PLACES ** 2)
+    found = [_verified(search, now, base, 0, now.noise, _Candidate(acts, span, 0.0, 0.0), acted, variables)
+             for acts, (acted, variables) in dictionary.of.items() if "time_s" in variables.one]
+    best = max(found, key=lambda one: one.worth, default=None)
+    return best and best._replace(field_percent=_field_percent(best.term, search.model.data))
 
 
 def told_together(search: Search, dictionary: Dictionary, now: Refit, terms: Sequence[Found]) -> list[Found]:
@@ -179,42 +194,21 @@ def levels_of(one: Found) -> int:
     return int(len(one.columns) > one.tried.mix.shape[1])
 
 
-def _best(search: Search, dictionary: Dictionary, now: Refit, explained: float, terms: Sequence[Found]) -> Found | None:
+def _best(search: Search, dictionary: Dictionary, now: Refit, terms: Sequence[Found],
+          not_over: frozenset[str]) -> Found | None:
+    """The likeliest term on top of a hypothesis and other terms; None where it is likelier without."""
     noise = terms[-1].noise if terms else now.noise
     held = [column for one in terms for column in one.columns]
     base = [*search.columns.of_hypothesis(now.parts), *held]
-    verified = []
-    for candidate in _candidates(search, dictionary, now, base, noise):
-        found = _verified(search, now, base, len(held), noise, candidate, *dictionary.of[candidate.acts])
-        verified.append(found._replace(field_percent=_field_percent(found.term, search.model.data)))
-    for found in _plainer_first(sorted(verified, key=_short_of)):
-        if not _enough(dictionary, found, explained) or not _stands(search, now, base, len(held), found, dictionary):
-            continue
-        again = _form_again(search, now, base, len(held), found, dictionary)
-        if again is not found and _stands(search, now, base, len(held), again, dictionary):
-            again = _measured(search, now, base, again)
-            if again.held_out > WORSE:
-                return again
-        found = _measured(search, now, base, found)
-        if found.tried.form is Form.SPAN or found.held_out > WORSE:
-            return found
-    return None
-
-
-def _measured(search: Search, now: Refit, base: Sequence[Column], one: Found) -> Found:
-    """The same with what it does to the dose and to rows that it was not fitted to."""
-    return one._replace(field_percent=_field_percent(one.term, search.model.data),
-                        held_out=held_out_gain(search, now, base, one))
-
-
-def _enough(dictionary: Dictionary, one: Found, explained: float) -> bool:
-    """Whether a term gains and does so much that it is told."""
-    least = walks(dictionary.of[one.term.acts_on][0].channel) * _threshold(one, explained)
-    return one.gain - one.tried.price > least and _worth(one)
-
-
-def _stands(search: Search, now: Refit, base: Sequence[Column], held: int, one: Found, dictionary: Dictionary) -> bool:
-    return _holds(search, now, base, held, one, *dictionary.of[one.term.acts_on]) and _pays(search, now, base, one)
+    verified = [_verified(search, now, base, len(held), noise, candidate, *dictionary.of[candidate.acts])
+                for candidate in _candidates(search, dictionary, now, base, noise)
+                if not set(candidate.tried.over) <= not_over or "constant" in candidate.tried.knobs]
+    best = max(verified, key=lambda one: one.worth, default=None)
+    if best is None or best.worth <= prior.SAID:
+        return None
+    best = _form_again(search, now, base, len(held), best, dictionary)
+    return best._replace(field_percent=_field_percent(best.term, search.model.data),
+                         held_out=held_out_gain(search, now, base, best))
 
 
 def _form_again(search: Search, now: Refit, base: Sequence[Column], held: int, one: Found,
@@ -230,28 +224,7 @@ def _form_again(search: Search, now: Refit, base: Sequence[Column], held: int, o
                for kind in dict.fromkeys(form.form for form in entry.forms)]
     ranked = sorted(_scan(ground, acted, entries), key=lambda c: -c.score)[:FORMS_AGAIN]
     again = [_verified(search, now, base, held, one.noise, candidate, acted, variables) for candidate in ranked]
-    return _plainer_first(sorted([one, *again], key=_short_of))[0]
-
-
-def _short_of(one: Found) -> float:
-    """What ranks terms on top of the same: a box in time has its level in itself, other forms beside them."""
-    return float(one.tried.price + term_forms.PER_AMPLITUDE * levels_of(one) - 2.0 * one.log_likelihood)
-
-
-def _plainer_first(ranked: Sequence[Found]) -> list[Found]:
-    """The same, best first, but that a form over fewer of the best one's variables, or a plainer one over the same,
-    leads where it is nearly as good."""
-    if not ranked:
-        return []
-    best = ranked[0]
-    score = best.gain - best.tried.price
-    fewer = [one for one in ranked[1:] if one.term.acts_on is best.term.acts_on
-             and set(one.tried.over) < set(best.tried.over)
-             and one.gain - one.tried.price > score - max(PLAINER, PLAINER_SHARE * best.gain)]
-    same = [one for one in ranked[1:] if one.term.acts_on is best.term.acts_on and one.tried.over == best.tried.over
-            and term_forms.ORDER.index(one.tried.form) < term_forms.ORDER.index(best.tried.form)
-            and one.gain - one.tried.price > score - max(PLAINER_FORM, PLAINER_FORM_SHARE * best.gain)]
-    return [*fewer, *same, *(one for one in ranked if one not in fewer and one not in same)]
+    return max([one, *again], key=lambda found: found.worth)
 
 
 def _candidates(search: Search, dictionary: Dictionary, now: Refit, base: Sequence[Column],
@@ -265,7 +238,8 @@ def _candidates(search: Search, dictionary: Dictionary, now: Refit, base: Sequen
         ground = Ground(search.columns, now.parts, base, start)
         found = sorted([*_scanned(ground, dictionary, of_boxes=False), *boxes], key=lambda c: -c.score)
         plain = [one for one in found if len(one.tried.over) == 1 and one.tried.form is not Form.SPAN]
-        for one in (*found[:VERIFIED], *plain[:1]):         # a strong form over one variable leads in many products
+        jumps = [one for one in plain if one.tried.form in OF_JUMPS]
+        for one in (*found[:VERIFIED], *plain[:1], *jumps[:1]):     # a strong form of one leads in many products
             if one.score > MIN_SCORE:
                 chosen.setdefault((one.acts, one.tried.over, one.tried.form, one.tried.mix.shape[1]), one)
     return list(chosen.values())
@@ -312,7 +286,8 @@ def _names(data: RunData, acts: Acts) -> list[str]:
     further = [name for name in data.variables if name not in MIN_RANGE]
     names = [name for name in (*MIN_RANGE, *further)
              if name not in DOWNSTREAM[stage] - NEVER_ALONE.get(stage, frozenset())]
-    if acts is Acts.SHAFT_PERCENT:
+    drive = {"shaft": data.shaft, "gate": data.gate}.get(stage)
+    if acts is Acts.SHAFT_PERCENT or (drive is not None and drive.settled):     # on a bench, time and command are one
         names.remove("time_s")
     return [*names, SHAFT_ANGLE] if acts is Acts.SHAFT_PERCENT else names
 
@@ -341,14 +316,23 @@ def _entries(acted: ActedOn, variables: _Variables, data: RunData) -> Iterator[_
     """The dictionary of one quantity."""
     ones, channel = acted.of(np.ones((1, len(data.row_s)))), acted.channel
     if acted.acts is Acts.SHAFT_RPM:            # a constant number of r/min lost of whatever the shaft is told
-        form = Tried(Form.SATURATION, ("shaft_rpm",), {"constant": 1.0}, np.ones((1, 1)), term_forms.PER_AMPLITUDE)
+        form = Tried(Form.SATURATION, ("shaft_rpm",), {"constant": 1.0}, np.ones((1, 1)), 1)
         yield _Entry((form,), _kept(ones, channel, 1.0), False)
     share = min(1.0, 2.0 * SLOWER_THAN_HZ * channel.grid.step_s)
     for basis in _bases(variables, data.row_s):
         over = basis.forms[0].over
+        if _moves_unseen(acted.acts, over, data):
+            basis = basis._replace(forms=tuple(form for form in basis.forms if form.form not in OF_MOVES))
         level = _has_level(acted.acts, basis.forms[0])
         series = np.concatenate((acted.of(basis.series), ones)) if level else acted.of(basis.series)
         yield _Entry(basis.forms, _kept(series, channel, 1.0 if SHAFT_ANGLE in over else share), level)
+
+
+def _moves_unseen(acts: Acts, over: tuple[str, ...], data: RunData) -> bool:
+    """Whether forms over a drive's own command would tell how it moves, of a log that does not hold all commands."""
+    drive = {"shaft": data.shaft, "gate": data.gate}.get(STAGE_OF[acts])
+    own = {"shaft": "shaft_rpm", "gate": "opening_mm"}.get(STAGE_OF[acts])
+    return drive is not None and not drive.moves_seen and own in over
 
 
 def _kept(series: Array, channel: ChannelSeries, share: float) -> npt.NDArray[np.float32]:
@@ -378,16 +362,10 @@ def _scan(ground: Ground, acted: ActedOn, entries: Sequence[_Entry]) -> list[_Ca
         for form in entry.forms:
             gain = float(gains[id(form)]) if id(form) in gains else gain_of(normal, right, form.mix)[0]
             by_over.setdefault(form.over, []).append(_Candidate(acted.acts, form, gain, gain - form.price))
-        found += [_plainest(several) for several in by_over.values()]
+        for several in by_over.values():        # an edge that is a little off hides how good a jump is
+            found += [max(those, key=lambda one: one.score) for jumps in (False, True)
+                      if (those := [one for one in several if (one.tried.form in OF_JUMPS) is jumps])]
     return found
-
-
-def _plainest(several: Sequence[_Candidate]) -> _Candidate:
-    """The plainest form that is nearly as good as the best."""
-    best = max(several, key=lambda one: one.score)
-    near = [one for one in several if one.score > best.score - max(PLAINER_FORM, PLAINER_FORM_SHARE * best.gain)]
-    first = min(term_forms.ORDER.index(one.tried.form) for one in near)
-    return max((one for one in near if term_forms.ORDER.index(one.tried.form) == first), key=lambda one: one.score)
 
 
 def _form_series(one: Tried, variables: _Variables, data: RunData) -> Array:
@@ -420,12 +398,12 @@ def _settled(ground: Ground, one: Tried, acted: ActedOn, variables: _Variables, 
     if "constant" in one.knobs:
         return one
     best = gain(one)
-    for fineness in FINER if one.form is Form.SPAN else FINENESS:
+    for fineness in FINER if one.form in OF_JUMPS else FINENESS:
         for name in term_forms.movable(one):
             for way in (-1.0, 1.0):
                 value = term_forms.moved(one, name, way * fineness, variables.by_name)
                 form = one._replace(knobs={**one.knobs, name: value})
-                if form.knobs.get("low_end", -np.inf) >= form.knobs.get("high_end", np.inf):
+                if form.knobs.get("high_end", np.inf) - form.knobs.get("low_end", -np.inf) < NARROWEST:
                     continue
                 here = gain(form)
                 if here > best:
@@ -442,6 +420,7 @@ class _Fits(NamedTuple):
     levels: int
     plain: Fit
     full: Fit
+    log_weight: float                   # of the prior of its sizes
 
     @property
     def gain(self) -> float:
@@ -454,14 +433,21 @@ def _fits(search: Search, now: Refit, base: Sequence[Column], held: int, noise: 
     series = acted.of(_form_series(form, variables, data))
     level = acted.of(np.ones((1, len(data.row_s)))) if _has_level(acted.acts, form) else series[:0]
     both = np.concatenate((level, series))
-    columns = tuple(Column(Label(Role.FORM, "term"), {channel.name: coefficients(row, channel.cut)}, np.inf)
+    sd = prior.USUAL_OF_TERM[acted.acts]
+    columns = tuple(Column(Label(Role.FORM, "term"), {channel.name: coefficients(row, channel.cut)}, sd)
                     for row in both)
     p, _ = search.columns.compressed(now.parts, [*base[len(base) - held:], *columns])
     plain = best_fitted(p, np.arange(len(base) + len(level)), noise, search.model.channels)
-    full = max((best_fitted(p, np.arange(len(base) + len(columns)), start, search.model.channels)
-                for start in (plain.noise, noise)), key=lambda fit: fit.log_likelihood)
+    every, sizes = np.arange(len(base) + len(columns)), np.arange(len(base) + len(level), len(base) + len(columns))
+    first = fitted(p, every, plain.noise)
+    wide = p.sd.copy()
+    wide[sizes] = [prior.sd_of_size(float(size), sd) for size in first.amplitude[sizes]]
+    p = p._replace(sd=wide)
+    full = max((best_fitted(p, every, start, search.model.channels) for start in (first.noise, noise)),
+               key=lambda fit: fit.log_likelihood)
+    weight = sum(prior.log_of_size(float(size), sd) for size in wide[sizes])
     again = fitted(p, np.arange(len(base) + len(level)), full.noise)    # a better noise is no gain of the form
-    return _Fits(columns, both, len(level), max(plain, again, key=lambda fit: fit.log_likelihood), full)
+    return _Fits(columns, both, len(level), max(plain, again, key=lambda fit: fit.log_likelihood), full, weight)
 
 
 class _Level(NamedTuple):
@@ -513,7 +499,7 @@ def _verified(search: Search, now: Refit, base: Sequence[Column], held: int, noi
               acted: ActedOn, variables: _Variables) -> Found:
     """A candidate with its knobs settled, refitted with the noise."""
     data, channel = search.model.data, acted.channel
-    quiet = _still(noise) if one.tried.form is Form.SPAN else _starts(search, noise)[-1]
+    quiet = _still(noise) if one.tried.form in OF_JUMPS else _starts(search, noise)[-1]
     form = _settled(Ground(search.columns, now.parts, base, quiet), one.tried, acted, variables, data)
     fits = _fits(search, now, base, held, noise, form, acted, variables)
     amplitude, levels = fits.full.amplitude[len(base):], fits.levels
@@ -521,11 +507,29 @@ def _verified(search: Search, now: Refit, base: Sequence[Column], held: int, noi
     own = coefficients(amplitude[levels:] @ fits.series[levels:], channel.cut)
     spread = float(np.std(amplitude[levels:] @ _form_series(form, variables, data)))
     level = _level(fits.full, len(base), base, fits.columns[0], spread) if levels else NO_LEVEL
+    log_prior = _log_prior(search, one, variables) + fits.log_weight
     return Found(_term(one.acts, form, amplitude[levels:], level.value, fits.full, len(base) + levels, variables, data),
-                 form, fits.gain,
+                 form, fits.gain, _worth(search, now, base, held, fits, trace, channel.name) + log_prior,
                  fits.columns, Column(Label(Role.TRACE), {channel.name: trace}, np.inf),
                  _explained(search, now, base, held, fits, channel.name, own), 0.0, fits.full.noise,
-                 fits.full.log_likelihood, tolerance=level.tolerance)
+                 fits.full.log_evidence, log_prior, tolerance=level.tolerance)
+
+
+def _worth(search: Search, now: Refit, base: Sequence[Column], held: int, fits: _Fits, trace: Array,
+           name: str) -> float:
+    """What a form adds to the log evidence: its likelihood as far as it is evidence, its sizes integrated."""
+    gain = fits.full.log_likelihood - fits.plain.log_likelihood
+    integrated = fits.full.log_evidence - fits.full.log_likelihood - (fits.plain.log_evidence
+                                                                      - fits.plain.log_likelihood)
+    heavy = even_gain(search, now.parts, fits.full.noise, Column(Label(Role.TRACE), {name: trace}, np.inf),
+                      base[len(base) - held:])
+    return min(gain, heavy) + integrated
+
+
+def _log_prior(search: Search, one: _Candidate, variables: _Variables) -> float:
+    """Log prior odds of a form."""
+    count = len(variables.one) if len(one.tried.over) == 1 else len(variables.two) * (len(variables.two) - 1) // 2
+    return prior.log_odds_of_form(len(tried(search.model)), count, one.tried.places, one.tried.form is Form.SPAN)
 
 
 def _explained(search: Search, now: Refit, base: Sequence[Column], held: int, fits: _Fits, name: str,
@@ -544,7 +548,7 @@ def _term(acts: Acts, form: Tried, sizes: Array, level: float, fit: Fit, at: int
     nodes: list[float]
     values: list[float]
     sd = np.sqrt(np.maximum(np.diag(fit.covariance)[at:], 0.0))
-    share = Z90 * float(np.max(sd / np.maximum(np.abs(sizes), 1e-300))) if len(sizes) == 1 else None
+    within = Z90 * float(np.max(sd / np.maximum(np.abs(sizes), 1e-300))) if len(sizes) == 1 else None
     if "constant" in form.knobs:
         told = data.inputs[own_command("shaft", "shaft_rpm")]
         turning = told > TURNS_SHARE * float(told.max(initial=0.0))
@@ -560,8 +564,8 @@ def _term(acts: Acts, form: Tried, sizes: Array, level: float, fit: Fit, at: int
     main = {Form.SLOPE: "slope", Form.SATURATION: "slope", Form.DEAD_ZONE: "slope", Form.PRODUCT: "slope",
             Form.MEMORY: "bend", Form.THRESHOLD: "above", Form.SIDE: "above", Form.SPAN: "above"}.get(form.form)
     intervals: tuple[Interval, ...] = ()
-    if main is not None and share is not None:
-        middle, half = numbers[main], abs(numbers[main]) * share
+    if main is not None and within is not None:
+        middle, half = numbers[main], abs(numbers[main]) * within
         intervals = (Interval(main, middle - half, middle + half),)
     return Term.model_validate({
         "id": _id(f"{stage}.{told_as.value}_{'_'.join(form.over)}"), "acts_on": acts, "form": told_as,
@@ -592,96 +596,6 @@ def _field_percent(term: Term, data: RunData) -> float:
     return float(np.std(wrong))
 
 
-def _threshold(one: Found, explained: float) -> float:
-    if one.tried.form is Form.SPAN:
-        return max(SPAN_THRESHOLD, OPEN_SHARE * explained)
-    slow = one.tried.form is Form.MEMORY and one.tried.knobs["tau_s"] > SLOW_MEMORY_S
-    factor = TIME_FACTOR if slow or TIME_LIKE & set(one.tried.over) else 1.0
-    return factor * max(TERM_THRESHOLD, OPEN_SHARE * explained)
-
-
-def _worth(one: Found) -> bool:
-    return one.explained_share >= MIN_SHARE or one.field_percent >= MIN_FIELD_PERCENT
-
-
-def _holds(search: Search, now: Refit, base: Sequence[Column], held: int, one: Found, acted: ActedOn,
-           variables: _Variables) -> bool:
-    """Whether a term shows all over the log, and is no drift."""
-    channel, name = acted.channel, acted.channel.name
-    ground = Ground(search.columns, now.parts, base, one.noise)
-    own = series_of(one.trace.coefficients[name], channel.cut)
-    seen = ground.blocks(channel, own)
-    slow, slow_noise = as_drift(channel, one.trace.coefficients[name], now.noise[name], one.noise[name])
-    whole = float(seen.score.sum() ** 2 / max(float(seen.energy.sum()), 1e-12))
-    if one.tried.form is Form.SPAN:         # not one moment of it, nor one box of many, as drift has them
-        long = without_best_block(seen, 0) > MIN_WITHOUT_BLOCK * whole and \
-            float(seen.energy.max()) < MAX_IN_A_BLOCK * float(seen.energy.sum())
-        return long and one.gain > SPAN_AGAIN * _gain_of_another(
-            search, now, [*base, *one.columns], held + 1, one, acted, variables)
-    blocks = coarser(seen)
-    if without_best_block(blocks, 0) < MIN_WITHOUT_BLOCK * whole or one.gain < TERM_THRESHOLD * spread_over(seen, 0):
-        return False
-    if not slow or (one.gain > SURE * TERM_THRESHOLD and not slow_noise):
-        return True
-    if "constant" in one.tried.knobs:       # there is no moving it along the log
-        return one.gain > CONSTANT_SURE * TERM_THRESHOLD
-    return one.gain > SHIFT_MARGIN * _gain_elsewhere(search, now, base, held, one, acted, variables)
-
-
-def _gain_of_another(search: Search, now: Refit, base: Sequence[Column], held: int, one: Found, acted: ActedOn,
-                     variables: _Variables) -> float:
-    """What a further box in time gains beside one that is among the base."""
-    still, data = Ground(search.columns, now.parts, base, _still(one.noise)), search.model.data
-    boxes = variables._replace(one=("time_s",), two=())
-    best = max(_scan(still, acted, list(_entries(acted, boxes, data))), key=lambda c: c.score)
-    if best.tried.form is not Form.SPAN or best.score <= MIN_SCORE:
-        return 0.0
-    return _verified(search, now, base, held, one.noise, best, acted, variables).gain
-
-
-def _gain_elsewhere(search: Search, now: Refit, base: Sequence[Column], held: int, one: Found, acted: ActedOn,
-                    variables: _Variables) -> float:
-    """The most that the forms over a term's variables gain with these moved along the log, where they mean nothing."""
-    data, most = search.model.data, 0.0
-    quiet = Ground(search.columns, now.parts, base, _starts(search, now.noise)[-1])
-    for k in range(1, SHIFTS + 1):
-        shift = round(k / (SHIFTS + 1.0) * len(data.row_s))
-        moved = {name: variables.by_name[name]._replace(x=np.roll(variables.by_name[name].x, shift))
-                 for name in one.tried.over}
-        single = len(one.tried.over) == 1
-        two = () if single else tuple(name for name in one.tried.over if name not in variables.never_alone)
-        some = _Variables(moved, one.tried.over if single else (), two, np.roll(variables.work, shift),
-                          tuple(name for name in variables.never_alone if name in moved))
-        for candidate in _scan(quiet, acted, list(_entries(acted, some, data))):
-            if candidate.tried.over == one.tried.over and candidate.score > 0.0:
-                fits = _fits(search, now, base, held, now.noise, candidate.tried, acted, some)
-                most = max(most, fits.gain - candidate.tried.price + one.tried.price)
-    return most
-
-
-def _pays(search: Search, now: Refit, base: Sequence[Column], one: Found) -> bool:
-    """Whether rows that it was not fitted to are likelier with it; a box in time is seen once only, and of a log that
-    is too short for such rows no term is told."""
-    if one.tried.form is Form.SPAN:
-        return True
-    name = CHANNEL_OF[one.term.acts_on]
-    channel = search.model.channel(name)
-    blocks, left = held_out(channel), search.model.residual(now.parts)[name]
-    if not blocks.pieces:
-        return False
-    columns = [c for c in base if name in c.coefficients]
-    fixed = [(c, series_of(c.coefficients[name], channel.cut)) for c in columns]
-    own = [(c, series_of(c.coefficients[name], channel.cut)) for c in one.columns]
-    sizes = amplitudes(blocks, [*fixed, *own], left, one.noise)[len(fixed):]
-    others = channel._replace(cut=segments(len(left), tuple((piece.start, piece.stop) for piece in blocks.pieces)))
-    there = [c._replace(coefficients={name: coefficients(series, others.cut)}) for c, series in (*fixed, *own)]
-    p = problem([others], {name: coefficients(left, others.cut)}, there)
-    normal, right = projected(p, np.arange(len(fixed)), one.noise)
-    own_places = slice(len(fixed), None)
-    gain = 2.0 * sizes @ right[own_places] - sizes @ normal[own_places, own_places] @ sizes
-    return bool(gain > 0.0)
-
-
 def held_out_gain(search: Search, now: Refit, base: Sequence[Column], one: Found) -> float:
     """Share of the held-out mean square error that a term takes away, its amplitudes fitted to the other blocks."""
     name = CHANNEL_OF[one.term.acts_on]
@@ -699,7 +613,3 @@ def held_out_gain(search: Search, now: Refit, base: Sequence[Column], one: Found
 
 def _taken(sizes: Array, columns: Sequence[tuple[Column, Array]]) -> Array:
     return np.asarray(sum(size * series for size, (_, series) in zip(sizes, columns, strict=True)))
-
-
-def total_price(terms: Sequence[Found]) -> float:
-    return sum(one.tried.price for one in terms)

@@ -1,9 +1,4 @@
-"""Whether what is left of a group's channels is noise, and which of its names are only suspected.
-
-Noise, of healthy logs of the benchmark's tuning half: a fast part, and a drift whose s.d. was at most the fast part's;
-no single frequency stood out. Anything else is said: as unexplained where no name holds, as something else that it
-could be where one does.
-"""
+"""What the channels of a group have left that is not noise, once its names, terms and tolerances are off."""
 from __future__ import annotations
 
 from collections.abc import Collection
@@ -13,41 +8,43 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.effects import ROWS
-from control.diagnosis.result import Gain
-from control.machine.machine import bounds
+from control.diagnosis.judgement.checks import drifts, is_loud, line_s
+from control.diagnosis.judgement.evidence import problem, solved, taken_off
 
 from .channels import ChannelSeries
 from .hum import QUICK_S
-from .likelihood import problem, solved, taken_off
-from .names_or_terms import overshadowed
-from .noise import series_of, strengths
-from .selection import THRESHOLD, Doubt, Judged, Refused
+from .selection import Judged
 
 Array = npt.NDArray[np.float64]
 
-MAX_DRIFT = 1.2             # of the scatter within DRIFT_S; largest of 24 healthy channels that drift: 0.86 ...
-MAX_SCALE_DRIFT = 2.0       # ... but of the scale, whose readings are means already: 1.37
-DRIFT_S = 30.0
-MIN_BLOCKS = 8              # of DRIFT_S
-MAX_LINE = 45.0             # power of one frequency over that of the noise (chi-square, one degree of freedom);
-                            # largest of 60 healthy channels: 29
-MIN_PERIODS = 5.0           # of a line within the log: what comes round less often is drift
-MAX_LOUD = 8.0              # of the machine file's noise: sensors are not worse by more (healthy loud logs: 5)
-MAX_SHORT_DRIFT = 3.0       # of the noise, for the r.m.s. of a log shorter than MIN_BLOCKS
-MIN_SHARE = 0.05            # of what the names explain: less is how forms differ
 LIKE = 0.4                  # of the variance left, for an effect to be called the nearest
-AT_BOUND = 0.01             # of a size's range: closer to its bound, the size is not known
-OTHERWISE = 0.5             # probability of something else beside a name that is only suspected
 
 
 class Remains(NamedTuple):
     """What is left of one channel and is not noise."""
 
     channel: str
-    why: Literal["drift", "line", "loud", "refused"]
+    why: Literal["drift", "line", "loud"]
     hint: str = ""              # the effect that comes nearest
-    from_s: float | None = None
     period_s: float | None = None
+    rest: Array = np.empty(0)   # what is left: banded coefficients (m,)
+    expected: float = 0.0       # of their sum of squares, by the machine file's noise
+
+    @property
+    def energy(self) -> float:
+        return float(np.sum(self.rest ** 2))
+
+
+def unknown_share(one: Judged, k: int, rest: Collection[Remains]) -> float:
+    """Probability that part k stands for something else, where channels that it moves have more left than noise: of
+    all that is no noise there, the share that the model with the part does not take away."""
+    trace = one.search.columns.trace(one.found.parts, k).coefficients
+    share = 0.0
+    for each in rest:
+        if each.channel in trace:
+            without = float(np.sum((each.rest + trace[each.channel]) ** 2)) - each.expected
+            share = max(share, min(1.0, max(0.0, each.energy - each.expected) / max(1e-300, without)))
+    return share
 
 
 def remains(one: Judged, read_off: Collection[str] = ()) -> list[Remains]:
@@ -55,22 +52,23 @@ def remains(one: Judged, read_off: Collection[str] = ()) -> list[Remains]:
 
     read_off : channels whose spells were taken out before the search: the short ones, unseen, leave a drift behind.
     """
-    found = [Remains(ROWS[r.part.id].channels[0], "refused", r.part.id, r.part.onset_s) for r in _evidence(one)[:1]]
-    rest = _rest(one)
+    found, rest = list[Remains](), _rest(one)
     for channel in one.search.model.channels:
         if channel.copies > 1:
             continue
-        if channel.name not in read_off and _drifts(one, channel, series_of(rest[channel.name], channel.cut)):
-            found.append(Remains(channel.name, "drift", _nearest(one, channel, rest[channel.name])))
-        period_s = _line(one, channel, rest[channel.name])
-        if one.found.noise[channel.name].fast_sd > MAX_LOUD * channel.prior.fast_sd:
-            found.append(Remains(channel.name, "loud", _nearest(one, channel, rest[channel.name])))
-        if period_s is not None and period_s > QUICK_S:
-            found.append(Remains(channel.name, "line", period_s=period_s))
-    best: dict[str, Remains] = {}
-    for each in found:
-        best.setdefault(each.channel, each)
-    return list(best.values())
+        name, left = channel.name, rest[channel.name]
+        noise = (one.terms[-1].noise if one.terms else one.found.noise)[name]
+        period_s = line_s(left, noise, channel.prior, channel.cut, channel.grid.step_s)
+        walks = channel.prior.walk_sd > 0.0         # between its rows more was metered than they say
+        usual = channel.prior.fast_sd ** 2 * (1.0 + channel.prior.slow_share ** 2)
+        expected = len(left) * (usual + channel.prior.floor_sd ** 2)
+        if name not in read_off and not walks and drifts(noise, channel.prior):
+            found.append(Remains(name, "drift", _nearest(one, channel, left), None, left, expected))
+        elif is_loud(noise, channel.prior):
+            found.append(Remains(name, "loud", _nearest(one, channel, left), None, left, expected))
+        elif period_s is not None and period_s > QUICK_S:
+            found.append(Remains(name, "line", "", period_s, left, expected))
+    return found
 
 
 def _rest(one: Judged) -> dict[str, Array]:
@@ -96,69 +94,3 @@ def _nearest(one: Judged, channel: ChannelSeries, left: Array) -> str:
         if share > like:
             best, like = candidate.part.id, share
     return best
-
-
-def _drifts(one: Judged, channel: ChannelSeries, left: Array) -> bool:
-    """Whether what is `left` of a channel (m,) drifts by more than a sensor does."""
-    if channel.prior.walk_sd > 0.0:         # between its rows more was metered than they say
-        return False
-    rows = max(2, round(DRIFT_S / channel.grid.step_s))
-    blocks = len(left) // rows
-    if blocks < MIN_BLOCKS:
-        noise = np.hypot(one.found.noise[channel.name].fast_sd, channel.prior.floor_sd)
-        return channel.name != "scale" and bool(np.sqrt(np.mean(left ** 2)) > MAX_SHORT_DRIFT * noise)
-    if channel.name == "scale":                 # its level is free: a hopper begins with what is in it
-        return drift_of(left - left.mean(), rows) > MAX_SCALE_DRIFT
-    return drift_of(left, rows) > MAX_DRIFT
-
-
-def drift_of(left: Array, rows: int) -> float:
-    """R.m.s. of means over so many rows, beyond what the scatter within them gives, over that scatter."""
-    blocks = len(left) // rows
-    cut = left[:blocks * rows].reshape(blocks, rows)
-    within = float(np.sqrt(np.mean(np.var(cut, axis=1, ddof=1))))
-    between = float(np.mean(cut.mean(axis=1) ** 2)) - within ** 2 / rows
-    return float(np.sqrt(max(0.0, between)) / within) if within > 0.0 else 0.0
-
-
-def _evidence(one: Judged) -> list[Refused]:
-    """Refused parts whose evidence is neither drift nor a tolerance, strongest first."""
-    explained = 2.0 * (one.found.log_likelihood - one.null.log_likelihood)
-    least = max(THRESHOLD, MIN_SHARE * explained)
-    return sorted((r for r in one.refused if r.doubt in (Doubt.STRETCH, Doubt.CHANCE) and r.beyond > least),
-                  key=lambda r: -r.beyond)
-
-
-def _line(one: Judged, channel: ChannelSeries, left: Array) -> float | None:
-    """Period of a frequency that stands out of the noise that a hypothesis leaves, s; None where none does."""
-    power = left ** 2 / strengths(one.found.noise[channel.name], channel.prior, channel.cut, channel.grid.step_s)
-    omega = np.concatenate([np.pi * np.arange(end - begin) / (end - begin) for begin, end in channel.cut.bounds])
-    omega = omega[channel.cut.order]
-    power = np.where(omega * channel.cut.length > 2.0 * np.pi * MIN_PERIODS, power, 0.0)
-    at = int(np.argmax(power))
-    highest = float(omega[at])
-    explained = max(0.0, 2.0 * (one.found.log_likelihood - one.null.log_likelihood))
-    if highest <= 0.0 or power[at] < max(MAX_LINE, MIN_SHARE * explained):
-        return None
-    return float(2.0 * np.pi / highest * channel.grid.step_s)
-
-
-def suspected(one: Judged, k: int, left: list[Remains], gains: list[Gain]) -> bool:
-    """Whether the k-th name may be something else.
-
-    It is, where its channel's rest is not noise or shows a term, a box in time explains as much, its size stands at a
-    bound, or it makes rows worse that it was not fitted to (by the 90 % interval: a drift hides what a small effect
-    gains).
-    """
-    part = one.found.parts[k]
-    channels = ROWS[part.id].channels
-    if any(r.channel in channels for r in left) or part.id in [box.id for box in one.or_boxes]:
-        return True
-    if overshadowed(part, one.gains[k], one.terms):
-        return True
-    low, high = bounds(part.id, one.search.model.machine)
-    reach = AT_BOUND * (high - low)
-    if ROWS[part.id].has_slope and (part.size > high - reach or (low < 0.0 and part.size < low + reach)):
-        return True
-    shown = {"flow" if channel == "scale" else channel for channel in channels}
-    return any(g.low >= g.before for g in gains if g.of == "names" and g.channel in shown)

@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.effects import ROWS
+from control.diagnosis.judgement.evidence import Column, Role, calm, fitted, solved, weighted
 from control.diagnosis.result import Diagnosis
 from control.diagnosis.runs.cost import field_cost
 from control.diagnosis.runs.diagnose import judged_run
-from control.diagnosis.runs.likelihood import Column, Role, calm, fitted, solved, weighted
 from control.diagnosis.runs.selection import Judged
 from control.diagnosis.runs.stages import RunData
 from control.machine.machine import Machine, unit_of

@@ -35,7 +35,7 @@ import numpy as np
 from scipy.special import expit, logsumexp
 
 from control.diagnosis.effects import ROWS
-from control.diagnosis.runs.columns import FORM_SHARE
+from control.diagnosis.judgement.prior import FORM_SHARE
 from control.machine.machine import CATALOGUE
 
 from .changes import Partition, partition

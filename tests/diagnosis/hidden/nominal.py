@@ -66,6 +66,11 @@ IDS: dict[str, Kind] = {
     "shaft.slow": Kind(1, 0.04, 1.0, "s", ("run",)),
     "shaft.dead_time": Kind(1, 0.03, 1.0, "s", ("run", "lag")),
     "shaft.dead_band": Kind(1, 12.0, 24.0, "r/min", ("run",), by_z=False),
+    # None of the examined machine, which holds its speed by an encoder and turns one way: tests/diagnosis has others.
+    "shaft.dead_zone": Kind(1, 1.0, 40.0, "r/min", ()),
+    "shaft.saturation": Kind(1, 2.0, 60.0, "%", ()),
+    "shaft.back_gain": Kind(0, 0.2, 30.0, "%", ()),
+    "shaft.back_zone": Kind(0, 1.0, 40.0, "r/min", ()),
     "shaft.voltage_sag": Kind(1, 0.2, 10.0, "%/V", ("run",)),
     "shaft.load_droop": Kind(1, 0.5, 30.0, "%", ("run",)),
     "shaft.coarse_encoder": Kind(1, 0.8, 6.0, "r/min", ("run",), by_z=False),

@@ -3,22 +3,36 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from enum import Enum
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from . import noise as noises
-from .channels import ChannelSeries
 from .noise import Noise
+from .noise_fit import SLOWER
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 Z90 = 1.645                 # half an interval of 90 % in s.d.
 MAX_ROUNDS = 15
-SLOWER = 5.0                # times, at least, that the slow part of a noise remembers longer than the fast one
+CALM = 5.0                  # times less than usual: the drift of a calm noise, where fits start
+QUICK_S = (0.2, 1.0)        # of a fast part that is not white, where fits start
 SETTLED = 0.05              # of the log-likelihood: less is no gain of a further round
+
+
+class Channel(Protocol):
+    """What is asked of one measured series."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def cut(self) -> noises.Segments: ...
+    @property
+    def prior(self) -> noises.NoisePrior: ...
+    @property
+    def grid(self) -> Any: ...
 
 
 class Role(Enum):
@@ -53,7 +67,7 @@ class Column(NamedTuple):
 class Products(NamedTuple):
     """Band products of one channel; row and column 0 are the data."""
 
-    channel: ChannelSeries
+    channel: Channel
     gram: Array                     # (bands, 1 + p, 1 + p)
     columns: Indices                # their places in the problem's list (p,)
 
@@ -75,10 +89,11 @@ class Fit(NamedTuple):
     amplitude: Array                # of the chosen columns (k,)
     covariance: Array               # (k, k)
     log_likelihood: float           # noise fitted, priors included
+    log_evidence: float             # the same with the amplitudes integrated (Laplace), but for those without a prior
     noise: dict[str, Noise]
 
 
-def problem(channels: Sequence[ChannelSeries], data: Mapping[str, Array], columns: Sequence[Column]) -> Problem:
+def problem(channels: Sequence[Channel], data: Mapping[str, Array], columns: Sequence[Column]) -> Problem:
     """`data`: cosine coefficients of the residual by channel."""
     products = []
     for channel in channels:
@@ -95,7 +110,7 @@ def weighted(p: Problem, noise: Mapping[str, Noise]) -> tuple[Array, Array]:
     normal, right = np.zeros((size, size)), np.zeros(size)
     for one in p.products:
         channel = one.channel
-        strength = noises.spectrum(np.array(noise[channel.name].theta), channel.prior, channel.cut, channel.grid.step_s)
+        strength = noises.variances(noise[channel.name], channel.prior, channel.cut, channel.grid.step_s)
         total = np.tensordot(1.0 / strength, one.gram, axes=1)
         normal[np.ix_(one.columns, one.columns)] += total[1:, 1:]
         right[one.columns] += total[1:, 0]
@@ -105,7 +120,7 @@ def weighted(p: Problem, noise: Mapping[str, Noise]) -> tuple[Array, Array]:
 def solved(p: Problem, chosen: Indices, noise: Mapping[str, Noise]) -> tuple[Array, Array]:
     """Amplitudes (k,) and covariance (k, k) of the chosen columns under a given noise."""
     normal, right = weighted(p, noise)
-    return _solve(normal, right, p, chosen)
+    return _solve(normal, right, p, chosen)[:2]
 
 
 def fitted(p: Problem, chosen: Indices, noise: Mapping[str, Noise], rounds: int = MAX_ROUNDS) -> Fit:
@@ -114,49 +129,72 @@ def fitted(p: Problem, chosen: Indices, noise: Mapping[str, Noise], rounds: int 
     A drift and a constant can stand for each other, so that the way from one to the other is slow.
     """
     now = dict(noise)
-    amplitude, covariance = solved(p, chosen, now)
+    amplitude, covariance, occam = _solve(*weighted(p, now), p, chosen)
     before = -np.inf
     for _ in range(rounds):
         for one in p.products:
             channel = one.channel
             now[channel.name] = noises.fit(_power(one, chosen, amplitude), now[channel.name], channel.prior,
                                            channel.cut, channel.grid.step_s)
-        amplitude, covariance = solved(p, chosen, now)
+        amplitude, covariance, occam = _solve(*weighted(p, now), p, chosen)
         value = _value(p, chosen, amplitude, now)
         if value - before < SETTLED:
             break
         before = value
-    return Fit(amplitude, covariance, _value(p, chosen, amplitude, now), now)
+    value = _value(p, chosen, amplitude, now)
+    return Fit(amplitude, covariance, value, value + occam, now)
 
 
-def best_fitted(p: Problem, chosen: Indices, noise: Mapping[str, Noise], channels: Sequence[ChannelSeries]) -> Fit:
+def best_fitted(p: Problem, chosen: Indices, noise: Mapping[str, Noise], channels: Sequence[Channel]) -> Fit:
     """The better of two fits: from the noise given and from its calm version.
 
     What one hypothesis left of the noise may be far from where another must start.
     """
     return max((fitted(p, chosen, start) for start in (noise, calm(noise, channels))),
-               key=lambda fit: fit.log_likelihood)
+               key=lambda fit: fit.log_evidence)
 
 
-def calm(noise: Mapping[str, Noise], channels: Sequence[ChannelSeries]) -> dict[str, Noise]:
+def first_noise(p: Problem, chosen: Indices, noise: Mapping[str, Noise],
+                channels: Sequence[Channel]) -> dict[str, Noise]:
+    """The noise from which models of a group are fitted: the best of fits from a quick and from a slower fast part, for
+    the likelihood has a mode at either."""
+    starts = [dict(noise), *({c.name: Noise((noise[c.name].theta[0], float(np.log(quick_s)), *noise[c.name].theta[2:]))
+                              for c in channels} for quick_s in QUICK_S)]
+    return max((fitted(p, chosen, one) for one in starts), key=lambda fit: fit.log_evidence).noise
+
+
+def adapted(p: Problem, chosen: Indices, amplitude: Array, noise: Mapping[str, Noise]) -> dict[str, Noise]:
+    """A noise with each band's own factor as the residual of chosen columns says."""
+    return {one.channel.name: noises.with_bands(_power(one, chosen, amplitude), noise[one.channel.name],
+                                                one.channel.prior, one.channel.cut, one.channel.grid.step_s)
+            for one in p.products}
+
+
+def calm(noise: Mapping[str, Noise], channels: Sequence[Channel]) -> dict[str, Noise]:
     """A noise whose slow part is no stronger than the machine file's: where a fit must start that is to tell a steady
     effect from a drift."""
     found = {}
     for channel in channels:
         here, usual = noise[channel.name].theta, noises.start(channel.prior).theta
         fast = here[:2] if here[1] < here[3] and here[1] < usual[3] - np.log(SLOWER) else usual[:2]
-        found[channel.name] = Noise((*fast, min(here[2], usual[2]), usual[3]))
+        found[channel.name] = Noise((*fast, min(here[2], usual[2] - float(np.log(CALM))), usual[3]))
     return found
 
 
-def _solve(normal: Array, right: Array, p: Problem, chosen: Indices) -> tuple[Array, Array]:
+def _solve(normal: Array, right: Array, p: Problem, chosen: Indices) -> tuple[Array, Array, float]:
+    """Amplitudes (k,), their covariance (k, k), and the logarithm of how much of the prior the data leave of them:
+    -1/2 log det(1 + S A S), S the priors' s.d. and A the information (Laplace; MacKay, Information Theory, Inference
+    and Learning Algorithms, 2003, ch. 28)."""
     part = normal[np.ix_(chosen, chosen)]
     trust = 1.0 / p.sd[chosen] ** 2
     stiff = part + np.diag(trust)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(stiff), 1e-12))
     stiff = stiff * scale[:, None] * scale + 1e-10 * np.eye(len(chosen))
     covariance = np.linalg.inv(stiff) * scale[:, None] * scale
-    return covariance @ (right[chosen] + trust * p.mean[chosen]), covariance
+    bound = p.sd[chosen] < np.inf
+    left = covariance[np.ix_(bound, bound)] / p.sd[chosen][bound, None] / p.sd[chosen][bound]
+    occam = 0.5 * float(np.linalg.slogdet(left)[1]) if bound.any() else 0.0
+    return covariance @ (right[chosen] + trust * p.mean[chosen]), covariance, occam
 
 
 def _power(one: Products, chosen: Indices, amplitude: Array) -> Array:
@@ -195,6 +233,6 @@ def _value(p: Problem, chosen: Indices, amplitude: Array, noise: Mapping[str, No
 def projected(p: Problem, fixed: Indices, noise: Mapping[str, Noise]) -> tuple[Array, Array]:
     """Normal equations of all columns once the `fixed` ones are fitted (Schur complement): (q, q) and (q,)."""
     normal, right = weighted(p, noise)
-    amplitude, covariance = _solve(normal, right, p, fixed)
+    amplitude, covariance, _ = _solve(normal, right, p, fixed)
     cross = normal[:, fixed]
     return normal - cross @ covariance @ cross.T, right - cross @ amplitude

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.fft import dct, idct, prev_fast_len
 
-from .noise_fit import fit_run, spectrum_run, value_run
+from .noise_fit import BAND_DOF, fit_run, spectrum_run, value_run
 
 Array = npt.NDArray[np.float64]
 
@@ -52,6 +52,12 @@ def segments(length: int, bounds: tuple[tuple[int, int], ...] | None = None) -> 
     _, starts, count = np.unique(band[order], return_index=True, return_counts=True)
     mean = np.add.reduceat(omega[order], starts) / count
     return Segments(length, bounds, order, starts, count.astype(np.float64), mean)
+
+
+def as_one_band(cut: Segments) -> Segments:
+    """The same with one strength at every frequency: of a noise that is known to be white."""
+    return cut._replace(starts=np.zeros(1, np.int64), members=np.array([float(cut.members.sum())]),
+                        omega=np.array([0.5 * np.pi]))
 
 
 def leaving_out(cut: Segments, bands: npt.NDArray[np.bool_]) -> Segments:
@@ -97,14 +103,18 @@ class NoisePrior(NamedTuple):
     floor_sd: float
     slow_share: float = 0.2         # of the fast component
     slow_s: float = 120.0           # drift that remembers for longer cannot be told from a constant in an hour
-    spread: tuple[float, float, float, float] = (1.0, 1.0, 1.5, 0.4)
+    spread: tuple[float, float, float, float] = (0.7, 1.0, 0.7, 1.0)
     walk_sd: float = 0.0            # of each sample's step of a random walk: what adds up unseen (between rows)
 
 
 class Noise(NamedTuple):
-    """log s.d. and log correlation time (s) of the fast and the slow component."""
+    """log s.d. and log correlation time (s) of the fast and the slow component.
+
+    louder : variance of each band over the spectrum's, as the residual that it was fitted to says (bands,); empty: 1.
+    """
 
     theta: tuple[float, float, float, float]
+    louder: tuple[float, ...] = ()
 
     @property
     def fast_sd(self) -> float:
@@ -129,9 +139,15 @@ def spectrum(theta: Array, prior: NoisePrior, cut: Segments, step_s: float) -> A
     return np.asarray(spectrum_run(theta, prior.floor_sd, prior.walk_sd, np.cos(cut.omega), cut.members.sum(), step_s))
 
 
+def variances(noise: Noise, prior: NoisePrior, cut: Segments, step_s: float) -> Array:
+    """Variance of one coefficient in each band, its own factor included (bands,); of other bands, without it."""
+    plain = spectrum(np.array(noise.theta), prior, cut, step_s)
+    return plain * np.array(noise.louder) if len(noise.louder) == len(plain) else plain
+
+
 def strengths(noise: Noise, prior: NoisePrior, cut: Segments, step_s: float) -> Array:
     """Variance of every coefficient, sorted by band (m,)."""
-    return np.repeat(spectrum(np.array(noise.theta), prior, cut, step_s), cut.members.astype(np.int64))
+    return np.repeat(variances(noise, prior, cut, step_s), cut.members.astype(np.int64))
 
 
 def log_likelihood(power: Array, noise: Noise, prior: NoisePrior, cut: Segments, step_s: float) -> float:
@@ -143,5 +159,12 @@ def log_likelihood(power: Array, noise: Noise, prior: NoisePrior, cut: Segments,
 
 def fit(power: Array, noise: Noise, prior: NoisePrior, cut: Segments, step_s: float, rounds: int = 12) -> Noise:
     """Most probable noise for residual band powers (bands,): Fisher scoring with step halving."""
-    return _noise(fit_run(np.array(noise.theta), power, cut.members, np.cos(cut.omega), prior.floor_sd, prior.walk_sd,
-                          np.array(start(prior).theta), np.array(prior.spread), step_s, rounds))
+    theta = fit_run(np.array(noise.theta), power, cut.members, np.cos(cut.omega), prior.floor_sd, prior.walk_sd,
+                    np.array(start(prior).theta), np.array(prior.spread), step_s, rounds)
+    return with_bands(power, _noise(theta), prior, cut, step_s)
+
+
+def with_bands(power: Array, noise: Noise, prior: NoisePrior, cut: Segments, step_s: float) -> Noise:
+    """A noise with each band's factor as residual band powers (bands,) say."""
+    plain = spectrum(np.array(noise.theta), prior, cut, step_s)
+    return Noise(noise.theta, tuple(((BAND_DOF + power / plain) / (BAND_DOF + cut.members)).tolist()))

@@ -1,6 +1,11 @@
-"""The noise's spectrum and its fit, compiled: under every hypothesis and at every look it is fitted anew.
+"""The noise's spectrum and its fit, compiled: under every model and at every look it is fitted anew.
 
 See `noise` for what the numbers are; theta : log s.d. and log correlation time of the fast and the slow component.
+
+No first-order spectrum is quite right. The variance of each band is therefore the spectrum's times a factor of its own
+with an inverse-gamma prior about 1, integrated: each band's coefficients then follow a Student t with `BAND_DOF`
+degrees of freedom (Roever, Meyer and Christensen, Classical and Quantum Gravity 28, 2011, 015010). A sensor that hums
+in one band, or drifts more than it should, is louder there and counts the less, at every frequency by the same rule.
 """
 from __future__ import annotations
 
@@ -12,14 +17,21 @@ from control.machine.compiled import compiled
 Array = npt.NDArray[np.float64]
 
 MOVED = 1e-4                # of theta, for a slope
+LITTLE_DRIFT = 3.0          # of the logarithm of a drift's s.d., where it is less than usual (1 s.d.)
 HALVINGS = 6                # of a step that gains nothing
 LONGEST_STEP = 1.5          # of theta, at once
 SETTLED = 1e-3              # of the log-likelihood
+SLOWER = 5.0                # times, at least, that the slow part remembers longer: else they are one part twice
+BAND_DOF = 20.0             # a band's s.d. is known from the spectrum to 1 / sqrt(2 BAND_DOF), some 16 %
 
 
 @compiled
 def spectrum_run(theta: Array, floor_sd: float, walk_sd: float, cos: Array, count: float, step_s: float) -> Array:
-    """Variance of one coefficient in each band (bands,). cos : of its frequency. count : of all coefficients."""
+    """Variance of one coefficient in each band (bands,). cos : of its frequency. count : of all coefficients.
+
+    That of the mean is had exactly: over a log shorter than a component's memory it is far less than the spectrum at
+    frequency 0.
+    """
     total = np.full(len(cos), floor_sd ** 2)
     if walk_sd > 0.0:
         lowest = (np.pi / max(2.0, count)) ** 2
@@ -28,19 +40,29 @@ def spectrum_run(theta: Array, floor_sd: float, walk_sd: float, cos: Array, coun
     for k in (0, 2):
         rho = np.exp(-step_s / np.exp(theta[k + 1]))
         power = np.exp(2.0 * theta[k]) * (1.0 - rho * rho)
+        longer = count * step_s / np.exp(theta[k + 1])
+        of_mean = 2.0 * (longer - 1.0 + np.exp(-longer)) / (longer * longer)
         for band in range(len(cos)):
-            total[band] += power / (1.0 - 2.0 * rho * cos[band] + rho * rho)
+            there = power / (1.0 - 2.0 * rho * cos[band] + rho * rho)
+            total[band] += there if cos[band] < 1.0 else min(there, count * np.exp(2.0 * theta[k]) * of_mean)
     return total
 
 
 @compiled
+def width(k: int, off: float, spread: float) -> float:
+    """S.d. of the prior of theta's k-th number on the side where it stands: many sensors hardly drift at all."""
+    return LITTLE_DRIFT if k == 2 and off < 0.0 else spread
+
+
+@compiled
 def value_run(theta: Array, power: Array, members: Array, strength: Array, centre: Array, spread: Array) -> float:
-    """Whittle log-likelihood of residual band powers, the prior of theta included."""
+    """Log-likelihood of residual band powers, Student t in each band, the prior of theta included."""
     total = 0.0
     for band in range(len(power)):
-        total -= 0.5 * (members[band] * np.log(strength[band]) + power[band] / strength[band])
+        total -= 0.5 * ((BAND_DOF + members[band]) * np.log1p(power[band] / (BAND_DOF * strength[band]))
+                        + members[band] * np.log(strength[band]))
     for k in range(4):
-        away = (theta[k] - centre[k]) / spread[k]
+        away = (theta[k] - centre[k]) / width(k, theta[k] - centre[k], spread[k])
         total -= 0.5 * away * away
     return total
 
@@ -57,10 +79,13 @@ def step_run(theta: Array, power: Array, members: Array, cos: Array, strength: A
         slopes[k] = (np.log(there) - np.log(strength)) / MOVED
     gradient, fisher = np.zeros(4), np.zeros((4, 4))
     for k in range(4):
-        gradient[k] = 0.5 * np.sum(slopes[k] * (power / strength - members)) - (theta[k] - centre[k]) / spread[k] ** 2
+        louder = (BAND_DOF + members) * power / (BAND_DOF * strength + power)
+        off = theta[k] - centre[k]
+        gradient[k] = 0.5 * np.sum(slopes[k] * (louder - members)) - off / width(k, off, spread[k]) ** 2
         for other in range(4):
-            fisher[k, other] = 0.5 * np.sum(slopes[k] * members * slopes[other])
-        fisher[k, k] += 1.0 / spread[k] ** 2
+            known = members * BAND_DOF / (BAND_DOF + members + 2.0)
+            fisher[k, other] = 0.5 * np.sum(slopes[k] * known * slopes[other])
+        fisher[k, k] += 1.0 / width(k, off, spread[k]) ** 2
     step = np.asarray(np.linalg.solve(fisher, gradient))
     return np.asarray(np.minimum(np.maximum(step, -LONGEST_STEP), LONGEST_STEP))
 
@@ -78,6 +103,8 @@ def fit_run(start: Array, power: Array, members: Array, cos: Array, floor_sd: fl
         for _ in range(HALVINGS):
             there = spectrum_run(theta + step, floor_sd, walk_sd, cos, members.sum(), step_s)
             tried = value_run(theta + step, power, members, there, centre, spread)
+            if theta[1] + step[1] > theta[3] + step[3] - np.log(SLOWER):
+                tried = -np.inf
             if tried >= best:
                 break
             step = 0.5 * step

@@ -1,0 +1,65 @@
+"""What is believed before the data are seen: every number that a judgement rests on, with its reason.
+
+A group of channels (shaft; metering; speed; heads) has something wrong with `FAULTY`. Which effect it is has the same
+odds for each of the group, and how it runs in time the shares of `COURSE`. How large it is: about 0, of the order of
+`usual` of the effect's row (control/diagnosis/effects.py), with the tails of a Cauchy distribution: what a machine has
+may be ten times the usual. Such a prior is a normal of unknown s.d. (Andrews and Mallows, JRSS B 36, 1974, 99); here
+the s.d. is the one that fits best, not below `usual`, and what it is likelier to be smaller is paid for. When it
+begins or ends: any time of the log alike.
+"""
+from __future__ import annotations
+
+from math import log
+
+from control.machine.terms import Acts
+
+FAULTY = 0.3                # a group of a machine that is looked at has something wrong: about one in three
+COURSE = {                  # of what is wrong, how it runs: most was there before the log began
+    "steady": 0.7, "begins": 0.15, "grows": 0.075, "ends": 0.075}
+WRONG_SIGN = 0.02           # what is lost, or comes late, is less than the machine file has of it: one in fifty
+UNKNOWN = 0.03              # ... or something that no effect describes, shared over quantities, variables and forms
+FORMS = 12                  # of a term (control/machine/terms.py)
+USUAL_OF_TERM = {           # s.d. of a term's coefficients over the spread of its variable, in its quantity's unit
+    Acts.SHAFT_PERCENT: 3.0, Acts.SHAFT_RPM: 3.0, Acts.GATE_MM: 1.5, Acts.FLOW_PERCENT: 6.0, Acts.SCALE_KG: 1.0,
+    Acts.WHEEL_PERCENT: 3.0}
+FORM_SHARE = 0.25           # of an effect's own signal, by which its form may differ from the catalogue's
+NAMED = 0.9                 # posterior probability from which on a cause is named
+SAID = log(NAMED / (1.0 - NAMED))       # log odds against nothing, from which on something is said to be there
+LISTED = 0.02               # ... and from which on a rival is listed
+
+
+def course_of(onset_s: float | None, until_s: float | None, grows: bool) -> str:
+    """The word of COURSE."""
+    if onset_s is None:
+        return "steady"
+    return "grows" if grows else "begins" if until_s is None else "ends"
+
+
+def log_odds(course: str, names: int) -> float:
+    """Log prior odds of one effect of `names`, on top of whatever else is wrong."""
+    return log(FAULTY * COURSE[course] / max(1, names))
+
+
+def log_of_sign(size: float, only_adds: bool) -> float:
+    """What the sign of a size adds to a prior that is even about 0: of an effect that only adds, one sign is rare."""
+    if not only_adds or size == 0.0:
+        return 0.0
+    return log(2.0 * (WRONG_SIGN if size < 0.0 else 1.0 - WRONG_SIGN))
+
+
+def sd_of_size(size: float, usual: float) -> float:
+    """s.d. of the normal that the prior of a size is near that size."""
+    return max(usual, abs(size))
+
+
+def log_of_size(size: float, usual: float) -> float:
+    """Logarithm of the weight of that normal."""
+    return log(usual / sd_of_size(size, usual))
+
+
+def log_odds_of_form(quantities: int, variables: int, places: int, temporary: bool = False) -> float:
+    """Log prior odds of one form of one term: of so many quantities and variables (or pairs of them), at one of so many
+    places. temporary : it comes and goes, over no variable but time."""
+    if temporary:
+        return log(UNKNOWN * COURSE["ends"] / (max(1, quantities) * places))
+    return log(UNKNOWN / (max(1, quantities) * max(1, variables) * FORMS * max(1, places)))
