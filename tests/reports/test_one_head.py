@@ -7,13 +7,14 @@ import console
 from console.reports import html
 from console.reports.fleet_page import fleet_page
 from console.reports.paper_page import paper_page
+from control.diagnosis.season.courses import Fit
 
 SOURCES = sorted(Path(console.__file__).parent.rglob("*.py"))
 
 
 def test_every_page_may_fetch_nothing() -> None:
     for text in (html.page("<script>", "p {}", "<p>said</p>"), paper_page([], "topdress"),
-                 fleet_page([], [], low=[], units={}, broken=(), price=None, currency="CNY", software="topdress")):
+                 fleet_page([], Fit(), low=[], units={}, broken=(), price=None, currency="CNY", software="topdress")):
         head = text.partition("</head>")[0].lower()
         assert "default-src 'none'" in head and head.index("content-security-policy") < head.index("<title>")
         assert "<script>" not in text
