@@ -20,8 +20,9 @@ ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 NUMBER = re.compile(r"\d{4}-\d\d-\d\d|(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 NEAR, NEAR_ABSOLUTE = 0.3, 0.3          # of a number on the page: share of it, or itself
-PAGES = ("import.md", "guides/first-day.md", "guides/researcher.md",
-         pytest.param("guides/engineer.md", marks=pytest.mark.exam))       # drives and diagnoses for 40 s of processor
+# The guides drive and diagnose for 10 to 40 s of processor each.
+PAGES = ("import.md", *(pytest.param(f"guides/{name}.md", marks=pytest.mark.exam)
+                        for name in ("first-day", "engineer", "researcher")))
 
 
 def shown(page: str) -> list[tuple[str, str]]:
@@ -66,6 +67,7 @@ def test_every_command_says_what_the_page_shows(page: str, there: Path) -> None:
         assert result.exit_code == (2 if refused else 0), command
 
 
+@pytest.mark.exam
 def test_the_blocks_of_the_researchers_guide(there: Path, capsys: pytest.CaptureFixture[str]) -> None:
     names: dict[str, object] = {}
     text = (DOCS / "guides" / "researcher.md").read_text(encoding="utf-8")

@@ -91,6 +91,7 @@ def test_without_a_folder_or_room_it_runs(folder: Path, monkeypatch: pytest.Monk
     assert called(6.0) == (6.0, False)
 
 
+@pytest.mark.exam
 def test_variants_that_two_processes_kept_live_together_in_a_third(tmp_path: Path) -> None:
     """Each is the first of its process: by numba's own cache both had one symbol."""
     env = {key: value for key, value in os.environ.items() if not key.startswith("NUMBA")}
