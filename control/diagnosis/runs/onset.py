@@ -33,16 +33,7 @@ SAME_PLACE_SD = 1.0         # s.d. of a reading: a command so near to the standi
 STOP_SD_S = 0.5             # how sharply a stop is seen
 
 # An onset, tried on a grid.
-TIMES = 16                  # tried over the working time
 STEPS_ROWS = (32, 8, 2, 1)     # by which an onset is moved about where a scan has it
-
-
-def working_times(data: RunData, count: int = TIMES) -> Array:
-    """Times that cut the working time into equal parts, ends left out: (count,)."""
-    done = np.cumsum(data.working)
-    if done[-1] <= 0:
-        return np.linspace(data.time_s[0], data.time_s[-1], count + 2)[1:-1]
-    return np.interp(np.linspace(0.0, done[-1], count + 2)[1:-1], done, data.time_s)
 
 
 def stops(model: GroupModel) -> list[Candidate]:

@@ -25,8 +25,6 @@ SPAN_PLACES = 100                   # of either edge: it is known to some per ce
 SHAPES = 4                          # smooth half-waves that a table is made of
 # Price of a form in twice the log-likelihood: for each amplitude, and twice the logarithm of the places tried.
 PER_AMPLITUDE = 4.0
-ORDER = (Form.SLOPE, Form.BEND, Form.THRESHOLD, Form.SIDE, Form.HINGE, Form.SATURATION, Form.DEAD_ZONE, Form.PERIODIC,
-         Form.MEMORY, Form.PRODUCT, Form.SPAN, Form.TABLE)      # plainest first
 
 
 class Tried(NamedTuple):
