@@ -79,6 +79,7 @@ class Problem(NamedTuple):
     sd: Array                       # (q,)
     mean: Array                     # (q,)
     products: tuple[Products, ...]
+    log_weight: float = 0.0         # of the priors, where their s.d. are those of heavy tails (`prior.log_of_size`)
 
     def places(self, role: Role) -> list[int]:
         """Places of the columns of one role."""
@@ -222,7 +223,7 @@ def power_left(p: Problem, channel: str, chosen: Indices, amplitude: Array) -> f
 
 
 def _value(p: Problem, chosen: Indices, amplitude: Array, noise: Mapping[str, Noise]) -> float:
-    total = -0.5 * float(np.sum(((amplitude - p.mean[chosen]) / p.sd[chosen]) ** 2))
+    total = p.log_weight - 0.5 * float(np.sum(((amplitude - p.mean[chosen]) / p.sd[chosen]) ** 2))
     for one in p.products:
         channel = one.channel
         total += noises.log_likelihood(_power(one, chosen, amplitude), noise[channel.name], channel.prior, channel.cut,

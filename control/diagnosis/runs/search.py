@@ -149,10 +149,8 @@ class Search:
         if off:
             sd = p.sd.copy()
             sd[off] = np.abs(fit.amplitude[off])
-            weight = float(np.sum(np.log(p.sd[off] / sd[off])))
-            p = p._replace(sd=sd)
+            p = p._replace(sd=sd, log_weight=float(np.sum(np.log(p.sd[off] / sd[off]))))
             fit = best_fitted(p, np.arange(count), fit.noise, self.model.channels)
-            fit = fit._replace(log_likelihood=fit.log_likelihood + weight, log_evidence=fit.log_evidence + weight)
         stand = []
         for at in p.places(Role.SLOPE):
             part = parts[p.labels[at].part]

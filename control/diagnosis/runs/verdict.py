@@ -38,6 +38,8 @@ class Remains(NamedTuple):
 def unknown_share(one: Judged, k: int, rest: Collection[Remains]) -> float:
     """Probability that part k stands for something else, where channels that it moves have more left than noise: of
     all that is no noise there, the share that the model with the part does not take away."""
+    if not rest:
+        return 0.0
     trace = one.search.columns.trace(one.found.parts, k).coefficients
     share = 0.0
     for each in rest:
