@@ -28,7 +28,6 @@ from console.app.pages.diagnosis.data import (
     Stop,
     Stopped,
     Tell,
-    found_from,
 )
 from console.services.diagnosis_job import REPORT, RESULT, VIEW, Order
 from console.services.foreign_files import is_listed, may_be_brought_in
@@ -130,9 +129,10 @@ class DiagnosisFiles:
         return ComparedShown(tuple(ComparedRow(**one) for one in plain["logs"][0]["channels"]), report)
 
     def _worked(self, order: Order, tell: Tell, stop: Stop) -> Found:
+        from drivers.files.plain import typed
         self._done(order, tell, stop)
         plain = json.loads((Path(order.folder) / VIEW).read_text(encoding="utf-8"))
-        return found_from(plain)._replace(folder=order.folder)
+        return typed(Found, plain)._replace(folder=order.folder)
 
     def _done(self, order: Order, tell: Tell, stop: Stop) -> None:
         """The work in a process of its own. Raises Stopped, OpenQuestions, and ValueError of one line."""

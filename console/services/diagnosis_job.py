@@ -138,9 +138,10 @@ def _diagnosed(order: Order, machine: Machine, data: Path, name: str, notes: tup
                tell: Tell) -> None:
     """notes: of bringing the data in."""
     from console.app.pages.diagnosis.adoption import selections
-    from console.app.pages.diagnosis.data import Offer, to_plain
+    from console.app.pages.diagnosis.data import Offer
     from console.services.diagnosis_view import found_of, mean_target
     from drivers.files.atomic import write_atomically
+    from drivers.files.plain import plain
     folder = Path(order.folder)
     tell(0.0, "reading")
     target = None
@@ -166,7 +167,7 @@ def _diagnosed(order: Order, machine: Machine, data: Path, name: str, notes: tup
         file = f"machine-{number}.yaml"
         offers.append(Offer(ids, file, _extended(found, ids, machine, data, folder / file)))
     write_atomically(folder / RESULT, json.dumps(found.to_json(), indent=1) + "\n")
-    write_atomically(folder / VIEW, json.dumps(to_plain(view._replace(offers=tuple(offers)))))
+    write_atomically(folder / VIEW, json.dumps(plain(view._replace(offers=tuple(offers)))))
     tell(0.9, "report")
     _report(found, tools, folder / REPORT)
 
@@ -218,11 +219,12 @@ def _say(what: dict[str, Any]) -> None:
 
 def main(path: str) -> int:
     from drivers.files.config import ConfigError
+    from drivers.files.plain import typed
     if hasattr(os, "nice"):
         os.nice(NICE)
     try:
         said = json.loads(Path(path).read_text(encoding="utf-8"))
-        work(Order(**said | {"planted": tuple(said.get("planted", ()))}), told())
+        work(typed(Order, said), told())
     except OpenQuestions as asked:
         _say({"questions": asked.questions, "import_file": asked.import_file})
     except ConfigError as error:

@@ -3,14 +3,13 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
-from console.worker.resume_alarms import AlarmRecord, plain_records, records_of
-from console.worker.resume_ground import NOTHING_DONE, Spot, packed, unpacked
+from console.worker.resume_alarms import AlarmRecord
+from console.worker.resume_ground import NOTHING_DONE, AsBits, Spot, packed
 from console.worker.snapshots import ENDING, FORMAT, newest_first, saved_ns
 from control.field.coverage import Raster
 from control.field.totals import NOTHING, Sums
@@ -49,7 +48,7 @@ class Snapshot:
     held_s: float = 0.0
     moves: int = 0                                  # of the opening's set-point, while working
     refills: tuple[Refill, ...] = ()
-    strategy: str = Strategy.OPENING_FIRST.value
+    strategy: Strategy = Strategy.OPENING_FIRST
     look_ahead: bool = True
     flow_trim_on: bool = True
     flow_trim: float = 1.0
@@ -63,7 +62,7 @@ class Snapshot:
     cut_hopper_kg: float | None = None              # the scale at the last row, from the rows before it
     alarms: tuple[AlarmRecord, ...] = ()
     track: tuple[Spot, ...] = ()
-    ground: Raster = NOTHING_DONE
+    ground: Annotated[Raster, AsBits] = NOTHING_DONE
 
     @property
     def area_ha(self) -> float:
@@ -93,7 +92,7 @@ def beside(log: str | Path) -> Path:
 def write(path: Path, snapshot: Snapshot) -> None:
     """Whole or not at all, and the newest of its folder even where the clock was set back. Raises OSError."""
     own = {name: getattr(snapshot, name) for name in Snapshot.__dataclass_fields__}
-    own |= {"sums": snapshot.sums._asdict(), "alarms": plain_records(snapshot.alarms),
+    own |= {"sums": snapshot.sums._asdict(), "alarms": [record._asdict() for record in snapshot.alarms],
             "ground": packed(snapshot.ground)}
     write_atomically(path, json.dumps({"format": FORMAT} | own, separators=(",", ":")) + "\n")
     others = max((saved_ns(one) for one in path.parent.glob(f"*{ENDING}") if one != path), default=0)
@@ -103,12 +102,16 @@ def write(path: Path, snapshot: Snapshot) -> None:
 
 def read(path: Path) -> Snapshot:
     """Raises ValueError, one line that names the file, where it is no snapshot; OSError."""
+    from drivers.files.plain import typed  # pydantic: only where a job goes on
     try:
         held_to(RESUME, path.stat().st_size, str(path))
         data = json.loads(path.read_bytes())
         if not isinstance(data, dict) or data.get("format") != FORMAT:
             raise ValueError(f"key format: allowed {FORMAT}")
-        return _snapshot(data)
+        for name in ("began_utc", "saved_utc"):
+            if data[name]:
+                datetime.fromisoformat(data[name])
+        return typed(Snapshot, data)
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         raise ValueError(f"{path}: not a job that can go on: {error}") from None
 
@@ -127,24 +130,3 @@ def newest(folder: Path) -> tuple[Path, Snapshot] | None:
             continue
         return (path, snapshot) if snapshot.worth_going_on and not snapshot.quit else None
     return None
-
-
-def _snapshot(data: Mapping[str, Any]) -> Snapshot:
-    sums = data["sums"]
-    known = {name: data[name] for name in Snapshot.__dataclass_fields__ if name in data}
-    known |= {
-        "sums": Sums(**(sums | {"bins": tuple((int(k), float(ha), float(kg)) for k, ha, kg in sums["bins"])})),
-        "alarms": records_of(data["alarms"]), "ground": unpacked(data["ground"]),
-        "track": tuple((float(e), float(n), float(h), float(rate)) for e, n, h, rate in data["track"]),
-        "refills": tuple((str(utc), float(kg)) for utc, kg in data["refills"]),
-        "strategy": Strategy(data["strategy"]).value}
-    for name in ("config", "effects", "logs_before"):
-        known[name] = tuple(str(part) for part in data[name])
-    for name in ("origin_deg", "place_m"):
-        known[name] = None if data[name] is None else (float(data[name][0]), float(data[name][1]))
-    for name in ("began_utc", "saved_utc"):
-        if data[name]:
-            datetime.fromisoformat(data[name])
-    for name in ("held_s", "time_s", "sums_s", "flow_trim", "hz"):
-        known[name] = float(data[name])
-    return Snapshot(**known)

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from control.orders import Alarm, Severity
 
@@ -78,15 +78,3 @@ def _come(before: AlarmRecord | None, alarm: Alarm, time_s: float, now: str) -> 
         return AlarmRecord(alarm.id, alarm.severity, time_s, time_s, 1, now, now, stands=True, details=alarm.details)
     return before._replace(last_s=time_s, last_utc=now, times=before.times + 1, acknowledged=False, stands=True,
                            details=alarm.details, gone_utc="")
-
-
-def plain_records(records: Iterable[AlarmRecord]) -> list[dict[str, Any]]:
-    return [record._asdict() for record in records]
-
-
-def records_of(data: Iterable[dict[str, Any]]) -> tuple[AlarmRecord, ...]:
-    """Raises ValueError, TypeError, KeyError where the data is not what `plain_records` made."""
-    known = set(AlarmRecord._fields)
-    return tuple(AlarmRecord(**{k: v for k, v in one.items() if k in known} | {
-        "severity": Severity(one["severity"]),
-        "details": tuple((str(k), v) for k, v in one.get("details", ()))}) for one in data)

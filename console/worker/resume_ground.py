@@ -101,6 +101,15 @@ def packed(ground: Raster) -> dict[str, Any]:
             "rows": ground.done.shape[0], "columns": ground.done.shape[1], "bits": base64.b64encode(bits).decode()}
 
 
+class AsBits:
+    """Says to pydantic how a `Raster` is read."""
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, _kind: Any, _next: Any) -> Any:
+        from pydantic_core import core_schema
+        return core_schema.no_info_plain_validator_function(unpacked)
+
+
 def unpacked(data: dict[str, Any]) -> Raster:
     """Raises ValueError, KeyError, TypeError where the data is not what `packed` made."""
     rows, columns, cell_m = int(data["rows"]), int(data["columns"]), float(data["cell_m"])

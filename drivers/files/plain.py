@@ -1,13 +1,14 @@
-"""Models as plain data and as JSON schema, NamedTuples by their names (pydantic alone would write them as lists)."""
+"""Models as plain data and back, and as JSON schema; NamedTuples by name (pydantic alone: as lists)."""
 from __future__ import annotations
 
 import datetime as dt
 from collections.abc import Mapping
 from enum import Enum
+from functools import cache
 from pathlib import PurePath
-from typing import Any
+from typing import Any, TypeVar
 
-from pydantic import BaseModel
+from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
@@ -31,6 +32,39 @@ def plain(value: Any) -> Any:
     if value is None or isinstance(value, str | bool | int | float):
         return value
     raise TypeError(f"{type(value).__name__} has no place in a configuration file")
+
+
+T = TypeVar("T")
+
+
+def typed(kind: type[T], data: Any) -> T:
+    """A data class or NamedTuple, and those in it, of what JSON makes of it. Unknown keys are passed over, so that an
+    older program reads what a newer one wrote. Raises ValueError, one line, where a value has no place in it."""
+    hashable: Any = kind
+    try:
+        made: T = _adapter(hashable).validate_python(data)
+        return made
+    except ValidationError as error:
+        unknown = [one["loc"] for one in error.errors() if one["type"] == "extra_forbidden"]
+        if not unknown:
+            first = error.errors()[0]
+            raise ValueError(f"{'.'.join(map(str, first['loc'])) or kind.__name__}: {first['msg']}") from None
+    return typed(kind, _without(data, unknown))
+
+
+def _without(data: Any, unknown: list[tuple[int | str, ...]]) -> Any:
+    """A copy that lacks the keys at these places."""
+    here = {place[0] for place in unknown if len(place) == 1}
+    items = data.items() if isinstance(data, Mapping) else enumerate(data)
+    kept = {name: _without(part, deeper) if (deeper := [place[1:] for place in unknown if place[0] == name
+                                                        and len(place) > 1]) else part
+            for name, part in items if name not in here}
+    return kept if isinstance(data, Mapping) else list(kept.values())
+
+
+@cache
+def _adapter(kind: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)
 
 
 class _ByName(GenerateJsonSchema):

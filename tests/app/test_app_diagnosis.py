@@ -16,7 +16,7 @@ from console.app.name_dialog import NameDialog
 from console.app.pages.diagnosis import shown as diagnosis_shown
 from console.app.pages.diagnosis import words as diagnosis_words
 from console.app.pages.diagnosis.causes import Causes, interval_bar
-from console.app.pages.diagnosis.data import Curve, LeftShown, Stopped, found_from, to_plain
+from console.app.pages.diagnosis.data import Curve, Found, LeftShown, Stopped
 from console.app.pages.diagnosis.expected import Expected, expected_s
 from console.app.pages.diagnosis.residual_plot import PlotView, ResidualPlot, dots_between, nice_ends
 from console.app.pages.diagnosis.sample import SOURCES, MadeUpDiagnosis, sample_found
@@ -28,6 +28,7 @@ from console.reports.verdict import title_of
 from control.diagnosis.result import UNKNOWN
 from control.machine.machine import CATALOGUE
 from control.orders import Do
+from drivers.files.plain import plain, typed
 
 
 @pytest.fixture
@@ -443,7 +444,7 @@ async def test_every_action_is_in_the_palette(desk):
 def test_a_found_goes_through_json_and_comes_back():
     found = sample_found()._replace(left=(LeftShown("flow", "supply_v", 0.4),), not_judged=("gate",),
                                     left_curve=sample_found().causes[0].over, notes=("a note",), refused=("x: y",))
-    assert found_from(to_plain(found)) == found
+    assert typed(Found, plain(found)) == found
 
 
 def test_verdicts_in_one_line():

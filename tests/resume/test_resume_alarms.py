@@ -3,8 +3,9 @@ from __future__ import annotations
 
 import json
 
-from console.worker.resume_alarms import AlarmBook, plain_records, records_of
+from console.worker.resume_alarms import AlarmBook, AlarmRecord
 from control.orders import Alarm, Severity
+from drivers.files.plain import plain, typed
 
 RED = Alarm("shaft_silent", Severity.RED, 1.0)
 AMBER = Alarm("hopper_low", Severity.AMBER, 2.0, False, (("hopper_kg", 18.0), ("metres_left", 640.0)))
@@ -35,7 +36,7 @@ def test_standing_before_gone_and_red_before_amber():
 def test_records_survive_a_file_and_the_time_before_is_added():
     first = AlarmBook()
     first.see(1.0, "2026-03-18T06:00:00Z", (RED, AMBER))
-    kept = records_of(json.loads(json.dumps(plain_records(first.records))))
+    kept = tuple(typed(AlarmRecord, one) for one in json.loads(json.dumps(plain(first.records))))
     assert kept == first.records
     later = AlarmBook()
     later.see(0.5, "2026-03-18T07:00:00Z", (RED,))

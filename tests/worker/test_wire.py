@@ -47,3 +47,18 @@ def test_every_message_is_one_line():
     for line in (wire.greeting(7), wire.answered(1, Answer(False, "a\nb"), {"stats": {"x": 1}}),
                  wire.framed(Frame(1, 0.0, LogRow(0.0, events="mark a\nb")))):
         assert line.endswith(b"\n") and line.count(b"\n") == 1
+
+
+def test_what_a_newer_worker_adds_anywhere_is_passed_over():
+    frame = Frame(3, 1.5, LogRow(1.5), alarms=(Alarm("rate_off", Severity.AMBER, 1.0), Alarm("x", Severity.RED, 2.0)),
+                  devices=(DeviceView("gnss", "COM3", "nmea", True, 0.1, 10.0, 5, 1),), totals=None, strips=Strips(0.6))
+    newer = json.loads(wire.framed(frame))
+    for place in (newer, newer["row"], newer["alarms"][1], newer["devices"][0], newer["strips"]):
+        place["of_tomorrow"] = {"a": 1}
+    assert from_json(newer) == frame
+
+
+def test_a_frame_that_is_none_is_one_line():
+    broken = json.loads(wire.framed(Frame(3, 1.5, LogRow(1.5)))) | {"area_ha": "much"}
+    with pytest.raises(ValueError, match=r"^area_ha: [^\n]*$"):
+        from_json(broken)

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 Tell = Callable[[float, str], None]         # share of the work done, 0 to 1; the stage, a word
 Export = Literal["report", "data"]
@@ -252,32 +252,3 @@ class DiagnosisService(Protocol):
 
     def compare(self, machine: str, source: Source, tell: Tell, stop: Stop) -> ComparedShown:
         """A machine file as it was before its last change, and as it is, on a log that it was not made from."""
-
-
-def to_plain(value: Any) -> Any:
-    """The tuples above as plain data that JSON can hold, by name."""
-    if isinstance(value, tuple) and hasattr(value, "_asdict"):
-        return {name: to_plain(part) for name, part in value._asdict().items()}
-    return [to_plain(part) for part in value] if isinstance(value, tuple | list) else value
-
-
-def found_from(plain: dict[str, Any]) -> Found:
-    """Plain data of `to_plain` as the tuples above."""
-    causes = tuple(CauseShown(**one | {"rivals": tuple(RivalShown(**r) for r in one["rivals"]),
-                                       "over": _curve(one["over"]), "time": _curve(one["time"])})
-                   for one in plain["causes"])
-    return Found(**plain | {
-        "causes": causes, "channels": tuple(ChannelShown(**one) for one in plain["channels"]),
-        "left": tuple(LeftShown(**one) for one in plain["left"]),
-        "gains": tuple(GainShown(**one) for one in plain["gains"]),
-        "next_run": None if plain["next_run"] is None else RunPlan(**plain["next_run"]),
-        "left_curve": _curve(plain["left_curve"]),
-        "offers": tuple(Offer(tuple(one["ids"]), one["file"], tuple(one["changes"])) for one in plain["offers"]),
-        **{name: tuple(plain[name]) for name in ("notes", "adoptable", "refused", "planted", "not_judged")}})
-
-
-def _curve(plain: dict[str, Any] | None) -> Curve | None:
-    if plain is None:
-        return None
-    lists = {name: tuple(plain[name]) for name in ("at", "before", "after", "half", "names")}
-    return Curve(**plain | lists)
