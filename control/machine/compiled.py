@@ -18,7 +18,7 @@ from numba.extending import register_jitable
 
 from . import elements, fall, flow, gate, heads, scale, shaft, speed, term_step
 from .kept_code import KeptCode, named_apart
-from .over_log import Run, mapped, over_log
+from .over_log import Run, filling, mapped, with_room
 
 _here = pathlib.Path(__file__).parent
 _sources = b"".join(file.read_bytes() for file in sorted(_here.glob("*.py")))
@@ -35,10 +35,14 @@ for _piece in (elements.line_put, elements.line_mean, elements.line_held, elemen
     register_jitable(_piece)
 
 
-def compiled(run: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of numbers and arrays compiled when it is first called, kept on disk where there is room."""
+def compiled(run: Callable[..., Any], makes_arrays: bool = True) -> Callable[..., Any]:
+    """A function of numbers and arrays compiled when it is first called, kept on disk where there is room.
+
+    makes_arrays : False where it makes none and hands none on: the references of those that it is given are then not
+    counted. Counting them at each step takes a stage four times as long as the step itself.
+    """
     apart = named_apart(run)
-    made = numba.njit(nogil=True, error_model="numpy")(apart)
+    made = numba.njit(nogil=True, error_model="numpy", _nrt=makes_arrays)(apart)
     with contextlib.suppress(RuntimeError, OSError):        # nowhere to keep it: compiled anew in each process
         dispatcher: Any = made
         dispatcher._cache = KeptCode(apart, _SOURCES)
@@ -49,10 +53,15 @@ def _compiled(run: Callable[..., Any]) -> Run:
     return compiled(run)
 
 
-shaft_run = _compiled(over_log(shaft.shaft_step, exact=True))
-gate_run = _compiled(over_log(gate.gate_step, exact=True))
-flow_run = _compiled(over_log(flow.flow_step))
-speed_run = _compiled(over_log(speed.speed_step))
+def stage_run(step: Callable[..., Any], exact: bool = False) -> Run:
+    """`over_log.over_log` of a step, compiled."""
+    return with_room(compiled(filling(step, exact), makes_arrays=False))
+
+
+shaft_run = stage_run(shaft.shaft_step, exact=True)
+gate_run = stage_run(gate.gate_step, exact=True)
+flow_run = stage_run(flow.flow_step)
+speed_run = stage_run(speed.speed_step)
 scale_run = _compiled(mapped(scale.scale_reads))
 heads_run = _compiled(mapped(heads.head_reads))
 term_run = _compiled(term_step.over_rows(term_step.term_step))

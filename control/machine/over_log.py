@@ -1,4 +1,4 @@
-"""A stage over a whole log. The same function runs interpreted here and compiled in `compiled`."""
+"""A stage over a whole log. The same functions run interpreted here and compiled in `compiled`."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -15,7 +15,7 @@ Run = Callable[..., npt.NDArray[np.float64]]
 
 
 def over_log(step: Callable[..., Any], exact: bool = False) -> Run:
-    """`run(sets, switch_rows, state, first, rows, time_s, most_step_s) -> (rows, outputs)`.
+    """`run(sets, switch_rows, state, first, rows, time_s, most_step_s) -> (rows, outputs)`, interpreted.
 
     sets : parameter sets in the order in which they come into force; set j+1 from row switch_rows[j] on, so that
     any effect may begin mid-run. state, first : state and output at time_s[0]. rows : record array of the stage's
@@ -23,9 +23,22 @@ def over_log(step: Callable[..., Any], exact: bool = False) -> Run:
     commanded in row k cannot show in it. Rows may come at any step; each is cut into at least LEAST_STEPS, but not for
     a step that is exact however long its inputs are held: there is nothing to be gained by cutting it.
     """
+    return with_room(filling(step, exact))
+
+
+def with_room(fill: Callable[..., None]) -> Run:
+    """The run that `filling` does, in an array of its own."""
     def run(sets, switch_rows, state, first, rows, time_s, most_step_s):  # type: ignore[no-untyped-def]
+        out = np.empty((len(rows), len(first)))
+        fill(out, sets, switch_rows, state, first, rows, time_s, most_step_s)
+        return out
+    return run
+
+
+def filling(step: Callable[..., Any], exact: bool = False) -> Callable[..., None]:
+    """As `over_log`, into a given array: it makes none itself, so that it compiles without counting references."""
+    def fill(out, sets, switch_rows, state, first, rows, time_s, most_step_s):  # type: ignore[no-untyped-def]
         count = len(rows)
-        out = np.empty((count, len(first)))
         output = first
         current = 0
         for row in range(count):
@@ -38,8 +51,7 @@ def over_log(step: Callable[..., Any], exact: bool = False) -> Run:
                 steps = 1 if exact else max(LEAST_STEPS, ceil(dt_s / most_step_s - 1e-9))
                 for _ in range(steps):
                     state, output = step(sets[current], state, rows[row], dt_s / steps)
-        return out
-    return run
+    return fill
 
 
 def input_rows(kind: Any, count: int, **columns: npt.ArrayLike) -> Any:

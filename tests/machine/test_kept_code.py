@@ -12,7 +12,10 @@ import numpy as np
 import pytest
 
 from control.machine import compiled
+from control.machine.gate import gate_step
 from control.machine.kept_code import KeptCode, named_apart
+from control.machine.over_log import filling
+from control.machine.shaft import shaft_step
 
 ROOT = Path(__file__).resolve().parents[2]
 # Two variants of one source over the same types, each called; prints what both give.
@@ -59,8 +62,8 @@ def called(factor: float) -> tuple[float, bool]:
 def test_variants_have_names_of_their_own() -> None:
     names = [named_apart(times(factor)).__qualname__ for factor in (2.0, 3.0)]
     assert len(set(names)) == 2 and all(name.isascii() and " " not in name for name in names)
-    assert compiled.gate_run.py_func.__qualname__ != compiled.shaft_run.py_func.__qualname__
-    assert "gate_step" in compiled.gate_run.py_func.__qualname__
+    gate, shaft = (named_apart(filling(step, exact=True)).__qualname__ for step in (gate_step, shaft_step))
+    assert gate != shaft and "gate_step" in gate
 
 
 def test_what_is_damaged_is_compiled_anew(folder: Path) -> None:
