@@ -42,10 +42,11 @@ def compiled(run: Callable[..., Any], makes_arrays: bool = True) -> Callable[...
     counted. Counting them at each step takes a stage four times as long as the step itself.
     """
     apart = named_apart(run)
-    made = numba.njit(nogil=True, error_model="numpy", _nrt=makes_arrays)(apart)
+    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": makes_arrays}
+    dispatcher: Any = numba.njit(**options)(apart)
     with contextlib.suppress(RuntimeError, OSError):        # nowhere to keep it: compiled anew in each process
-        dispatcher: Any = made
         dispatcher._cache = KeptCode(apart, _SOURCES)
+    made: Callable[..., Any] = dispatcher
     return made
 
 

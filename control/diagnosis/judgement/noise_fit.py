@@ -142,7 +142,7 @@ def step_run(theta: Array, power: Array, members: Array, cos: Array, strength: A
                 shared += slopes[k, band] * known * slopes[other, band]
             fisher[k, other] = 0.5 * shared
         fisher[k, k] += 1.0 / width(k, off, spread[k]) ** 2
-    step = solved(fisher, gradient)
+    step: Array = solved(fisher, gradient)
     for k in range(4):
         if abs(step[k]) > LONGEST_STEP:
             step[k] = LONGEST_STEP if step[k] > 0.0 else -LONGEST_STEP
