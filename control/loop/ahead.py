@@ -11,7 +11,7 @@ from control.field.done_ground import DoneGround
 from control.field.job import Job
 from control.loop.canopy_heads import CanopyHeads
 from control.loop.moment import Choices, Moment
-from control.loop.sections import Sections
+from control.loop.sections import Sections, Whole
 from control.machine.change_lag import Lag
 from control.machine.fall import drop_s
 from control.machine.machine import Machine
@@ -49,7 +49,8 @@ class Ahead:
         cell_m = min(CELL_M, width_m / 6.0)
         self.overlap = Overlap(Coverage(width_m, cell_m, longest_m=LONGEST_M, strips=[
             (strip.left_m, strip.right_m) for strip in machine.switched]), geometry.outlets)
-        self.sections = Sections(machine, job.section_overlap_percent, cell_m) if machine.switched else None
+        self.sections: Sections | Whole = (
+            Sections(machine, job.section_overlap_percent, cell_m) if machine.switched else Whole())
         mean = job.target.hold_mean_kg_ha
         self.hold = None if mean is None else HoldMean(mean)
         self._around = Around(job.target.around_percent, job.target.around_kg_ha)
@@ -70,8 +71,7 @@ class Ahead:
     def jumped(self) -> None:
         """The position has jumped: what was seen ahead lay elsewhere."""
         self.overlap.moved()
-        if self.sections is not None:
-            self.sections.moved()
+        self.sections.moved()
         if self.map is not None:
             self.map.lost()
 
@@ -91,13 +91,11 @@ class Ahead:
             place = (sensed.east_m, sensed.north_m)
         rpm = 0.0 if m.shaft_rpm is None else m.shaft_rpm.value
         turns = rpm >= 0.5 * self._machine.limits.shaft_low_rpm
-        released: bool | tuple[bool, ...] = turns
-        if self.sections is not None:
-            opened = self.sections.open_now(sensed.time_s)
-            released = tuple([turns and on for on in opened]) if len(opened) > 1 else turns and opened[0]
+        opened = self.sections.open_now(sensed.time_s)
+        released = tuple([turns and on for on in opened]) if len(opened) > 1 else turns and opened[0]
         self.overlap.note(sensed.time_s, place, sensed.heading_deg, released,
                           drop_s(self._machine.fall, rpm) if turns else 0.0)
-        if no_double and self.sections is None:
+        if no_double and not isinstance(self.sections, Sections):
             self.overlap.look(sensed.track_m, place, sensed.heading_deg, fired_to_m)
 
     def _look_at_map(self, sensed: Sensed, fired_to_m: float) -> None:
@@ -125,7 +123,7 @@ class Ahead:
     def _by_section(self, choices: Choices) -> bool:
         """Whether every section is switched by its own strip: then the whole machine is not. Doses are the whole
         machine's."""
-        return self.sections is not None and choices.source is not TargetSource.POINT
+        return isinstance(self.sections, Sections) and choices.source is not TargetSource.POINT
 
     def ground(self, choices: Choices, may_outside: bool) -> Ground:
         """What says which sections are to be on."""
@@ -157,7 +155,7 @@ class Ahead:
             return None
         if sensed.east_m is None or sensed.north_m is None or sensed.heading_deg is None:
             return False
-        if self.sections is not None and self._by_section(choices) and not may_outside:
+        if self._by_section(choices) and not may_outside:
             return self.sections.inside(sensed.time_s)
         if not sensed.backwards and not may_outside:
             return holding != OUTSIDE

@@ -1,18 +1,21 @@
 """Point mode in the loop: the dose that is due, nothing outside the field, no plant twice."""
 from __future__ import annotations
 
+from math import inf
+
 from control.field.totals import Totals
 from control.geodesy import offset
 from control.loop.ahead import DOSES_ONLY, Ahead
 from control.loop.moment import Choices, Moment
 from control.machine.machine import Machine
 from control.metering.inverse import Conditions, flow_kg_s
-from control.orders import State
+from control.orders import State, TargetSource
 from control.readings import DoseOrder, Measurements
 from control.safety import DriveLimits, Verdict, limited_dose
 from control.sensing import Sensed
 from control.targets.canopy import STRAIGHT_DEG_S
 from control.targets.fence import OUTSIDE
+from control.targets.point import Threshold
 from control.targets.point_source import PointSource
 from control.targets.profile import Target
 
@@ -34,6 +37,24 @@ class Doses:
         if straight and sensed.position_ok and sensed.east_m is not None and sensed.north_m is not None:
             place = (sensed.east_m, sensed.north_m)
         self.points.look(sensed.time_s, sensed.track_m, place, sensed.heading_deg, sensed.speed_mps or 0.0, m.plants)
+
+    @property
+    def fastest_mps(self) -> float:
+        """Ground speed above which doses begin to be missed."""
+        return self.points.fastest_mps
+
+    @property
+    def threshold(self) -> Threshold:
+        """As learned."""
+        return self.points.mode.threshold
+
+    def are_chosen(self, choices: Choices) -> bool:
+        """Whether plants are what the target comes from."""
+        return choices.source is TargetSource.POINT
+
+    def may_turn(self, now_s: float) -> bool:
+        """Whether a dose that was ordered may still be turning."""
+        return self.points.may_turn(now_s)
 
     def target(self, sensed: Sensed, may_outside: bool) -> Target:
         """Doses where the next one would fall inside the field, nothing outside."""
@@ -78,3 +99,35 @@ class Doses:
 
     def counted(self, totals: Totals) -> Totals:
         return totals._replace(doses=self.points.doses, doses_missed=self.points.missed)
+
+
+class NoDoses:
+    """A job without plants, asked as `Doses` is: no dose is ever due."""
+
+    ahead_m = 0.0
+    fastest_mps = inf
+    threshold = None
+
+    def look(self, m: Measurements, sensed: Sensed) -> None:
+        pass
+
+    def are_chosen(self, choices: Choices) -> bool:
+        return False
+
+    def may_turn(self, now_s: float) -> bool:
+        return False
+
+    def target(self, sensed: Sensed, may_outside: bool) -> Target:
+        return OUTSIDE
+
+    def due(self, moment: Moment, choices: Choices, verdict: Verdict) -> tuple[DoseOrder | None, list[str]]:
+        return None, []
+
+    def dosed_earlier(self, sensed: Sensed, no_double: bool) -> bool:
+        return False
+
+    def rate_kg_ha(self, c: Conditions) -> float:
+        return 0.0
+
+    def counted(self, totals: Totals) -> Totals:
+        return totals

@@ -16,7 +16,7 @@ from control.geodesy import TangentPlane
 from control.loop.ahead import Ahead
 from control.loop.backing import Backing
 from control.loop.canopy_heads import LATENCY_S
-from control.loop.doses import Doses
+from control.loop.doses import Doses, NoDoses
 from control.loop.events import Events
 from control.loop.expected import ExpectedDrives
 from control.loop.known_terms import KnownTerms
@@ -25,7 +25,7 @@ from control.loop.moment import Choices, Decision, Metered, Moment
 from control.loop.ordered import Operator
 from control.loop.reach import Reach
 from control.loop.row import head_ndvi, log_row
-from control.loop.sections import Leads
+from control.loop.sections import Leads, Sections
 from control.loop.situation import situation
 from control.loop.stopped import Stopped, open_share, standing_limits
 from control.loop.tick import Tick
@@ -80,7 +80,8 @@ class ControlLoop:
         self._sensing = Sensing(machine.geometry.antenna_m, _plane(job, prescription, points, index_map, done))
         self._ahead = Ahead(machine, crop, rule, job, fence, headland, prescription=prescription,
                             index_map=index_map, done=done)
-        self._doses = None if points is None else Doses(machine, points, self._ahead, self._drive_limits)
+        self._doses: Doses | NoDoses = (
+            NoDoses() if points is None else Doses(machine, points, self._ahead, self._drive_limits))
         self._backing = Backing(machine)
         self._near = MapNear(None if prescription is None else prescription.prescription, job.field.boundary_m)
         self._sensed: Sensed | None = None              # of the newest tick
@@ -121,7 +122,7 @@ class ControlLoop:
         covered = self._ahead.overlap.covered
         totals = self._totals.snapshot()._replace(
             covered_ha=covered.area_ha, overlap_ha=covered.overlap_ha, metres_left_m=self._metres_left_m)
-        return totals if self._doses is None else self._doses.counted(totals)
+        return self._doses.counted(totals)
 
     @property
     def sums(self) -> Sums:
@@ -140,12 +141,12 @@ class ControlLoop:
     @property
     def dose_ahead_m(self) -> float:
         """How far ahead of the outlet the plant of the newest dose stood when it was ordered."""
-        return 0.0 if self._doses is None else self._doses.ahead_m
+        return self._doses.ahead_m
 
     @property
     def threshold(self) -> Threshold | None:
         """Of point mode, as learned."""
-        return None if self._doses is None else self._doses.points.mode.threshold
+        return self._doses.threshold
 
     def go_on(self, sums: Sums, flow_trim: float, done: Raster, plane: TangentPlane | None,
               after_cut_kg: float = 0.0) -> None:
@@ -186,8 +187,7 @@ class ControlLoop:
         self._backing.forget()
         self._near.started()
         self._ahead.overlap.started()
-        if self._ahead.sections is not None:
-            self._ahead.sections.started()
+        self._ahead.sections.started()
 
     def _why_no_start(self) -> str:
         """What START is refused for beyond what safety knows; empty: nothing."""
@@ -206,7 +206,7 @@ class ControlLoop:
         decision = self._decide(moment)
         metered = self._meter(moment, decision)
         choices = self._operator.choices
-        between = decision.by_point and self._doses is not None and self._doses.points.may_turn(moment.m.time_s)
+        between = decision.by_point and self._doses.may_turn(moment.m.time_s)
         verdict = self.safety.check(moment.m.time_s, situation(moment, decision, metered, choices,
             heads=self._ahead.heads, between_doses=between, console_age_s=console_age_s, log_ok=log_ok,
             told=self._stopped.told, map_elsewhere=self._near.elsewhere_m is not None))
@@ -222,8 +222,7 @@ class ControlLoop:
         self._near.look(self.safety.state, self._operator.choices.source, sensed)
         self._note_jump(m, sensed)
         self._ahead.look(m, sensed, self._queue.fired_to_m, self._operator.choices.no_double)
-        if self._doses is not None:
-            self._doses.look(m, sensed)
+        self._doses.look(m, sensed)
         self._terms.step(m, sensed, m.time_s - self._begun_s, self._command, dt_s)
         mps = None if sensed.speed_mps is None else sensed.quick.speed_mps
         ahead = self._forecaster.update(m.time_s, mps, sensed.quick.acceleration_mps2, dt_s,
@@ -269,10 +268,8 @@ class ControlLoop:
         self._setting.rests(moment.dt_s)
         for made in fired:
             self._setting.changed(made.before.rate_kg_ha, made.after.rate_kg_ha)
-        by_point = self._doses is not None and choices.source is TargetSource.POINT
-        holding = self._queue.holding
-        if by_point and self._doses is not None:
-            holding = self._doses.target(sensed, allow.outside)
+        by_point = self._doses.are_chosen(choices)
+        holding = self._doses.target(sensed, allow.outside) if by_point else self._queue.holding
         share = self._open_share(moment, holding, reach, by_point)
         wanted = holding if by_point else self._under_sections(holding, now, share)
         planned = wanted.rate_kg_ha * (1.0 + choices.nudge_percent / 100.0)
@@ -286,15 +283,15 @@ class ControlLoop:
         return Decision(wanted, planned, rate, lag, inside, pair, self._usable_mps(lag), fired, by_point, share)
 
     def _reach(self, moment: Moment, choices: Choices) -> Reach:
-        now, sections = moment.m.time_s, self._ahead.sections
-        share = 1.0 if sections is None else sections.share_at(now) or 1.0
+        now = moment.m.time_s
+        share = self._ahead.sections.share_at(now) or 1.0
         return Reach(self._setting, self._lags, self._expected.pair.opening_mm, moment, choices.look_ahead,
                      self._planner.falls_s(now), share)
 
     def _open_share(self, moment: Moment, holding: Target, reach: Reach, by_point: bool) -> float:
         """Switch the sections; the share of the width that is to be open when a set-point of now shows in the flow."""
         sections, choices = self._ahead.sections, self._operator.choices
-        if sections is None:
+        if not isinstance(sections, Sections):
             return 1.0
         now, prepare_s, shaft_s = moment.m.time_s, sections.prepare_s, sections.shaft_answers_s
         rate = Target(holding.rate_kg_ha or self.crop.fallback_rate_kg_ha, holding.source)
@@ -315,10 +312,10 @@ class ControlLoop:
         """Nothing where no section is on, or about to be. Where a map wants nothing under the machine's middle, but
         something under the sections that are on: that."""
         sections, field_map = self._ahead.sections, self._ahead.map
-        if sections is not None and not (sections.any_decided or open_share or sections.share_at(now_s)):
+        if not (sections.any_decided or open_share or sections.share_at(now_s)):
             return Target(0.0, holding.source) if sections.inside(now_s) else OUTSIDE
-        if (sections is None or field_map is None or holding.source is not TargetSource.MAP
-                or holding.rate_kg_ha > 0.0 or not sections.any_decided):
+        if (field_map is None or holding.source is not TargetSource.MAP or holding.rate_kg_ha > 0.0
+                or not sections.any_decided):
             return holding
         return Target(sections.map_rate_kg_ha(field_map.prescription), TargetSource.MAP)
 
@@ -342,11 +339,9 @@ class ControlLoop:
             flow = flow_kg_s(self.machine, max(0.0, m.shaft_rpm.value), max(0.0, opening.value),
                              c._replace(flow_trim=1.0))
         should = flow_kg_s(self.machine, self._expected.pair.shaft_rpm, self._expected.pair.opening_mm, c)
-        rate = decision.rate_kg_ha
-        if decision.by_point and self._doses is not None:
-            rate = self._doses.rate_kg_ha(c)
+        rate = self._doses.rate_kg_ha(c) if decision.by_point else decision.rate_kg_ha
         self._metres_left_m = self._metres_left(m.hopper_kg, rate)
-        share = 1.0 if self._ahead.sections is None else self._ahead.sections.open_share(m.time_s)
+        share = self._ahead.sections.open_share(m.time_s)
         if share <= 0.0:
             share = open_share(self.machine.switched, m)        # a valve that stays open though told to close
         return Metered(flow if share > 0.0 or flow is None else 0.0, self._over_ground(flow, moment.speed_mps, share),
@@ -362,9 +357,8 @@ class ControlLoop:
             asked = self._setting.command(decision.pair, moment.conditions, self._drive_trim, self._command)
         command = limited(asked, self._drive_limits, verdict.flow_allowed,
                           None if self._command is None else self._command.opening_mm)
-        if self._ahead.sections is not None:
-            command = command._replace(valves=self._valves(moment, decision, verdict, command))
-        if decision.by_point and self._doses is not None:
+        command = command._replace(valves=self._valves(moment, decision, verdict, command))
+        if decision.by_point:
             dose, events = self._doses.due(moment, self._operator.choices, verdict)
             self._events.add(*events)
             command = command._replace(dose=dose)
@@ -374,14 +368,13 @@ class ControlLoop:
         """What the valves are told, through the last gate. Nothing is opened while nothing is to flow; calibrating is
         done with all of them open."""
         sections, off, now = self._ahead.sections, self._operator.choices.sections_off, moment.m.time_s
-        assert sections is not None
         turns = max(command.shaft_rpm, self._expected.pair.shaft_rpm) >= 0.5 * self.machine.limits.shaft_low_rpm
         flows = decision.rate_kg_ha > 0.0 or decision.by_point or turns
         wanted = tuple([flows and on for on in sections.valves(now, moment.dt_s, off)])
         if verdict.state is State.CALIBRATING:
             wanted = (True,) * len(wanted)
         valves = limited_valves(wanted, verdict.flow_allowed)
-        sections.told(now, valves)
+        sections.commanded(now, valves)
         return valves
 
     def _follow(self, moment: Moment, decision: Decision, metered: Metered, verdict: Verdict,
@@ -455,8 +448,7 @@ class ControlLoop:
             area_ha=self._totals.area_ha, applied_kg=self._totals.applied_kg,
             bench=self._bench_run(command) if verdict.state is State.CALIBRATING else None,
             threshold_m=None if threshold is None else threshold.at(moment.speed_mps),
-            sections=() if self._ahead.sections is None else self._ahead.sections.states(
-                command.valves, choices.sections_off),
+            sections=self._ahead.sections.states(command.valves, choices.sections_off),
             strips=heads.decisions.rule.strips)
 
     # -- parts of the steps ----------------------------------------------------------------------------------------
@@ -505,8 +497,8 @@ class ControlLoop:
     def _usable_mps(self, lag: Lag) -> float:
         """Highest speed at which a change is still made in time; infinite where no speed is too high."""
         source = self._operator.choices.source
-        if self._doses is not None and source is TargetSource.POINT:
-            return self._doses.points.fastest_mps
+        if self._doses.are_chosen(self._operator.choices):
+            return self._doses.fastest_mps
         if source not in BY_CANOPY:
             return inf
         return self.machine.geometry.heads_m / (lag.total_s + self._ahead.heads.decisions.period_s + LATENCY_S)
@@ -528,7 +520,7 @@ class ControlLoop:
         notes = [f"limited_{pair.limited}"] if pair.limited else []
         if pair.shaft_rpm > self.machine.fall.valid_to_rpm:
             notes.append("lag_out_of_range")
-        if decision.by_point and self._doses is not None:
+        if decision.by_point:
             done = self._doses.dosed_earlier(sensed, choices.no_double)
         else:
             done = choices.no_double and decision.rate_kg_ha <= 0.0 and self._ahead.is_done(lands_m)
@@ -541,7 +533,6 @@ class ControlLoop:
         if sensed.time_s - self._growth_told_s < GROWTH_TOLD_S:
             notes.append("growth_stage_outside")
         return tuple(notes)
-
 
     def _why_zero(self, source: TargetSource) -> list[str]:
         """Why the target is nothing, where its source says so. A canopy's: by its newest decision."""

@@ -78,7 +78,7 @@ def _at(turns: deque[_Turn], time_s: float) -> bool:
 
 
 class Sections:
-    """One of a run, for a machine whose sections have valves. In a tick: `decide`, `share_at`, `valves`, `told`."""
+    """One of a run, for a machine whose sections have valves. A tick: `decide`, `share_at`, `valves`, `commanded`."""
 
     def __init__(self, machine: Machine, overlap_percent: float, edge_m: float) -> None:
         shaft = machine.shaft
@@ -194,8 +194,8 @@ class Sections:
         return tuple(one.wanted_of_valve(now_s + 0.5 * dt_s + TIE_S) and k + 1 not in off_by_hand
                      for k, one in enumerate(self._switches))
 
-    def told(self, now_s: float, valves: tuple[bool, ...]) -> None:
-        """What they were told, through the last gate."""
+    def commanded(self, now_s: float, valves: tuple[bool, ...]) -> None:
+        """What they were commanded, through the last gate."""
         for one, on in zip(self._switches, valves, strict=True):
             one.tell(now_s, on)
 
@@ -211,3 +211,39 @@ class Sections:
         return tuple(SectionState(True) if on else SectionState(
             False, BY_HAND if k + 1 in off_by_hand else one.why or NO_FLOW)
             for k, (one, on) in enumerate(zip(self._switches, valves, strict=True)))
+
+
+class Whole:
+    """A machine without valves, asked as `Sections` is: it is open over its whole width, and nothing is switched."""
+
+    any_decided = True
+
+    def started(self) -> None:
+        pass
+
+    def moved(self) -> None:
+        pass
+
+    def map_rate_kg_ha(self, rates: Rates) -> float:
+        return 0.0
+
+    def inside(self, now_s: float) -> bool:
+        return True
+
+    def share_at(self, time_s: float) -> float:
+        return 1.0
+
+    def open_share(self, now_s: float) -> float:
+        return 1.0
+
+    def open_now(self, now_s: float) -> tuple[bool, ...]:
+        return (True,)
+
+    def valves(self, now_s: float, dt_s: float, off_by_hand: tuple[int, ...]) -> tuple[bool, ...]:
+        return ()
+
+    def commanded(self, now_s: float, valves: tuple[bool, ...]) -> None:
+        pass
+
+    def states(self, valves: tuple[bool, ...], off_by_hand: tuple[int, ...]) -> tuple[SectionState, ...]:
+        return ()
