@@ -27,7 +27,7 @@ SUMS_S = 1.0                # the loop's sums are taken over this often: some 50
 FINISHED = "mark job finished"      # the event by which the operator ends a job
 
 
-class Kept(Protocol):
+class LoopView(Protocol):
     """What is wanted of the loop, on its own thread."""
 
     @property
@@ -38,7 +38,7 @@ class Kept(Protocol):
     def plane(self) -> TangentPlane | None: ...
 
 
-class Seen(Protocol):
+class TickView(Protocol):
     """What is wanted of a tick."""
 
     @property
@@ -54,7 +54,7 @@ class Seen(Protocol):
 
 
 class _Handed(NamedTuple):
-    seen: Seen
+    seen: TickView
     sums: Sums | None
     flow_trim: float
     plane: TangentPlane | None
@@ -63,7 +63,7 @@ class _Handed(NamedTuple):
 class Keeper:
     """`take` on the loop's thread, `work` on the log writer's. `tally` is for the frames."""
 
-    def __init__(self, path: Path, machine: Machine, begun: Snapshot, loop: Kept, utc_now: Callable[[], str]) -> None:
+    def __init__(self, path: Path, machine: Machine, begun: Snapshot, loop: LoopView, utc_now: Callable[[], str]) -> None:
         """begun: what is known of the job already; of an earlier part all that it had done."""
         self._path, self._loop, self._utc_now = path, loop, utc_now
         self._handed: SimpleQueue[_Handed] = SimpleQueue()
@@ -81,7 +81,7 @@ class Keeper:
 
     # --- the loop's thread -------------------------------------------------------------------------------------------
 
-    def take(self, seen: Seen) -> None:
+    def take(self, seen: TickView) -> None:
         """A tick. Queues, no more."""
         sums = None
         if seen.row.time_s - self._taken_s >= SUMS_S:
