@@ -7,7 +7,7 @@ from typing import NamedTuple
 from console.reports.figure import AFTER, BEFORE, THIRD, drawn, svg
 from console.reports.html import escape, facts
 from console.reports.picture import Picture
-from control.field.who import Who
+from control.field.job_names import JobNames
 from control.orders import Severity
 from control.safety import ALARMS
 from drivers.files.read_log import RunLog
@@ -33,7 +33,7 @@ class Happened(NamedTuple):
 class About(NamedTuple):
     """Empty: nobody said so."""
 
-    who: Who = Who()
+    who: JobNames = JobNames()
     crop: str = ""
     map: str = ""
     simulated: bool = False
@@ -55,7 +55,7 @@ def about_of(log: RunLog) -> About:
         return str(of.get(name) or "")
 
     field, target = dict(job.get("field") or {}), dict(job.get("target") or {})
-    who = Who(said(job, "client"), said(job, "farm"), said(field, "title"), said(job, "product"),
+    who = JobNames(said(job, "client"), said(job, "farm"), said(field, "title"), said(job, "product"),
               said(job, "operator"))
     return About(who, said(crop, "name"), said(target, "map").replace("\\", "/").rpartition("/")[2],
                  meta is not None and meta.seed is not None, happened(log), _price(job.get("price_per_kg")),

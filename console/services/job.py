@@ -19,13 +19,13 @@ from console.app.pages.job.desk import (
     Earlier,
     Facts,
     File,
+    JobNames,
     MapFile,
     MapPreview,
     Offer,
     Progress,
     Reading,
     Recent,
-    Who,
 )
 from console.locale import _
 from console.services.earlier import earlier
@@ -268,7 +268,7 @@ class JobFiles:
         except ConfigError as error:
             raise ValueError(error.lines[0]) from None
 
-    def take_who(self, who: Who) -> str:
+    def take_names(self, who: JobNames) -> str:
         """Raises ValueError."""
         job = load(_path_of(self._found(), JOB.format, "demo"), JOB).model
         field = job.field.model_copy(update={"title": who.field})

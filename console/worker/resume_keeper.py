@@ -63,7 +63,8 @@ class _Handed(NamedTuple):
 class Keeper:
     """`take` on the loop's thread, `work` on the log writer's. `tally` is for the frames."""
 
-    def __init__(self, path: Path, machine: Machine, begun: Snapshot, loop: LoopView, utc_now: Callable[[], str]) -> None:
+    def __init__(self, path: Path, machine: Machine, begun: Snapshot, loop: LoopView,
+                 utc_now: Callable[[], str]) -> None:
         """begun: what is known of the job already; of an earlier part all that it had done."""
         self._path, self._loop, self._utc_now = path, loop, utc_now
         self._handed: SimpleQueue[_Handed] = SimpleQueue()

@@ -23,8 +23,8 @@ from console.worker.resume import Snapshot
 from control.agronomy.strips import StripValue
 from control.field.boundary import Boundary
 from control.field.job import Job
+from control.field.job_names import JobNames
 from control.field.totals import Sums
-from control.field.who import Who
 from control.geodesy import TangentPlane
 from control.targets.map_check import map_check
 from control.targets.prescription import MapData, Zone
@@ -244,13 +244,13 @@ def test_maps_are_found_on_a_stick_and_not_searched_for_without_end(tmp_path):
 
 
 def test_names_go_into_a_new_job_and_come_back(desk, launcher):
-    desk.take_who(Who("Li Ming", "East farm", "division 2", "urea 46-0-0", "Ann"))
+    desk.take_names(JobNames("Li Ming", "East farm", "division 2", "urea 46-0-0", "Ann"))
     started(desk)
     facts = desk.facts()
     assert (facts.client, facts.farm, facts.field, facts.product, facts.operator) == (
         "Li Ming", "East farm", "division 2", "urea 46-0-0", "Ann")
     with pytest.raises(ValueError, match="client"):
-        desk.take_who(Who("x" * 200))
+        desk.take_names(JobNames("x" * 200))
 
 
 def test_a_job_s_outline(desk, tmp_path):

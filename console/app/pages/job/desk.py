@@ -11,7 +11,7 @@ from console.locale import N_
 from console.worker.resume_alarms import AlarmRecord
 from control.agronomy.growth import Growth
 from control.agronomy.strips import StripValue
-from control.field.who import Who as Who
+from control.field.job_names import JobNames as JobNames
 from control.targets.map_check import MapCheck
 
 READING, GATHERING, WRITING = N_("reading the log"), N_("gathering"), N_("writing")     # steps of an export
@@ -181,7 +181,7 @@ class JobDesk(Protocol):
         """A new job file with this ring of latitude and longitude as the field's edge, for `restart`; returns where it
         stands."""
 
-    def take_who(self, who: Who) -> str:
+    def take_names(self, who: JobNames) -> str:
         """A new job file with these names, for `restart`; returns where it stands."""
 
     def outline(self, job: str) -> tuple[Ring, ...]:

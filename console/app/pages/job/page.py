@@ -14,7 +14,7 @@ from console.app.name_dialog import NameDialog
 from console.app.number_dialog import NumberDialog
 from console.app.pages.job.check_list import CheckList, ChecksView, rows_of
 from console.app.pages.job.day import checks, file_name, refills, strip_runs, strips_now, totals
-from console.app.pages.job.desk import Cancelled, Facts, JobDesk, MapFile, MapPreview, Progress, Reading, Who
+from console.app.pages.job.desk import Cancelled, Facts, JobDesk, JobNames, MapFile, MapPreview, Progress, Reading
 from console.app.pages.job.job_notes import JobNote, JobNotes, NotesView
 from console.app.pages.job.keys import ACTIONS
 from console.app.pages.job.map_dialog import COLUMN, TAKE, UNIT, MapDialog
@@ -332,10 +332,10 @@ class JobScreen(Page):
         if facts is None:
             self.app.notice(self.trouble or _("being read"))
             return
-        self._ask_name(desk, Who(facts.client, facts.farm, facts.field, facts.product, facts.operator,
+        self._ask_name(desk, JobNames(facts.client, facts.farm, facts.field, facts.product, facts.operator,
                                  facts.product_file))
 
-    def _ask_name(self, desk: JobDesk, who: Who) -> None:
+    def _ask_name(self, desk: JobDesk, who: JobNames) -> None:
         labels = {"client": _("client"), "farm": _("farm"), "field": _("field"), "product": _("product"),
                   "operator": _("operator")}
         choices = [Choice(name, f"{label}: {getattr(who, name) or '--'}") for name, label in labels.items()]
@@ -350,7 +350,7 @@ class JobScreen(Page):
 
         def answer(name: str | None) -> None:
             if name == WRITE:
-                self.take(lambda: desk.take_who(who))
+                self.take(lambda: desk.take_names(who))
             elif name == "product" and self.facts is not None and self.facts.products:
                 self._ask_product(desk, who, lambda: self.app.push_screen(
                     NameDialog(labels[name].capitalize(), who.product), lambda text: named(name, text)))
@@ -362,7 +362,7 @@ class JobScreen(Page):
         question.at = len(choices) - 1
         self.app.push_screen(question, answer)
 
-    def _ask_product(self, desk: JobDesk, who: Who, type_name: Callable[[], object]) -> None:
+    def _ask_product(self, desk: JobDesk, who: JobNames, type_name: Callable[[], object]) -> None:
         """Of the library, with its flow and its N share; or a name that is typed."""
         products = self.facts.products if self.facts is not None else ()
         choices = [*(Choice(one.value, one.label) for one in products), Choice("", _("another name: machine and crop "

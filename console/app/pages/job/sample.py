@@ -10,13 +10,13 @@ from console.app.pages.job.desk import (
     Earlier,
     Facts,
     File,
+    JobNames,
     MapFile,
     MapPreview,
     Offer,
     Progress,
     Reading,
     Recent,
-    Who,
 )
 from console.app.source import FrameSource
 from control.agronomy.strips import StripValue
@@ -122,7 +122,7 @@ class SampleDesk:
         self.asked.append(("boundary", str(len(ring_deg))))
         return "/jobs/field-20260318-141500.yaml"
 
-    def take_who(self, who: Who) -> str:
+    def take_names(self, who: JobNames) -> str:
         self.asked.append(("who", *who))
         self._fail()
         return "jobs/division-2-who.yaml"

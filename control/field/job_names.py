@@ -4,7 +4,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 
-class Who(NamedTuple):
+class JobNames(NamedTuple):
     """Empty: nobody said so. product_file: of the library, what `product` names."""
 
     client: str = ""
