@@ -30,7 +30,7 @@ from shapely import Point, Polygon
 from verdict import exit_code
 
 from console.frame import Frame
-from console.worker.parts import TOLD
+from console.worker.parts import FRAME_FIELDS
 from console.worker.wire import framed
 from control.field.job import Job, Wanted
 from control.geodesy import TangentPlane
@@ -276,7 +276,7 @@ def run(number: int, seed: int, setup: Any, done: Done) -> None:
             done["opened"] += any(tick.command.valves)
             text.line(tick.row)
             if step % 5 == 0:
-                told: dict[str, Any] = {name: getattr(tick, name) for name in TOLD}
+                told: dict[str, Any] = {name: getattr(tick, name) for name in FRAME_FIELDS}
                 framed(Frame(seq=step, at_s=0.0, totals=loop.totals, **told))
         except Exception as error:
             last = traceback.extract_tb(error.__traceback__)[-1]

@@ -29,7 +29,7 @@ from console.worker.limits import (
     TOLD_KINDS,
     TOTALS_S,
 )
-from console.worker.parts import TOLD, Assembly, Tick
+from console.worker.parts import FRAME_FIELDS, Assembly, Tick
 from console.worker.period import Punctuality
 from console.worker.requests import Ask, DeviceOrder, What
 from console.worker.side_files import SideFiles
@@ -256,7 +256,7 @@ class Host:
             self._devices = tuple(map(self._view, self._bench.status(now_s)))
         if now_s >= self._totals_due_s:
             self._totals, self._totals_due_s = self._loop.totals, now_s + TOTALS_S
-        told: dict[str, Any] = {name: getattr(tick, name) for name in TOLD}
+        told: dict[str, Any] = {name: getattr(tick, name) for name in FRAME_FIELDS}
         return Frame(
             seq=self._ticks, at_s=now_s, job=names.job, machine=names.machine, crop=names.crop, log_path=names.log_path,
             simulated=names.simulated, devices=self._devices, totals=self._totals, lag_test=self.lag.view(),

@@ -82,7 +82,7 @@ class Tick(Protocol):
     def strips(self) -> Strips: ...
 
 
-TOLD = tuple(name for name in vars(Tick) if name in Frame.__dataclass_fields__)      # what a frame takes over
+FRAME_FIELDS = tuple(name for name in vars(Tick) if name in Frame.__dataclass_fields__)      # what a frame takes over
 
 
 class Loop(Protocol):
