@@ -7,7 +7,7 @@ from console.app import words
 from console.app.field_picture import FieldPicture
 from console.app.pages.job.desk import Facts
 from console.app.pages.job.map_words import is_doubtful, map_words
-from console.app.to_finish import to_finish
+from console.app.remaining_work import remaining_work
 from console.app.typed_number import in_words
 from console.app.units import Units
 from console.app.view import STALE_S, Item, Shown, duration, point_items, wall_clock
@@ -279,7 +279,7 @@ def totals(frame: Frame | None, age_s: float, units: Units, picture: FieldPictur
     moves_h = None if tally is None or t.worked_s < 60.0 else tally.moves * 3600.0 / t.worked_s
     filled = None if tally is None else sum(kg for _utc, kg in tally.refills)
     items = [
-        Item(_("to finish"), Shown(to_finish(frame, picture).text(units), old)),
+        Item(_("to finish"), Shown(remaining_work(frame, picture).text(units), old)),
         Item(_("area"), Shown(units.area.full(t.area_ha), old)),
         Item(_("applied"), Shown(units.mass.full(t.applied_kg), old)),
         *(() if t.stopped_kg < LEAST_STOPPED_KG else (

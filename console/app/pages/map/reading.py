@@ -7,7 +7,7 @@ from console.app.camera import Pixels
 from console.app.field_picture import FieldPicture
 from console.app.laid import LaidView
 from console.app.map_image import Ground, ground
-from console.app.to_finish import to_finish
+from console.app.remaining_work import remaining_work
 from console.app.units import Units
 from console.app.view import Item, Shown, duration, rate_error, signed_percent
 from console.app.worked import Worked
@@ -60,7 +60,7 @@ def job_items(frame: Frame | None, picture: FieldPicture | None, units: Units, s
     if frame is None:
         return ()
     field_ha = picture.area_ha if picture is not None else None
-    left = to_finish(frame, picture)
+    left = remaining_work(frame, picture)
     time_left = "--" if left.time_s is None else duration(left.time_s)
     share = f"  {100.0 * min(1.0, frame.area_ha / field_ha):.0f} %" if field_ha else ""
     row = frame.row

@@ -11,7 +11,7 @@ from console.frame import Frame
 LEAST_WORKED_S = 30.0       # before, nobody can tell how fast the work goes
 
 
-class ToFinish(NamedTuple):
+class RemainingWork(NamedTuple):
     """None: not known, for the job has no field, or has hardly begun."""
 
     area_ha: float | None = None
@@ -26,10 +26,10 @@ class ToFinish(NamedTuple):
         return f"{time}  {units.mass.full(self.product_kg)}  {units.way(self.way_m).full(self.way_m)}"
 
 
-def to_finish(frame: Frame | None, picture: FieldPicture | None) -> ToFinish:
+def remaining_work(frame: Frame | None, picture: FieldPicture | None) -> RemainingWork:
     """The plan's product where there is one, else the mean so far on what is left; time at the pace so far."""
     if frame is None or picture is None:
-        return ToFinish()
+        return RemainingWork()
     planned = picture.planned
     field_ha = picture.area_ha
     left_ha = None if field_ha is None else max(0.0, field_ha - frame.area_ha)
@@ -45,4 +45,4 @@ def to_finish(frame: Frame | None, picture: FieldPicture | None) -> ToFinish:
     if left_ha is not None and begun and worked_s >= LEAST_WORKED_S:
         held_s = frame.tally.held_s if frame.tally is not None else 0.0
         time_s = left_ha * (worked_s + held_s) / frame.area_ha
-    return ToFinish(left_ha, left_kg, way_m, time_s)
+    return RemainingWork(left_ha, left_kg, way_m, time_s)
