@@ -54,8 +54,8 @@ from control.orders import Answer, Do, Order
 from drivers.files.settings import Rates
 
 if TYPE_CHECKING:
-    from console.app.pages.job.desk import JobDesk, Offer
     from console.app.pages.job.page import JobScreen
+    from console.app.pages.job.service import JobService, Offer
     from console.app.pages.map.page import MapScreen
     from console.app.pages.replay.page import ReplayScreen
 
@@ -328,10 +328,10 @@ class TopdressApp(App[None], inherit_bindings=False):
 
     async def _learn_earlier(self, log_path: str) -> None:
         """What the machine goes by that writes this log; alarms, track and lines from before this console looked."""
-        desk, look_back = self.services.job, self.services.earlier
-        if desk is not None:
-            look_back = desk.earlier
-            await self._learn_limits(desk, log_path)
+        service, look_back = self.services.job, self.services.earlier
+        if service is not None:
+            look_back = service.earlier
+            await self._learn_limits(service, log_path)
         earlier = await asyncio.to_thread(look_back, log_path) if look_back is not None else None
         if earlier is not None:
             self.alarm_book.add_before(earlier.alarms)
@@ -340,8 +340,8 @@ class TopdressApp(App[None], inherit_bindings=False):
         if self.services.lines is not None:
             self._take_lines(await asyncio.to_thread(self.services.lines.read, log_path))
 
-    async def _learn_limits(self, desk: JobDesk, log_path: str) -> None:
-        limits = await asyncio.to_thread(desk.at_work, log_path)
+    async def _learn_limits(self, service: JobService, log_path: str) -> None:
+        limits = await asyncio.to_thread(service.at_work, log_path)
         if limits is not None:
             self.crop_limits_kg_ha, self.hopper_kg = (0.0, limits.most_rate_kg_ha), limits.hopper_kg
             store = self.services.settings
@@ -461,11 +461,11 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.notice(_("connecting to the control worker"))
             self.run_worker(self._connect(connect), group="connect", exclusive=True, exit_on_error=False)
 
-    def ask_to_go_on(self, desk: JobDesk) -> None:
+    def ask_to_go_on(self, service: JobService) -> None:
         """Go on with the job that was cut off, or begin anew: asked. Without such a job: begin."""
-        self.with_files(desk.offer, lambda offer: self._ask_to_go_on(desk, offer))
+        self.with_files(service.offer, lambda offer: self._ask_to_go_on(service, offer))
 
-    def _ask_to_go_on(self, desk: JobDesk, offer: Offer | None) -> None:
+    def _ask_to_go_on(self, service: JobService, offer: Offer | None) -> None:
         if offer is None:
             self.connect(self.start)
             return
@@ -473,9 +473,9 @@ class TopdressApp(App[None], inherit_bindings=False):
 
         def answer(value: str | None) -> None:
             if value == "resume":
-                self.connect(lambda: desk.resume(cut_off))
+                self.connect(lambda: service.resume(cut_off))
             elif value == "anew":
-                self.connect(lambda: desk.anew(cut_off))
+                self.connect(lambda: service.anew(cut_off))
             else:
                 self.notice(_("nothing is connected: C asks again"))
 

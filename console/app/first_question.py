@@ -10,12 +10,12 @@ from console.locale import _
 
 if TYPE_CHECKING:
     from console.app.app import TopdressApp
-    from console.app.pages.job.desk import JobDesk, Recent
+    from console.app.pages.job.service import JobService, Recent
 
 MAY_CHANGE = (None, "off")          # states in which nothing is lost by another start
 
 
-def ask_first(app: TopdressApp, desk: JobDesk) -> None:
+def ask_first(app: TopdressApp, service: JobService) -> None:
     """Asks when there is something to choose from. The machine is there meanwhile, off: nothing waits for an answer."""
     def listed(found: tuple[Recent, ...]) -> None:
         frame = app.arrival.frame
@@ -25,17 +25,17 @@ def ask_first(app: TopdressApp, desk: JobDesk) -> None:
     def answer(number: str | None, found: tuple[Recent, ...]) -> None:
         if number is not None:
             one = found[int(number)]
-            app.with_files(lambda: desk.take_recent(one), lambda _nothing: begin(), app.notice)
+            app.with_files(lambda: service.take_recent(one), lambda _nothing: begin(), app.notice)
 
     def begin() -> None:
         frame = app.arrival.frame
         if frame is not None and frame.row.state not in MAY_CHANGE:
-            desk.drop()
+            service.drop()
             app.notice(_("the machine works: stop it first, then choose again to start with it"))
         else:
-            app.restart(desk.restart)
+            app.restart(service.restart)
 
-    app.list_files(desk.recent, listed)
+    app.list_files(service.recent, listed)
 
 
 def _question(app: TopdressApp, found: tuple[Recent, ...]) -> ChoiceDialog:

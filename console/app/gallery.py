@@ -14,7 +14,7 @@ from console.app.app import TopdressApp
 from console.app.pages.calibrate.poses import pose
 from console.app.pages.diagnosis.page import DiagnosisScreen
 from console.app.pages.diagnosis.sample import OPEN
-from console.app.pages.job.sample import CUT_OFF, SampleDesk
+from console.app.pages.job.sample import CUT_OFF, SampleJobService
 from console.app.pages.map.page import MapScreen
 from console.app.replay_job import ReplayJob
 from console.app.replay_source import ReplaySource
@@ -238,7 +238,7 @@ async def _lay_over(app: TopdressApp, picture: Picture) -> None:
             app.alarm_book.see(frame.row.time_s, frame.row.utc, standing)
         await app.action_do("alarm_list")
     if picture.screen == "power-cut":
-        app.ask_to_go_on(SampleDesk(cut_off=CUT_OFF))
+        app.ask_to_go_on(SampleJobService(cut_off=CUT_OFF))
     if picture.screen == "help":
         await app.action_do("help")
     if picture.screen == "gone" and isinstance(app.source, StillSource) and app.source.end is not None:

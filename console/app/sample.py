@@ -12,7 +12,7 @@ from console.app.laid import LaidFile
 from console.app.layers import Layer
 from console.app.pages.calibrate.sample import sample_calibrate_job
 from console.app.pages.diagnosis.sample import MadeUpDiagnosis
-from console.app.pages.job.sample import SampleDesk
+from console.app.pages.job.sample import SampleJobService
 from console.app.pages.replay.log_files import LogFile
 from console.app.services import Services
 from console.app.settings import SettingsStore
@@ -137,4 +137,4 @@ def sample_services() -> Services:
     settings = SettingsStore(Settings(theme="night", keymap={"mark": "b"}), lambda _settings: None,
                              "~/.config/topdress/settings.yaml")
     return Services(calibrate=sample_calibrate_job(), diagnosis=MadeUpDiagnosis(), field=lambda _frame: sample_field(),
-                    settings=settings, job=SampleDesk(), layers=SampleLayers())
+                    settings=settings, job=SampleJobService(), layers=SampleLayers())

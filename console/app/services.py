@@ -8,7 +8,7 @@ from console.app.field_picture import FieldPicture
 from console.app.kept_lines import LineFiles
 from console.app.pages.calibrate.job import CalibrateJob
 from console.app.pages.diagnosis.data import DiagnosisService
-from console.app.pages.job.desk import Earlier, JobDesk
+from console.app.pages.job.service import Earlier, JobService
 from console.app.pages.map.layer_files import LayerFiles
 from console.app.pages.replay.log_files import LogFiles
 from console.app.settings import SettingsStore
@@ -25,7 +25,7 @@ class Services:
 
     settings: SettingsStore | None = None
 
-    job: JobDesk | None = None
+    job: JobService | None = None
 
     field: Callable[[Frame], FieldPicture | None] | None = None        # outline and planned rates of a frame's job
 

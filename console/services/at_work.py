@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from console.app.pages.job.desk import AtWork
+from console.app.pages.job.service import AtWork
 from drivers.files.run_meta import meta_from_yaml
 
 

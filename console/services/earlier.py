@@ -1,7 +1,7 @@
 """What a run did before a console looked at it, as its snapshot has it."""
 from __future__ import annotations
 
-from console.app.pages.job.desk import Earlier
+from console.app.pages.job.service import Earlier
 from console.worker import resume
 
 

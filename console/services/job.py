@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
 from console.app.field_picture import Ring
-from console.app.pages.job.desk import (
+from console.app.pages.job.service import (
     GATHERING,
     READING,
     WRITING,
@@ -52,7 +52,7 @@ MOST_FILES = 11             # in one list of choices
 
 
 class JobFiles:
-    """`console.app.job_desk.JobDesk` on real files."""
+    """`console.app.job_desk.JobService` on real files."""
 
     def __init__(self, launcher: Launcher, folder: Path | None = None) -> None:
         """folder: of the user's own files; new job files go to its folder jobs."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 import contextlib
 from pathlib import Path
 
-from console.app.pages.job.desk import Recent
+from console.app.pages.job.service import Recent
 from drivers.files.config import load, load_any, shipped
 from drivers.files.config_error import ConfigError
 from drivers.files.kinds import CAB, JOB, KINDS, MACHINE

@@ -10,7 +10,7 @@ import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from console.app.pages.job.desk import MapFile
+from console.app.pages.job.service import MapFile
 
 ENDINGS = (".shp", ".geojson", ".json", ".zip", ".csv")
 LOOKED_INTO = 4096          # bytes of a file that tell whether it may be a map at all

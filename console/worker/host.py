@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from console.frame import DeviceView, Frame
-from console.worker.desk import DeviceDesk
+from console.worker.device_service import DeviceService
 from console.worker.lag_bench import LagBench
 from console.worker.limits import (
     CATCH_UP_PERIODS,
@@ -68,7 +68,7 @@ class Host:
         self._ticks = 0
         self._state: str | None = None               # of the newest tick
         self._files = SideFiles()
-        self._desk = DeviceDesk(self._bench, self._names.log_path, self._files)
+        self._device_service = DeviceService(self._bench, self._names.log_path, self._files)
         self.lag = LagBench(self._bench, self._loop, self._files)
         self._lag_tests = 0
         self._devices: tuple[DeviceView, ...] = ()
@@ -138,7 +138,7 @@ class Host:
         measurements = self._bench.measure(now_s)
         if self._failed:
             measurements = measurements._replace(control_failed=True)
-        for beside in (self._desk.tick, self.lag.tick):
+        for beside in (self._device_service.tick, self.lag.tick):
             self._guarded(lambda beside=beside: beside(now_s, self._state))      # type: ignore[misc]
         tick = self._loop.tick(measurements, now_s - self._heard_s, self._writer.ok)
         self._bench.command(now_s, tick.command, tick.enabled)
@@ -245,7 +245,7 @@ class Host:
 
     def _device_order(self, order: DeviceOrder, now_s: float) -> Answer:
         try:
-            return self._desk.order(order, now_s, self._state)
+            return self._device_service.order(order, now_s, self._state)
         except Exception as error:
             return Answer(False, f"internal_error: {order.do}: {self._told_once(error)}")
 
@@ -266,7 +266,8 @@ class Host:
         known = {name: getattr(status, name) for name in DeviceStatus.__dataclass_fields__}
         line = self._bench.line(status.name)
         return DeviceView(**known, plugged=line is None or line.plugged,
-                          capture_path=self._desk.capture_path(status.name), test=self._desk.test(status.name))
+                          capture_path=self._device_service.capture_path(status.name),
+                          test=self._device_service.test(status.name))
 
 
 def _stops(what: What) -> bool:

@@ -14,10 +14,10 @@ from console.app.gallery import StillSource
 from console.app.number_dialog import NumberDialog
 from console.app.pages.job.check_list import CheckList, ChecksView, with_room
 from console.app.pages.job.day import LOOK, OK, STOP, Check, checks, totals, worst
-from console.app.pages.job.desk import Earlier, Offer
 from console.app.pages.job.nrich import StripRun, standard_error
 from console.app.pages.job.refill import RefillWatch
-from console.app.pages.job.sample import FACTS, SampleDesk
+from console.app.pages.job.sample import FACTS, SampleJobService
+from console.app.pages.job.service import Earlier, Offer
 from console.app.services import Services
 from console.app.units import METRIC
 from console.frame import Tally
@@ -33,7 +33,7 @@ OFFER = Offer("a.resume.json", "2026-03-18T14:18:00+00:00", "2026-03-18T15:02:00
 
 @pytest.fixture
 def desk():
-    return SampleDesk()
+    return SampleJobService()
 
 
 @pytest.fixture
@@ -429,7 +429,7 @@ async def test_an_export_that_fails_is_a_line_and_escape_cancels(job_app, desk, 
 
 @pytest.mark.parametrize(("keys", "asked"), [(("enter",), "resume"), (("2", "enter"), "anew")])
 async def test_a_job_that_was_cut_off_is_offered_at_the_start(frames, clock, keys, asked):
-    desk = SampleDesk(cut_off=OFFER)
+    desk = SampleJobService(cut_off=OFFER)
     desk.next = StillSource(frames[-1])
     app = TopdressApp(None, clock, live=False, utc_offset_s=0.0, services=Services(job=desk))
     async with app.run_test(size=SIZE) as pilot:
@@ -443,7 +443,7 @@ async def test_a_job_that_was_cut_off_is_offered_at_the_start(frames, clock, key
 
 
 async def test_escape_begins_nothing_and_c_asks_again(clock):
-    desk = SampleDesk(cut_off=OFFER)
+    desk = SampleJobService(cut_off=OFFER)
     app = TopdressApp(None, clock, live=False, services=Services(job=desk), start=desk.restart)
     async with app.run_test(size=SIZE) as pilot:
         await pilot.pause()
@@ -472,7 +472,7 @@ async def test_a_worker_that_died_is_offered_to_go_on(job_app, desk, source, fra
 
 
 async def test_what_was_before_this_console_is_learned(source, clock):
-    desk = SampleDesk()
+    desk = SampleJobService()
     desk.before = Earlier((AlarmRecord("shaft_silent", Severity.RED, 1.0, 2.0, 3, "2026-03-18T06:00:00Z",
                                        "2026-03-18T06:01:00Z"),),
                           tuple((500.0 + k, 500.0, 90.0, 300.0) for k in range(20)))

@@ -11,12 +11,12 @@ from console.app.dialogs import ChoiceDialog, Confirm
 from console.app.field_picture import FieldPicture, Planned
 from console.app.name_dialog import NameDialog
 from console.app.number_dialog import NumberDialog
-from console.app.pages.job.desk import File
 from console.app.pages.job.map_dialog import MapDialog
-from console.app.pages.job.sample import FACTS, SampleDesk
+from console.app.pages.job.sample import FACTS, SampleJobService
+from console.app.pages.job.service import File
+from console.app.remaining_work import remaining_work
 from console.app.sample import sample_services
 from console.app.small_map import outline, shaded
-from console.app.to_finish import to_finish
 from console.app.units import METRIC
 
 SIZE = (120, 40)
@@ -24,7 +24,7 @@ SIZE = (120, 40)
 
 @pytest.fixture
 def desk():
-    return SampleDesk()
+    return SampleJobService()
 
 
 @pytest.fixture
@@ -171,16 +171,16 @@ async def test_after_a_calibration_or_an_adoption_it_is_asked_whether_to_use_it_
 def test_what_a_job_still_takes(frames):
     frame = frames[-1]
     picture = FieldPicture("", (), 2.0, 2.4)
-    left = to_finish(frame, picture)
+    left = remaining_work(frame, picture)
     done = frame.area_ha
     assert left.area_ha == pytest.approx(2.0 - done) and left.way_m == pytest.approx((2.0 - done) * 10_000 / 2.4)
     assert left.product_kg == pytest.approx((2.0 - done) * frame.applied_kg / done)
     spent_s = frame.totals.worked_s + frame.tally.held_s
     assert left.time_s == pytest.approx((2.0 - done) * spent_s / done)
     rates = np.full((10, 10), 300.0, np.float32)
-    planned = to_finish(frame, replace(picture, planned=Planned(0.0, 0.0, 10.0, rates)))
+    planned = remaining_work(frame, replace(picture, planned=Planned(0.0, 0.0, 10.0, rates)))
     assert planned.product_kg == pytest.approx(300.0 - frame.applied_kg)
-    assert to_finish(frame, None).text(METRIC) == "--"
+    assert remaining_work(frame, None).text(METRIC) == "--"
 
 
 def test_a_field_in_a_few_characters():

@@ -10,9 +10,9 @@ from console.app import words
 from console.app.app import TopdressApp
 from console.app.dialogs import TextDialog
 from console.app.joined import Joined
-from console.app.pages.job.desk import AtWork
 from console.app.pages.job.map_words import map_words
-from console.app.pages.job.sample import SampleDesk
+from console.app.pages.job.sample import SampleJobService
+from console.app.pages.job.service import AtWork
 from console.app.services import Services
 from console.app.units import METRIC
 from console.app.view import why_other_rate
@@ -152,7 +152,8 @@ def test_what_is_applied_where_the_map_has_nothing_is_said(check, said):
 
 @pytest.mark.parametrize("size", SIZES)
 async def test_a_console_that_joins_says_so_and_what_it_does_not_use(source, clock, shown, size):
-    app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(job=SampleDesk()), joined=Joined(
+    app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(job=SampleJobService()),
+                      joined=Joined(
         "2026-11-23T07:12:00+00:00", "/logs/run.csv", ("/jobs/north.yaml",), ("/jobs/south.yaml",)))
     async with app.run_test(size=size) as pilot:
         await pilot.pause()
@@ -175,7 +176,8 @@ async def test_files_that_cannot_be_read_are_not_said_to_be_those_of_this_consol
     """The log of the machine that runs was removed: the console named its own file as what that machine goes by."""
     launcher = Launcher(("/cabs/ours.yaml",), (), 1, 20.0, None, tmp_path / "trouble")
     joined = _join(launcher, Where(1, "x", 2, "2026-11-23T07:12:00+00:00", str(tmp_path / "gone.csv")))
-    app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(job=SampleDesk()), joined=joined)
+    app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(job=SampleJobService()),
+                      joined=joined)
     async with app.run_test(size=size) as pilot:
         await pilot.pause()
         await pilot.pause()
@@ -191,7 +193,7 @@ async def test_files_that_cannot_be_read_are_not_said_to_be_those_of_this_consol
 
 
 async def test_the_limits_are_those_of_the_machine_that_runs(source, clock):
-    desk = SampleDesk()
+    desk = SampleJobService()
     desk.limits = AtWork(180.0, 250.0)
     app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(job=desk))
     async with app.run_test(size=(120, 40)) as pilot:

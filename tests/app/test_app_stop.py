@@ -16,9 +16,9 @@ from console.app.gallery import StillSource
 from console.app.keys import PagesDialog
 from console.app.name_dialog import NameDialog
 from console.app.number_dialog import NumberDialog
-from console.app.pages.job.desk import Reading
 from console.app.pages.job.map_dialog import MapDialog
-from console.app.pages.job.sample import SampleDesk
+from console.app.pages.job.sample import SampleJobService
+from console.app.pages.job.service import Reading
 from console.app.pages.settings import page as settings_page
 from console.app.pages.trends.channel_dialog import ChannelDialog
 from console.app.sample import sample_services
@@ -49,7 +49,7 @@ DIALOGS = {
     PagesDialog: lambda: PagesDialog("Which?", [Choice("run", "Run"), Choice("map", "Map")], "run"),
     NumberDialog: lambda: NumberDialog("How much?", "kg", 0, 100),
     TextDialog: lambda: TextDialog("Read", "this"),
-    MapDialog: lambda: MapDialog(SampleDesk().preview("north.geojson", Reading()), METRIC),
+    MapDialog: lambda: MapDialog(SampleJobService().preview("north.geojson", Reading()), METRIC),
     NameDialog: lambda: NameDialog("Name", "abc"),
     ChannelDialog: lambda: ChannelDialog((), METRIC, lambda chosen: None),
     GoneScreen: lambda: GoneScreen("gone", True, True),

@@ -11,7 +11,7 @@ from console.app.gallery import StillClock, StillSource
 from console.app.guide_line import GuideLine
 from console.app.kept_lines import guide_record
 from console.app.pages.diagnosis.sample import MadeUpDiagnosis
-from console.app.pages.job.desk import Earlier
+from console.app.pages.job.service import Earlier
 from console.app.screens.gone import GoneScreen
 from console.app.services import Services
 from console.app.tablet import CLOSED, Key, KeyDialog, TabletApp

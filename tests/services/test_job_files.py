@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from console.app.pages.job.desk import AtWork, Reading
 from console.app.pages.job.map_words import is_doubtful, map_words
+from console.app.pages.job.service import AtWork, Reading
 from console.app.units import METRIC
 from console.running import WorkerFailed
 from console.services.job import JobFiles

@@ -164,7 +164,7 @@ def test_what_stands_beside_the_loop_costs_no_tick(rig):
     def broken(*_):
         raise RuntimeError("broken")
 
-    r.writer.append = r.host._desk.tick = r.host.lag.tick = r.host._desk.order = broken
+    r.writer.append = r.host._device_service.tick = r.host.lag.tick = r.host._device_service.order = broken
     said = ask(r, DeviceOrder("board", DeviceDo.TEST))
     r.host.ask(Order(Do.MARK), broken)
     r.host.tick(0.0)

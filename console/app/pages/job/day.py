@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 from console.app import words
 from console.app.field_picture import FieldPicture
-from console.app.pages.job.desk import Facts
 from console.app.pages.job.map_words import is_doubtful, map_words
+from console.app.pages.job.service import Facts
 from console.app.remaining_work import remaining_work
 from console.app.typed_number import in_words
 from console.app.units import Units

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Literal
 from console.app.action import JOB, Action
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
 from console.app.pages.job.day import checks, doubt_words, strip_begins, strip_title
-from console.app.pages.job.desk import File, JobDesk
 from console.app.pages.job.nrich import LEAST_M, StripRun
+from console.app.pages.job.service import File, JobService
 from console.app.reasons import why_no_start, why_not_ready
 from console.app.small_map import outline
 from console.app.start_question import start_from_any_page
@@ -84,27 +84,27 @@ def _forget_strip(page: JobScreen) -> None:
 def _use_strip(page: JobScreen, value: StripValue) -> None:
     """At once by an order; and into a job file, for the next start."""
     page.app.give(Do.STRIP, value.text)
-    desk = page.desk
-    if desk is not None:
-        page.keep(lambda: desk.take_strip(value))
+    service = page.service
+    if service is not None:
+        page.keep(lambda: service.take_strip(value))
 
 
 def refill(page: JobScreen) -> None:
     page.ask_refill()
 
 
-def _with_files(do: Callable[[JobScreen, JobDesk], None]) -> Callable[[JobScreen], None]:
+def _with_files(do: Callable[[JobScreen, JobService], None]) -> Callable[[JobScreen], None]:
     """Refused in words where this console has no files at hand."""
     def run(page: JobScreen) -> None:
-        if page.desk is None:
+        if page.service is None:
             page.app.notice(_("files are not available here"))
         else:
-            do(page, page.desk)
+            do(page, page.service)
 
     return run
 
 
-def _ask_file(page: JobScreen, desk: JobDesk, kind: Kind) -> None:
+def _ask_file(page: JobScreen, service: JobService, kind: Kind) -> None:
     if page.facts is None:
         page.app.notice(page.trouble or _("being read"))
         return
@@ -112,13 +112,13 @@ def _ask_file(page: JobScreen, desk: JobDesk, kind: Kind) -> None:
                                "machine": page.facts.machines}[kind]
     now = {"job": page.facts.job_file, "crop": page.facts.crop_file, "machine": page.facts.machine_file}[kind]
     if kind == "job":
-        page.app.list_files(lambda: [Choice(one.value, _drawn(one, desk)) for one in files],
-                       lambda choices: _choose_file(page, desk, kind, choices, now))
+        page.app.list_files(lambda: [Choice(one.value, _drawn(one, service)) for one in files],
+                       lambda choices: _choose_file(page, service, kind, choices, now))
     else:
-        _choose_file(page, desk, kind, [Choice(one.value, one.label) for one in files], now)
+        _choose_file(page, service, kind, [Choice(one.value, one.label) for one in files], now)
 
 
-def _choose_file(page: JobScreen, desk: JobDesk, kind: Kind, choices: list[Choice], now: str) -> None:
+def _choose_file(page: JobScreen, service: JobService, kind: Kind, choices: list[Choice], now: str) -> None:
     title = {"job": _("Job"), "crop": _("Crop"), "machine": _("Machine")}[kind]
 
     def answer(value: str | None) -> None:
@@ -126,7 +126,7 @@ def _choose_file(page: JobScreen, desk: JobDesk, kind: Kind, choices: list[Choic
             return
 
         def take() -> str:
-            desk.take(kind, value)
+            service.take(kind, value)
             return value
 
         page.take(take)
@@ -134,50 +134,50 @@ def _choose_file(page: JobScreen, desk: JobDesk, kind: Kind, choices: list[Choic
     page.app.push_screen(ChoiceDialog(title, choices, now), answer)
 
 
-def _drawn(file: File, desk: JobDesk) -> str:
+def _drawn(file: File, service: JobService) -> str:
     """A job's name with its field beside it."""
-    rows = outline(desk.outline(file.value), *THUMB)
+    rows = outline(service.outline(file.value), *THUMB)
     return "\n".join((f"{file.label:<22}{rows[0]}", *(f"{'':<26}{row}" for row in rows[1:]))) if rows else file.label
 
 
 @_with_files
-def job(page: JobScreen, desk: JobDesk) -> None:
-    _ask_file(page, desk, "job")
+def job(page: JobScreen, service: JobService) -> None:
+    _ask_file(page, service, "job")
 
 
 @_with_files
-def crop(page: JobScreen, desk: JobDesk) -> None:
-    _ask_file(page, desk, "crop")
+def crop(page: JobScreen, service: JobService) -> None:
+    _ask_file(page, service, "crop")
 
 
 @_with_files
-def machine(page: JobScreen, desk: JobDesk) -> None:
-    _ask_file(page, desk, "machine")
+def machine(page: JobScreen, service: JobService) -> None:
+    _ask_file(page, service, "machine")
 
 
 @_with_files
-def export(page: JobScreen, desk: JobDesk) -> None:
+def export(page: JobScreen, service: JobService) -> None:
     choices = [Choice(ending, f"{name} ({ending})") for ending, name in ENDINGS]
 
     def answer(ending: str | None) -> None:
         if ending is not None:
-            page.begin(_("export"), lambda log, progress, cancelled: desk.export(log, ending, progress, cancelled))
+            page.begin(_("export"), lambda log, progress, cancelled: service.export(log, ending, progress, cancelled))
 
     page.app.push_screen(ChoiceDialog(_("Export as"), choices, ""), answer)
 
 
 @_with_files
-def report(page: JobScreen, desk: JobDesk) -> None:
-    page.begin(_("report"), desk.report)
+def report(page: JobScreen, service: JobService) -> None:
+    page.begin(_("report"), service.report)
 
 
 @_with_files
-def end_of_job(page: JobScreen, desk: JobDesk) -> None:
+def end_of_job(page: JobScreen, service: JobService) -> None:
     def answer(yes: bool | None) -> None:
         if yes:
             page.app.give(Do.MARK, "job finished")
             page.begin(_("export"), lambda log, progress, cancelled: (
-                *desk.export(log, ".geojson", progress, cancelled), *desk.report(log, progress, cancelled)))
+                *service.export(log, ".geojson", progress, cancelled), *service.report(log, progress, cancelled)))
 
     page.app.push_screen(Confirm(_("End this job?"), _("It is exported and reported, and not offered again after "
                                                        "a power cut.")), answer)
@@ -195,14 +195,14 @@ def why_no_end(page: JobScreen) -> str:
 
 
 @_with_files
-def prescription(page: JobScreen, desk: JobDesk) -> None:
+def prescription(page: JobScreen, service: JobService) -> None:
     """From a stick, the downloads or the user's own files: looked at first, then taken."""
-    page.look_for_maps(desk)
+    page.look_for_maps(service)
 
 
 @_with_files
-def who(page: JobScreen, desk: JobDesk) -> None:
-    page.ask_who(desk)
+def who(page: JobScreen, service: JobService) -> None:
+    page.ask_who(service)
 
 
 def ready(page: JobScreen) -> None:

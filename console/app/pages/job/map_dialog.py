@@ -10,8 +10,8 @@ from textual.widgets import Button, Static
 
 from console.app.dialogs import Dialog
 from console.app.pages.job.day import file_name
-from console.app.pages.job.desk import MapPreview
 from console.app.pages.job.map_words import map_words
+from console.app.pages.job.service import MapPreview
 from console.app.small_map import SHADES, preview
 from console.app.units import Units
 from console.locale import _

@@ -14,12 +14,12 @@ from console.app.name_dialog import NameDialog
 from console.app.number_dialog import NumberDialog
 from console.app.pages.job.check_list import CheckList, ChecksView, rows_of
 from console.app.pages.job.day import checks, file_name, refills, strip_runs, strips_now, totals
-from console.app.pages.job.desk import Cancelled, Facts, JobDesk, JobNames, MapFile, MapPreview, Progress, Reading
 from console.app.pages.job.job_notes import JobNote, JobNotes, NotesView
 from console.app.pages.job.keys import ACTIONS
 from console.app.pages.job.map_dialog import COLUMN, TAKE, UNIT, MapDialog
 from console.app.pages.job.nrich import StripRun
 from console.app.pages.job.refill import LEAST_FILLED_KG, RefillWatch, doubt
+from console.app.pages.job.service import Cancelled, Facts, JobNames, JobService, MapFile, MapPreview, Progress, Reading
 from console.app.pages.page import Page
 from console.app.reasons import why_no_start, why_not_ready
 from console.app.typed_number import in_words, inside
@@ -62,7 +62,7 @@ class JobScreen(Page):
         self._then: Callable[[Any], None] = lambda _result: None
 
     @property
-    def desk(self) -> JobDesk | None:
+    def service(self) -> JobService | None:
         return self.app.services.job
 
     def body(self) -> ComposeResult:
@@ -94,17 +94,17 @@ class JobScreen(Page):
     def tick(self, now_s: float) -> None:
         frame = self.app.arrival.frame
         log_path = frame.log_path if frame is not None else ""
-        if self.desk is not None and (self._looked_s is None or now_s - self._looked_s >= LOOK_S
+        if self.service is not None and (self._looked_s is None or now_s - self._looked_s >= LOOK_S
                                       or log_path != self._looked_at):
             self._looked_s, self._looked_at = now_s, log_path
-            self._look(self.desk, log_path)
+            self._look(self.service, log_path)
         super().tick(now_s)
 
-    def _look(self, desk: JobDesk, log_path: str) -> None:
+    def _look(self, service: JobService, log_path: str) -> None:
         def read() -> tuple[Facts | None, str, int | None]:
-            free = desk.free_bytes(log_path) if log_path else None
+            free = service.free_bytes(log_path) if log_path else None
             try:
-                return desk.facts(), "", free
+                return service.facts(), "", free
             except ValueError as error:
                 return None, str(error), free
 
@@ -114,7 +114,7 @@ class JobScreen(Page):
         super().show_numbers(view)
         units = self.app.units
         frame, age_s = self.seen(self.app.clock())
-        trouble = self.trouble or ("" if self.desk is not None else _("files are not available here"))
+        trouble = self.trouble or ("" if self.service is not None else _("files are not available here"))
         found = checks(frame, age_s, self.facts, trouble, self.free_bytes, units)
         listed = self.query_one("#job-checks", CheckList)
         listed.show(ChecksView(found, in_use()))
@@ -223,9 +223,9 @@ class JobScreen(Page):
             return
 
         def answer(yes: bool | None) -> None:
-            if yes and self.desk is not None:
+            if yes and self.service is not None:
                 self.pending = ""
-                self.app.restart(self.desk.restart)
+                self.app.restart(self.service.restart)
             else:
                 self._drop(taken)
 
@@ -236,8 +236,8 @@ class JobScreen(Page):
 
     def _drop(self, taken: str) -> None:
         """What was taken is not started with: what runs is what is shown."""
-        if self.desk is not None:
-            self.desk.drop()
+        if self.service is not None:
+            self.service.drop()
         self.pending = ""
         self.say_of_run(_("not taken: {name}; the job goes on as it was").format(name=file_name(taken)))
 
@@ -257,9 +257,9 @@ class JobScreen(Page):
 
     # --- a prescription from a stick, and whose job it is --------------------------------------------------------
 
-    def look_for_maps(self, desk: JobDesk) -> None:
+    def look_for_maps(self, service: JobService) -> None:
         self.app.notice(_("looking for prescriptions"))
-        self._bring(desk.maps, self._list_maps)
+        self._bring(service.maps, self._list_maps)
 
     def _list_maps(self, found: tuple[MapFile, ...]) -> None:
         def answer(path: str | None) -> None:
@@ -281,9 +281,9 @@ class JobScreen(Page):
 
     def _walk(self, folder: str) -> None:
         """Folders up and down until a map is chosen."""
-        desk = self.desk
-        if desk is not None:
-            self._bring(lambda: desk.map_folder(folder), lambda found: self._list_folder(folder, found))
+        service = self.service
+        if service is not None:
+            self._bring(lambda: service.map_folder(folder), lambda found: self._list_folder(folder, found))
 
     def _list_folder(self, folder: str, found: tuple[MapFile, ...]) -> None:
         def answer(path: str | None) -> None:
@@ -299,16 +299,16 @@ class JobScreen(Page):
         self.app.push_screen(ChoiceDialog(folder or _("Where does it lie?"), choices, "", nothing), answer)
 
     def _read_map(self, path: str, reading: Reading) -> None:
-        desk = self.desk
-        if desk is not None:
+        service = self.service
+        if service is not None:
             self.app.notice(_("reading the map"))
-            self._bring(lambda: desk.preview(path, reading), self._show_map)
+            self._bring(lambda: service.preview(path, reading), self._show_map)
 
     def _show_map(self, shown: MapPreview) -> None:
         def answer(what: str | None) -> None:
-            if what == TAKE and self.desk is not None:
-                desk = self.desk
-                self.take(lambda: desk.take_map(shown))
+            if what == TAKE and self.service is not None:
+                service = self.service
+                self.take(lambda: service.take_map(shown))
             elif what == COLUMN:
                 self._ask_reading(shown, _("Which column is the rate?"), [Choice(one, one) for one in shown.columns],
                                   "column")
@@ -326,16 +326,16 @@ class JobScreen(Page):
 
         self.app.push_screen(ChoiceDialog(title, choices, now), answer)
 
-    def ask_who(self, desk: JobDesk) -> None:
+    def ask_who(self, service: JobService) -> None:
         """The names one after the other on one list; nothing is written before the last line is chosen."""
         facts = self.facts
         if facts is None:
             self.app.notice(self.trouble or _("being read"))
             return
-        self._ask_name(desk, JobNames(facts.client, facts.farm, facts.field, facts.product, facts.operator,
+        self._ask_name(service, JobNames(facts.client, facts.farm, facts.field, facts.product, facts.operator,
                                  facts.product_file))
 
-    def _ask_name(self, desk: JobDesk, who: JobNames) -> None:
+    def _ask_name(self, service: JobService, who: JobNames) -> None:
         labels = {"client": _("client"), "farm": _("farm"), "field": _("field"), "product": _("product"),
                   "operator": _("operator")}
         choices = [Choice(name, f"{label}: {getattr(who, name) or '--'}") for name, label in labels.items()]
@@ -343,16 +343,16 @@ class JobScreen(Page):
 
         def named(name: str, text: str | None) -> None:
             if text is None:
-                self._ask_name(desk, who)
+                self._ask_name(service, who)
                 return
             file = "" if name == "product" else who.product_file      # a typed name is none of the library's
-            self._ask_name(desk, who._replace(**{name: text[:80]})._replace(product_file=file))
+            self._ask_name(service, who._replace(**{name: text[:80]})._replace(product_file=file))
 
         def answer(name: str | None) -> None:
             if name == WRITE:
-                self.take(lambda: desk.take_names(who))
+                self.take(lambda: service.take_names(who))
             elif name == "product" and self.facts is not None and self.facts.products:
-                self._ask_product(desk, who, lambda: self.app.push_screen(
+                self._ask_product(service, who, lambda: self.app.push_screen(
                     NameDialog(labels[name].capitalize(), who.product), lambda text: named(name, text)))
             elif name is not None:
                 self.app.push_screen(NameDialog(labels[name].capitalize(), getattr(who, name)),
@@ -362,7 +362,7 @@ class JobScreen(Page):
         question.at = len(choices) - 1
         self.app.push_screen(question, answer)
 
-    def _ask_product(self, desk: JobDesk, who: JobNames, type_name: Callable[[], object]) -> None:
+    def _ask_product(self, service: JobService, who: JobNames, type_name: Callable[[], object]) -> None:
         """Of the library, with its flow and its N share; or a name that is typed."""
         products = self.facts.products if self.facts is not None else ()
         choices = [*(Choice(one.value, one.label) for one in products), Choice("", _("another name: machine and crop "
@@ -373,19 +373,19 @@ class JobScreen(Page):
                 type_name()
             else:
                 label = next((one.label for one in products if one.value == value), who.product)
-                self._ask_name(desk, who if value is None else who._replace(product=label, product_file=value))
+                self._ask_name(service, who if value is None else who._replace(product=label, product_file=value))
 
         self.app.push_screen(ChoiceDialog(_("Which product? Its flow and its share of N come with it."), choices,
                                           who.product_file), answer)
 
     def ask_use(self, machine: str) -> None:
         """A machine file that was just written: take it for the job?"""
-        desk = self.desk
-        if desk is None:
+        service = self.service
+        if service is None:
             return
 
         def take() -> str:
-            desk.take("machine", machine)
+            service.take("machine", machine)
             return machine
 
         def answer(yes: bool | None) -> None:

@@ -1,10 +1,10 @@
-"""A made-up desk for the Job screen's pictures and tests: every answer at once, nothing read or written."""
+"""A made-up job service for the Job screen's pictures and tests: every answer at once, nothing read or written."""
 from __future__ import annotations
 
 import numpy as np
 
 from console.app.field_picture import FieldPicture, Planned, Ring
-from console.app.pages.job.desk import (
+from console.app.pages.job.service import (
     AtWork,
     Cancelled,
     Earlier,
@@ -47,7 +47,7 @@ RECENT = (
     Recent(("jobs/river.yaml",), "River field", "River field"))
 
 
-class SampleDesk:
+class SampleJobService:
     """Keeps what was asked of it in `asked`. `trouble`: what every answer fails with; `cut_off`: what is offered."""
 
     def __init__(self, facts: Facts = FACTS, cut_off: Offer | None = None) -> None:

@@ -143,14 +143,14 @@ class MapScreen(LogPage):
             return
 
         def keep(answer: str | None) -> None:
-            desk = self.app.services.job
+            service = self.app.services.job
             if answer == "drop":
                 drop(True)
-            elif answer == "keep" and desk is not None:
+            elif answer == "keep" and service is not None:
                 ring = drive.ring_deg()
                 self._drive_is(None)
                 self.app.turn_to(JOB)
-                self.call_later(self.app.job_page.take, lambda: desk.take_boundary(ring))
+                self.call_later(self.app.job_page.take, lambda: service.take_boundary(ring))
 
         no_files = _("files are not available here") if self.app.services.job is None else (
             _("stop the machine first (X); the boundary waits") if self.app.job_page.at_work else "")

@@ -20,8 +20,8 @@ BUSY = (State.WORKING, State.CALIBRATING)
 Opener = Callable[[str, int, Clock], Port]
 
 
-class DeviceDesk:
-    """One desk for all devices of a bench. `tick` is called once a tick; nothing here blocks."""
+class DeviceService:
+    """For all devices of a bench. `tick` is called once a tick; nothing here blocks."""
 
     def __init__(self, bench: Bench, log_path: str, files: SideFiles, opener: Opener = open_port) -> None:
         self._bench, self._files, self._opener = bench, files, opener

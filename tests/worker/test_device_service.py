@@ -8,7 +8,7 @@ import pytest
 
 from console.frame import DeviceDo, DeviceTest
 from console.worker import desk as desk_module
-from console.worker.desk import DeviceDesk
+from console.worker.device_service import DeviceService
 from console.worker.requests import DeviceOrder
 from console.worker.side_files import SideFiles
 from drivers.cab_line import DeviceLine
@@ -27,7 +27,7 @@ def made(tmp_path):
     bench = SimpleNamespace(line=lambda name: line if name == "head_1" else None)
     files = SideFiles()
     made = SimpleNamespace(line=line, device=device, files=files, now_s=0.0, opened=[],
-                           desk=DeviceDesk(bench, str(tmp_path / "run.csv"), files, lambda *a: made.opener(*a)))
+                           desk=DeviceService(bench, str(tmp_path / "run.csv"), files, lambda *a: made.opener(*a)))
 
     def order(do, state="ready", name="head_1"):
         return made.desk.order(DeviceOrder(name, do), made.now_s, state)

@@ -137,7 +137,7 @@ Progress = Callable[[int, int, str], None]      # steps done, steps in all, what
 Cancelled = Callable[[], bool]
 
 
-class JobDesk(Protocol):
+class JobService(Protocol):
     """Errors are one-line ValueErrors. All but `restart`, `resume` and `anew` may take their time: in a thread."""
 
     def facts(self) -> Facts: ...
