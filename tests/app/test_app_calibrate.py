@@ -241,14 +241,14 @@ async def test_a_catch_test_from_settling_to_the_new_machine_file(app, source, c
             await pilot.pause()
             assert len(app.screen_stack) == 2, "nothing is caught yet"
             await caught(app, source, clock, pilot, frame=frame, rpm=rpm, mm=mm, seconds=5.4)
-            assert page.desk.test.phase == "weigh"
+            assert page.calibration.test.phase == "weigh"
             await caught(app, source, clock, pilot, frame=frame, rpm=rpm, mm=mm, seconds=30.0)
             bar = next(row for row in page.query_one("#cal-sheet", Sheet).view
                        if isinstance(row, Bar) and row.label == "catch")
             assert bar.share == 1.0
             await pilot.press("i", *("full_stop" if c == "." else c for c in mass), "enter")
             await pilot.pause()
-        points = page.desk.test.points
+        points = page.calibration.test.points
         assert [(round(one.shaft_rpm), round(one.opening_mm)) for one in points] == [(70, 20), (70, 35), (90, 50)]
         assert points[1].mass_kg == 6.7
         await pilot.press("q")
@@ -260,7 +260,7 @@ async def test_a_catch_test_from_settling_to_the_new_machine_file(app, source, c
         assert isinstance(app.screen, NameDialog)
         await pilot.press("-", "x", "1", "enter")
         await settled(app, pilot)
-        assert page.desk.saved == "machines/huanghai-catch-20260318-x1.yaml"
+        assert page.calibration.saved == "machines/huanghai-catch-20260318-x1.yaml"
         text = "\n".join(shown(app))
         assert "saved: " in text and "use it with: topdress run --config FILE" in text
         assert Order(Do.STOP) not in source.orders, "an x in a name is a letter"
@@ -276,14 +276,14 @@ async def test_what_the_shaft_turns_at_work_is_no_catch(app, source, clock, fram
             source.newest = replace(frame, seq=frame.seq + 1 + step, row=row)
             clock.now_s += 0.2
             app.tick()
-        assert page.desk.test.turned.revolutions == 0.0 and page.desk.test.phase == "settle"
+        assert page.calibration.test.turned.revolutions == 0.0 and page.calibration.test.phase == "settle"
 
 
 async def test_a_name_that_is_taken_is_said_in_one_line_and_nothing_counts_as_saved(app, opened, shown):
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot)
-        page.desk.test.points = list(POINTS)
-        page.desk.take(page.job.fit_catch(POINTS))
+        page.calibration.test.points = list(POINTS)
+        page.calibration.take(page.job.fit_catch(POINTS))
         await pilot.press("n")
         await pilot.pause()
         app.screen.query_one("#name-input").value = "a/b"
@@ -293,7 +293,7 @@ async def test_a_name_that_is_taken_is_said_in_one_line_and_nothing_counts_as_sa
         app.screen.query_one("#name-input").value = "taken"
         await pilot.press("enter")
         await settled(app, pilot)
-        assert "exists already" in app.notice_text and page.desk.saved == ""
+        assert "exists already" in app.notice_text and page.calibration.saved == ""
 
 
 async def test_escape_forgets_a_computation(app, opened):
@@ -307,27 +307,27 @@ async def test_escape_forgets_a_computation(app, opened):
             return sample_calibrate_job().fit_catch(points)
 
         page.job = replace(page.job, fit_catch=slow)
-        page.desk.test.points = list(POINTS)
+        page.calibration.test.points = list(POINTS)
         await pilot.press("q")
         await pilot.pause()
         assert page.busy
         await pilot.press("escape")
         gate.set()
         await pilot.pause(0.1)
-        assert not page.busy and page.desk.fitted is None
+        assert not page.busy and page.calibration.fitted is None
 
 
 async def test_points_can_be_taken_back_and_then_nothing_is_fitted(app, opened):
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot)
-        page.desk.test.points = list(POINTS[:3])
-        page.desk.take(page.job.fit_catch(POINTS[:3]))
+        page.calibration.test.points = list(POINTS[:3])
+        page.calibration.take(page.job.fit_catch(POINTS[:3]))
         await pilot.press("backspace")
         await pilot.pause()
-        assert len(page.desk.test.points) == 2 and page.desk.fitted is None
+        assert len(page.calibration.test.points) == 2 and page.calibration.fitted is None
         await pilot.press("q", "n")
         await pilot.pause()
-        assert page.desk.fitted is None and len(app.screen_stack) == 2
+        assert page.calibration.fitted is None and len(app.screen_stack) == 2
 
 
 async def test_the_lag_rig_is_begun_held_and_ended(app, source, frames, clock, opened, shown):
@@ -354,7 +354,7 @@ async def test_the_lag_rig_is_begun_held_and_ended(app, source, frames, clock, o
         app.tick()
         await pilot.press("q")
         await settled(app, pilot)
-        assert page.desk.fitted.source == ("logs/run.lag.1.csv", None), "what was measured stays"
+        assert page.calibration.fitted.source == ("logs/run.lag.1.csv", None), "what was measured stays"
 
 
 async def test_without_a_rig_a_bench_table_is_fitted(app, source, opened, shown):
@@ -370,7 +370,7 @@ async def test_without_a_rig_a_bench_table_is_fitted(app, source, opened, shown)
         await pilot.pause()
         await pilot.press("2", "enter")
         await settled(app, pilot)
-        assert page.desk.label == "field"
+        assert page.calibration.label == "field"
         text = "\n".join(shown(app))
         assert "slope -0.00830 s per r/min" in text and "holds from 10 to 70 r/min" in text and "lag_both.csv" in text
 
@@ -410,7 +410,7 @@ async def test_the_wheel_is_measured_also_while_another_page_is_looked_at(app, s
         assert page.at == 3 and "Enough" in "\n".join(shown(app))
         await pilot.press("b")
         await settled(app, pilot)
-        samples = page.desk.fitted.source
+        samples = page.calibration.fitted.source
         assert len(samples) > 250 and {sample.wheel_speed_mps for sample in samples} == {2.02}
         assert "circumference 2.4868 m (90 %: 2.4849 to 2.4887)" in " ".join("\n".join(shown(app)).split())
 
@@ -437,7 +437,7 @@ async def test_tabs_are_clickable(app, opened):
         page = await opened(pilot)
         await pilot.click("#cal-tabs", offset=(30, 0))
         await pilot.pause()
-        assert page.desk.kind == "heads"
+        assert page.calibration.kind == "heads"
 
 
 async def test_without_files_the_page_says_so(source, clock, frames):

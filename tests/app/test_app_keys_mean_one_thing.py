@@ -57,7 +57,7 @@ async def test_a_refused_question_lets_nothing_of_its_answer_through(full, sourc
 async def test_a_refused_name_swallows_its_letters(full, source, turned):
     async with full.run_test(size=SIZE) as pilot:
         await turned(full, pilot, "calibrate")
-        desk = full.page.desk
+        desk = full.page.calibration
         desk.forget()
         await pilot.press("n")
         assert full.screen is full.page

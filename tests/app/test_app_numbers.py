@@ -13,7 +13,7 @@ from console.app.app import TopdressApp
 from console.app.dialogs import Confirm, NudgeDialog
 from console.app.number_dialog import NumberDialog
 from console.app.pages.calibrate.catch import Turned
-from console.app.pages.calibrate.catch_desk import CatchDesk
+from console.app.pages.calibrate.catch_calibration import CatchCalibration
 from console.app.pages.calibrate.page import CalibrateScreen
 from console.app.pages.calibrate.sample import sample_calibrate_job
 from console.app.services import Services
@@ -257,8 +257,8 @@ async def test_a_catch_that_differs_grossly_is_asked_again(source, clock, shown,
         app.turn_to("calibrate")
         await pilot.pause()
         page = app.page
-        assert isinstance(page, CalibrateScreen) and isinstance(page.desk, CatchDesk)
-        test = page.desk.test
+        assert isinstance(page, CalibrateScreen) and isinstance(page.calibration, CatchCalibration)
+        test = page.calibration.test
         test.phase, test.turned, test._before_kg = "weigh", Turned(30.0, 30.0, 30.0 * 60.0, 30.0 * 30.0), before_kg
         test._resting_kg.extend([280.0] * 10)
         await pilot.press("i")

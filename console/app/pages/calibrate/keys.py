@@ -29,15 +29,15 @@ def make_ready(page: CalibrateScreen) -> None:
 
 
 def begin_or_end(page: CalibrateScreen) -> None:
-    page.desk.begin(page.now())
+    page.calibration.begin(page.now())
 
 
 def settle_again(page: CalibrateScreen) -> None:
-    page.desk.again(page.now())
+    page.calibration.again(page.now())
 
 
 def undo(page: CalibrateScreen) -> None:
-    page.desk.undo()
+    page.calibration.undo()
 
 
 def save_as_new(page: CalibrateScreen) -> None:
@@ -57,22 +57,22 @@ def _with_files(do: Callable[[CalibrateScreen], None]) -> Callable[[CalibrateScr
 
 @_with_files
 def shaft_speed(page: CalibrateScreen) -> None:
-    page.desk.ask_shaft(page.now())
+    page.calibration.ask_shaft(page.now())
 
 
 @_with_files
 def opening(page: CalibrateScreen) -> None:
-    page.desk.ask_opening(page.now())
+    page.calibration.ask_opening(page.now())
 
 
 @_with_files
 def weighed(page: CalibrateScreen) -> None:
-    page.desk.ask_mass(page.now())
+    page.calibration.ask_mass(page.now())
 
 
 @_with_files
 def bench_table(page: CalibrateScreen) -> None:
-    page.desk.ask_table()
+    page.calibration.ask_table()
 
 
 def fit(page: CalibrateScreen) -> None:
@@ -84,7 +84,7 @@ def fit(page: CalibrateScreen) -> None:
 
 @_with_files
 def _fit(page: CalibrateScreen) -> None:
-    page.desk.fit()
+    page.calibration.fit()
 
 
 ACTIONS = (

@@ -13,18 +13,18 @@ from textual.worker import Worker, WorkerState
 
 from console.app.action import CALIBRATE, JOB, Action, bindings
 from console.app.name_dialog import NameDialog
-from console.app.pages.calibrate.catch_desk import CatchDesk
+from console.app.pages.calibrate.calibration import Calibration, FrameSeen
+from console.app.pages.calibrate.catch_calibration import CatchCalibration
 from console.app.pages.calibrate.curve import Curve, CurveView
-from console.app.pages.calibrate.desk import Desk, Seen
 from console.app.pages.calibrate.guide import Guide, GuideView
-from console.app.pages.calibrate.heads_desk import HeadsDesk
+from console.app.pages.calibrate.heads_calibration import HeadsCalibration
 from console.app.pages.calibrate.job import CalibrateJob
 from console.app.pages.calibrate.keys import ACTIONS
-from console.app.pages.calibrate.lag_desk import LagDesk
+from console.app.pages.calibrate.lag_calibration import LagCalibration
 from console.app.pages.calibrate.runner import Runner
 from console.app.pages.calibrate.sheet import Sheet
 from console.app.pages.calibrate.tabs_row import TabsRow, TabsView
-from console.app.pages.calibrate.wheel_desk import WheelDesk
+from console.app.pages.calibrate.wheel_calibration import WheelCalibration
 from console.app.pages.page import Page
 from console.app.units import Units
 from console.app.view import RunView
@@ -45,7 +45,8 @@ class CalibrateScreen(Page):
         self.job = job
         self.busy = ""
         self.runner = Runner(self._give, lambda asked: self.run_worker(asked, group="held", exit_on_error=False))
-        self.desks: tuple[Desk, ...] = (CatchDesk(self), LagDesk(self), HeadsDesk(self), WheelDesk(self))
+        self.calibrations: tuple[Calibration, ...] = (
+            CatchCalibration(self), LagCalibration(self), HeadsCalibration(self), WheelCalibration(self))
         self.at = 0
         self._computing: Worker[Any] | None = None
         self._computed: Callable[[Any], None] | None = None
@@ -68,34 +69,34 @@ class CalibrateScreen(Page):
             self._watch = self.set_interval(WATCH_S, self.watch_hold)
 
     @property
-    def desk(self) -> Desk:
-        return self.desks[self.at]
+    def calibration(self) -> Calibration:
+        return self.calibrations[self.at]
 
     @property
     def units(self) -> Units:
         return self.app.units
 
-    def now(self) -> Seen:
+    def now(self) -> FrameSeen:
         now_s = self.app.clock()
         frame, age_s = self.seen(now_s)
-        return Seen(frame, age_s, now_s)
+        return FrameSeen(frame, age_s, now_s)
 
     def watch_hold(self) -> None:
         """Orders go out and come to an end at this pace, however slowly the screen is drawn."""
         if self.app.locked:
             self.runner.held.let_go()
-        self.runner.tick(self.app.clock(), self.desk.settings())
+        self.runner.tick(self.app.clock(), self.calibration.settings())
 
     def gather(self, frame: Frame) -> None:
-        seen = Seen(frame, 0.0, self.app.clock())
-        for desk in self.desks:
-            desk.see(seen)
+        seen = FrameSeen(frame, 0.0, self.app.clock())
+        for calibration in self.calibrations:
+            calibration.see(seen)
 
     def tick(self, now_s: float) -> None:
         self.watch_hold()
         super().tick(now_s)
         if self.plots.due(now_s):
-            view = self.desk.curve()
+            view = self.calibration.curve()
             if view is not None:
                 self.query_one("#cal-curve", Curve).show(view)
 
@@ -105,15 +106,16 @@ class CalibrateScreen(Page):
 
     def _show(self) -> None:
         seen = self.now()
-        self.query_one("#cal-tabs", TabsRow).show(TabsView(tuple(desk.title() for desk in self.desks), self.at, "< >"))
-        guide = self.desk.guide(seen, self.busy or self.runner.said)
+        self.query_one("#cal-tabs", TabsRow).show(TabsView(
+            tuple(calibration.title() for calibration in self.calibrations), self.at, "< >"))
+        guide = self.calibration.guide(seen, self.busy or self.runner.said)
         self.query_one("#cal-guide", Guide).show(guide)
-        self.query_one("#cal-sheet", Sheet).show(self.desk.sheet(seen))
-        chips = self.desk.chips(seen)
+        self.query_one("#cal-sheet", Sheet).show(self.calibration.sheet(seen))
+        chips = self.calibration.chips(seen)
         if self.app.locked:
             chips = tuple(chip._replace(on=False, lead=False) for chip in chips)
         self.query_one("#cal-chips", Chips).show(chips)
-        self.query_one("#cal-curve", Curve).display = self.desk.curve() is not None
+        self.query_one("#cal-curve", Curve).display = self.calibration.curve() is not None
 
     def redraw(self) -> None:
         super().redraw()
@@ -127,7 +129,7 @@ class CalibrateScreen(Page):
         self.app.tick()
 
     def hold_key(self) -> None:
-        if not self.desk.holds:
+        if not self.calibration.holds:
             self.tell(_("nothing turns in this calibration"))
             return
         self.runner.key(self.now().now_s)
@@ -137,7 +139,7 @@ class CalibrateScreen(Page):
         """Another calibration; a held run ends."""
         self.runner.let_go(self.app.clock())
         self.runner.said = ""
-        self.at = index % len(self.desks)
+        self.at = index % len(self.calibrations)
 
     def on_tabs_row_picked(self, event: TabsRow.Picked) -> None:
         self.turn(event.index)
@@ -193,13 +195,13 @@ class CalibrateScreen(Page):
         self._computing = self.run_worker(what, group="calibrate", thread=True, exit_on_error=False)
 
     def ask_name(self) -> None:
-        job, fitted, desk = self.job, self.desk.fitted, self.desk
-        if job is None or fitted is None or desk.saved:
+        job, fitted, calibration = self.job, self.calibration.fitted, self.calibration
+        if job is None or fitted is None or calibration.saved:
             self.tell(_("nothing new to save: measure and fit first"))
             return
 
         def saved(path: str) -> None:
-            desk.saved = path
+            calibration.saved = path
             if self.app.services.job is not None:
                 self.app.turn_to(JOB)
                 self.app.call_after_refresh(self.app.job_page.ask_use, path)

@@ -5,13 +5,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from console.app.pages.calibrate.catch import Turned
-from console.app.pages.calibrate.catch_desk import CatchDesk
+from console.app.pages.calibrate.catch_calibration import CatchCalibration
 from console.app.pages.calibrate.heads import CHECK_S
-from console.app.pages.calibrate.heads_desk import HeadsDesk
+from console.app.pages.calibrate.heads_calibration import HeadsCalibration
 from console.app.pages.calibrate.page import CalibrateScreen
 from console.app.pages.calibrate.sample import POINTS, lag_under_way, many_devices, standing
 from console.app.pages.calibrate.wheel import WheelDrive
-from console.app.pages.calibrate.wheel_desk import WheelDesk
+from console.app.pages.calibrate.wheel_calibration import WheelCalibration
 from console.app.pages.devices.page import DevicesScreen
 from control.safety import BenchRun
 
@@ -33,33 +33,33 @@ def pose(app: TopdressApp, screen: str, frame: Frame) -> Frame:
     kind = screen.partition("-")[2]
     page.at = KINDS.index(kind) if kind in KINDS else 0
     frame = standing(frame)
-    desk = page.desk
-    if isinstance(desk, CatchDesk):
-        desk.test.points = list(POINTS)
+    calibration = page.calibration
+    if isinstance(calibration, CatchCalibration):
+        calibration.test.points = list(POINTS)
         if kind == "running":
-            desk.test.points.pop()
-            desk.test.set(90.0, 50.0)
-            desk.test.phase, desk.test.turned = "weigh", Turned(12.4, 18.6, 18.6 * 90.0, 18.6 * 50.0)
+            calibration.test.points.pop()
+            calibration.test.set(90.0, 50.0)
+            calibration.test.phase, calibration.test.turned = "weigh", Turned(12.4, 18.6, 18.6 * 90.0, 18.6 * 50.0)
             row = frame.row._replace(state="calibrating", shaft_rpm=89.8, opening_mm=50.0)
             return replace(frame, row=row, bench=BenchRun(90.0, 50.0, 12.6, 107.4))
         assert page.job is not None
-        desk.take(page.job.fit_catch(POINTS))
-    elif isinstance(desk, HeadsDesk):
-        _check_heads(desk, frame)
-    elif isinstance(desk, WheelDesk):
-        desk.run.running, desk.run.drive = True, WheelDrive(132.4, 133.1, 0.18, 70.2, 4)
+        calibration.take(page.job.fit_catch(POINTS))
+    elif isinstance(calibration, HeadsCalibration):
+        _check_heads(calibration, frame)
+    elif isinstance(calibration, WheelCalibration):
+        calibration.run.running, calibration.run.drive = True, WheelDrive(132.4, 133.1, 0.18, 70.2, 4)
     else:
         frame = replace(lag_under_way(many_devices(frame)), bench=BenchRun(40.0, 25.0, 2.1, 117.9),
                         row=frame.row._replace(state="calibrating", shaft_rpm=39.8))
     return frame
 
 
-def _check_heads(desk: HeadsDesk, frame: Frame) -> None:
+def _check_heads(calibration: HeadsCalibration, frame: Frame) -> None:
     """One head 0.05 low, one silent for most of the time."""
-    desk.check.start(0.0)
+    calibration.check.start(0.0)
     for index in range(int(CHECK_S / 0.2) + 1):
         wave = 0.55 + 0.02 * ((index * 7) % 11 - 5) / 5
         heads: list[float | None] = [wave + 0.006 * ((index * (3 + n)) % 7 - 3) / 3 for n in range(6)]
         heads[4] = (heads[4] or 0.0) - 0.05
         heads[2] = heads[2] if index < 20 else None
-        desk.check.see(0.2 * index, heads)
+        calibration.check.see(0.2 * index, heads)

@@ -5,8 +5,8 @@ from pathlib import PurePath
 
 from console.app.dialogs import Choice, ChoiceDialog
 from console.app.name_dialog import NameDialog
+from console.app.pages.calibrate.calibration import Bench, Calibration, FrameSeen, curve_of, mark
 from console.app.pages.calibrate.curve import CurveView
-from console.app.pages.calibrate.desk import Bench, Desk, Seen, curve_of, mark
 from console.app.pages.calibrate.guide import GuideView, Step
 from console.app.pages.calibrate.job import LagTable
 from console.app.pages.calibrate.sheet import Bar, Cells, Line, Row
@@ -23,7 +23,7 @@ PHASES = {"settling": N_("waiting until everything stands still"), "arming": N_(
           "running": N_("measuring"), "done": N_("all measured"), ENDED: N_("ended")}
 
 
-class LagDesk(Desk):
+class LagCalibration(Calibration):
     kind = "lag"
     holds = True
 
@@ -36,7 +36,7 @@ class LagDesk(Desk):
     def title(self) -> str:
         return _("lag test")
 
-    def see(self, seen: Seen) -> None:
+    def see(self, seen: FrameSeen) -> None:
         """What was measured stays, also when the test is ended before all is measured."""
         now = seen.frame.lag_test if seen.frame else None
         if now is not None:
@@ -45,7 +45,7 @@ class LagDesk(Desk):
             self.test = self.test._replace(phase=ENDED) if self.test.runs else None
 
     @staticmethod
-    def has_rig(seen: Seen) -> bool:
+    def has_rig(seen: FrameSeen) -> bool:
         return seen.frame is not None and any(device.name == RIG for device in seen.frame.devices)
 
     @property
@@ -56,7 +56,7 @@ class LagDesk(Desk):
     def measured(self) -> bool:
         return self.test is not None and len({run[0] for run in self.test.runs}) >= 3
 
-    def step(self, seen: Seen) -> int:
+    def step(self, seen: FrameSeen) -> int:
         if self.fitted is not None or (self.table is not None and not self.measuring):
             return 3
         if self.test is None:
@@ -65,7 +65,7 @@ class LagDesk(Desk):
             return 3 if self.measured else 0
         return 1 if not seen.ready else 2
 
-    def guide(self, seen: Seen, said: str) -> GuideView:
+    def guide(self, seen: FrameSeen, said: str) -> GuideView:
         now = self.step(seen)
         begin = (_("B begins the test on the rig. Or E: a bench table measured before.") if self.has_rig(seen) else
                  _("No lag rig is in the cab file. E takes a bench table measured before."))
@@ -81,7 +81,7 @@ class LagDesk(Desk):
                          tuple(Step(mark(index, now), title, text) for index, (title, text) in enumerate(texts)),
                          self.why_not(seen, said) if self.measuring or said else "", self.found())
 
-    def sheet(self, seen: Seen) -> tuple[Row, ...]:
+    def sheet(self, seen: FrameSeen) -> tuple[Row, ...]:
         rows: list[Row] = []
         test = self.test
         if test is not None:
@@ -105,7 +105,7 @@ class LagDesk(Desk):
         return curve_of(self.fitted, tuple((rpm, response_s + drop_s) for rpm, response_s, drop_s in runs),
                         "shaft r/min", "lag s")
 
-    def chips(self, seen: Seen) -> tuple[Chip, ...]:
+    def chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
         step, rig = self.step(seen), self.has_rig(seen)
         source = self.table is not None or (self.measured and not self.measuring)
         return (Chip("cal_begin", "B", _("end the test") if self.measuring else _("begin on the rig"), rig,
@@ -117,7 +117,7 @@ class LagDesk(Desk):
                      lead=step == 3 and source and self.fitted is None),
                 self.save_chip())
 
-    def begin(self, seen: Seen) -> None:
+    def begin(self, seen: FrameSeen) -> None:
         if not self.has_rig(seen):
             self.bench.tell(_("no lag rig is in the cab file"))
             return

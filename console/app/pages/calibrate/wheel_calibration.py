@@ -2,8 +2,8 @@
 from __future__ import annotations
 
 from console.app import words
+from console.app.pages.calibrate.calibration import Bench, Calibration, FrameSeen, mark
 from console.app.pages.calibrate.catch import TURNING_RPM
-from console.app.pages.calibrate.desk import Bench, Desk, Seen, mark
 from console.app.pages.calibrate.guide import GuideView, Step
 from console.app.pages.calibrate.sheet import Bar, Line, Row
 from console.app.pages.calibrate.wheel import LEAST_M, WheelRun, WheelSample
@@ -15,7 +15,7 @@ TROUBLES = {"bent": N_("Not straight: drive again along a line."),
             "broken": N_("Wheel or GNSS fell silent: begin again.")}
 
 
-class WheelDesk(Desk):
+class WheelCalibration(Calibration):
     kind = "wheel"
 
     def __init__(self, bench: Bench) -> None:
@@ -25,7 +25,7 @@ class WheelDesk(Desk):
     def title(self) -> str:
         return _("wheel")
 
-    def see(self, seen: Seen) -> None:
+    def see(self, seen: FrameSeen) -> None:
         frame = seen.frame
         if frame is None:
             return
@@ -40,7 +40,7 @@ class WheelDesk(Desk):
             return 1
         return 2 if self.fitted is not None else 0
 
-    def guide(self, seen: Seen, said: str) -> GuideView:
+    def guide(self, seen: FrameSeen, said: str) -> GuideView:
         now = self.step()
         enough = self.run.running and self.run.enough
         texts = (
@@ -59,7 +59,7 @@ class WheelDesk(Desk):
         rows = super().found()
         return (*rows, _("a cab file has it too: board, wheel_circumference_m")) if self.saved else rows
 
-    def sheet(self, seen: Seen) -> tuple[Row, ...]:
+    def sheet(self, seen: FrameSeen) -> tuple[Row, ...]:
         drive, distance = self.run.drive, self.bench.units.fine_distance
         rows: list[Row] = [
             Bar(_("driven"), round(min(1.0, drive.gnss_m / LEAST_M), 2), distance.full(drive.gnss_m),
@@ -75,12 +75,12 @@ class WheelDesk(Desk):
             rows.append(Line(_("machine file"), f"{job.wheel_circumference_m:.4f} m"))
         return tuple(rows)
 
-    def chips(self, seen: Seen) -> tuple[Chip, ...]:
+    def chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
         label = _("end") if self.run.running else _("begin")
         return (Chip("cal_begin", "B", label, seen.frame is not None, lead=self.step() == 0 or (self.run.enough
                      and self.run.running)), self.save_chip())
 
-    def begin(self, seen: Seen) -> None:
+    def begin(self, seen: FrameSeen) -> None:
         if not self.run.running:
             self.run.start()
             self.forget()

@@ -4,9 +4,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from console.app.number_dialog import NumberDialog
+from console.app.pages.calibrate.calibration import Bench, Calibration, FrameSeen, curve_of, mark
 from console.app.pages.calibrate.catch import LEAST_POINTS, MODEL_FACTOR, SETTLE_S, WEIGH_S, CatchTest
 from console.app.pages.calibrate.curve import CurveView
-from console.app.pages.calibrate.desk import Bench, Desk, Seen, curve_of, mark
 from console.app.pages.calibrate.guide import GuideView, Step
 from console.app.pages.calibrate.job import CalibrateJob
 from console.app.pages.calibrate.sheet import Bar, Cells, Line, Row
@@ -21,7 +21,7 @@ OPENINGS_APART_MM = 0.5
 BENCH_STATES = ("calibrating", "ready")      # let go of, a run is over at once, and the shaft stands a little later
 
 
-class CatchDesk(Desk):
+class CatchCalibration(Calibration):
     kind = "catch"
     holds = True
 
@@ -33,7 +33,7 @@ class CatchDesk(Desk):
     def title(self) -> str:
         return _("catch test")
 
-    def see(self, seen: Seen) -> None:
+    def see(self, seen: FrameSeen) -> None:
         frame = seen.frame
         if frame is None:
             return
@@ -46,7 +46,7 @@ class CatchDesk(Desk):
     def settings(self) -> Sequence[Order]:
         return (Order(Do.CALIBRATE_OPENING, self.test.opening_mm), Order(Do.CALIBRATE_SHAFT, self.test.shaft_rpm))
 
-    def step(self, seen: Seen) -> int:
+    def step(self, seen: FrameSeen) -> int:
         test = self.test
         if self.fitted is not None or (len(test.points) >= LEAST_POINTS and test.turned.revolutions == 0.0
                                        and not seen.calibrating):
@@ -57,7 +57,7 @@ class CatchDesk(Desk):
             return 1
         return 3 if test.can_weigh and not seen.calibrating else 2
 
-    def guide(self, seen: Seen, said: str) -> GuideView:
+    def guide(self, seen: FrameSeen, said: str) -> GuideView:
         now = self.step(seen)
         rest = max(0, LEAST_POINTS - len(self.test.points))
         texts = (
@@ -76,7 +76,7 @@ class CatchDesk(Desk):
                          tuple(Step(mark(index, now), title, text) for index, (title, text) in enumerate(texts)),
                          self.why_not(seen, said), self.found())
 
-    def sheet(self, seen: Seen) -> tuple[Row, ...]:
+    def sheet(self, seen: FrameSeen) -> tuple[Row, ...]:
         test, row = self.test, seen.frame.row if seen.frame else None
         old = seen.age_s > STALE_S or row is None
         shaft = "--" if row is None or row.shaft_rpm is None else f"{row.shaft_rpm:.1f}"
@@ -114,7 +114,7 @@ class CatchDesk(Desk):
         return curve_of(self.fitted, tuple(zip(across, (one.grams_per_revolution for one in points), strict=True)),
                         "shaft r/min" if by_speed else "opening mm", "g per turn")
 
-    def chips(self, seen: Seen) -> tuple[Chip, ...]:
+    def chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
         test, step, free = self.test, self.step(seen), not seen.calibrating
         enough = len(test.points) >= LEAST_POINTS
         return (Chip("cal_ready", "Y", _("make ready"), not seen.ready, lead=step == 0),
@@ -127,28 +127,28 @@ class CatchDesk(Desk):
                      and enough),
                 self.save_chip())
 
-    def _turning(self, seen: Seen) -> bool:
+    def _turning(self, seen: FrameSeen) -> bool:
         if seen.calibrating:
             self.bench.tell(_("let go first: the shaft turns"))
         return seen.calibrating
 
-    def ask_shaft(self, seen: Seen) -> None:
+    def ask_shaft(self, seen: FrameSeen) -> None:
         job = self.bench.job
         if job is not None and not self._turning(seen):
             self.bench.ask(NumberDialog(_("Shaft speed"), "r/min", *job.shaft_rpm,
                                         _("The shaft turns only while J is held.")), self._set_shaft)
 
-    def ask_opening(self, seen: Seen) -> None:
+    def ask_opening(self, seen: FrameSeen) -> None:
         job = self.bench.job
         if job is not None and not self._turning(seen):
             self.bench.ask(NumberDialog(_("Opening"), "mm", *job.opening_mm), self._set_opening)
 
-    def ask_mass(self, seen: Seen) -> None:
+    def ask_mass(self, seen: FrameSeen) -> None:
         job = self.bench.job
         if job is not None and not self._turning(seen):
             self._ask_mass(job)
 
-    def again(self, seen: Seen) -> None:
+    def again(self, seen: FrameSeen) -> None:
         if not self._turning(seen):
             self.test.again()
 

@@ -44,7 +44,7 @@ class Bench(Protocol):
     def tell(self, text: str) -> None: ...
 
 
-class Seen(NamedTuple):
+class FrameSeen(NamedTuple):
     """The newest frame, its age in s, and the console's clock."""
 
     frame: Frame | None
@@ -64,7 +64,7 @@ class Seen(NamedTuple):
         return self.state in ("ready", "calibrating")
 
 
-class Desk:
+class Calibration:
     """One calibration: what it has gathered, what is to be done next, what it shows."""
 
     kind = ""
@@ -78,41 +78,41 @@ class Desk:
     def title(self) -> str:
         raise NotImplementedError
 
-    def see(self, seen: Seen) -> None:
+    def see(self, seen: FrameSeen) -> None:
         """A new frame has come."""
 
     def settings(self) -> Sequence[Order]:
         """For shaft and gate at the beginning of a held run."""
         return ()
 
-    def guide(self, seen: Seen, said: str) -> GuideView:
+    def guide(self, seen: FrameSeen, said: str) -> GuideView:
         raise NotImplementedError
 
-    def sheet(self, seen: Seen) -> tuple[Row, ...]:
+    def sheet(self, seen: FrameSeen) -> tuple[Row, ...]:
         return ()
 
     def curve(self) -> CurveView | None:
         return None
 
-    def chips(self, seen: Seen) -> tuple[Chip, ...]:
+    def chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
         raise NotImplementedError
 
-    def ask_shaft(self, seen: Seen) -> None:
+    def ask_shaft(self, seen: FrameSeen) -> None:
         self._of_another()
 
-    def ask_opening(self, seen: Seen) -> None:
+    def ask_opening(self, seen: FrameSeen) -> None:
         self._of_another()
 
-    def ask_mass(self, seen: Seen) -> None:
+    def ask_mass(self, seen: FrameSeen) -> None:
         self._of_another()
 
-    def again(self, seen: Seen) -> None:
+    def again(self, seen: FrameSeen) -> None:
         self._of_another()
 
     def undo(self) -> None:
         self._of_another()
 
-    def begin(self, seen: Seen) -> None:
+    def begin(self, seen: FrameSeen) -> None:
         self._of_another()
 
     def ask_table(self) -> None:
@@ -152,7 +152,7 @@ class Desk:
         on = self.fitted is not None and not self.saved and not self.bench.busy
         return Chip("cal_save", "N", _("save as new"), on, lead=on)
 
-    def why_not(self, seen: Seen, said: str) -> str:
+    def why_not(self, seen: FrameSeen, said: str) -> str:
         """Why a held run does not go, in words: what was refused, what keeps the shaft still."""
         if said:
             return said

@@ -1,7 +1,7 @@
 """The heads check on the screen: six heads against their median for 30 s of driving."""
 from __future__ import annotations
 
-from console.app.pages.calibrate.desk import Bench, Desk, Seen, mark
+from console.app.pages.calibrate.calibration import Bench, Calibration, FrameSeen, mark
 from console.app.pages.calibrate.guide import GuideView, Step
 from console.app.pages.calibrate.heads import CHECK_S, HeadsCheck
 from console.app.pages.calibrate.sheet import Bar, Level, Line, Middle, Row
@@ -16,7 +16,7 @@ ADVICE = {"fouled": N_("head {head}: clean it"), "unsteady": N_("head {head}: lo
 LEVELS: dict[str, Level] = {"": "", "good": "", "fouled": "amber", "unsteady": "amber", "silent": "red"}
 
 
-class HeadsDesk(Desk):
+class HeadsCalibration(Calibration):
     kind = "heads"
 
     def __init__(self, bench: Bench) -> None:
@@ -26,14 +26,14 @@ class HeadsDesk(Desk):
     def title(self) -> str:
         return _("heads check")
 
-    def see(self, seen: Seen) -> None:
+    def see(self, seen: FrameSeen) -> None:
         frame = seen.frame
         if frame is not None:
             row = frame.row
             ndvi = frame.head_ndvi or (row.ndvi_1, row.ndvi_2, row.ndvi_3, row.ndvi_4, row.ndvi_5, row.ndvi_6)
             self.check.see(frame.row.time_s, ndvi)
 
-    def guide(self, seen: Seen, said: str) -> GuideView:
+    def guide(self, seen: FrameSeen, said: str) -> GuideView:
         check = self.check
         now = 0 if check.started_s is None else 1 if check.running else 2
         texts = (
@@ -52,7 +52,7 @@ class HeadsDesk(Desk):
                        if one.verdict in ADVICE)
         return advice or (_("all heads agree"),)
 
-    def sheet(self, seen: Seen) -> tuple[Row, ...]:
+    def sheet(self, seen: FrameSeen) -> tuple[Row, ...]:
         check = self.check
         seconds = min(check.seconds, CHECK_S)
         rows: list[Row] = [Bar(_("time"), round(seconds / CHECK_S, 2), f"{seconds:4.1f} s",
@@ -68,10 +68,10 @@ class HeadsDesk(Desk):
                                LEVELS[one.verdict]))
         return tuple(rows)
 
-    def chips(self, seen: Seen) -> tuple[Chip, ...]:
+    def chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
         label = _("begin again") if self.check.started_s is not None else _("begin")
         return (Chip("cal_begin", "B", label, seen.frame is not None, lead=not self.check.running),)
 
-    def begin(self, seen: Seen) -> None:
+    def begin(self, seen: FrameSeen) -> None:
         if seen.frame is not None:
             self.check.start(seen.frame.row.time_s)
