@@ -53,7 +53,7 @@ def command(*words: str) -> None:
 
 def outcome(effects: tuple[str, ...], trim: str, seconds: float, folder: Path) -> Outcome:
     """Log, diagnosis, adopted machine, two fields."""
-    from control.diagnosis.runs.gain import closed_loop_gain
+    from control.diagnosis.runs.closed_loop import closed_loop_gain
     from control.machine.planting import parse_planted
     from control.orders import Strategy
     from drivers.files.config import load

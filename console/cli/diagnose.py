@@ -183,7 +183,7 @@ def _setup(machine: str, job: str) -> Setup:
 def _closed_loop(found: Diagnosis, setup: Setup, job: str, seconds: float) -> list[str]:
     """The sizes found are taken for true, so this says what knowing them is worth, not whether they are right."""
     from control.diagnosis.extend import extend, planted
-    from control.diagnosis.runs.gain import closed_loop_gain
+    from control.diagnosis.runs.closed_loop import closed_loop_gain
     effects = planted(setup.machine, found)
     if not effects:
         return ["", "closed loop: no named effect with a size, so there is nothing to compare"]

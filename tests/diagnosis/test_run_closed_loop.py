@@ -10,8 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 from console.cli import app
+from control.diagnosis.runs.closed_loop import closed_loop_gain
 from control.diagnosis.runs.diagnose import diagnose_run
-from control.diagnosis.runs.gain import closed_loop_gain
 from control.log_row import COLUMNS, TEXT_COLUMNS
 from control.machine.machine import Machine, with_effect
 from control.machine.planting import Planted

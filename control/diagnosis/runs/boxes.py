@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import RegularGridInterpolator
 from scipy.special import logsumexp
 
 from control.diagnosis.effects import ROWS
@@ -73,9 +72,8 @@ def _best(ground: Ground, group: Alike, time_s: Array, pull: Array, exact_s: Arr
     found = []
     for k, one in enumerate(group.ones):
         exact = sum(whole[k] @ whole[k].T for whole in rows) - taken[k] @ taken[k].T
-        inner = RegularGridInterpolator((exact_s, exact_s), exact)
         own = np.interp(edges_s, exact_s, np.diag(exact))
-        across = exact[begin, end] if between == 1 else inner(np.stack((edges_s[begin], edges_s[end]), axis=1))
+        across = exact[begin, end] if between == 1 else _inner(exact_s, exact, edges_s[begin], edges_s[end])
         information = np.maximum(own[begin] + own[end] - 2.0 * across, 1e-12)
         at_edges = np.interp(edges_s, time_s, pull[k])
         pulled = at_edges[begin] - at_edges[end]
@@ -88,3 +86,17 @@ def _best(ground: Ground, group: Alike, time_s: Array, pull: Array, exact_s: Arr
             size=float(size[at]), onset_s=float(edges_s[begin[at]]), until_s=float(edges_s[end[at]])), float(gain[at]),
             evidence, float(log_odds[at]) - evidence))
     return found
+
+
+def _inner(times_s: Array, exact: Array, begin_s: Array, end_s: Array) -> Array:
+    """Inner products (times, times) straight between their times. Not scipy.interpolate's, which takes a tenth of a
+    second to load."""
+    (row, below), (column, left) = _place(times_s, begin_s), _place(times_s, end_s)
+    return np.asarray(exact[row, column] * (1.0 - below) * (1.0 - left) + exact[row, column + 1] * (1.0 - below) * left
+                      + exact[row + 1, column] * below * (1.0 - left) + exact[row + 1, column + 1] * below * left)
+
+
+def _place(times_s: Array, at_s: Array) -> tuple[npt.NDArray[np.int64], Array]:
+    """The time before each, and how far it is on the way to the next one."""
+    before = np.clip(np.searchsorted(times_s, at_s, side="right") - 1, 0, len(times_s) - 2)
+    return before, (at_s - times_s[before]) / (times_s[before + 1] - times_s[before])

@@ -1,24 +1,15 @@
-"""What putting the model right gains: on blocks of the log that no size was fitted to, and in the closed loop."""
+"""What putting the model right gains on blocks of the log that no size was fitted to. In the field: `closed_loop`."""
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from control.agronomy.crop import Crop
-from control.agronomy.noa import Rule
 from control.diagnosis.judgement.evidence import Z90, Column, Role, fitted
 from control.diagnosis.judgement.noise import Noise, series_of
 from control.diagnosis.result import Gain
-from control.field.job import Job
-from control.machine.machine import Machine
-from control.machine.planting import Planted
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.closed_loop import Record, simulated_run
-from control.simulation.errors import Errors, errors
 
 from .held_out import BLOCKS, HELD_OUT, HeldOut, amplitudes, errors_of, held_out
 from .selection import Judged
@@ -109,39 +100,3 @@ def _corrected(blocks: HeldOut, fixed: Sequence[tuple[Column, Array]], others: S
     shapes = [series_of(c.coefficients[blocks.whole.name], blocks.whole.cut) for c in others]
     amplitude = amplitudes(blocks, [*fixed, *zip(others, shapes, strict=True)], before, noise)[len(fixed):]
     return np.asarray(before - sum(a * series for a, series in zip(amplitude, shapes, strict=True)))
-
-
-class LoopGain(NamedTuple):
-    """Rate and place error in the field of a machine that has the effects: controlled without and with knowing them."""
-
-    before: Errors
-    after: Errors
-
-
-def closed_loop_gain(nominal: Machine, extended: Machine, planted: Sequence[Planted], crop: Crop, rule: Rule, job: Job,
-                     seconds: float = 600.0, seed: int = 1, dt_s: float = 0.05) -> LoopGain:
-    """Rate and place error of two simulated runs of the same machine: control without and with knowing its effects.
-
-    Parameters
-    ----------
-    nominal, extended
-        The machine file that the loop knows in the first and in the second run.
-    planted
-        The effects that the simulated machine has in both.
-    crop, rule, job
-        What is to be spread where; a job without a field gets the simulated one.
-    seconds, seed, dt_s
-        Length of each run, s; seed of its noise; its tick, s.
-    """
-    return LoopGain(*(_run(nominal, known, planted, crop, rule, job, seconds, seed, dt_s)
-                      for known in (nominal, extended)))
-
-
-def _run(nominal: Machine, known: Machine, planted: Sequence[Planted], crop: Crop, rule: Rule, job: Job,
-         seconds: float, seed: int, dt_s: float) -> Errors:
-    job = with_simulated_field(job, nominal)
-    record = Record()
-    plant = simulated_machine(nominal, job, seed, dt_s, planted)
-    for step in simulated_run(plant, control_loop(known, crop, rule, job), seconds):
-        record.add(step)
-    return errors(record.columns(), record.fired, nominal.geometry.working_width_m, nominal.fall.lever_arm_m)
