@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+from contextlib import asynccontextmanager
 from pathlib import Path
 from time import monotonic, process_time
 
@@ -12,6 +13,8 @@ for _name in ("NO_COLOR", "TEXTUAL_THEME"):          # textual reads them when i
 import pytest  # noqa: E402
 import textual.app  # noqa: E402
 import textual.pilot  # noqa: E402
+from textual.app import App  # noqa: E402
+from textual.pilot import Pilot  # noqa: E402
 
 from console.app import sample  # noqa: E402
 from console.app.app import TopdressApp  # noqa: E402
@@ -20,38 +23,67 @@ from console.app.replay_job import ReplayJob  # noqa: E402
 from console.app.replay_source import ReplaySource  # noqa: E402
 from console.locale import ENGLISH, use  # noqa: E402
 
-LOOK_S = 0.02               # as Textual's own wait: between two looks,
-IDLE_S = 0.001              # and how little is done between them where nothing is left to do
+LOOK_S = 0.02               # as Textual's own wait: what falls due sooner is waited for,
+IDLE_S = 0.001              # and so little is done meanwhile by a thread that only waits
 SCHEDULED = Path("/proc/self/schedstat")
 
 
 def _queued_s() -> float:
-    """How long the thread that draws stood in the queue for a processor; 0 where the system does not tell."""
+    """How long the thread that draws stood in the queue for a processor; 0 where the system does not say."""
     try:
         return int(SCHEDULED.read_text().split()[1]) * 1e-9
     except (OSError, IndexError):
         return 0.0
 
 
-async def come_to_rest(min_sleep: float = LOOK_S, max_sleep: float = 1.0) -> None:
-    """Textual's `wait_for_idle`, by time in which the program could run.
+def _next_s(loop) -> float:
+    """Seconds to what the loop does next; LOOK_S where nothing falls due before."""
+    due = (handle.when() - loop.time() for handle in loop._scheduled if not handle.cancelled())
+    return 0.0 if loop._ready else max(0.0, min(due, default=LOOK_S))
 
-    Where many programs share a processor, the second that it waits at most is over before a page is drawn.
+
+def _threads_work(loop) -> bool:
+    pool = loop._default_executor
+    return pool is not None and len(pool._threads) > pool._idle_semaphore._value
+
+
+async def come_to_rest(_min_sleep: float = 0.0, max_sleep: float = 1.0) -> None:
+    """Textual's `wait_for_idle` by what the program does: its loop has nothing to do, and no thread computes for it.
+
+    Textual waits 20 ms at least, and a second at most, which a program that shares its processor with many is not
+    given: here the second is one in which it could run.
     """
+    loop = asyncio.get_running_loop()
     start_s = monotonic() - _queued_s()
-    while True:
-        ran_s = process_time()
-        await asyncio.sleep(LOOK_S)
-        ran_s = process_time() - ran_s
-        could_run_s = monotonic() - _queued_s() - start_s
-        if could_run_s >= max_sleep or (could_run_s > min_sleep and ran_s < IDLE_S):
+    while monotonic() - _queued_s() - start_s < max_sleep:
+        before_s = process_time()
+        wait_s = LOOK_S if _threads_work(loop) else min(_next_s(loop), LOOK_S)
+        await asyncio.sleep(wait_s)
+        computes = _threads_work(loop) and (wait_s < LOOK_S or process_time() - before_s > IDLE_S)
+        still = wait_s >= LOOK_S and process_time() - before_s < IDLE_S      # something that repeats, and does little
+        if still or (not computes and _next_s(loop) >= LOOK_S):
             return
 
 
 @pytest.fixture(autouse=True)
 def _rest(monkeypatch):
+    """A key is over when what it did is drawn; a test gets its pilot when the first page is."""
+    press, begin = Pilot.press, App.run_test
+
+    async def pressed(pilot: Pilot, *keys: str) -> None:
+        await press(pilot, *keys)
+        await pilot.pause()
+
+    @asynccontextmanager
+    async def begun(app: App, **of):
+        async with begin(app, **of) as pilot:
+            await pilot.pause()
+            yield pilot
+
     for module in (textual.app, textual.pilot):
         monkeypatch.setattr(module, "wait_for_idle", come_to_rest)
+    monkeypatch.setattr(Pilot, "press", pressed)
+    monkeypatch.setattr(App, "run_test", begun)
 
 
 @pytest.fixture(autouse=True)

@@ -138,7 +138,6 @@ async def test_every_page_s_key_bar_leads_to_the_palette_by_mouse_at_every_width
             bar = full.page.query_one("#keys", KeyBar)
             palette = next(place for place in laid_out(bar.view.actions, bar.size.width) if place[0].id == "palette")
             await pilot.click("#keys", offset=(palette[1] + 1, 0))
-            await pilot.pause()
             assert isinstance(full.screen, CommandPalette), where
             full.pop_screen()
             await pilot.pause()
@@ -146,7 +145,6 @@ async def test_every_page_s_key_bar_leads_to_the_palette_by_mouse_at_every_width
 
 async def test_an_action_is_run_by_two_clicks(full, source):
     async with full.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
         bar = full.page.query_one("#keys", KeyBar)
         palette = next(place for place in laid_out(bar.view.actions, bar.size.width) if place[0].id == "palette")
         await pilot.click("#keys", offset=(palette[1] + 1, 0))
@@ -186,7 +184,6 @@ LOOKS = frozenset({"hold", "stop"})
 
 async def test_locked_no_action_of_any_page_orders_asks_or_works(full, source, turned):
     async with full.run_test(size=(100, 30)) as pilot:
-        await pilot.pause()
         full.locked = True
         for where in full.pages:
             await turned(full, pilot, where)
@@ -203,7 +200,6 @@ async def test_locked_no_action_of_any_page_orders_asks_or_works(full, source, t
 
 async def test_locked_what_stays_only_holds_stops_unlocks_and_looks(full, source, turned):
     async with full.run_test(size=(100, 30)) as pilot:
-        await pilot.pause()
         full.locked = True
         for where in full.pages:
             stays = [action for action in actions.at(where) if action.locked and action.id != "lock"]
@@ -231,7 +227,6 @@ def clickable(page):
 
 async def test_locked_no_click_on_any_page_orders_or_asks(full, source, turned):
     async with full.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
         full.locked = True
         for where in full.pages:
             await turned(full, pilot, where)

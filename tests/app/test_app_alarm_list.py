@@ -49,8 +49,7 @@ def test_nothing_is_owed_for_what_is_gone():
 async def test_the_bell_is_heard_unless_it_is_off(app, source, clock, monkeypatch):
     heard = []
     monkeypatch.setattr(app, "bell", lambda: heard.append(clock.now_s))
-    async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
+    async with app.run_test(size=SIZE):
         for sound, count in ((False, 0), (True, 1)):
             app.sound = sound
             clock.now_s += 60.0
@@ -76,18 +75,15 @@ def test_an_entry_says_when_how_often_and_what_to_do():
 
 async def test_the_list_shows_what_was(app, source, shown):
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         source.newest = replace(source.newest, seq=1_000_000, alarms=(RED,))
         app.tick()
         source.newest = replace(source.newest, seq=1_000_001, alarms=())
         app.tick()
         await pilot.press("exclamation_mark")
-        await pilot.pause()
         assert isinstance(app.screen, AlarmList)
         text = "\n".join(shown(app))
         assert "The metering shaft does not answer." in text and "not acknowledged" in text and "Stop. Check" in text
         await pilot.press("escape")
-        await pilot.pause()
         assert not isinstance(app.screen, AlarmList)
 
 
@@ -96,12 +92,9 @@ async def test_on_replay_it_is_the_logs(replay_app, replay_source, frames, shown
     replay_source.replace(marked)
     app = replay_app
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         await pilot.press("exclamation_mark")
-        await pilot.pause()
         assert any("no alarm so far" in row for row in shown(app)), "the log stands at its start"
         await pilot.press("escape", "end", "exclamation_mark")
-        await pilot.pause()
         assert any("does not answer" in row for row in shown(app))
 
 

@@ -66,7 +66,6 @@ def test_the_book_and_the_list_keep_it_and_forget_it(frames):
 async def test_a_fault_takes_half_the_screen_with_its_remedy(app, source, shown, size):
     source.newest = frame_with(source.newest, state="fault", why="shaft_silent")
     async with app.run_test(size=size) as pilot:
-        await pilot.pause()
         app.tick()
         await pilot.pause()
         bar = app.page.query_one("#alarms", AlarmBar)
@@ -102,7 +101,6 @@ def test_no_two_of_work_caution_choice_stop_and_alarm_look_the_same(theme):
                                            ((40, 10), 3)])
 async def test_the_rates_are_drawn_as_large_as_there_is_room(app, shown, size, rows):
     async with app.run_test(size=size) as pilot:
-        await pilot.pause()
         app.tick()
         await pilot.pause()
         heads = [row[:12].strip() for row in shown(app)[3:max(8, size[1] * 2 // 3)]]
@@ -113,7 +111,6 @@ async def test_the_rates_are_drawn_as_large_as_there_is_room(app, shown, size, r
 @pytest.mark.parametrize("size", [(120, 40), (100, 30), (80, 24)])
 async def test_the_map_page_tells_both_rates_in_numerals(app, shown, size):
     async with app.run_test(size=size) as pilot:
-        await pilot.pause()
         app.turn_to("map")
         await pilot.pause()
         app.tick()

@@ -32,24 +32,19 @@ async def field_known(app, pilot):
 
 async def test_a_preset_is_two_keys_and_can_be_taken_back(full, source):
     async with full.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         before = source.newest.row.target_source
         await pilot.press("full_stop")
         assert isinstance(full.screen, Confirm) and "150 kg/ha" in full.screen.heading and source.orders == []
         await pilot.press("enter")
-        await pilot.pause()
         assert source.orders == [Order(Do.MANUAL_RATE, 150.0), Order(Do.SOURCE, "manual")]
         await pilot.press("ctrl+z", "enter")
-        await pilot.pause()
         assert source.orders[-1] == Order(Do.SOURCE, before)
 
 
 async def test_a_preset_beyond_the_limits_is_refused_with_both(full, source):
     async with full.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         full.limits_kg_ha = 0.0, 120.0
         await pilot.press("slash")
-        await pilot.pause()
         assert full.screen is full.page and source.orders == []
         assert "200 kg/ha" in full.notice_text and "120 kg/ha" in full.notice_text
 
@@ -60,16 +55,13 @@ async def test_hopper_full_is_what_is_missing_and_a_refill_can_be_taken_back(ful
     full.hopper_kg = 300.0
     source.newest = replace(source.newest, row=source.newest.row._replace(hopper_kg=49.5))
     async with full.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         await pilot.press("f", "f")
         assert isinstance(full.screen, NumberDialog) and full.screen.reading.value == 250.5
         await pilot.press("enter")
-        await pilot.pause()
         assert source.orders == [Order(Do.REFILL, 250.5)]
         await pilot.press("ctrl+z")
         assert isinstance(full.screen, Confirm) and "without the refill of 250.5 kg" in full.screen.text
         await pilot.press("enter")
-        await pilot.pause()
         assert source.orders[-1] == Order(Do.REFILL_BACK, 250.5)
 
 
@@ -87,7 +79,6 @@ async def test_limits_are_the_same_in_settings_and_dialog(full, source, shown, t
     full.limits_kg_ha = 0.0, 500.0
     async with full.run_test(size=SIZE) as pilot:
         await pilot.press("m")
-        await pilot.pause()
         assert (full.screen.low, full.screen.high) == (0.0, 500.0)
         await pilot.press("escape")
         await turned(full, pilot, "settings")
@@ -153,7 +144,6 @@ def test_lights_stand_on_the_side_of_the_machine(frames):
 @pytest.mark.parametrize("size", [(120, 40), (100, 30), (80, 24)])
 async def test_a_line_is_set_by_key_and_the_run_page_shows_how_far_off(full, source, shown, size, turned):
     async with full.run_test(size=size) as pilot:
-        await pilot.pause()
         await field_known(full, pilot)
         await turned(full, pilot, "map")
         frame = source.newest
@@ -218,7 +208,6 @@ def test_a_way_that_encloses_nothing_is_refused():
 
 async def test_a_boundary_is_driven_and_kept_by_key(full, source, shown, turned):
     async with full.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         await field_known(full, pilot)
         await turned(full, pilot, "map")
         await pilot.press("b", "3", "enter")
@@ -260,7 +249,6 @@ async def test_a_map_by_its_path_and_through_folders(full, source, turned):
         await _settled(full, pilot, "p")
         assert isinstance(full.screen, ChoiceDialog)
         await pilot.press("up", "enter")                # the last line: a path
-        await pilot.pause()
         assert isinstance(full.screen, NameDialog)
         await pilot.press(*"/maps/n.csv".replace("/", "~").replace(".", "^"))
         full.screen.query_one("#name-input").value = "/maps/n.csv"
@@ -277,7 +265,6 @@ async def test_a_map_by_its_path_and_through_folders(full, source, turned):
 
 async def _settled(app, pilot, key):
     await pilot.press(key)
-    await pilot.pause()
     for worker in [worker for worker in app.workers if worker.group == "job-bring"]:
         await worker.wait()
     await pilot.pause()

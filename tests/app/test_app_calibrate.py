@@ -41,7 +41,6 @@ def opened(app):
     async def go(pilot, right: int = 0):
         await pilot.pause()
         await pilot.press("f6", *(["right"] * right))
-        await pilot.pause()
         return app.page
 
     return go
@@ -70,7 +69,6 @@ async def test_one_press_of_the_key_turns_nothing(app, source, clock, opened):
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot)
         await pilot.press("j")
-        await pilot.pause()
         assert source.orders == []
         assert "Keep it pressed" in page.runner.said
 
@@ -82,7 +80,6 @@ async def test_a_held_key_runs_and_half_a_second_after_the_last_repeat_it_is_rel
         clock.now_s += 0.5
         for _repeat in range(10):
             await pilot.press("j")
-            await pilot.pause()
             clock.now_s += 0.05
         assert source.orders[:3] == BEGIN
         assert source.orders[3:] and set(source.orders[3:]) == {Order(Do.CALIBRATE)}
@@ -115,7 +112,6 @@ async def test_the_button_slipping_off_stops(app, source, opened):
         page = await opened(pilot)
         await hold_mouse(pilot, page, "cal_run")
         await pilot.hover("#cal-sheet", offset=(3, 3))
-        await pilot.pause()
         assert source.orders[-1] == Order(Do.RELEASE)
 
 
@@ -192,7 +188,6 @@ async def test_locked_nothing_of_the_page_works(app, source, opened):
         assert "locked" in app.notice_text
         assert source.orders == [] and len(app.screen_stack) == 2 and page.at == 0
         await pilot.press("space", "x")
-        await pilot.pause()
         assert source.orders == [Order(Do.HOLD), Order(Do.STOP)]
 
 
@@ -200,10 +195,8 @@ async def test_settings_are_typed_within_the_machine_s_range_and_sent_at_the_nex
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot)
         await pilot.press("v", "1", "0", "1", "enter")
-        await pilot.pause()
         assert isinstance(app.screen, NumberDialog), "101 r/min is more than the machine has"
         await pilot.press("delete", "9", "0", "enter", "p", "4", "0", "enter")
-        await pilot.pause()
         assert source.orders == []
         await hold_mouse(pilot, page, "cal_run")
         assert source.orders[1:] == [Order(Do.CALIBRATE_OPENING, 40.0), Order(Do.CALIBRATE_SHAFT, 90.0)]
@@ -238,7 +231,6 @@ async def test_a_catch_test_from_settling_to_the_new_machine_file(app, source, c
             for key, value in (("v", rpm), ("p", mm)):
                 await pilot.press(key, *f"{value:.0f}", "enter")
             await pilot.press("i")
-            await pilot.pause()
             assert len(app.screen_stack) == 2, "nothing is caught yet"
             await caught(app, source, clock, pilot, frame=frame, rpm=rpm, mm=mm, seconds=5.4)
             assert page.calibration.test.phase == "weigh"
@@ -247,7 +239,6 @@ async def test_a_catch_test_from_settling_to_the_new_machine_file(app, source, c
                        if isinstance(row, Bar) and row.label == "catch")
             assert bar.share == 1.0
             await pilot.press("i", *("full_stop" if c == "." else c for c in mass), "enter")
-            await pilot.pause()
         points = page.calibration.test.points
         assert [(round(one.shaft_rpm), round(one.opening_mm)) for one in points] == [(70, 20), (70, 35), (90, 50)]
         assert points[1].mass_kg == 6.7
@@ -256,7 +247,6 @@ async def test_a_catch_test_from_settling_to_the_new_machine_file(app, source, c
         text = "\n".join(shown(app))
         assert "flow 5.4972 g per turn and mm" in text and "90 % lie between" in text
         await pilot.press("n")
-        await pilot.pause()
         assert isinstance(app.screen, NameDialog)
         await pilot.press("-", "x", "1", "enter")
         await settled(app, pilot)
@@ -285,10 +275,8 @@ async def test_a_name_that_is_taken_is_said_in_one_line_and_nothing_counts_as_sa
         page.calibration.test.points = list(POINTS)
         page.calibration.take(page.job.fit_catch(POINTS))
         await pilot.press("n")
-        await pilot.pause()
         app.screen.query_one("#name-input").value = "a/b"
         await pilot.press("enter")
-        await pilot.pause()
         assert isinstance(app.screen, NameDialog) and any("letters, digits" in row for row in shown(app))
         app.screen.query_one("#name-input").value = "taken"
         await pilot.press("enter")
@@ -309,7 +297,6 @@ async def test_escape_forgets_a_computation(app, opened):
         page.job = replace(page.job, fit_catch=slow)
         page.calibration.test.points = list(POINTS)
         await pilot.press("q")
-        await pilot.pause()
         assert page.busy
         await pilot.press("escape")
         gate.set()
@@ -323,10 +310,8 @@ async def test_points_can_be_taken_back_and_then_nothing_is_fitted(app, opened):
         page.calibration.test.points = list(POINTS[:3])
         page.calibration.take(page.job.fit_catch(POINTS[:3]))
         await pilot.press("backspace")
-        await pilot.pause()
         assert len(page.calibration.test.points) == 2 and page.calibration.fitted is None
         await pilot.press("q", "n")
-        await pilot.pause()
         assert page.calibration.fitted is None and len(app.screen_stack) == 2
 
 
@@ -336,7 +321,6 @@ async def test_the_lag_rig_is_begun_held_and_ended(app, source, frames, clock, o
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot, right=1)
         await pilot.press("b")
-        await pilot.pause()
         assert source.lag_tests == [True]
         source.newest = replace(lag_under_way(source.newest), seq=source.newest.seq + 1)
         clock.now_s += 0.5
@@ -346,7 +330,6 @@ async def test_the_lag_rig_is_begun_held_and_ended(app, source, frames, clock, o
         text = "\n".join(shown(app))
         assert "nothing landed" in text and "16 %" in text
         await pilot.press("b")
-        await pilot.pause()
         assert source.lag_tests == [True, False]
         await pilot.mouse_up("#cal-chips", offset=(1, 0))
         source.newest = replace(source.newest, lag_test=None, seq=source.newest.seq + 1)
@@ -361,13 +344,11 @@ async def test_without_a_rig_a_bench_table_is_fitted(app, source, opened, shown)
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot, right=1)
         await pilot.press("b")
-        await pilot.pause()
         assert source.lag_tests == [] and "no lag rig" in app.notice_text
         await pilot.press("e")
         await settled(app, pilot)
         assert isinstance(app.screen, ChoiceDialog)
         await pilot.press("2", "enter")
-        await pilot.pause()
         await pilot.press("2", "enter")
         await settled(app, pilot)
         assert page.calibration.label == "field"
@@ -404,7 +385,6 @@ async def test_the_wheel_is_measured_also_while_another_page_is_looked_at(app, s
             clock.now_s += 0.2
             app.tick()
         await pilot.press("f6")
-        await pilot.pause()
         app.tick()
         await pilot.pause()
         assert page.at == 3 and "Enough" in "\n".join(shown(app))
@@ -436,7 +416,6 @@ async def test_tabs_are_clickable(app, opened):
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot)
         await pilot.click("#cal-tabs", offset=(30, 0))
-        await pilot.pause()
         assert page.calibration.kind == "heads"
 
 
@@ -445,5 +424,4 @@ async def test_without_files_the_page_says_so(source, clock, frames):
     app = TopdressApp(source, clock, live=False)
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press("f6", "v")
-        await pilot.pause()
         assert "not available here" in app.notice_text and len(app.screen_stack) == 2

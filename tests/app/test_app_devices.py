@@ -25,7 +25,6 @@ def source(source, frames):
 async def opened(app, pilot):
     await pilot.pause()
     await pilot.press("f5")
-    await pilot.pause()
     return app.page
 
 
@@ -52,12 +51,10 @@ async def test_arrows_and_clicks_pick_and_the_details_follow(app, shown):
         page = await opened(app, pilot)
         assert page.device.name == "gnss"
         await pilot.press("up", "up")
-        await pilot.pause()
         assert page.device.name == "board"
         text = "\n".join(shown(app))
         assert "wrong check sum 3, line too long 1" in text and "$B1,20311" in text and "231804" in text
         await pilot.click("#device-table", offset=(5, 5))
-        await pilot.pause()
         assert page.device.name == "head_4"
         assert "device reports readiness to read" in "\n".join(shown(app))
 
@@ -67,7 +64,6 @@ async def test_the_picked_line_is_in_sight_where_rows_are_few(app, shown):
         page = await opened(app, pilot)
         for name in ("lag_rig", "board", "head_6", "head_5"):
             await pilot.press("up")
-            await pilot.pause()
             assert page.device.name == name
             assert any(row.startswith(f" > {name}") for row in shown(app))
 
@@ -76,7 +72,6 @@ async def test_test_and_capture_are_ordered_of_the_picked_device(app, source):
     async with app.run_test(size=SIZE) as pilot:
         await opened(app, pilot)
         await pilot.press("e", "y", "down", "y")
-        await pilot.pause()
         assert source.device_orders == [("gnss", DeviceDo.TEST), ("gnss", DeviceDo.END_CAPTURE),
                                         ("head_1", DeviceDo.CAPTURE)]
         assert source.orders == []
@@ -86,14 +81,11 @@ async def test_letting_go_of_a_line_is_asked_once_and_taking_it_is_not(app, sour
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(app, pilot)
         await pilot.press("p")
-        await pilot.pause()
         assert isinstance(app.screen, Confirm) and source.device_orders == []
         await pilot.press("escape", "p", "enter")
-        await pilot.pause()
         assert source.device_orders == [("gnss", DeviceDo.DISCONNECT)]
         page.picked = "head_5"
         await pilot.press("p")
-        await pilot.pause()
         assert source.device_orders[1:] == [("head_5", DeviceDo.CONNECT)]
 
 
@@ -105,7 +97,6 @@ async def test_everything_can_be_clicked(app, source):
             _chip, row, start, _cells = next(one for one in placed(chips.view, chips.size.width)
                                              if one[0].action == action)
             await pilot.click("#device-chips", offset=(start + 1, row))
-            await pilot.pause()
         assert source.device_orders == [("head_1", DeviceDo.TEST), ("head_1", DeviceDo.CAPTURE)]
         assert page.device.name == "gnss"
 
@@ -115,7 +106,6 @@ async def test_a_refusal_is_said_in_words(app, source):
     async with app.run_test(size=SIZE) as pilot:
         await opened(app, pilot)
         await pilot.press("p", "enter")
-        await pilot.pause()
         assert "Not possible in state WORKING." in app.notice_text
 
 
@@ -123,7 +113,6 @@ async def test_locked_a_device_is_looked_at_only(app, source):
     async with app.run_test(size=SIZE) as pilot:
         await opened(app, pilot)
         await pilot.press("f8", "e", "y", "p", "space")
-        await pilot.pause()
         assert source.device_orders == [] and source.orders == [Order(Do.HOLD)] and len(app.screen_stack) == 2
 
 
@@ -138,7 +127,6 @@ async def test_what_is_old_is_grey(app, clock):
 
 async def test_last_lines_are_kept_while_another_page_is_looked_at(app, source, clock, shown):
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         for number in range(3):
             devices = (replace(source.newest.devices[0], last_raw=f"$LINE,{number}"), *source.newest.devices[1:])
             source.newest = replace(source.newest, seq=source.newest.seq + 1, devices=devices)
@@ -164,6 +152,5 @@ async def test_without_a_machine_nothing_breaks(clock, shown):
     async with app.run_test(size=SIZE) as pilot:
         await opened(app, pilot)
         await pilot.press("up", "e", "y", "p")
-        await pilot.pause()
         assert "no machine is connected" in app.notice_text
         assert any("no device is known" in row for row in shown(app))

@@ -97,11 +97,9 @@ async def test_narrow_screens_go_through_all_views_and_wide_ones_show_them_besid
             visible = [widget.id for widget in page.query("#dia-left > *, #dia-right > *") if widget.region.area]
             seen.append((page.see, visible))
             await pilot.press("v")
-            await pilot.pause()
         assert seen == [("causes", ["dia-causes"]), ("channels", ["dia-channels"]), ("over", ["dia-over"]),
                         ("time", ["dia-time"]), ("run", ["dia-run"]), ("causes", ["dia-causes"])]
         await pilot.resize_terminal(120, 40)
-        await pilot.pause()
         visible = {widget.id for widget in page.query("#dia-left > *, #dia-right > *") if widget.region.area}
         assert visible == {"dia-causes", "dia-channels", "dia-over", "dia-time"}
 
@@ -127,13 +125,11 @@ async def test_nothing_of_an_undecided_group_is_adopted_by_enter_alone(desk, ser
     async with desk.run_test(size=size) as pilot:
         await found_shown(desk, pilot)
         await pilot.press("y")
-        await pilot.pause()
         assert isinstance(desk.screen, ChoiceDialog) and desk.screen.at == 0
         text = " ".join(" ".join(shown(desk)).replace("┃", " ").split())
         assert "Undecided: this data cannot tell these apart." in text
         assert "> 1 none of these: the next test is driven first" in text
         await pilot.press("enter")
-        await pilot.pause()
         assert service.asked[1:] == [] and desk.notice_text == "nothing is adopted: the next test decides"
 
 
@@ -141,29 +137,24 @@ async def test_one_is_picked_by_its_name_with_a_reason_and_the_undo_is_said(desk
     async with desk.run_test(size=(120, 40)) as pilot:
         page = await found_shown(desk, pilot)
         await pilot.press("y")
-        await pilot.pause()
         assert ["size is not known" in choice.why for choice in desk.screen.choices] == [False, False, True, True]
         await pilot.press("3", "enter")
         assert isinstance(desk.screen, ChoiceDialog), "a cause without a size cannot be taken up"
         await pilot.press("2", "enter")
-        await pilot.pause()
         assert isinstance(desk.screen, NameDialog)
         await pilot.press("enter")
         assert isinstance(desk.screen, NameDialog), "why is not left empty"
         await pilot.press(*"flutes", "space", *"worn", "enter")
-        await pilot.pause()
         assert isinstance(desk.screen, Confirm) and service.asked[1:] == []
         text = desk.screen.text
         assert "Adopted: Flutes fill less at high shaft speed, Shaft loses speed" in text
         assert "flow.fill_falloff: 0 -> 12.4 %" in text and "The running job keeps its machine file" in text
         await pilot.press("enter")
-        await pilot.pause()
         assert service.asked[1:] == ["adopt flow.fill_falloff, shaft.voltage_sag: flutes worn"]
         said = "\n".join(shown(desk))
         assert isinstance(desk.screen, TextDialog) and "huanghai-2026-03-18.yaml" in said
         assert "Z on the Diagnosis page takes the last change of it back." in said
         await pilot.press("escape")
-        await pilot.pause()
         assert page.adopted == "/data/machines/huanghai-2026-03-18.yaml"
 
 
@@ -172,16 +163,13 @@ async def test_undo_stands_on_the_page_after_adopting_and_takes_that_file_back(d
     async with desk.run_test(size=(120, 40)) as pilot:
         page = await found_shown(desk, pilot)
         await pilot.press("y")
-        await pilot.pause()
         assert isinstance(desk.screen, Confirm), "what is sure is asked once"
         await pilot.press("enter")
-        await pilot.pause()
         assert service.asked[-1] == "adopt flow.fill_falloff"
         await pilot.press("escape", "f9")
         await settled(desk, pilot)
         assert "Z take back" in " ".join(" ".join(shown(desk)).split())
         await pilot.press("z", "enter")
-        await pilot.pause()
         assert service.asked[-1] == "take back /data/machines/huanghai-2026-03-18.yaml"
         assert page.adopted == "/data/machines/bench-2026-03-19.yaml"
 
@@ -190,13 +178,11 @@ async def test_what_is_sure_alone_is_adopted_where_none_is_picked(desk, service)
     async with desk.run_test(size=(120, 40)) as pilot:
         await found_shown(desk, pilot)
         await pilot.press("y", "enter")
-        await pilot.pause()
         assert isinstance(desk.screen, Confirm)
         text = desk.screen.text
         assert "Adopted: Shaft loses speed when the supply falls below nominal" in text
         assert "Not adopted, undecided: Flutes fill less at high shaft speed" in text
         await pilot.press("enter")
-        await pilot.pause()
         assert service.asked[1:] == ["adopt shaft.voltage_sag"]
 
 
@@ -243,14 +229,11 @@ async def test_the_last_change_is_taken_back_after_a_question(desk, service, sho
     async with desk.run_test(size=(120, 40)) as pilot:
         page = await found_shown(desk, pilot)
         await pilot.press("z")
-        await pilot.pause()
         assert not isinstance(desk.screen, Confirm)         # the shipped file has no history
         page.machine = "bench"
         await pilot.press("z")
-        await pilot.pause()
         assert isinstance(desk.screen, Confirm) and "flow.gain: 0 -> 3 %" in "\n".join(shown(desk))
         await pilot.press("escape", "z", "enter")
-        await pilot.pause()
         assert service.asked[1:] == ["take back bench"]
         assert isinstance(desk.screen, TextDialog) and "bench-2026-03-19.yaml" in "\n".join(shown(desk))
 
@@ -261,7 +244,6 @@ async def test_what_cannot_be_adopted_is_refused_with_its_reason(desk, service, 
     async with desk.run_test(size=(120, 40)) as pilot:
         await found_shown(desk, pilot)
         await pilot.press("y")
-        await pilot.pause()
         assert isinstance(desk.screen, TextDialog)
         assert "holds in the rows of before.csv only" in "\n".join(shown(desk))
         await pilot.press("enter")
@@ -272,9 +254,7 @@ async def test_the_separating_run_is_written_driven_and_both_verdicts_stand_besi
     async with desk.run_test(size=(120, 40)) as pilot:
         page = await found_shown(desk, pilot)
         await pilot.press("q")
-        await pilot.pause()
         await pilot.press("escape", "i")
-        await pilot.pause()
         assert isinstance(desk.screen, Confirm) and service.asked[1:] == ["write_run"]
         await pilot.press("enter")
         await settled(desk, pilot)
@@ -291,16 +271,13 @@ async def test_report_data_and_type_a_path(desk, service, shown):
     async with desk.run_test(size=(120, 40)) as pilot:
         page = await opened(desk, pilot)
         await pilot.press("slash")
-        await pilot.pause()
         assert isinstance(desk.screen, NameDialog)
         await pilot.press(*"no", "enter")
-        await pilot.pause()
         assert "neither a run log" in "\n".join(shown(desk))
         await pilot.press("backspace", "backspace", *"/a.csv", "enter")
         await settled(desk, pilot)
         assert service.asked == ["diagnose a.csv None"]
         await pilot.press("e", "escape", "j", "escape")
-        await pilot.pause()
         assert service.asked[1:] == ["export report", "export data"] and page.shown is not None
 
 
@@ -310,7 +287,6 @@ async def test_a_file_of_another_machine_asks_what_it_does_not_say(source, clock
     async with desk.run_test(size=(120, 40)) as pilot:
         page = await opened(desk, pilot)
         await pilot.press("slash")
-        await pilot.pause()
         await pilot.press(*"planter.xlsx", "enter")
         await settled(desk, pilot)
         text = "\n".join(shown(desk))
@@ -322,7 +298,6 @@ async def test_a_file_of_another_machine_asks_what_it_does_not_say(source, clock
         assert page.sources == SOURCES                  # read anew: the import file is there now
         service.unsure = ()
         await pilot.press("slash")
-        await pilot.pause()
         await pilot.press(*"planter.xlsx", "enter")
         await settled(desk, pilot)
         assert page.shown is not None and page.said == ""
@@ -369,10 +344,8 @@ async def test_work_shows_stage_share_and_time_left_and_escape_cancels_it(source
         text = "\n".join(shown(app))
         assert "25 %" in text and "shaft, gate, flow, scale" in text and "00:30 left" in text
         await pilot.press("y", "space")                 # all else waits, hold does not
-        await pilot.pause()
         assert [order.do for order in source.orders] == [Do.HOLD]
         await pilot.press("escape")
-        await pilot.pause()
         assert service.ended.wait(2.0) and not page.busy and page.shown is None
         assert "cancelled" in "\n".join(shown(app))
 
@@ -383,7 +356,6 @@ async def test_leaving_the_console_ends_the_work(source, clock):
     async with app.run_test(size=(80, 24)) as pilot:
         page = await opened(app, pilot)
         await pilot.press("enter")
-        await pilot.pause()
         assert page.busy
         app.exit()
     begun = time.monotonic()
@@ -411,7 +383,6 @@ async def test_the_mouse_chooses_and_begins(desk, service):
         await pilot.click("#dia-causes", offset=(5, row))
         assert page.cause == 1
         await pilot.click("#dia-chips", offset=(20, 0))
-        await pilot.pause()
         assert isinstance(desk.screen, ChoiceDialog)
 
 
@@ -508,7 +479,6 @@ async def test_before_and_after_differ_by_shape_and_the_onset_is_marked(app, sho
     plot = ResidualPlot(PlotView("error", "time, min", (0.0, 5.0, 10.0), (0.0, -4.0, -4.0), (0.0, 0.1, 0.0), (), 5.0,
                                  False, "en"))
     async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
         await app.screen.mount(plot)
         plot.styles.height = 10
         await pilot.pause()
@@ -574,16 +544,13 @@ async def test_what_was_adopted_is_compared_on_another_log(desk, service, shown)
     async with desk.run_test(size=(120, 40)) as pilot:
         await found_shown(desk, pilot)
         await pilot.press("equals_sign")
-        await pilot.pause()
         assert "adopt something first" in desk.notice_text
         await pilot.press("y", "enter")
-        await pilot.pause()
         assert "= there says, on another log," in "\n".join(shown(desk))
         await pilot.press("escape", "f9")
         await settled(desk, pilot)
         assert "= compare" in " ".join(" ".join(shown(desk)).split())
         await pilot.press("equals_sign")
-        await pilot.pause()
         offered = [choice.value for choice in desk.screen.choices]
         assert offered == [SOURCES[2].path, "typed"], "not the run of now, not the log it was made from, no table"
         await pilot.press("enter")

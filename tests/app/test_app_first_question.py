@@ -67,7 +67,6 @@ async def test_hold_and_stop_work_under_it_and_a_machine_that_was_started_is_lef
     async with full.run_test(size=(120, 40)) as pilot:
         await asked(full, pilot)
         await pilot.press("x")
-        await pilot.pause()
         assert Order(Do.STOP) in source.orders and isinstance(full.screen, ChoiceDialog)
         source.newest = replace(source.newest, seq=source.newest.seq + 1,
                                 row=source.newest.row._replace(state="working", time_s=source.newest.row.time_s + 1))

@@ -10,20 +10,15 @@ from control.orders import Do
 async def test_a_word_leaves_the_lines_that_hold_it(app, source, shown):
     async with app.run_test(size=(120, 40)) as pilot:
         await pilot.press("f1")
-        await pilot.pause()
         assert isinstance(app.screen, HelpScreen)
         await pilot.press("slash", *"hopper")
-        await pilot.pause()
         text = "\n".join(shown(app))
         assert "scale trim" in text and "Machine off, from any state" not in text
         await pilot.press("enter")
         assert not isinstance(app.focused, Input)
         await pilot.press("x")
-        await pilot.pause()
         assert [order.do for order in source.orders] == [Do.STOP], "letters are keys again"
         await pilot.press("slash", *"zzz")
-        await pilot.pause()
         assert "no key does this on this page" in "\n".join(shown(app))
         await pilot.press("f12", "escape")
-        await pilot.pause()
         assert source.orders[-1].do is Do.STOP and app.screen is app.page

@@ -148,7 +148,6 @@ async def test_the_screen_says_what_is_wrong_and_shows_it_in_full(job_app, desk,
         assert any("crop" in row and "! look" in row for row in rows)
         assert any("forgotten" in row and "... V" in row for row in rows), "the rest of it is a key away"
         await pilot.click(CheckList, offset=(5, 3))
-        await pilot.pause()
         assert sum("forgotten" in row for row in shown(job_app)) >= 3
 
 
@@ -193,12 +192,10 @@ async def test_a_strip_is_driven_counts_at_once_and_is_kept(job_app, desk, sourc
         feed(app, source, [{"time_s": start_s + 0.2 * k, "ndvi": 0.70 + 0.02 * (k % 2), "speed_used_mps": 2.0}
                            for k in range(1, 30)])
         await pilot.press("n")
-        await pilot.pause()
         assert isinstance(app.screen, Confirm) and "Cancel the strip" in app.screen.heading, "11 m are too few"
         await pilot.press("escape")
         feed(app, source, [{"time_s": start_s + 0.2 * k, "ndvi": 0.70 + 0.02 * (k % 2)} for k in range(30, 90)])
         await pilot.press("n")
-        await pilot.pause()
         assert app.screen.heading == "NDVI 0.710 as the N-rich strip of this job?" and desk.asked == []
         assert "CV 1.4 %, standard error 0.001, 88 samples" in app.screen.text
         await pilot.press("enter")
@@ -214,14 +211,11 @@ async def test_by_the_fields_index_the_strip_is_chosen_and_the_index_judged(job_
     async with app.run_test(size=SIZE) as pilot:
         await on_job(app, pilot)
         await pilot.press("n")
-        await pilot.pause()
         assert isinstance(app.screen, ChoiceDialog) and len(app.screen.choices) == 2
         await pilot.press("2", "enter")
-        await pilot.pause()
         start_s = source.newest.row.time_s
         feed(app, source, [{"time_s": start_s + 0.2 * k, "ndvi": 0.65, "speed_used_mps": 2.0} for k in range(1, 90)])
         await pilot.press("n")
-        await pilot.pause()
         assert app.screen.heading == "NDVI 0.650 as the farmer check of this job?"
         assert "RI 0.92: the N-rich strip is no greener" in app.screen.text
         await pilot.press("enter")
@@ -354,17 +348,14 @@ def test_two_bags_add_up_and_what_was_recorded_does_not_come_again():
 async def test_a_refill_is_offered_on_every_page_and_recorded_by_enter(job_app, source):
     app = job_app
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         start_s = source.newest.row.time_s
         feed(app, source, [{"time_s": start_s + 0.2 * k, "hopper_kg": 40.0 if k < 30 else 290.0, "state": "held",
                             "speed_used_mps": 0.0} for k in range(1, 60)])
         assert app.notice_text == "the scale saw 250 kg filled in: F10, F records it" and source.orders == []
         await on_job(app, pilot)
         await pilot.press("f")
-        await pilot.pause()
         assert isinstance(app.screen, NumberDialog) and app.screen.typed == "250.0"
         await pilot.press("enter")
-        await pilot.pause()
         assert source.orders == [Order(Do.REFILL, 250.0)] and app.page.refill.seen_kg is None
 
 
@@ -376,7 +367,6 @@ async def test_the_end_of_the_job_is_asked_marked_exported_and_reported(job_app,
     async with app.run_test(size=SIZE) as pilot:
         await on_job(app, pilot)
         await pilot.press("q")
-        await pilot.pause()
         assert app.notice_text.startswith("the machine works") and desk.asked == []
         feed(app, source, [{"state": "off"}])
         await pilot.press("q", "enter")
@@ -433,7 +423,6 @@ async def test_a_job_that_was_cut_off_is_offered_at_the_start(frames, clock, key
     desk.next = StillSource(frames[-1])
     app = TopdressApp(None, clock, live=False, utc_offset_s=0.0, services=Services(job=desk))
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         assert isinstance(app.screen, ChoiceDialog) and app.screen.heading == "A job was cut off at 15:02: division 2"
         labels = [choice.label for choice in app.screen.choices]
         assert labels == ["resume the job of 14:18 (1.20 ha done)", "begin anew"]
@@ -446,12 +435,9 @@ async def test_escape_begins_nothing_and_c_asks_again(clock):
     desk = SampleJobService(cut_off=OFFER)
     app = TopdressApp(None, clock, live=False, services=Services(job=desk), start=desk.restart)
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         await pilot.press("escape")
-        await pilot.pause()
         assert desk.asked == [] and "C asks again" in app.notice_text
         await pilot.press("c", "s")
-        await pilot.pause()
         assert isinstance(app.screen, ChoiceDialog)
 
 
@@ -459,12 +445,10 @@ async def test_a_worker_that_died_is_offered_to_go_on(job_app, desk, source, fra
     app = job_app
     app.start = desk.restart
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         desk.cut_off, desk.next = OFFER, StillSource(frames[-1])
         source.end.set_exception(WorkerGone("gone"))
         await pilot.pause()
         await pilot.press("s")
-        await pilot.pause()
         assert isinstance(app.screen, ChoiceDialog)
         await pilot.press("enter")
         await settled(app, pilot)

@@ -77,11 +77,9 @@ async def test_column_and_unit_are_chosen_on_the_screen(full, desk, shown):
         await pilot.press("enter")
         assert isinstance(full.screen, MapDialog), "a question must be answered first"
         await pilot.press("c")
-        await pilot.pause()
         await pilot.press("1", "enter")
         await settled(full, pilot)
         await pilot.press("u")
-        await pilot.pause()
         await pilot.press("2", "enter")
         await settled(full, pilot)
         assert "column RATE_N, read as lb/ac" in "\n".join(shown(full))
@@ -106,16 +104,11 @@ async def test_whose_job_it_is(full, desk, shown):
     async with full.run_test(size=SIZE) as pilot:
         await opened(full, pilot)
         await pilot.press("y")
-        await pilot.pause()
         await pilot.press("1", "enter")
-        await pilot.pause()
         assert isinstance(full.screen, NameDialog)
         await pilot.press(*"Li", "space", *"Ming", "enter")
-        await pilot.pause()
         await pilot.press("5", "enter")
-        await pilot.pause()
         await pilot.press(*"Ann", "enter")
-        await pilot.pause()
         assert not any(asked[0] == "who" for asked in desk.asked)
         await pilot.press("6", "enter")
         await settled(full, pilot)
@@ -130,16 +123,12 @@ async def test_a_product_of_the_library_is_chosen_by_its_name(full, desk):
         await opened(full, pilot)
         for keys in (("2", "enter"), ("3", "enter", *"lime", "enter")):
             await pilot.press("y")
-            await pilot.pause()
             await pilot.press("4", "enter")
-            await pilot.pause()
             for key in keys:
                 await pilot.press(key)
-                await pilot.pause()
             await pilot.press("6", "enter")
             await settled(full, pilot)
             await pilot.press("escape")
-            await pilot.pause()
         assert [asked[4:] for asked in desk.asked if asked[0] == "who"] == [
             ("can_27", "", "products/can_27.yaml"), ("lime", "", "")]
 
@@ -148,7 +137,6 @@ async def test_the_list_of_jobs_draws_their_fields(full, shown):
     async with full.run_test(size=SIZE) as pilot:
         await opened(full, pilot)
         await pilot.press("j")
-        await pilot.pause()
         text = "\n".join(shown(full))
         assert "division-2" in text and any(0x2800 < ord(letter) < 0x2900 for letter in text)
 
@@ -208,5 +196,4 @@ async def test_no_letter_of_the_map_dialog_reaches_the_page(full, desk):
         await pilot.press("1", "enter")
         await settled(full, pilot)
         await pilot.press("f", "j", "i")
-        await pilot.pause()
         assert isinstance(full.screen, MapDialog) and not isinstance(full.screen, NumberDialog)

@@ -22,7 +22,6 @@ async def shown_letters(app, pilot):
     for _ in range(3):
         await pilot.pause()
     await pilot.press("apostrophe")
-    await pilot.pause()
     assert isinstance(app.screen, JumpScreen)
     return app.screen.labelled
 
@@ -60,10 +59,8 @@ async def test_every_page_has_letters_and_stop_stays_stop(full, source, where, t
         assert stop and not covered & set(stop)
         before = len(source.orders)
         await pilot.press("x")
-        await pilot.pause()
         assert [order.do for order in source.orders[before:]] == [Do.STOP]
         await pilot.press("s")
-        await pilot.pause()
         assert full.screen is full.page and len(source.orders) == before + 1, "another letter ends it and does nothing"
 
 
@@ -73,8 +70,6 @@ async def test_typing_a_label_clicks(full):
         page_bar = full.page.query_one(PageBar)
         tabs = [label for label, place in full.screen.labelled.items() if place.widget is page_bar]
         await pilot.press(*tabs[2].upper())
-        await pilot.pause()
-        await pilot.pause()
         assert full.page.where == "trends", "Caps Lock types the same label"
 
 
@@ -86,24 +81,19 @@ async def test_rows_of_lists_are_clicked(full, turned):
         rows = [label for label, place in full.screen.labelled.items() if place.widget is lines]
         assert len(rows) > 5
         await pilot.press(*rows[0])
-        await pilot.pause()
-        await pilot.pause()
         assert isinstance(full.screen, ChoiceDialog), "as a click on the line: its question"
 
 
 async def test_buttons_of_a_dialog_have_letters_too(full):
     async with full.run_test(size=SIZE) as pilot:
         await pilot.press("t")
-        await pilot.pause()
         dialog = full.screen
         assert len(places_of(dialog)) == len(dialog.query(Button))
         await shown_letters(full, pilot)
         await pilot.press(*label_of(full, lambda place: place.widget.id == "choice-2"))
-        await pilot.pause()
         assert full.screen is dialog and dialog.at == 2
         await shown_letters(full, pilot)
         await pilot.press(*label_of(full, lambda place: place.widget.id == "cancel"))
-        await pilot.pause()
         assert full.screen is full.page
 
 
@@ -113,5 +103,4 @@ async def test_letters_stand_only_where_something_is_in_sight(full, size):
         found = await shown_letters(full, pilot)
         assert found and all(0 <= one.seen.x < size[0] and 0 <= one.seen.y < size[1] for one in found.values())
         await pilot.press("escape")
-        await pilot.pause()
         assert full.screen is full.page

@@ -31,7 +31,6 @@ async def test_no_digit_does_anything_on_any_page(full, source, turned):
         for where in full.pages:
             await turned(full, pilot, where)
             await pilot.press(*"0123456789")
-            await pilot.pause()
             assert full.page.where == where and full.screen is full.page and source.orders == []
 
 
@@ -43,14 +42,11 @@ async def test_a_refused_question_lets_nothing_of_its_answer_through(full, sourc
         assert full.screen is full.page and "locked" in full.notice_text
         full.locked = False
         await pilot.press("1", "8", "full_stop", "5", "plus", "minus", "enter")
-        await pilot.pause()
         assert full.screen is full.page and source.orders == []
         await pilot.press("space", "x")
-        await pilot.pause()
         assert [order.do for order in source.orders] == [Do.HOLD, Do.STOP], "these are never swallowed"
         clock.now_s += 3.0
         await pilot.press("plus")
-        await pilot.pause()
         assert full.screen is not full.page, "after a pause a key is a key again"
 
 
@@ -63,7 +59,6 @@ async def test_a_refused_name_swallows_its_letters(full, source, turned):
         assert full.screen is full.page
         at = full.page.at
         await pilot.press("s", "o", "y", "5", "right_square_bracket")
-        await pilot.pause()
         assert full.screen is full.page and full.page.at == at and source.orders == []
 
 
@@ -88,21 +83,17 @@ def test_a_held_enter_answers_one_question():
 
 async def test_enter_held_down_does_not_confirm_the_question_that_follows(full, source, clock):
     async with full.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         full.live = True
         await pilot.press("m", "1", "8", "0", "enter", "enter", "enter")
-        await pilot.pause()
         assert source.orders == [Order(Do.MANUAL_RATE, 180.0)] and isinstance(full.screen, Confirm)
         clock.now_s += 1.0
         await pilot.press("enter")
-        await pilot.pause()
         assert source.orders[-1] == Order(Do.SOURCE, "manual")
 
 
 @pytest.mark.parametrize("key", ["u", "g"])
 async def test_units_and_language_ask_while_working(full, source, key):
     async with full.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         units = full.units
         await pilot.press(key)
         assert isinstance(full.screen, Confirm)
@@ -116,21 +107,18 @@ async def test_units_and_language_ask_while_working(full, source, key):
 
 async def test_a_space_is_a_space_in_text(full, source):
     async with full.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         full.push_screen(NameDialog("Name", "north"))
         await pilot.pause()
         await pilot.press("space", "5", "0")
         assert full.screen.query_one(Input).value == "north 50" and source.orders == []
         await pilot.press("ctrl+space", "f12")
-        await pilot.pause()
         assert [order.do for order in source.orders] == [Do.HOLD, Do.STOP]
 
 
 @pytest.mark.parametrize(("state", "off"), [("working", {"start", "ready"}), ("off", {"start"}), ("held", set())])
 async def test_what_cannot_be_done_is_in_brackets_and_says_why(full, source, shown, state, off):
     in_state(source, state)
-    async with full.run_test(size=SIZE) as pilot:
-        await pilot.pause()
+    async with full.run_test(size=SIZE):
         assert {"start", "ready"} & full.page.query_one("#keys", KeyBar).view.off == off
         last = shown(full)[-1]
         assert ("(S start)" in last) == ("start" in off) and ("(R ready)" in last) == ("ready" in off)
@@ -143,24 +131,20 @@ async def test_a_greyed_order_goes_out_all_the_same(full, source):
     in_state(source, "off")
     async with full.run_test(size=SIZE) as pilot:
         await pilot.press("r", "s")
-        await pilot.pause()
         assert [order.do for order in source.orders] == [Do.READY, Do.START]
 
 
 async def test_a_map_that_the_job_has_not_is_greyed_with_the_way_to_one(full, source, shown):
     async with full.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         picture = full.fields.of(source.newest)
         for worker in [worker for worker in full.workers if worker.group == "field"]:
             await worker.wait()
         picture = full.fields.of(source.newest)
         full.fields._known = {key: replace(picture, planned=None) for key in full.fields._known}
         await pilot.press("o", "2", "enter")
-        await pilot.pause()
         assert isinstance(full.screen, ChoiceDialog) and source.orders == []
         assert "this job has no map; F10, P takes one" in " ".join(" ".join(shown(full)).split())
         await pilot.press("4", "enter")
-        await pilot.pause()
         assert source.orders == [Order(Do.SOURCE, "manual")]
 
 
@@ -173,7 +157,6 @@ async def test_start_from_another_page_asks(full, source, turned):
             assert isinstance(full.screen, Confirm) and source.orders == []
             await pilot.press("escape")
         await pilot.press("ctrl+s", "enter")
-        await pilot.pause()
         assert source.orders == [Order(Do.START)]
 
 
@@ -182,10 +165,8 @@ async def test_undo_takes_the_last_change_back_and_asks(full, source):
         await pilot.press("ctrl+z")
         assert full.screen is full.page and "nothing was changed" in full.notice_text
         await pilot.press("t", "2", "enter", "plus", "enter", "ctrl+z")
-        await pilot.pause()
         assert isinstance(full.screen, Confirm) and "nudge +0 %" in full.screen.text
         await pilot.press("enter", "ctrl+z", "enter")
-        await pilot.pause()
         assert source.orders == [Order(Do.STRATEGY, "speed_first"), Order(Do.NUDGE, 5.0), Order(Do.NUDGE, 0.0),
                                  Order(Do.STRATEGY, "opening_first")]
         assert full.undo.newest is None
@@ -198,7 +179,6 @@ async def test_a_setting_is_taken_back_too(full, turned):
         await turned(full, pilot, "settings")
         full.page.take(before.model_copy(update={"sound": not before.sound}))
         await pilot.press("ctrl+z", "enter")
-        await pilot.pause()
         assert store.settings == before
 
 
@@ -206,19 +186,15 @@ async def test_a_setting_is_taken_back_too(full, turned):
     (60, 20), *(pytest.param(size, marks=pytest.mark.exam) for size in ((120, 40), (80, 24)))])
 async def test_every_page_is_reached_without_f_keys_at_every_size(full, size):
     async with full.run_test(size=size) as pilot:
-        await pilot.pause()
         for digit, where in enumerate((one.id.removesuffix("_screen") for one in full.page_actions), 1):
             bar = full.page.query_one("#keys", KeyBar)
             place = next(one for one in laid_out(bar.view.actions, bar.size.width) if one[0].id == "pages")
             await pilot.click("#keys", offset=(place[1] + 1, 0)) if digit == 3 else await pilot.press("tab")
-            await pilot.pause()
             await pilot.press(str(digit))
-            await pilot.pause()
             assert full.page.where == where and full.screen is full.page
 
 
 async def test_a_number_out_of_range_stays_and_reaches_no_page(full, source):
     async with full.run_test(size=SIZE) as pilot:
         await pilot.press("m", "9", "9", "9", "enter", "5", "0", "enter", "enter")
-        await pilot.pause()
         assert isinstance(full.screen, NumberDialog) and source.orders == [] and full.page.where == "run"

@@ -67,7 +67,6 @@ async def test_colours_by_key_and_by_click(still):
         assert seen == [(Layer.APPLIED, "kg/ha"), (Layer.TARGET, "kg/ha"), (Layer.ERROR, "%"), (Layer.NDVI, "")]
         assert pane.view.scale.layer is Layer.APPLIED
         await pilot.click("#map-bar", offset=(22, 0))
-        await pilot.pause()
         assert pane.view.scale.layer is Layer.ERROR
 
 
@@ -138,7 +137,6 @@ async def test_what_lies_under_the_pointer_is_told(still):
         place = (50.0, 20.0)
         column, row = pane.pixels().at(*place)
         await pilot.hover("#map-pane", offset=(column, row // 2))
-        await pilot.pause()
         told = reading(still)
         assert told["applied"] == "-- kg/ha" and told["error"] == "--", "not worked there yet"
         near = pane.pixels().place(column, 2 * (row // 2) + 0.5)
@@ -146,7 +144,6 @@ async def test_what_lies_under_the_pointer_is_told(still):
         assert told["east"] == f"{near[0]:.0f} m" and told["north"] == f"{near[1]:.0f} m"
         assert worked.rate_ends is not None
         await pilot.hover("#status")
-        await pilot.pause()
         assert reading(still) == at_machine
 
 
@@ -157,7 +154,6 @@ async def test_a_file_is_laid_on_the_map_by_its_key_and_taken_off_again(still, s
         legend = still.page.query_one("#map-laid", Canvas)
         assert not legend.display and "file" not in reading(still)
         await pilot.press("y")
-        await pilot.pause()
         assert any("autumn.geojson" in row for row in shown(still))
         await pilot.press("enter")
         await laid(still, pilot)
@@ -165,17 +161,14 @@ async def test_a_file_is_laid_on_the_map_by_its_key_and_taken_off_again(still, s
         assert any("file autumn.geojson: applied " in row and "kg/ha" in row for row in shown(still))
         column, row = pane.pixels().at(54.0, 30.0)                  # not worked yet, and there in autumn
         await pilot.hover("#map-pane", offset=(column, row // 2))
-        await pilot.pause()
         east, north = pane.pixels().place(column, 2 * (row // 2) + 0.5)
         told = float(reading(still)["file"].removesuffix(" kg/ha"))
         assert told == pytest.approx(220.0 + 12.0 * round(north / 6.0) + 40.0 * east / 60.0, abs=8.0)
         assert reading(still)["applied"] == "-- kg/ha"
         await pilot.press("v", "v", "v")
-        await pilot.pause()
         assert pane.view.laid is None, "no NDVI in it"
         assert any("file autumn.geojson: no NDVI in it" in row for row in shown(still))
         await pilot.press("v", "y", "up", "enter")
-        await pilot.pause()
         assert not legend.display and pane.view.laid is None
         assert [pane.render_line(row).text for row in range(pane.content_size.height)] == before
 
@@ -185,12 +178,10 @@ async def test_escape_leaves_the_map_as_it_is(still):
     async with still.run_test(size=SIZE) as pilot:
         pane = await opened(still, pilot)
         await pilot.press("y", "escape")
-        await pilot.pause()
         assert pane.view.laid is None and not still.page.laid.path
         await pilot.press("y", "enter")
         await laid(still, pilot)
         await pilot.press("y", "escape")
-        await pilot.pause()
         assert pane.view.laid is not None
 
 
@@ -223,7 +214,6 @@ async def test_the_plan_can_be_hidden_and_its_legend_goes_with_it(still, shown):
         assert any("faint: planned" in row for row in shown(still))
         with_plan = pane.rows_drawn
         await pilot.press("p")
-        await pilot.pause()
         assert not any("faint: planned" in row for row in shown(still))
         assert pane.rows_drawn > with_plan
 
@@ -296,7 +286,6 @@ async def test_locked_nothing_moves(still):
         await pilot.pause()
         assert pane.view == before and still.source.orders == []
         await pilot.press("space", "x")
-        await pilot.pause()
         assert [order.do.value for order in still.source.orders] == ["hold", "stop"]
 
 
@@ -378,7 +367,6 @@ async def test_without_colours_levels_are_characters_with_a_legend(still, shown)
         assert "░▒▓█" in text and "1234 planned" in text
         assert any(character in text for character in ("3333", "4444", "3434", "3343"))
         await pilot.press("v", "v")
-        await pilot.pause()
         assert "Ll.hH" in "\n".join(shown(still))
 
 
@@ -392,12 +380,10 @@ async def test_the_log_of_the_replay_and_the_machine(frames, clock, shown):
         pane = await opened(app, pilot)
         assert pane.view.place == source.newest.place_m and "REPLAY" not in shown(app)[0]
         await pilot.press("j")
-        await pilot.pause()
         assert pane.view.place == log.newest.place_m
         assert pane.view.worked.box.north_m == pytest.approx(log.newest.place_m[1], abs=0.5)
         assert "REPLAY" in shown(app)[0] and "MACHINE: WORKING" in shown(app)[0]
         await pilot.press("space")
-        await pilot.pause()
         assert [order.do.value for order in source.orders] == ["hold"], "hold is for the machine"
         await pilot.press("j")
         assert pane.view.place == source.newest.place_m
@@ -445,5 +431,4 @@ async def test_the_small_map_opens_the_page_by_a_click_on_its_title(picture):
         await settle(app, Picture("run", SIZE), pilot.pause)
         assert app.page.query_one("#map", FieldMap).view.picture is not None
         await pilot.click("#map-title", offset=(3, 0))
-        await pilot.pause()
         assert app.page.where == "map"

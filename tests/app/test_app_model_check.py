@@ -82,7 +82,6 @@ async def test_the_row_is_there_only_while_something_departs(clock, frames, show
     app = TopdressApp(StillSource(with_row(frames[-1], state="working", work_switch=1, target_rate_kg_ha=300.0)), clock,
                       live=False, services=Services(model_check=latest))
     async with app.run_test(size=(120, 40)) as pilot:
-        await pilot.pause()
         assert asked and not app.page.query_one("#model-check").display
         said[0] = FOUND
         clock.now_s += 1.0

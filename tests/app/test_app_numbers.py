@@ -123,12 +123,10 @@ def yes(app):
 async def test_a_refill_with_a_comma_is_that_refill(app, source, shown, text, kg):
     async with app.run_test(size=(80, 24)) as pilot:
         await pilot.press("f")
-        await pilot.pause()
         await typed(app, pilot, text)
         await pilot.pause()
         assert "Enter  take 12.5 kg" in "\n".join(shown(app)), "seen whole, not only said"
         await pilot.press("enter")
-        await pilot.pause()
         assert source.orders == [Order(Do.REFILL, kg)] and app.notice_text == "filled in: 12.5 kg"
 
 
@@ -137,10 +135,8 @@ async def test_a_refill_with_a_comma_is_that_refill(app, source, shown, text, kg
 async def test_nothing_is_dropped_from_what_is_no_number(app, source, text):
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press("f")
-        await pilot.pause()
         await typed(app, pilot, text)
         await pilot.press("enter")
-        await pilot.pause()
         assert isinstance(app.screen, NumberDialog) and source.orders == []
         assert wrong(app) and "take" not in yes(app)
 
@@ -148,20 +144,17 @@ async def test_nothing_is_dropped_from_what_is_no_number(app, source, text):
 async def test_half_a_number_is_wrong_only_when_it_is_wanted(app):
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press("f")
-        await pilot.pause()
         await typed(app, pilot, "12,")
         assert wrong(app) == ""
         await typed(app, pilot, "e")
         assert "not part of a number" in wrong(app)
         await pilot.press("backspace", "5")
-        await pilot.pause()
         assert wrong(app) == "" and "take 12.5 kg" in yes(app)
 
 
 async def test_a_number_can_be_pasted(app, source):
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press("f")
-        await pilot.pause()
         app.screen.post_message(events.Paste("12,5\n"))
         await pilot.pause()
         assert "take 12.5 kg" in yes(app)
@@ -169,7 +162,6 @@ async def test_a_number_can_be_pasted(app, source):
         app.screen.post_message(events.Paste("1 250"))
         await pilot.pause()
         await pilot.press("enter")
-        await pilot.pause()
         assert "blank" in wrong(app) and source.orders == []
 
 
@@ -180,17 +172,14 @@ async def test_the_first_key_replaces_what_stood_there(app):
         await pilot.pause()
         await typed(app, pilot, "12")
         await pilot.press("enter")
-        await pilot.pause()
         assert answers == [12.0]
 
 
 async def test_the_question_after_a_rate_repeats_it(app, source, shown):
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press("m")
-        await pilot.pause()
         await typed(app, pilot, "120,5")
         await pilot.press("enter")
-        await pilot.pause()
         assert source.orders == [Order(Do.MANUAL_RATE, 120.5)] and isinstance(app.screen, Confirm)
         assert "Use the manual rate of 120.5 kg/ha now?" in "\n".join(shown(app))
 
@@ -201,14 +190,12 @@ async def test_a_typed_number_is_no_nudge(app, source):
     async with app.run_test(size=SIZE) as pilot:
         app.tick()
         await pilot.press("plus")
-        await pilot.pause()
         assert isinstance(app.screen, NudgeDialog) and app.screen.percent == 10.0
         await typed(app, pilot, "10")
         assert app.screen.percent == 10.0
         assert "steps" in str(app.screen.query_one("#nudge-value").render())
         await pilot.press("delete")
         await pilot.press("0")
-        await pilot.pause()
         assert app.screen.percent == 0.0
 
 
@@ -221,19 +208,14 @@ async def test_a_refill_that_the_scale_does_not_bear_out_is_asked_again(app, sou
         app.tick()
         app.job_page.refill.seen_kg = 250.0
         await pilot.press("f")
-        await pilot.pause()
         await typed(app, pilot, "25")
         await pilot.press("enter")
-        await pilot.pause()
         text = "\n".join(shown(app))
         assert source.orders == [] and "25 kg: is that right?" in text and "The scale saw 250 kg filled in." in text
         await pilot.press("escape")
-        await pilot.pause()
         assert isinstance(app.screen, NumberDialog)
         await pilot.press("enter")
-        await pilot.pause()
         await pilot.press("enter")
-        await pilot.pause()
         assert source.orders == [Order(Do.REFILL, 25.0)]
 
 
@@ -242,7 +224,6 @@ async def test_a_refill_that_would_run_over_is_asked_again(app, source):
     async with app.run_test(size=SIZE) as pilot:
         app.tick()
         await pilot.press("f", "2", "5", "0", "enter")
-        await pilot.pause()
         assert source.orders == [] and isinstance(app.screen, Confirm)
         assert "The scale says 100 kg are in the hopper now, which holds 300 kg" in app.screen.text
 
@@ -262,12 +243,9 @@ async def test_a_catch_that_differs_grossly_is_asked_again(source, clock, shown,
         test.phase, test.turned, test._before_kg = "weigh", Turned(30.0, 30.0, 30.0 * 60.0, 30.0 * 30.0), before_kg
         test._resting_kg.extend([280.0] * 10)
         await pilot.press("i")
-        await pilot.pause()
         await typed(app, pilot, text)
         await pilot.press("enter")
-        await pilot.pause()
         if asked:
             assert isinstance(app.screen, Confirm) and not test.points and asked in "\n".join(shown(app))
             await pilot.press("enter")
-            await pilot.pause()
         assert [one.mass_kg for one in test.points] == [read(text).value]

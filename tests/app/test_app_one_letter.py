@@ -46,7 +46,6 @@ async def test_ready_and_start_stand_on_the_job_page_where_the_list_ends(picture
     for size in ((120, 40), (80, 24)):
         app = picture(size=size, screen="job")
         async with app.run_test(size=size) as pilot:
-            await pilot.pause()
             app.turn_to("job")
             await pilot.pause()
             for state, row in STATES:
@@ -60,10 +59,8 @@ async def test_ready_and_start_stand_on_the_job_page_where_the_list_ends(picture
             app.source.newest = replace(frame, seq=frame.seq + 1, row=frame.row._replace(state="off"))
             app.tick()
             await pilot.press("r")
-            await pilot.pause()
             assert [one.do for one in app.source.orders] == [Do.READY]
             app.source.newest = replace(app.source.newest, seq=frame.seq + 2, row=frame.row._replace(state="ready"))
             app.tick()
             await pilot.press("s")
-            await pilot.pause()
             assert isinstance(app.screen, Confirm)

@@ -67,7 +67,6 @@ async def test_no_log_yet_is_said(app_with):
     app = app_with(())
     async with app.run_test(size=(120, 40)) as pilot:
         await pilot.press("f7", "j")
-        await pilot.pause()
         assert "no log yet" in app.notice_text
 
 
@@ -75,7 +74,6 @@ async def test_before_a_log_is_open_nothing_of_the_machine_is_shown_as_its_own(a
     app = app_with()
     async with app.run_test(size=(120, 40)) as pilot:
         await pilot.press("f7")
-        await pilot.pause()
         page = app.replay_page
         assert page.query_one("#trend", Trend).view.points == ()
         assert page.query_one("#map", FieldMap).view.worked.box is None

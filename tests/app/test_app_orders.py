@@ -17,9 +17,7 @@ SIZE = (120, 40)
 async def press(app, *keys):
     """Press keys in a running app and let the orders go out."""
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         await pilot.press(*keys)
-        await pilot.pause()
         return app.source.orders if app.source else []
 
 
@@ -34,9 +32,7 @@ async def test_one_key_one_order(app):
 async def test_space_holds_and_stop_stops_under_any_dialog(app, dialog_key):
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press(dialog_key)
-        await pilot.pause()
         await pilot.press("space", "f12")
-        await pilot.pause()
         assert app.source.orders == [Order(Do.HOLD), Order(Do.STOP)]
         assert len(app.screen_stack) == 2, "the dialog stays"
 
@@ -49,10 +45,8 @@ async def test_x_stops_under_a_dialog(app):
 async def test_space_holds_even_where_a_button_has_the_focus(app):
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press("l", "tab")
-        await pilot.pause()
         assert app.focused is not None
         await pilot.press("space")
-        await pilot.pause()
         assert app.source.orders == [Order(Do.HOLD)]
         assert isinstance(app.screen, Confirm)
 
@@ -79,7 +73,6 @@ async def test_what_changes_the_dose_is_asked_once(app):
             await pilot.press(*keys[:-1])
             assert app.source.orders == [], keys
             await pilot.press("enter")
-            await pilot.pause()
             assert app.source.orders == [order], keys
             app.source.orders.clear()
 
@@ -117,7 +110,6 @@ async def test_a_number_outside_its_range_is_not_taken(app):
         await pilot.press("m")
         for typed in ("601", "9999", "", "."):
             await pilot.press("delete", *("full_stop" if c == "." else c for c in typed), "enter")
-            await pilot.pause()
             assert isinstance(app.screen, NumberDialog), typed
         assert app.source.orders == []
 
@@ -130,12 +122,10 @@ async def test_a_manual_rate_in_pounds_an_acre_is_sent_in_kg_ha(app):
 async def test_the_pad_can_be_clicked(app):
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press("m")
-        await pilot.pause()
         for key in ("1", "5", "0"):
             button = next(b for b in app.screen.query("Button").results() if b.name == key)
             await pilot.click(button)
         await pilot.click("#yes")
-        await pilot.pause()
         assert app.source.orders == [Order(Do.MANUAL_RATE, 150.0)]
 
 
@@ -153,29 +143,24 @@ async def test_the_lock_leaves_hold_and_stop_and_asks_before_it_opens(app):
         assert app.source.orders == [] and len(app.screen_stack) == 1
         assert app.notice_text
         await pilot.press("space", "x", "f12")
-        await pilot.pause()
         assert [order.do for order in app.source.orders] == [Do.HOLD, Do.STOP, Do.STOP]
         await pilot.press("f8", "escape")
         assert app.locked
         await pilot.press("f8", "enter")
-        await pilot.pause()
         assert not app.locked
 
 
 async def test_the_lock_is_said_on_the_screen(app, shown):
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press("f8")
-        await pilot.pause()
         assert "LOCKED" in shown(app)[0]
 
 
 async def test_keys_are_clickable(app):
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         bar = app.page.query_one("#keys", KeyBar)
         stop = next(place for place in laid_out(bar.view.actions, bar.size.width) if place[0].id == "stop")
         await pilot.click("#keys", offset=(stop[1] + 1, 0))
-        await pilot.pause()
         assert app.source.orders == [Order(Do.STOP)]
 
 
@@ -183,7 +168,6 @@ async def test_hold_and_stop_stand_on_the_key_bar_at_every_size(app, shown):
     async with app.run_test(size=SIZE) as pilot:
         for size in ((40, 10), (60, 16), (80, 24), (100, 30), (120, 40)):
             await pilot.resize_terminal(*size)
-            await pilot.pause()
             last = shown(app)[-1]
             assert "hold" in last and "STOP" in last, size
 
@@ -192,7 +176,6 @@ async def test_a_refusal_is_said_in_words_and_goes_after_a_while(app, source, cl
     source.answer = Answer(False, "not_from_state;state=working")
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press("s")
-        await pilot.pause()
         assert "Not possible in state WORKING." in shown(app)[-1]
         clock.now_s += 5.0
         app.tick()
@@ -210,9 +193,7 @@ async def test_a_click_on_the_alarms_acknowledges(app, source):
     from console.app.sample import sample_alarms
     source.newest = replace(source.newest, alarms=sample_alarms(source.newest.at_s))
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         await pilot.click(AlarmBar)
-        await pilot.pause()
         assert source.orders == [Order(Do.ACKNOWLEDGE, "shaft_silent")]
 
 
@@ -224,8 +205,7 @@ async def test_a_keymap_moves_keys(source, clock):
 
 async def test_every_action_of_the_screen_is_in_the_palette(app):
     from console.app import actions
-    async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
+    async with app.run_test(size=SIZE):
         titles = {command.title for command in app.get_system_commands(app.screen)}
         assert titles == {action.label for action in actions.at("run") if action.id != "palette"}
 
@@ -233,7 +213,6 @@ async def test_every_action_of_the_screen_is_in_the_palette(app):
 async def test_quit_asks_while_the_machine_works(app):
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press("ctrl+q")
-        await pilot.pause()
         assert isinstance(app.screen, Confirm)
 
 
@@ -242,9 +221,7 @@ async def test_a_start_key_that_stays_down_is_told_as_held(app):
     now = [100.0]
     app.clock = lambda: now[0]
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         for step_s in (0.0, 0.4, 0.1, 3.0):
             now[0] += step_s
             await pilot.press("s")
-            await pilot.pause()
         assert app.source.orders == [Order(Do.START), Order(Do.START, True), Order(Do.START, True), Order(Do.START)]

@@ -135,7 +135,6 @@ def test_a_log_without_rows_is_refused(clock):
 
 async def test_the_keys_of_the_screen(replay_app, replay_source, clock, shown):
     async with replay_app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         assert "REPLAY" in shown(replay_app)[0]
         await pilot.press("p")
         assert replay_source.playing
@@ -163,18 +162,14 @@ async def test_the_keys_of_the_screen(replay_app, replay_source, clock, shown):
 
 async def test_a_click_on_the_time_line_seeks(replay_app, replay_source):
     async with replay_app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         await pilot.click("#replay-bar", offset=(50, 1))
-        await pilot.pause()
         assert replay_source.at_s == pytest.approx(30.0, abs=2.0)
 
 
 async def test_findings_are_counted_and_can_be_read(replay_app, shown):
     async with replay_app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         assert any("findings 1" in row for row in shown(replay_app))
         await pilot.press("v")
-        await pilot.pause()
         assert any("3 rows had no time" in row for row in shown(replay_app))
 
 
@@ -196,7 +191,6 @@ async def test_what_if_shows_the_recomputed_frames_at_the_same_place_and_back(fr
     app = TopdressApp(None, clock, live=False,
                       replay=ReplayJob(replay_source, "run.csv", what_if=what_if, crops=("durum",)))
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         replay_source.seek(12.0)
         await pilot.press("i", "2", "enter")
         await wait_for(pilot, lambda: app.replay_page.chosen != WhatIf())
@@ -221,7 +215,6 @@ async def test_a_what_if_that_fails_says_why_in_one_line(replay_source, clock, s
 
     app = TopdressApp(None, clock, live=False, replay=ReplayJob(replay_source, "run.csv", what_if=what_if))
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         await pilot.press("i", "1", "enter")
         await wait_for(pilot, lambda: app.notice_text)
         await pilot.pause()
@@ -244,7 +237,6 @@ async def test_a_what_if_is_cancelled_and_its_thread_ends(frames, replay_source,
 
     app = TopdressApp(None, clock, live=False, replay=ReplayJob(replay_source, "run.csv", ("a finding",), what_if))
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         await pilot.press("i", "2", "enter")
         await wait_for(pilot, begun.is_set)
         clock.now_s += 0.2
@@ -270,28 +262,21 @@ async def test_a_machine_at_work_keeps_hold_stop_and_alarms_on_the_replay_screen
     source = StillSource(replace(frames[-1], alarms=(Alarm("shaft_silent", Severity.RED, 0.0),)))
     app = TopdressApp(source, clock, live=False, replay=ReplayJob(replay_source, "run.csv"))
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         await pilot.press("f7")
-        await pilot.pause()
         rows = shown(app)
         assert "REPLAY" in rows[0] and "MACHINE: WORKING" in rows[0]
         assert "ALARM" in rows[1] and "MACHINE" in rows[1]
         await pilot.press("p", "space", "x")
-        await pilot.pause()
         assert source.orders == [Order(Do.HOLD), Order(Do.STOP)]
         assert replay_source.playing, "hold is for the machine"
         await pilot.press("s")
-        await pilot.pause()
         assert len(source.orders) == 2, "start belongs to the Run screen"
 
 
 async def test_without_a_log_the_screen_says_how_to_open_one(app, shown):
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press("f7")
-        await pilot.pause()
         assert any("O opens one" in row for row in shown(app))
         await pilot.press("p")
-        await pilot.pause()
         await pilot.press("f2")
-        await pilot.pause()
         assert app.page is app.pages["run"]

@@ -27,15 +27,13 @@ def panels(app):
 
 async def test_before_the_first_frame_nothing_is_claimed(clock, shown):
     app = TopdressApp(StillSource(), clock, live=False)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
+    async with app.run_test(size=(80, 24)):
         text = "\n".join(shown(app))
         assert "NO DATA" in text and "WORKING" not in text
 
 
 async def test_values_older_than_a_second_are_grey_and_said(app, source, clock, frames, shown):
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         rates = app.page.query_one("#rates", Rates)
         assert not rates.view.target.stale
         clock.now_s += STALE_S - 0.05
@@ -60,8 +58,7 @@ async def test_values_older_than_a_second_are_grey_and_said(app, source, clock, 
 
 
 async def test_a_frame_of_the_same_number_is_not_a_new_one(app, source, clock, frames):
-    async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
+    async with app.run_test(size=SIZE):
         clock.now_s += 2.0
         source.newest = replace(frames[-1])
         app.tick()
@@ -71,8 +68,7 @@ async def test_a_frame_of_the_same_number_is_not_a_new_one(app, source, clock, f
 async def test_an_old_fix_or_silent_heads_are_grey_alone(app, source, frames):
     devices = tuple(replace(d, age_s=3.0) if d.name == "heads" else d for d in frames[-1].devices)
     source.newest = replace(frames[-1], gnss_age_s=1.4, devices=devices)
-    async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
+    async with app.run_test(size=SIZE):
         items = {item.label: item.value.stale for item in app.page.query_one("#items-side").view}
         assert items["GNSS"] and items["fix age"] and not items["look-ahead"]
         assert app.page.query_one("#heads").view.fused.stale
@@ -80,8 +76,7 @@ async def test_an_old_fix_or_silent_heads_are_grey_alone(app, source, frames):
 
 
 async def test_a_widget_is_touched_only_when_what_it_shows_changes(app, clock, source, frames):
-    async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
+    async with app.run_test(size=SIZE):
         app.tick()
         before = {panel.id: panel.redraws for panel in panels(app)}
         for _tick in range(4):
@@ -99,8 +94,7 @@ async def test_a_widget_is_touched_only_when_what_it_shows_changes(app, clock, s
 async def test_numbers_5_plots_2_maps_1_a_second(source, clock, frames):
     source.newest = frames[0]
     app = TopdressApp(source, clock, live=False)
-    async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
+    async with app.run_test(size=SIZE):
         start = {panel.id: panel.redraws for panel in panels(app)}
         for step in range(1, 201):                       # 10 s of ticks at 20 Hz, a new frame with each
             clock.now_s += 0.05
@@ -117,8 +111,7 @@ async def test_alarms_say_word_symbol_place_time_and_what_to_do(app, source, fra
     source.newest = replace(frames[-1], alarms=(
         Alarm("hopper_low", Severity.AMBER, at_s - 70, details=(("hopper_kg", 18.5), ("metres_left", 640.0))),
         Alarm("shaft_silent", Severity.RED, at_s - 35)))
-    async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
+    async with app.run_test(size=SIZE):
         first, todo, second = shown(app)[1:4]
         assert "✖ ALARM" in first and "drive board: The metering shaft does not answer." in first
         assert "06:12:24 (00:35)" in first
@@ -130,23 +123,20 @@ async def test_alarms_say_word_symbol_place_time_and_what_to_do(app, source, fra
 async def test_alarms_that_do_not_fit_are_counted(app, source, frames, shown):
     alarms = tuple(Alarm(name, Severity.RED, 0.0) for name in ("shaft_silent", "gate_silent", "log_failed", "rate_off"))
     source.newest = replace(frames[-1], alarms=alarms)
-    async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
+    async with app.run_test(size=(80, 24)):
         assert "+2 more" in shown(app)[3]
 
 
 async def test_at_80_columns_the_text_of_an_alarm_is_whole(app, source, frames, shown):
     alarm = Alarm("hopper_low", Severity.AMBER, 0.0, details=(("hopper_kg", 18.5), ("metres_left", 640.0)))
     source.newest = replace(frames[-1], alarms=(alarm,))
-    async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
+    async with app.run_test(size=(80, 24)):
         assert "enough for 640 m." in shown(app)[1] and "06:12:00" in shown(app)[1]
 
 
 async def test_an_unknown_alarm_is_shown_by_its_id(app, source, frames, shown):
     source.newest = replace(frames[-1], alarms=(Alarm("from_a_newer_worker", Severity.RED, 0.0),))
-    async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
+    async with app.run_test(size=(80, 24)):
         assert "from_a_newer_worker" in shown(app)[1]
 
 
@@ -154,17 +144,14 @@ async def test_speeds_in_alarms_are_shown_in_the_units_in_use(app, source, frame
     source.newest = replace(frames[-1], alarms=(Alarm("lead_short", Severity.AMBER, 0.0,
                                                       details=(("usable_speed_mps", 2.0),)),))
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         assert "at most 7.2 km/h" in shown(app)[1]
         await pilot.press("u", "enter")
-        await pilot.pause()
         assert "at most 4.5 mph" in shown(app)[1]
 
 
 async def test_an_alarm_is_seen_while_a_dialog_is_open(app, source, clock, frames, shown):
     async with app.run_test(size=(80, 24)) as pilot:
         await pilot.press("m")
-        await pilot.pause()
         source.newest = replace(frames[-1], seq=9999, alarms=(Alarm("shaft_silent", Severity.RED, 0.0),))
         clock.now_s += 0.2
         app.tick()
@@ -185,7 +172,6 @@ async def test_a_gone_worker_is_said_at_once_and_can_be_started_again(source, cl
 
     app = TopdressApp(source, clock, start=start, live=False)
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         source.end.set_exception(WorkerGone("the control worker (process 7) is gone"))
         await pilot.pause()
         await pilot.pause()
@@ -195,14 +181,11 @@ async def test_a_gone_worker_is_said_at_once_and_can_be_started_again(source, cl
         assert "attach" not in text, "only what can be done is offered"
         assert app.page.query_one("#rates", Rates).view.target.stale, "old at once, not after a second"
         await pilot.press("s")
-        await pilot.pause()
-        await pilot.pause()
         clock.now_s += 0.2
         app.tick()
         assert asked == ["start"] and app.source is second and not app.gone
         assert not app.page.query_one("#rates", Rates).view.target.stale
         await pilot.press("space")
-        await pilot.pause()
         assert second.orders == [Order(Do.HOLD)] and source.orders == []
 
 
@@ -212,27 +195,21 @@ async def test_a_worker_that_does_not_start_is_said_again(source, clock, shown):
 
     app = TopdressApp(source, clock, start=start, live=False)
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         source.end.set_exception(WorkerGone("gone"))
         await pilot.pause()
         await pilot.pause()
         await pilot.press("s")
-        await pilot.pause()
-        await pilot.pause()
         assert isinstance(app.screen, GoneScreen)
         assert "no such port" in "\n".join(shown(app))
         await pilot.press("escape")
-        await pilot.pause()
         assert "WORKER GONE" in shown(app)[0]
         await pilot.press("c")
-        await pilot.pause()
         assert isinstance(app.screen, GoneScreen)
 
 
 async def test_any_other_failure_of_the_link_is_as_a_worker_gone(source, clock):
     app = TopdressApp(source, clock, live=False)
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         source.end.set_exception(KeyError("odd"))
         await pilot.pause()
         await pilot.pause()
@@ -243,8 +220,7 @@ async def test_any_other_failure_of_the_link_is_as_a_worker_gone(source, clock):
     ((120, 40), True, True, True), ((100, 30), False, True, True), ((80, 24), False, False, True),
     ((80, 40), True, False, True), ((79, 24), False, False, False), ((80, 23), False, False, False)])
 async def test_trends_go_first_then_the_map_and_never_numbers_and_alarms(app, shown, size, trend, map_, body):
-    async with app.run_test(size=size) as pilot:
-        await pilot.pause()
+    async with app.run_test(size=size):
         page = app.page
         seen = {name: page.query_one(name).region.area > 0 for name in ("#trend", "#map", "#rates", "#tiles", "#heads")}
         assert seen["#map"] is map_
@@ -268,18 +244,15 @@ async def test_the_theme_key_goes_round_day_night_contrast(app):
 async def test_help_is_one_key_away(app, shown):
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press("f1")
-        await pilot.pause()
         text = "\n".join(shown(app))
         assert "Keys of this screen" in text and "Stops the flow at once" in text
         await pilot.press("f1")
-        await pilot.pause()
         assert len(app.screen_stack) == 1
 
 
 async def test_why_no_flow_stands_beside_the_applied_rate(app, source, frames, shown):
     source.newest = replace(frames[-1], notes=("outside_field",))
-    async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
+    async with app.run_test(size=(80, 24)):
         assert any("applied" in row and "lands outside field" in row for row in shown(app))
 
 
@@ -302,15 +275,12 @@ def test_why_nothing_flows_in_words(frames, state, seen, says):
 async def test_what_is_allowed_stands_in_the_status_line_and_in_the_dialog(app, source, frames, shown):
     source.newest = replace(frames[-1], allow=Allowances(outside=True), no_double=False)
     async with app.run_test(size=(120, 40)) as pilot:
-        await pilot.pause()
         assert "OUTSIDE OK" in shown(app)[0] and "REVERSE OK" not in shown(app)[0]
         await pilot.press("h")
-        await pilot.pause()
         text = "\n".join(shown(app))
         assert "flow outside the field. Now: ALLOWED. Forbid it?" in text
         assert "flow while reversing. Now: not allowed. Allow it?" in text
         await pilot.press("4", "enter")
-        await pilot.pause()
         assert source.orders == [Order(Do.NO_DOUBLE, True)]
 
 
@@ -318,8 +288,7 @@ async def test_no_colour_shows_the_same_words(monkeypatch, source, clock, shown)
     monkeypatch.setenv("NO_COLOR", "1")
     app = TopdressApp(source, clock, live=False)
     assert app.no_color
-    async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.pause()
+    async with app.run_test(size=(80, 24)):
         text = "\n".join(shown(app))
         assert "WORKING" in text and "█" in text and "STOP" in text
 
@@ -352,7 +321,6 @@ async def test_a_worker_that_never_came_up_ends_the_console_with_its_line():
 
 async def test_a_page_that_a_small_terminal_cannot_show_says_that_it_is_open(app, shown):
     async with app.run_test(size=(60, 20)) as pilot:
-        await pilot.pause()
         assert not any("shows the whole page" in row for row in shown(app)[:6]), "the numbers are the Run page's own"
         for where, name in (("map", "map"), ("settings", "settings")):
             app.turn_to(where)

@@ -39,20 +39,17 @@ async def test_keys_read_the_trend_and_escape_ends_it(run, frames, shown):
         assert run.notice_text == "no cursor is set"
         run.notice_text = ""
         await pilot.press("left")
-        await pilot.pause()
         page = run.page
         near = next(point for point in reversed(page.points()) if point.time_s <= page.cursor_s)
         said = title_of(run, shown)
         assert f"target {near.target_kg_ha:.0f}" in said and f"applied {near.applied_kg_ha:.0f}" in said
         at_s = page.cursor_s
         await pilot.press("shift+left")
-        await pilot.pause()
         assert page.cursor_s == pytest.approx(at_s - 10 * (frames[-1].row.time_s - at_s), abs=0.2), "ten steps"
         far = next(point for point in reversed(page.points()) if point.time_s <= page.cursor_s)
         assert f"target {far.target_kg_ha:.0f}" in title_of(run, shown)
         assert any("│" in row for row in shown(run))
         await pilot.press("escape")
-        await pilot.pause()
         assert page.cursor_s is None and shown(run)[:-1] == without[:-1], "as it was"
         assert run.source.orders == []
 
@@ -63,10 +60,8 @@ async def test_a_tap_on_the_trend_reads_it_and_one_on_its_title_ends_it(run, sho
         await pilot.pause()
         trend = run.page.query_one(Trend)
         await pilot.click(trend, offset=(trend.size.width - 12, 3))
-        await pilot.pause()
         assert run.page.cursor_s is not None and run.page.cursor_s < run.page.points()[-1].time_s
         await pilot.click(trend, offset=(5, 0))
-        await pilot.pause()
         assert run.page.cursor_s is None
 
 

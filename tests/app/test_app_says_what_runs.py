@@ -85,7 +85,6 @@ async def test_a_machine_without_worker_is_not_said_to_work_without_alarms(app, 
         source.end.set_exception(WorkerGone("process 4711 is gone"))
         await pilot.pause()
         await pilot.press("escape")
-        await pilot.pause()
         app.look()
         await pilot.pause()
         text = "\n".join(shown(app)[:4])
@@ -95,7 +94,6 @@ async def test_a_machine_without_worker_is_not_said_to_work_without_alarms(app, 
 
 async def test_a_silent_worker_says_nothing_of_alarms(app, clock, shown):
     async with app.run_test(size=(120, 40)) as pilot:
-        await pilot.pause()
         clock.now_s += 3.0
         app.tick()
         await pilot.pause()
@@ -126,7 +124,6 @@ async def test_a_refusal_names_the_live_alarm_with_its_values(app, source):
     async with app.run_test(size=(120, 40)) as pilot:
         app.tick()
         await pilot.press("s")
-        await pilot.pause()
         assert "The console was not heard for 2 s" in app.notice_text
 
 
@@ -156,8 +153,6 @@ async def test_a_console_that_joins_says_so_and_what_it_does_not_use(source, clo
                       joined=Joined(
         "2026-11-23T07:12:00+00:00", "/logs/run.csv", ("/jobs/north.yaml",), ("/jobs/south.yaml",)))
     async with app.run_test(size=size) as pilot:
-        await pilot.pause()
-        await pilot.pause()
         assert isinstance(app.screen, TextDialog)
         text = " ".join(" ".join(shown(app)).replace("┃", " ").split())
         for said in ("A machine runs already: this console has joined it", "It was started at 07:12", "north.yaml",
@@ -165,7 +160,6 @@ async def test_a_console_that_joins_says_so_and_what_it_does_not_use(source, clo
             assert said in text, said
         await pilot.press("escape")
         await pilot.press("f10")
-        await pilot.pause()
         app.look()
         await pilot.pause()
         assert "joined a machine that ran already" in "\n".join(shown(app))
@@ -179,14 +173,11 @@ async def test_files_that_cannot_be_read_are_not_said_to_be_those_of_this_consol
     app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(job=SampleJobService()),
                       joined=joined)
     async with app.run_test(size=size) as pilot:
-        await pilot.pause()
-        await pilot.pause()
         text = " ".join(" ".join(shown(app)).replace("┃", " ").split())
         assert "By which files it goes cannot be read" in text and "It goes by" not in text
         assert "Named on this command line, and perhaps NOT used: ours.yaml." in text
         await pilot.press("escape")
         await pilot.press("f10")
-        await pilot.pause()
         app.look()
         await pilot.pause()
         assert "its files cannot be read" in " ".join(" ".join(shown(app)).split())
@@ -197,15 +188,12 @@ async def test_the_limits_are_those_of_the_machine_that_runs(source, clock):
     desk.limits = AtWork(180.0, 250.0)
     app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(job=desk))
     async with app.run_test(size=(120, 40)) as pilot:
-        await pilot.pause()
         app.tick()
         for worker in [one for one in app.workers if one.group == "earlier"]:
             await worker.wait()
         await pilot.press("m")
-        await pilot.pause()
         assert app.screen.high == 180.0
         await pilot.press("escape", "f")
-        await pilot.pause()
         assert app.screen.high == 250.0
 
 
@@ -220,7 +208,6 @@ async def test_leaving_says_what_becomes_of_the_machine(app, source, consoles, s
     async with app.run_test(size=(80, 24)) as pilot:
         app.tick()
         await pilot.press("ctrl+q")
-        await pilot.pause()
         assert said in app.screen.text
 
 

@@ -43,8 +43,7 @@ def test_sections_come_through_the_wire():
 async def test_the_row_stands_on_the_run_page_of_a_machine_with_valves_alone(clock, frames, shown, size):
     for sections in (STATES, ()):
         app = TopdressApp(StillSource(replace(frames[-1], sections=sections)), clock, live=False, utc_offset_s=0.0)
-        async with app.run_test(size=size) as pilot:
-            await pilot.pause()
+        async with app.run_test(size=size):
             rows = [row for row in shown(app) if "3 outside" in row]
             assert len(rows) == (1 if sections else 0)
             assert any("kg/ha" in row for row in shown(app))
@@ -54,12 +53,9 @@ async def test_a_section_is_closed_by_hand_and_taken_back(clock, frames):
     source = StillSource(replace(frames[-1], sections=STATES))
     app = TopdressApp(source, clock, live=False, utc_offset_s=0.0)
     async with app.run_test(size=(120, 40)) as pilot:
-        await pilot.pause()
         await pilot.click("#section-bar")
         await pilot.press(str(len(allow_choices(source.newest))), "enter")        # the last that may be allowed
-        await pilot.pause()
         await pilot.press("2", "enter")
-        await pilot.pause()
         assert source.orders[-1] == Order(Do.SECTION, "2 off")
 
 

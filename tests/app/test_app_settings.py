@@ -39,11 +39,9 @@ def settings_app(source, clock, kept):
 async def on_settings(app, pilot, *labels):
     """Go to the Settings screen and, by arrow keys, to the setting of this label."""
     await pilot.press("f11")
-    await pilot.pause()
     for label in labels:
         rows = [row.label for row in app.page.rows()]
         await pilot.press("home", *["down"] * rows.index(label))
-        await pilot.pause()
 
 
 def in_file(kept) -> Settings:
@@ -59,15 +57,12 @@ async def test_a_choice_takes_effect_at_once_and_is_kept(settings_app, kept):
     async with app.run_test(size=SIZE) as pilot:
         await on_settings(app, pilot, "units")
         await pilot.press("enter", "2", "enter")
-        await pilot.pause()
         assert app.units.id == "imperial" and in_file(kept).units == "imperial"
         await on_settings(app, pilot, "theme")
         await pilot.press("enter", "3", "enter")
-        await pilot.pause()
         assert app.theme == "contrast" and in_file(kept).theme == "contrast"
         await on_settings(app, pilot, "language")
         await pilot.press("enter", "3", "enter")
-        await pilot.pause()
         assert in_use() == "zh" and in_file(kept).language == "zh"
 
 
@@ -75,7 +70,6 @@ async def test_escape_changes_nothing_and_writes_nothing(settings_app, kept):
     async with settings_app.run_test(size=SIZE) as pilot:
         await on_settings(settings_app, pilot, "units")
         await pilot.press("enter", "2", "escape")
-        await pilot.pause()
         assert settings_app.units.id == "metric" and nothing_written(kept)
 
 
@@ -84,14 +78,11 @@ async def test_the_manual_rates_range_is_that_of_the_settings_and_the_crop(setti
     async with app.run_test(size=SIZE) as pilot:
         await on_settings(app, pilot, "highest")
         await pilot.press("enter", *"3000", "enter")
-        await pilot.pause()
         assert len(app.screen_stack) == 3, "3000 is refused: at most 2000"
         await pilot.press("delete", *"400", "enter")
-        await pilot.pause()
         assert app.limits_kg_ha == (0.0, 400.0) and in_file(kept).manual_rate.high_kg_ha == 400.0
         await on_settings(app, pilot, "highest")
         await pilot.press("delete")
-        await pilot.pause()
         assert app.limits_kg_ha == (0.0, 600.0), "the crop's own limit holds beside it"
 
 
@@ -100,7 +91,6 @@ async def test_a_slower_look_at_maps(settings_app):
     async with app.run_test(size=SIZE) as pilot:
         await on_settings(app, pilot, "maps")
         await pilot.press("enter", "0", "full_stop", "5", "enter")
-        await pilot.pause()
         assert {page.maps.every_s for page in app.pages.values()} == {2.0}
 
 
@@ -110,12 +100,9 @@ async def test_a_key_of_ones_own_works_and_is_shown(settings_app, kept, source):
     async with app.run_test(size=SIZE) as pilot:
         await on_settings(app, pilot, "start")
         await pilot.press("enter", "j", "enter")
-        await pilot.pause()
         assert in_file(kept).keymap == {"start": "j"}
         await pilot.press("f2")
-        await pilot.pause()
         await pilot.press("s", "j")
-        await pilot.pause()
         assert source.orders == [Order(Do.START)], "s is free now, j starts"
         assert "start" in {a.id for a in actions.at("run") if a.shown == "J"}
 
@@ -126,13 +113,10 @@ async def test_hold_on_another_key(settings_app, source):
     async with app.run_test(size=SIZE) as pilot:
         await on_settings(app, pilot, "hold")
         await pilot.press("enter", "f7", "enter")
-        await pilot.pause()
         assert app.notice_text.startswith("refused: key f7: both hold and "), "F7 opens a page"
         await on_settings(app, pilot, "hold")
         await pilot.press("enter", "q", "enter")
-        await pilot.pause()
         await pilot.press("space", "q")
-        await pilot.pause()
         assert source.orders == [Order(Do.HOLD)]
 
 
@@ -141,7 +125,6 @@ async def test_a_key_that_is_anothers_is_refused_with_both_names(settings_app, k
     async with app.run_test(size=SIZE) as pilot:
         await on_settings(app, pilot, "mark")
         await pilot.press("enter", "s", "enter")
-        await pilot.pause()
         assert app.notice_text == "refused: key s: both start and mark"
         assert kept.settings.keymap == {} and nothing_written(kept)
 
@@ -151,13 +134,10 @@ async def test_all_defaults_are_asked_once(settings_app, kept):
     async with app.run_test(size=SIZE) as pilot:
         await on_settings(app, pilot, "sound")
         await pilot.press("enter", "2", "enter")
-        await pilot.pause()
         assert not app.sound and not in_file(kept).sound
         await pilot.press("z", "escape")
-        await pilot.pause()
         assert not app.sound
         await pilot.press("z", "enter")
-        await pilot.pause()
         assert app.sound and in_file(kept) == Settings()
 
 
@@ -166,12 +146,10 @@ async def test_a_click_changes_and_the_lock_forbids(settings_app, kept):
     async with app.run_test(size=SIZE) as pilot:
         await on_settings(app, pilot)
         await pilot.click(SettingsList, offset=(6, 2))
-        await pilot.pause()
         assert len(app.screen_stack) == 3
         await pilot.press("escape", "f8")
         await pilot.click(SettingsList, offset=(6, 3))
         await pilot.press("enter", "z")
-        await pilot.pause()
         assert len(app.screen_stack) == 2 and app.notice_text.startswith("locked")
 
 
@@ -184,7 +162,6 @@ async def test_what_cannot_be_written_is_said_and_not_used(source, clock):
     async with app.run_test(size=SIZE) as pilot:
         await on_settings(app, pilot, "units")
         await pilot.press("enter", "2", "enter")
-        await pilot.pause()
         assert app.units.id == "metric"
         assert app.notice_text == "not kept: settings.yaml: No space left on device"
 
@@ -198,10 +175,8 @@ async def test_a_broken_file_is_told_at_the_start_and_stays_untouched(tmp_path, 
     store = SettingsStore(read.settings, lambda settings: write_settings(path, settings), str(path), read.trouble)
     app = TopdressApp(source, clock, live=False, services=Services(settings=store))
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         assert "value furlong" in app.notice_text and app.units.id == "metric"
         await pilot.press("f11")
-        await pilot.pause()
         app.tick()
         await pilot.pause()
         assert any("value furlong" in row for row in shown(app))
@@ -255,14 +230,11 @@ def test_the_tables_of_pages_name_the_same_pages():
 async def test_a_theme_is_seen_while_it_is_chosen_and_escape_brings_the_old_one_back(source, clock):
     app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=sample_services())
     async with app.run_test(size=(120, 40)) as pilot:
-        await pilot.pause()
         before = app.theme
         choices = [Choice(name, name) for name in ("day", "night", "contrast")]
         app.push_screen(ThemeDialog("Theme", choices, before))
         await pilot.pause()
         await pilot.press("down")
-        await pilot.pause()
         assert app.theme != before
         await pilot.press("escape")
-        await pilot.pause()
         assert app.theme == before

@@ -137,7 +137,6 @@ QUICK = (Confirm, NumberDialog, NameDialog, GoneScreen, CommandPalette)
                  marks=() if kind in QUICK else pytest.mark.exam) for kind in DIALOGS])
 async def test_stop_and_hold_reach_the_worker_under_every_dialog(full, source, kind):
     async with full.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         full.push_screen(DIALOGS[kind]())
         await pilot.pause(0.05)
         dialog = full.screen
@@ -164,7 +163,6 @@ async def test_stop_and_hold_reach_the_worker_under_every_dialog(full, source, k
 async def test_a_dialog_over_the_key_bar_hides_it_from_clicks(full, source):
     """Where a dialog lies over them, hold and STOP are not in sight, and a click is the dialog's."""
     async with full.run_test(size=(40, 10)) as pilot:
-        await pilot.pause()
         full.push_screen(NumberDialog("How much?", "kg", 0, 100))
         await pilot.pause()
         dialog = full.screen.query_one(".dialog")
@@ -177,7 +175,6 @@ async def test_a_dialog_over_the_key_bar_hides_it_from_clicks(full, source):
 
 async def test_in_a_text_field_a_letter_is_a_letter(full, source):
     async with full.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         full.push_screen(NameDialog("Name", ""))
         await pilot.pause()
         await send(full, pilot, "x", "X", "Ч", "ｘ", " ", "a", "S")
@@ -236,7 +233,6 @@ def test_no_built_in_binding_is_a_capital():
 
 async def test_letters_of_dialogs_work_with_caps_lock(full):
     async with full.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         answers = []
         full.push_screen(GoneScreen("gone", True, True), answers.append)
         await pilot.pause()
@@ -286,15 +282,12 @@ def test_a_letter_alone_is_folded_and_nothing_else():
 async def test_stop_is_in_its_place_beside_a_notice(app, source, shown):
     source.answer = Answer(False, "not_from_state;state=working")
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         bar = app.page.query_one("#keys", KeyBar)
         place = next(one for one in laid_out(bar.view.actions, bar.size.width) if one[0].id == "stop")
         await pilot.press("s")
-        await pilot.pause()
         last = shown(app)[-1]
         assert "Not possible" in last and last[place[1]:].startswith(" X STOP ")
         await pilot.click("#keys", offset=(place[1] + 1, 0))
-        await pilot.pause()
         assert source.orders == [Order(Do.START), STOP]
 
 
@@ -308,7 +301,6 @@ async def test_a_tab_that_only_looks_shows_no_stop_and_says_why(source, clock, s
     app = TabletApp(source, link_to, Key(key, clock), clock=clock, live=False, utc_offset_s=0.0,
                     services=sample_services())
     async with app.run_test(size=size) as pilot:
-        await pilot.pause()
         for where in ("run", "map", "trends", "devices", "replay", "job"):
             await turned(app, pilot, where)
             app.tick()
@@ -320,7 +312,6 @@ async def test_a_tab_that_only_looks_shows_no_stop_and_says_why(source, clock, s
             titles = {command.title for command in app.get_system_commands(app.screen)}
             assert not {"hold", "STOP"} & titles
             await pilot.press("f1")
-            await pilot.pause()
             assert not any("Machine off, from any state" in row for row in shown(app))
             await pilot.press("escape")
             for text in ("x", "X", "\x1b[24~", " "):
@@ -329,7 +320,6 @@ async def test_a_tab_that_only_looks_shows_no_stop_and_says_why(source, clock, s
                 assert "hold and STOP are at" in shown(app)[-1]
             for x in range(0, size[0], 9) if where == "run" else ():
                 await pilot.click("#keys", offset=(x, 0))
-                await pilot.pause()
                 while app.screen is not app.page:
                     app.pop_screen()
                 await turned(app, pilot, where)

@@ -41,7 +41,6 @@ def tab(source, clock):
 async def test_nothing_is_ordered_by_any_key_of_any_page_without_the_key(tab, source, shown):
     app = tab(None)
     async with app.run_test(size=(120, 40)) as pilot:
-        await pilot.pause()
         app.tick()
         assert "VIEW ONLY" in shown(app)[0]
         for page in [name for name in app.pages if name not in CLOSED]:
@@ -52,7 +51,6 @@ async def test_nothing_is_ordered_by_any_key_of_any_page_without_the_key(tab, so
                     await app.action_do(action.id)
                     await pilot.press("escape")
             await pilot.press("space", "x", "s", "r", "plus", "enter")
-            await pilot.pause()
         assert source.orders == [] and source.device_orders == [] and source.lag_tests == []
 
 
@@ -60,7 +58,6 @@ async def test_a_refusal_is_said_in_words(tab, shown):
     app = tab(None)
     async with app.run_test(size=(120, 40)) as pilot:
         await pilot.press("s")
-        await pilot.pause()
         assert "view only: hold" in shown(app)[-1]
         assert len(app.screen_stack) == 1
 
@@ -68,7 +65,6 @@ async def test_a_refusal_is_said_in_words(tab, shown):
 async def test_pages_that_write_files_are_closed(tab):
     app = tab(None)
     async with app.run_test(size=(120, 40)) as pilot:
-        await pilot.pause()
         assert CLOSED == {CALIBRATE, DIAGNOSIS, SETTINGS}
         for page in CLOSED:
             await app.action_do(f"{page}_screen")
@@ -90,10 +86,8 @@ async def test_the_key_turns_it_into_one_that_operates(tab, source, shown):
     app = tab()
     async with app.run_test(size=(120, 40)) as pilot:
         await pilot.press("s")
-        await pilot.pause()
         assert isinstance(app.screen, KeyDialog) and source.orders == []
         await pilot.press(*"wrong", "enter")
-        await pilot.pause()
         assert "This is not the tablet's key." in "\n".join(shown(app)) and app.looking
         assert "wrong" not in "\n".join(shown(app)).replace("Wrong", "")
         app.clock.now_s += 2.0
@@ -107,7 +101,6 @@ async def test_the_key_turns_it_into_one_that_operates(tab, source, shown):
         assert not app.looking and app.links == [True]
         app.tick()
         await pilot.press("s")
-        await pilot.pause()
         assert [order.do for order in source.orders] == [Do.START]
         await app.action_do("diagnosis_screen")
         assert app.page.where == DIAGNOSIS
@@ -119,8 +112,6 @@ async def test_the_key_turns_it_into_one_that_operates(tab, source, shown):
 async def test_without_a_worker_the_tab_says_so_and_starts_none(tab, shown):
     app = tab(start=None)
     async with app.run_test(size=(120, 40)) as pilot:
-        await pilot.pause()
-        await pilot.pause()
         assert isinstance(app.screen, GoneScreen) and app.start is None
         text = " ".join("\n".join(shown(app)).split())
         assert "No control worker runs: start the console on" in text and "start it again" not in text

@@ -44,7 +44,6 @@ async def test_it_is_shown_on_every_page_and_orders_nothing(frame_of, source, cl
     source.newest = frame_of()
     app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, tour=True)
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         for where in app.pages:
             app.turn_to(where)
             await pilot.pause()
@@ -53,10 +52,8 @@ async def test_it_is_shown_on_every_page_and_orders_nothing(frame_of, source, cl
             assert "Press R" in "\n".join(shown(app)), where
         app.turn_to("run")
         await pilot.press("ctrl+n")
-        await pilot.pause()
         assert "Press S" in "\n".join(shown(app)) and "2/8" in "\n".join(shown(app))
         await pilot.press("ctrl+e")
-        await pilot.pause()
         assert "Press S" not in "\n".join(shown(app)) and app.tour is None
         assert source.orders == []
 
@@ -65,9 +62,7 @@ async def test_the_tour_is_refused_on_a_real_machine(frame_of, source, clock):
     source.newest = replace(frame_of(), simulated=False)
     app = TopdressApp(source, clock, live=False, utc_offset_s=0.0)
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         await pilot.press("ctrl+t")
-        await pilot.pause()
         assert app.tour is None and "simulated" in app.notice_text
 
 
@@ -75,10 +70,8 @@ async def test_a_click_ends_it(frame_of, source, clock):
     source.newest = frame_of()
     app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, tour=True)
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.pause()
         bar = app.page.query_one("#tour")
         await pilot.click(bar, offset=(bar.size.width - 3, 1))
-        await pilot.pause()
         assert app.tour is None
 
 

@@ -128,10 +128,8 @@ async def test_a_click_sets_the_cursor_and_a_click_on_a_name_opens_the_list(live
         plots = await opened(live, pilot)
         columns = plots.columns(plots.content_size.width)
         await pilot.click("#plots", offset=(9 + columns // 2, 3))
-        await pilot.pause()
         assert plots.view.cursor == pytest.approx(0.5, abs=0.02)
         await pilot.click("#plots", offset=(5, 0))
-        await pilot.pause()
         assert isinstance(live.screen, ChannelDialog)
 
 
@@ -139,22 +137,16 @@ async def test_channels_are_taken_and_dropped(live):
     async with live.run_test(size=SIZE) as pilot:
         plots = await opened(live, pilot)
         await pilot.press("n")
-        await pilot.pause()
         await pilot.press("down", "down", "enter")
-        await pilot.pause()
         assert live.page.channels == ("applied_rate_kg_ha", "speed_used_mps", "rate_error_percent")
         await pilot.press("up", "enter")
-        await pilot.pause()
         assert live.page.channels == ("speed_used_mps", "rate_error_percent")
         await pilot.press("escape")
-        await pilot.pause()
         assert [plot.label for plot in plots.view.plots] == ["speed used", "rate error"]
         assert plots.view.plots[1].unit == "%"
         await pilot.press("n")
-        await pilot.pause()
         assert live.screen.query_one("#channel-list").option_count == 33
         await pilot.press("space")
-        await pilot.pause()
         assert [order.do.value for order in live.source.orders] == ["hold"], "hold works over the list"
 
 
