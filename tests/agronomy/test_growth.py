@@ -4,6 +4,7 @@ from __future__ import annotations
 import datetime as dt
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from pydantic import ValidationError
 from typer.testing import CliRunner
@@ -13,6 +14,8 @@ from console.app.pages.job.sample import FACTS
 from console.app.units import METRIC
 from console.cli import app
 from console.reports.job_about import About, happened, named
+from control.agronomy.crop import Crop
+from control.agronomy.days import days_above_base
 from control.agronomy.growth import Growth, GrowthStage, GrowthWindow, growth_of
 from control.log_row import LogRow
 from control.orders import Do, Order
@@ -21,6 +24,7 @@ from control.simulation.closed_loop import simulated_run
 from drivers.files.config import load, save
 from drivers.files.kinds import JOB
 from drivers.files.setup import load_setup
+from drivers.files.weather import WeatherError, growing_days, read_weather
 
 FEEKES = GrowthWindow(scale="feekes", first=4, last=6)
 
@@ -107,3 +111,129 @@ def test_the_jobs_dates_count_with_the_crops_weather(tmp_path):
     for dates, count in (({}, 100), ({"sown": dt.date(2025, 11, 11)}, 90), ({"sensed": dt.date(2026, 1, 30)}, 90)):
         save(tmp_path / "job.yaml", demo.model_copy(update=dates), JOB)
         assert load_setup("huanghai", str(tmp_path / "job.yaml"), dt.date(2026, 2, 9)).rule.days == count
+
+
+# --- Growing days: the count, and what is refused rather than guessed ------------------------------------------------
+
+SOWN, SENSED = dt.date(2013, 11, 1), dt.date(2014, 3, 7)
+
+
+def season(temps: list[float], start: str = "2013-11-01") -> tuple[np.ndarray, np.ndarray]:
+    return np.datetime64(start) + np.arange(len(temps)), np.array(temps, dtype=float)
+
+
+def test_counts_days_strictly_above_the_base():
+    dates, temps = season([5.0, 4.4, 4.41, -1.0, 9.0])
+    assert days_above_base(dates, temps, SOWN, dt.date(2013, 11, 6), 4.4) == 3
+    assert days_above_base(dates, temps, SOWN, dt.date(2013, 11, 6), 0.0) == 4
+
+
+def test_sowing_day_counts_sensing_day_does_not():
+    dates, temps = season([10.0] * 10)
+    assert days_above_base(dates, temps, dt.date(2013, 11, 3), dt.date(2013, 11, 7), 0.0) == 4
+
+
+def test_the_papers_season_has_82_days():
+    """126 days from 1 November to 7 March; a made-up winter with 44 of them at or below zero."""
+    dates, temps = season([3.0] * 60 + [-2.0] * 44 + [5.0] * 40)
+    assert days_above_base(dates, temps, SOWN, SENSED, 0.0) == 82
+
+
+def test_order_does_not_matter():
+    dates, temps = season([5.0, -1.0, 7.0, -3.0])
+    shuffled = np.array([2, 0, 3, 1])
+    assert days_above_base(dates[shuffled], temps[shuffled], SOWN, dt.date(2013, 11, 5), 0.0) == 2
+
+
+@pytest.mark.parametrize(("temps", "part"), [
+    ([5.0, 5.0], "no mean temperature for 2 of the 4 days from 2013-11-01 to 2013-11-05, the first is 2013-11-03"),
+    ([5.0, float("nan"), 5.0, 5.0], "for 1 of the 4 days from 2013-11-01 to 2013-11-05, the first is 2013-11-02"),
+    ([-5.0] * 4, "no day .* above 0 degC"),
+])
+def test_what_is_not_known_is_not_guessed(temps, part):
+    dates, values = season(temps)
+    with pytest.raises(ValueError, match=part):
+        days_above_base(dates, values, SOWN, dt.date(2013, 11, 5), 0.0)
+
+
+def test_doubled_date_and_backward_span_are_refused():
+    dates, temps = season([5.0] * 4)
+    dates[2] = dates[1]
+    with pytest.raises(ValueError, match="2013-11-02 stands twice"):
+        days_above_base(dates, temps, SOWN, dt.date(2013, 11, 5), 0.0)
+    with pytest.raises(ValueError, match="not after sown"):
+        days_above_base(dates, temps, SENSED, SOWN, 0.0)
+    with pytest.raises(ValueError, match="4 dates but 3"):
+        days_above_base(dates, temps[:3], SOWN, SENSED, 0.0)
+
+
+# --- Weather files: what is read, and the one line said about what is not --------------------------------------------
+
+TODAY = dt.date(2026, 3, 1)
+
+
+@pytest.fixture
+def file(tmp_path):
+    def write(text: str, encoding: str = "utf-8"):
+        path = tmp_path / "weather.csv"
+        path.write_bytes(text.encode(encoding))
+        return path
+    return write
+
+
+def test_mean_temperatures(file):
+    weather = read_weather(file("date,rain_mm,mean_temp_c\n2013-11-01,0,12.5\n2013-11-02,3,\n\n2013-11-03,1,-2\n"))
+    assert [str(day) for day in weather.dates] == ["2013-11-01", "2013-11-02", "2013-11-03"]
+    assert weather.mean_temp_c.tolist()[::2] == [12.5, -2.0]
+    assert weather.mean_temp_c[1] != weather.mean_temp_c[1]
+
+
+def test_lowest_and_highest_with_a_byte_order_mark_and_crlf(file):
+    path = file("Date,Min_temp_C,max_temp_c\r\n2013-11-01,2,10\r\n2013-11-02,,10\r\n", "utf-8-sig")
+    weather = read_weather(path)
+    assert weather.mean_temp_c[0] == 6.0
+    assert weather.mean_temp_c[1] != weather.mean_temp_c[1]
+
+
+@pytest.mark.parametrize(("text", "part"), [
+    ("", "is empty"),
+    ("date,mean_temp_c\n", "no rows"),
+    ("day,mean_temp_c\n2013-11-01,5\n", "no column date; found day, mean_temp_c"),
+    ("date,temp\n2013-11-01,5\n", "no column mean_temp_c"),
+    ("date,mean_temp_c\n01.11.2013,5\n", r"row 2: date '01\.11\.2013': allowed is year-month-day"),
+    ("date,mean_temp_c\n2013-11-01,5\n2013-11-02,warm\n", "row 3: mean_temp_c 'warm': allowed is -90 to 60"),
+    ("date,mean_temp_c\n2013-11-01,-999\n", "row 2: mean_temp_c '-999'"),
+    ("date,mean_temp_c\n2013-11-01,nan\n", "row 2"),
+    ("date,mean_temp_c\n2013-11-01\n", "row 2: 1 cells, the header has 2"),
+    ("date,min_temp_c,max_temp_c\n2013-11-01,9,3\n", "min_temp_c 9 is above max_temp_c 3"),
+])
+def test_refusals_name_file_and_row(file, text, part):
+    path = file(text)
+    with pytest.raises(WeatherError, match=part) as caught:
+        read_weather(path)
+    assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_no_file_and_no_text(tmp_path, file):
+    with pytest.raises(WeatherError, match="cannot be read"):
+        read_weather(tmp_path / "none.csv")
+    with pytest.raises(WeatherError, match="not a UTF-8"):
+        read_weather(file("date,mean_temp_c\n2013-11-01,5\n", "utf-16"))
+
+
+def test_a_crop_counts_by_its_own_day_rule(file, crop_data):
+    folder = file("date,mean_temp_c\n" + "".join(
+        f"2013-11-{day:02d},{temp}\n" for day, temp in enumerate([5, 3, 4.4, 4.5, -1, 9], start=1))).parent
+    when = {"weather": "weather.csv", "sown": "2013-11-01", "sensed": "2013-11-07"}
+    oklahoma = Crop.model_validate(crop_data("osu_winter_wheat_2004") | {"days": when})
+    huanghai = Crop.model_validate(crop_data("huanghai_wheat") | {"days": when})
+    assert growing_days(oklahoma, folder, TODAY) == 3
+    assert growing_days(huanghai, folder, TODAY) == 5
+    until_today = Crop.model_validate(crop_data("huanghai_wheat") | {"days": when | {"sensed": None}})
+    assert growing_days(until_today, folder, dt.date(2013, 11, 3)) == 2
+    with pytest.raises(WeatherError, match=r"weather\.csv: no mean temperature for .* days"):
+        growing_days(until_today, folder, dt.date(2013, 12, 1))
+
+
+def test_a_written_count_needs_no_file(tmp_path, crop_data):
+    assert growing_days(Crop.model_validate(crop_data("huanghai_wheat")), tmp_path, TODAY) == 82

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -18,6 +19,17 @@ from control.agronomy.noa import (
     response_index,
     yield_without,
 )
+from control.agronomy.sampling import (
+    FREQUENCIES_HZ,
+    Evenness,
+    best_frequency,
+    cuc_percent,
+    cv_percent,
+    evenness,
+    frequency_table,
+    subsample,
+)
+from control.agronomy.trial import extra_nitrogen_kg_ha, rate_from_weighing_kg_ha
 
 
 def smooth(crop: Crop) -> Crop:
@@ -171,3 +183,90 @@ def test_never_negative_never_above_the_limit(ndvi, days, nrich, grades, eta):
 def test_fixed_yield_form_falls_with_ndvi(ndvi, more):
     without = [yield_without(insey(n, 82), 0.359, 324.4) for n in (ndvi, ndvi + more)]
     assert n_requirement_kg_ha(6.73, without[0]) >= n_requirement_kg_ha(6.73, without[1])
+
+
+# --- Evenness of a canopy, and the paper's choice of 1 Hz from its own table -----------------------------------------
+
+def test_by_hand():
+    values = [0.4, 0.5, 0.6]
+    assert cv_percent(values) == pytest.approx(100 * 0.1 / 0.5)
+    assert cuc_percent(values) == pytest.approx(100 * (1 - 0.2 / 1.5))
+    assert evenness(values).mean == pytest.approx(0.5)
+
+
+def test_gaps_are_left_out_and_nothing_gives_nan():
+    assert evenness([0.4, math.nan, 0.5, 0.6]) == evenness([0.4, 0.5, 0.6])
+    assert math.isnan(cv_percent([0.5]))
+    assert math.isnan(cuc_percent([]))
+    assert math.isnan(cuc_percent([-0.1, 0.05]))
+    assert evenness([]).n == 0
+
+
+@settings(deadline=None)
+@given(st.lists(st.floats(0.1, 0.9), min_size=2, max_size=50), st.floats(0.1, 10.0))
+def test_scale_free(values, factor):
+    scaled = [value * factor for value in values]
+    assert cv_percent(scaled) == pytest.approx(cv_percent(values), abs=1e-9)
+    assert cuc_percent(scaled) == pytest.approx(cuc_percent(values), abs=1e-9)
+    assert cuc_percent(values) <= 100.0 + 1e-12
+
+
+def test_subsample():
+    assert list(subsample(range(9), 2.0, 0.5)) == [0, 4, 8]
+    assert list(subsample(range(3), 2.0, 2.0)) == [0, 1, 2]
+    for target in (3.0, 1.5, 0.0, -1.0):
+        with pytest.raises(ValueError, match="allowed"):
+            subsample(range(9), 2.0, target)
+
+
+def test_a_column_of_table_1():
+    readings = 0.5 + 0.05 * np.random.default_rng(1).standard_normal(400)
+    table = frequency_table(readings)
+    assert tuple(table) == FREQUENCIES_HZ
+    assert [table[hz].n for hz in FREQUENCIES_HZ] == [400, 200, 100, 50, 25]
+    assert table[1.0] == evenness(readings[::2])
+
+
+def test_the_paper_chooses_1_hz(paper_table):
+    plots: dict[str, dict[float, Evenness]] = {}
+    for row in paper_table("decision_table1_sampling.csv"):
+        plots.setdefault(row["plot"], {})[float(row["frequency_hz"])] = Evenness(
+            0, math.nan, float(row["cv_percent"]), float(row["cuc_percent"]))
+    assert len(plots) == 12
+    choice = best_frequency(list(plots.values()))
+    assert choice.frequency_hz == 1.0
+    assert choice.departure[1.0] == pytest.approx(0.791 + 0.459, abs=0.002)
+    assert choice.departure[0.5] == pytest.approx(1.099 + 0.693, abs=0.002)
+    assert sorted(choice.departure, key=choice.departure.__getitem__) == [1.0, 0.5, 0.25, 0.125]
+
+
+def test_a_table_of_our_own_where_the_slowest_is_as_good():
+    same = Evenness(10, 0.5, 8.0, 93.0)
+    other = Evenness(10, 0.5, 9.0, 93.0)
+    assert best_frequency([{2.0: same, 1.0: same, 0.5: same}]).frequency_hz == 0.5
+    assert best_frequency([{2.0: same, 1.0: other, 0.5: same}]).frequency_hz == 0.5
+    assert best_frequency([{2.0: same, 1.0: same, 0.5: other}]).frequency_hz == 1.0
+    with pytest.raises(ValueError, match="lower frequency"):
+        best_frequency([{2.0: same}])
+    with pytest.raises(ValueError, match="lower frequency"):
+        best_frequency([])
+
+
+# --- Table 2 of paper A: which of its columns the abstract's 28 kg N/ha comes from -----------------------------------
+
+def test_28_kg_more_nitrogen_is_of_the_applied_amounts(paper_table):
+    rows = paper_table("decision_table2_applied.csv")
+    extra = {column: extra_nitrogen_kg_ha(
+        [rate_from_weighing_kg_ha(float(row[column]), float(row["area_m2"])) for row in rows], 300.0)
+        for column in ("applied_kg", "target_kg")}
+    assert extra["applied_kg"] == pytest.approx(28.75)
+    assert extra["target_kg"] == pytest.approx(17.75)
+
+
+def test_by_hand_and_refused():
+    assert rate_from_weighing_kg_ha(22.0, 600.0) == pytest.approx(366.7, abs=0.05)
+    assert extra_nitrogen_kg_ha([100.0, 200.0], 100.0, 0.5) == 25.0
+    with pytest.raises(ValueError, match="area 0"):
+        rate_from_weighing_kg_ha(1.0, 0.0)
+    with pytest.raises(ValueError, match="no plots"):
+        extra_nitrogen_kg_ha([], 300.0)

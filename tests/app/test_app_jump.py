@@ -4,11 +4,12 @@ from __future__ import annotations
 import string
 
 import pytest
-from textual.widgets import Button
+from textual.widgets import Button, Input
 
 from console.app import actions
 from console.app.dialogs import ChoiceDialog
 from console.app.jump import labels, letters
+from console.app.screens.help import HelpScreen
 from console.app.screens.jump import JumpScreen, places_of
 from console.app.widgets.key_bar import KeyBar
 from console.app.widgets.page_bar import PageBar
@@ -104,3 +105,22 @@ async def test_letters_stand_only_where_something_is_in_sight(full, size):
         assert found and all(0 <= one.seen.x < size[0] and 0 <= one.seen.y < size[1] for one in found.values())
         await pilot.press("escape")
         assert full.screen is full.page
+
+
+# --- The help page is searched by a word -----------------------------------------------------------------------------
+
+async def test_a_word_leaves_the_lines_that_hold_it(app, source, shown):
+    async with app.run_test(size=(120, 40)) as pilot:
+        await pilot.press("f1")
+        assert isinstance(app.screen, HelpScreen)
+        await pilot.press("slash", *"hopper")
+        text = "\n".join(shown(app))
+        assert "scale trim" in text and "Machine off, from any state" not in text
+        await pilot.press("enter")
+        assert not isinstance(app.focused, Input)
+        await pilot.press("x")
+        assert [order.do for order in source.orders] == [Do.STOP], "letters are keys again"
+        await pilot.press("slash", *"zzz")
+        assert "no key does this on this page" in "\n".join(shown(app))
+        await pilot.press("f12", "escape")
+        assert source.orders[-1].do is Do.STOP and app.screen is app.page

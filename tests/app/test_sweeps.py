@@ -21,6 +21,8 @@ def thawed(monkeypatch):
     gc.freeze()
     yield
     gc.unfreeze()
+    gc.collect()
+    gc.freeze()                                          # as tests/conftest.py left it
 
 
 def test_what_lives_is_not_swept_again(thawed):

@@ -12,11 +12,22 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from console.cli import app
+from console.app.app import TopdressApp
+from console.cli import app, screens
+from console.cli.plain_errors import CommandError
+from console.cli.screens import first_time
+from console.running import Where, WorkerFailed
+from console.services.launcher import Launcher
 from control.log_row import COLUMNS
 from control.machine.fall import drop_s as drop_time_s
-from control.machine.machine import CATALOGUE, Machine
+from control.machine.history import noted
+from control.machine.machine import CATALOGUE, Machine, effect_sizes, with_effect
+from control.machine.terms import Term
 from control.metering.plan import OPENING_BAND_SHARE
+from drivers.files import setup
+from drivers.files.config import load, save
+from drivers.files.config_error import ConfigError
+from drivers.files.kinds import MACHINE
 
 runner = CliRunner()
 
@@ -231,3 +242,140 @@ def test_diagnose_tells_a_bench_table_apart_from_a_run(tmp_path: Path) -> None:
     assert found["causes"][0]["id"] in {"lag.offset", "shaft.dead_time"}
     assert {"data", "channels", "verdict", "causes", "not_shown", "unexplained", "next_run", "gain",
             "extended_machine"} <= set(found)
+
+
+# --- The tour comes once ---------------------------------------------------------------------------------------------
+
+def test_only_the_first_time_is_the_first(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    assert [first_time() for _ in range(3)] == [True, False, False]
+
+
+def test_a_folder_that_cannot_be_written_is_no_reason_to_fail(tmp_path, monkeypatch):
+    (tmp_path / "data").write_text("a file where a folder should be")
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    assert not first_time()
+
+
+# --- Numbers on the command line: nan and inf are none, whichever option takes one -----------------------------------
+
+@pytest.mark.parametrize("given", [
+    "simulate --seconds inf", "calibrate lag table.csv --out new.yaml --from-rpm nan",
+    "map in.zip --out out.geojson --scale inf", "map in.zip --out out.geojson --outside nan"])
+def test_what_is_no_number_is_refused_in_one_line(given: str) -> None:
+    """`simulate --seconds inf` was a fault of ours, OverflowError."""
+    said = runner.invoke(app, given.split())
+    assert said.exit_code == 2 and said.output.count("\n") == 1, said.output
+    assert "allowed is a number, not" in said.output
+
+
+@pytest.mark.parametrize("given", ["simulate --seconds 12,5", "simulate --seconds 5 --effect flow.gain=8,5"])
+def test_a_comma_is_refused_and_never_dropped(given: str) -> None:
+    said = runner.invoke(app, given.split())
+    assert said.exit_code == 2 and ("12,5" in said.output or "8,5" in said.output or "number" in said.output)
+
+
+# --- `topdress history`: what was changed, before and after; --undo writes the file without the last of it -----------
+
+TERM = Term.model_validate({"id": "flow.slope_roll_deg", "acts_on": "flow_percent", "form": "slope",
+                            "over": ({"name": "roll_deg", "valid": (-4.0, 4.0)},), "coefficients": {"slope": -0.5}})
+
+
+@pytest.fixture
+def extended(tmp_path: Path) -> Path:
+    path = tmp_path / "new.yaml"
+    after = with_effect(Machine(), "flow.gain", 3.0).model_copy(update={"terms": (TERM,)})
+    save(path, noted(Machine(), after, data="run.csv", date="2026-07-09"), MACHINE)
+    return path
+
+
+def test_it_says_both_sides(extended: Path) -> None:
+    said = CliRunner().invoke(app, ["history", str(extended)])
+    assert said.exit_code == 0
+    assert "2026-07-09, from run.csv" in said.output
+    assert "flow.gain: 0 -> 3 %" in said.output
+    assert f"{TERM.id}: none -> Flow falls by 0.5 % for each deg of roll" in said.output
+
+
+def test_undo_writes_another_file(extended: Path, tmp_path: Path) -> None:
+    before = extended.read_bytes()
+    said = CliRunner().invoke(app, ["history", str(extended), "--undo", "--out", str(tmp_path / "back.yaml")])
+    assert said.exit_code == 0
+    assert extended.read_bytes() == before
+    back = load(str(tmp_path / "back.yaml"), MACHINE).model
+    assert (effect_sizes(back), back.terms) == ({}, ())
+    assert "taken back" in CliRunner().invoke(app, ["history", str(tmp_path / "back.yaml")]).output
+
+
+@pytest.mark.parametrize("words", [["--undo"], ["--out", "x.yaml"]])
+def test_the_file_itself_is_never_written_over(extended: Path, words: list[str]) -> None:
+    said = CliRunner().invoke(app, ["history", str(extended), *words])
+    assert said.exit_code != 0
+
+
+def test_a_shipped_machine_has_none() -> None:
+    said = CliRunner().invoke(app, ["history", "huanghai"])
+    assert said.exit_code == 0
+    assert said.output == "huanghai: no diagnosis changed this file\n"
+
+
+# --- `topdress run` before its first picture: the worker comes up beside the console; wrong files are told as... -----
+
+@pytest.fixture
+def steps(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
+    """What is done, in its order; no screen is drawn and no worker runs."""
+    done: list[str] = []
+    setup_of = setup.setup_of
+
+    def start(self: Launcher, resumed: Path | None = None) -> Where:
+        done.append("worker")
+        return Where(1, None, 1)
+
+    def read(*args: Any) -> setup.Setup:
+        done.append("files")
+        return setup_of(*args)
+
+    monkeypatch.setattr(screens, "has_terminal", lambda: True)
+    monkeypatch.setattr(screens, "need_terminal", lambda *words: None)
+    monkeypatch.setattr(screens, "trouble_path", lambda: tmp_path / "worker.log")
+    monkeypatch.setattr(screens, "first_time", lambda: False)
+    monkeypatch.setattr("console.running.find_running", lambda: None)
+    monkeypatch.setattr(Launcher, "start", start)
+    monkeypatch.setattr(setup, "setup_of", read)
+    monkeypatch.setattr(TopdressApp, "run", lambda self: done.append("screen"))
+    return done
+
+
+def test_the_worker_comes_up_before_the_files_are_read(steps: list[str], tmp_path: Path) -> None:
+    screens.show_run((), (), 1, 20.0, str(tmp_path / "run.csv"))
+    assert sorted(steps) == ["files", "screen", "worker"] and steps[-1] == "screen"
+    assert steps[0] == "worker"
+
+
+def test_a_wrong_file_is_told_as_a_file(steps: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def start(self: Launcher, resumed: Path | None = None) -> Where:
+        raise WorkerFailed("the control worker did not start: something else")
+
+    monkeypatch.setattr(Launcher, "start", start)
+    wrong = tmp_path / "job.yaml"
+    wrong.write_text("format: topdress-job/1\ncolour: red\n")
+    with pytest.raises(ConfigError, match="colour"):
+        screens.show_run((str(wrong),), (), 1, 20.0, str(tmp_path / "run.csv"))
+    assert "screen" not in steps
+
+
+def test_a_worker_that_did_not_come_up_is_one_line(steps: list[str], tmp_path: Path,
+                                                   monkeypatch: pytest.MonkeyPatch) -> None:
+    def run(self: TopdressApp) -> None:
+        self.not_started = "the control worker did not start: no such port"
+
+    monkeypatch.setattr(TopdressApp, "run", run)
+    with pytest.raises(CommandError, match="no such port"):
+        screens.show_run((), (), 1, 20.0, str(tmp_path / "run.csv"))
+
+
+def test_a_job_that_was_cut_off_is_asked_about_first(steps: list[str], tmp_path: Path) -> None:
+    (tmp_path / "cut.resume.json").write_text('{"format": "topdress-resume/1", "quit": false}')
+    assert Launcher((), (), 1, 20.0, str(tmp_path / "run.csv"), tmp_path / "trouble").may_go_on()
+    (tmp_path / "cut.resume.json").write_text('{"format": "topdress-resume/1", "quit": true}')
+    assert not Launcher((), (), 1, 20.0, str(tmp_path / "run.csv"), tmp_path / "trouble").may_go_on()

@@ -8,6 +8,7 @@ import pytest
 
 from control.field.job import Simulated
 from control.geodesy import TangentPlane
+from control.loop.events import EVENT_CHARACTERS, MOST_WAITING, ROW_CHARACTERS, Events
 from control.orders import Do, Order
 from control.readings import DriveCommand, GnssFix, Measurements, Reading
 from control.sensing import Sensing
@@ -215,3 +216,35 @@ def test_a_start_that_is_held_is_one_event_and_launches(simulated: Any) -> None:
     assert 0.1 < begins[0] < 0.3 < 0.5 <= begins[1] + 0.02
     assert sum("start" in (s.tick.row.events or "") for s in runs[0].steps) == 1
     assert runs[0].alarms() == runs[1].alarms() == set()
+
+
+# --- Events on their way into rows: bounded, in their order, none lost without a word --------------------------------
+
+def test_what_one_row_cannot_hold_waits_for_the_next():
+    events = Events()
+    given = [f"mark {k} " + "x" * 900 for k in range(232)]
+    events.add(*given)
+    rows = []
+    while found := events.of_one_row():
+        rows.append(found)
+    assert [event for row in rows for event in row] == given
+    assert max(len(";".join(row)) for row in rows) <= ROW_CHARACTERS
+    assert len(rows) == 232
+
+
+def test_one_event_is_no_longer_than_a_mark():
+    events = Events()
+    events.add("mark " + "x" * 50_000)
+    (found,) = events.of_one_row()
+    assert len(found) == EVENT_CHARACTERS and found.endswith("...")
+
+
+def test_of_more_than_can_wait_the_number_is_kept():
+    events = Events()
+    events.add(*(["nudge 5"] * (MOST_WAITING + 17)))
+    assert events.full
+    found = []
+    while row := events.of_one_row():
+        found += row
+    assert found == ["nudge 5"] * MOST_WAITING + ["events_left_out 17"]
+    assert not events.full and events.of_one_row() == []

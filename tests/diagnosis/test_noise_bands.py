@@ -1,10 +1,22 @@
 """Bands of frequency that noise is looked at in: a segment's place in the log changes nothing."""
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
-from control.diagnosis.judgement.noise import coefficients, segments, series_of
+from control.diagnosis.judgement.noise import coefficients, leaving_out, segments, series_of
+from control.diagnosis.runs.diagnose import diagnose_run
+from control.diagnosis.runs.quantised import (
+    noise_before_rounding,
+    rounding_error,
+    steps_to_the_end,
+    whole_steps,
+)
+from control.diagnosis.runs.robust import tail_excess
+from control.machine.machine import Machine
 
 
 @pytest.mark.parametrize("bounds", [((0, 400), (400, 800)), ((0, 400), (500, 900)), ((100, 500), (600, 1000))])
@@ -30,3 +42,112 @@ def test_coefficients_give_the_series_again() -> None:
     again = series_of(coefficients(series, cut), cut)
     assert again[:400] == pytest.approx(series[:400]) and again[500:] == pytest.approx(series[500:])
     assert np.all(again[400:500] == 0.0)
+
+
+# --- Speed sensors that hum: no latency, and no noise of other frequencies; what does not hum is left alone ----------
+
+MACHINE = Machine()
+
+
+def speeds(hum_mps: float, period_s: float = 1.7, wheel_percent: float = 0.0, late_s: float = 0.0) -> dict[str, Any]:
+    """Wheel and GNSS speed of 15 minutes, ten rows a second; the GNSS hums, its phase wandering."""
+    rng, time_s = np.random.default_rng(8), np.arange(0.0, 900.0, 0.1)
+    true = 1.3 + 0.25 * np.sin(time_s / 8.0)
+    phase = 2.0 * np.pi * time_s / period_s + np.cumsum(0.15 * rng.standard_normal(len(time_s)))
+    gnss = np.interp(time_s - late_s, time_s, true) + hum_mps * np.sin(phase) + 0.02 * rng.standard_normal(len(time_s))
+    return {"time_s": time_s, "speed_mps": gnss,
+            "wheel_speed_mps": (1.0 + 0.01 * wheel_percent) * true + 0.02 * rng.standard_normal(len(time_s))}
+
+
+def test_a_hum_is_said_with_its_period_and_is_no_cause() -> None:
+    found = diagnose_run(speeds(0.12), MACHINE)
+    assert any("hums with a period of 2 s and 1.6 s" in one for one in found.findings)
+    assert not found.causes
+
+
+@pytest.mark.parametrize(("effect", "planted"), [("speed.wheel_radius", {"wheel_percent": 1.0}),
+                                                 pytest.param("speed.gnss_latency", {"late_s": 0.4},
+                                                              marks=pytest.mark.exam)])
+def test_what_is_slower_than_the_hum_is_found_beside_it(effect: str, planted: dict[str, float]) -> None:
+    found = diagnose_run(speeds(0.12, **planted), MACHINE)
+    (cause,) = found.causes
+    assert cause.id == effect
+    assert cause.size.low <= next(iter(planted.values())) <= cause.size.high
+
+
+@pytest.mark.parametrize("columns", [speeds(0.0), speeds(0.12, 9.0)], ids=["noise", "slow swing"])
+def test_noise_and_slow_swings_are_no_hum(columns: dict[str, Any]) -> None:
+    assert not any("hums" in one for one in diagnose_run(columns, MACHINE).findings)
+
+
+def test_bands_left_out_are_in_no_coefficient_and_in_no_series() -> None:
+    series, cut = np.random.default_rng(2).standard_normal(3000), segments(3000)
+    bands = np.arange(len(cut.starts)) % 5 == 2
+    less = leaving_out(cut, bands)
+    kept, every = coefficients(series, less), coefficients(series, cut)
+    assert len(kept) == less.members.sum() == len(every) - cut.members[bands].sum()
+    again = series_of(kept, less)
+    assert again.shape == series.shape
+    assert np.sum(again ** 2) == pytest.approx(np.sum(kept ** 2))
+    assert np.abs(coefficients(again, leaving_out(cut, ~bands))).max() < 1e-9
+    assert np.add.reduceat(kept ** 2, less.starts) == pytest.approx(np.add.reduceat(every ** 2, cut.starts)[~bands])
+
+
+# --- How a log's readings are taken: whole steps of an encoder, heavy tails, a drive that stopped, a threshol... -----
+
+def test_readings_that_are_whole_steps_say_their_step_and_others_say_nothing() -> None:
+    rng = np.random.default_rng(1)
+    true = 40.0 + 30.0 * np.sin(np.linspace(0.0, 40.0, 5000))
+    noisy = true + rng.normal(0.0, 0.3, true.size)
+    step = whole_steps(np.round(np.round(noisy / 1.37) * 1.37, 3))
+    assert step is not None and step.step_rpm == pytest.approx(1.37, abs=0.001) and step.sd_rpm < 0.001
+    assert whole_steps(np.round(noisy, 3)) is None
+    assert whole_steps(np.round(noisy, 1)) is None                        # an ordinary log of one decimal
+    assert whole_steps(np.full(5000, 70.0)) is None                       # one value says nothing of its neighbours
+    assert whole_steps(np.round(np.round(true / 1.37) * 1.37 + rng.normal(0.0, 0.3, true.size), 3)) is None
+
+
+def test_the_mean_error_of_rounding_is_what_many_rounded_readings_show() -> None:
+    rng = np.random.default_rng(2)
+    for speed, noise in ((70.0, 0.3), (69.0, 0.8), (31.2, 0.1)):
+        true = np.full(200_000, speed)
+        read = np.round((true + rng.normal(0.0, noise, true.size)) / 2.47) * 2.47
+        said = rounding_error(true[:1], 2.47, noise)[0]
+        assert said == pytest.approx(read.mean() - speed, abs=0.02)
+    swept = 50.0 + 20.0 * np.sin(np.linspace(0.0, 60.0, 40_000))
+    read = np.round((swept + rng.normal(0.0, 0.45, swept.size)) / 2.47) * 2.47
+    assert noise_before_rounding(read, swept, 2.47, 0.3) == pytest.approx(0.45, rel=0.15)
+
+
+def test_heavy_tails_are_drawn_in_and_a_steady_shift_stays() -> None:
+    rng = np.random.default_rng(3)
+    noise = lfilter([1.0], [1.0, -0.5], rng.standard_t(3.0, 20_000))
+    shift = np.where(np.arange(20_000) > 12_000, 8.0, 0.0)
+    free = np.ones(20_000, bool)
+    better = noise + shift - tail_excess(noise + shift, free)
+    assert np.mean(better[12_100:]) - np.mean(better[:11_900]) == pytest.approx(8.0, abs=0.15)
+    plain, robust = [], []
+    for _ in range(60):
+        one = rng.standard_t(3.0, 2_000)
+        plain.append(one.mean())
+        robust.append((one - tail_excess(one, np.ones(2_000, bool))).mean())
+    assert np.std(robust) < 0.85 * np.std(plain)
+
+
+def test_normal_noise_and_protected_samples_are_left_alone() -> None:
+    rng = np.random.default_rng(4)
+    assert not tail_excess(rng.normal(size=5_000), np.ones(5_000, bool)).any()
+    free = np.arange(5_000) < 4_000
+    noise = rng.standard_t(3.0, 5_000)
+    noise[4_500] = 60.0
+    drawn = tail_excess(noise, free)
+    assert drawn[:4_000].any() and abs(drawn[4_500]) < 1e-6
+
+
+def test_an_encoder_that_begins_to_read_in_steps_is_told_from_when_on() -> None:
+    rng = np.random.default_rng(4)
+    speed_rpm = np.repeat(rng.uniform(30.0, 90.0, 40), 100) + rng.normal(0.0, 0.3, 4000)
+    readings = np.where(np.arange(4000) < 2600, np.round(speed_rpm, 3), np.round(np.round(speed_rpm / 3.7) * 3.7, 3))
+    steps = steps_to_the_end(readings)
+    assert steps is not None and abs(steps.step_rpm - 3.7) < 1e-3 and abs(steps.first - 2600) <= 5
+    assert steps_to_the_end(np.round(speed_rpm, 3)) is None

@@ -4,14 +4,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from control.diagnosis.judgement.evidence import Role
-from control.diagnosis.judgement.noise import series_of
-from control.diagnosis.runs.changes import END_S
+from control.diagnosis.extend import extend
+from control.diagnosis.judgement.evidence import Role, problem
+from control.diagnosis.judgement.noise import coefficients, series_of, strengths
+from control.diagnosis.result import UNKNOWN
+from control.diagnosis.runs.changes import END_S, best_begins
 from control.diagnosis.runs.channels import channels
+from control.diagnosis.runs.coarsening import even_gain
 from control.diagnosis.runs.columns import Columns
 from control.diagnosis.runs.diagnose import diagnose_run, series_of_log
 from control.diagnosis.runs.hypothesis import Part
-from control.diagnosis.runs.model import GROUPS, GroupModel
+from control.diagnosis.runs.model import GROUPS, GroupModel, course, with_course
+from control.diagnosis.runs.search import Search
 from drivers.files.config import load
 from drivers.files.kinds import MACHINE
 
@@ -46,3 +50,84 @@ def test_how_a_cause_may_differ_in_form_is_confined_to_when_it_is_there(work, pa
     # the drive follows: a leap would tell one reading
     not_yet = (one.grid.even_s < 301.0) & (does < 1e-3 * does.max())
     assert all(np.abs(s[not_yet]).max() < 1e-2 * np.abs(s).max() for s in shapes)
+
+
+# --- Causes that come and go again within a log ----------------------------------------------------------------------
+
+@pytest.fixture
+def machine():
+    return load("huanghai", MACHINE).model
+
+
+@pytest.mark.parametrize(("id_", "channel"), [("shaft.gain", "shaft"), ("flow.zero_offset", "scale")])
+def test_the_gain_of_a_box_is_that_of_least_squares(work, machine, id_, channel):
+    """One box of one candidate, by hand: its trace whitened, what the hypothesis can take up projected off."""
+    _, data, _ = series_of_log(work, machine)
+    group = next(g for g in GROUPS.values() if channel in g)
+    seen = channels(data, machine)
+    search = Search([seen[name] for name in group if name in seen], machine, data)
+    model, columns, noise = search.model, search.columns, search.refit(()).noise
+    candidate = next(c for c in search.candidates if c.part.id == id_)
+    banded, base = model.banded_residual(()), columns.of_hypothesis(())
+    trace = model.difference((), candidate.part)
+    p = problem(model.channels, banded, base)
+    found = best_begins(p, model.channels, banded, base, [noise], [candidate], [trace], matters=0.0, boxes=True)
+    box = next((one for one in found if one.part.until_s is not None), None)
+    assert box is not None and box.part.until_s - box.part.onset_s >= 20.0
+
+    rows, left, basis = [], [], []
+    for one in model.channels:
+        scale = 1.0 / np.sqrt(strengths(noise[one.name], one.prior, one.cut, one.grid.step_s))
+        there = course(one, box.part)
+        summed = one.name == "scale"
+        boxed = with_course(trace[one.name] / candidate.part.size, there, one.copies, summed) if one.name in trace \
+            else np.zeros(len(one.measured))
+        rows.append(coefficients(boxed, one.cut) * scale)
+        left.append(banded[one.name] * scale)
+        basis.append(np.array([c.coefficients.get(one.name, np.zeros(len(scale))) * scale for c in base]).T)
+    stack = np.vstack([np.concatenate(basis), np.diag([1.0 / c.sd for c in base])]) if base else None
+    x = np.concatenate([*rows, np.zeros(len(base))])
+    y = np.concatenate([*left, np.zeros(len(base))])
+    if stack is not None:
+        q, _ = np.linalg.qr(stack / np.linalg.norm(stack, axis=0))
+        x, y = x - q @ (q.T @ x), y - q @ (q.T @ y)
+    best = np.clip(x @ y / (x @ x), candidate.low, candidate.high)
+    assert box.part.size == pytest.approx(best, rel=0.1)
+    assert box.gain == pytest.approx(2.0 * best * (x @ y) - best ** 2 * (x @ x), rel=0.1)
+
+
+@pytest.mark.parametrize(("from_s", "to_s"), [pytest.param(150.0, 260.0, marks=pytest.mark.exam), (300.0, 380.0)])
+def test_a_shaft_that_is_slow_for_a_while_is_named_with_both_times(work, machine, from_s, to_s):
+    """2 % for a fifth of the log: neither all along nor from then on."""
+    there = (work["time_s"] >= from_s) & (work["time_s"] < to_s)
+    columns = {**work, "shaft_rpm": work["shaft_rpm"] * np.where(there, 0.98, 1.0)}
+    del columns["hopper_kg"]        # the flow was as before
+    found = diagnose_run(columns, machine)
+    (cause,) = found.causes
+    assert found.verdict == "named" and cause.id in ("shaft.gain", "shaft.load_droop", "shaft.voltage_sag")
+    assert cause.onset_s == pytest.approx(from_s, abs=15.0) and cause.until_s == pytest.approx(to_s, abs=15.0)
+
+
+@pytest.mark.exam
+def test_an_offset_of_the_gate_that_is_gone_again_may_be_something_unknown(work, machine):
+    """A constant for a while has no mark of its own: it may be an effect or anything else; when is said."""
+    there = (work["time_s"] >= 150.0) & (work["time_s"] < 260.0)
+    columns = {**work, "opening_mm": work["opening_mm"] + np.where(there, 0.15, 0.0)}
+    del columns["hopper_kg"]
+    found = diagnose_run(columns, machine)
+    (cause,) = found.causes
+    assert found.verdict == "ambiguous" and cause.id in ("gate.home_error", "gate.offset")
+    assert UNKNOWN in [rival.id for rival in cause.rivals] and cause.probability <= 0.5
+    assert cause.onset_s == pytest.approx(150.0, abs=2.0) and cause.until_s == pytest.approx(260.0, abs=2.0)
+    assert extend(machine, found) == machine
+
+
+def test_a_box_in_a_gap_of_the_log_has_no_evidence(work, machine):
+    """Rows are missing: hardly a reading was taken while it would have been there."""
+    gone = (work["time_s"] > 200.0) & (work["time_s"] < 230.0)
+    log = {name: values[~gone] for name, values in work.items()}
+    _, data, _ = series_of_log(log, machine)
+    search = Search([channels(data, machine)["shaft"]], machine, data)
+    part = next(c.part for c in search.candidates if c.part.id == "shaft.gain")._replace(onset_s=203.0, until_s=225.0)
+    trace, noise = search.columns.trace((part,), 0), search.refit(()).noise
+    assert even_gain(search, (), noise, trace) == 0.0

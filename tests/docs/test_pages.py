@@ -7,8 +7,11 @@ from __future__ import annotations
 
 import math
 import re
+import runpy
 import shlex
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import Result
@@ -89,3 +92,73 @@ def test_the_blocks_of_the_researchers_guide(there: Path, capsys: pytest.Capture
 ])
 def test_words_are_held_and_numbers_nearly(page: str, said: str, same: bool) -> None:
     assert is_as_shown(said, page) is same
+
+
+# --- Every link of every page leads somewhere, and the table of contents has every page ------------------------------
+
+LINKED_PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+
+
+def anchors(page: Path) -> set[str]:
+    """The anchors that GitHub gives the headings of a page, and those that the page sets itself."""
+    text = page.read_text(encoding="utf-8")
+    heads = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads} | set(
+        re.findall(r'<a id="([^"]+)">', text))
+
+
+def links(page: Path) -> list[str]:
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    return [link for link in re.findall(r"\]\(([^)\s]+)\)", text) if not re.match(r"[a-z]+:", link)]
+
+
+@pytest.mark.parametrize("page", LINKED_PAGES, ids=[str(page.relative_to(ROOT)) for page in LINKED_PAGES])
+def test_links_lead_somewhere(page: Path) -> None:
+    for link in links(page):
+        path, _, anchor = link.partition("#")
+        there = (page.parent / path).resolve() if path else page
+        assert there.exists(), f"{link}: no such file"
+        assert not anchor or anchor in anchors(there), f"{link}: no such heading"
+
+
+def test_the_table_of_contents_has_every_page() -> None:
+    contents = ROOT / "docs" / "README.md"
+    named = {(contents.parent / link.partition("#")[0]).resolve() for link in links(contents)}
+    pages = {page for page in (ROOT / "docs").rglob("*.md") if page != contents}
+    assert pages - named == set()
+
+
+def test_the_readme_leads_to_the_guides() -> None:
+    assert {"docs/README.md", "docs/guides/first-day.md", "docs/guides/engineer.md",
+            "docs/guides/researcher.md"} <= set(links(ROOT / "README.md"))
+
+
+# --- `python -m benchmarks`: its index, and that every benchmark that a page names is in it --------------------------
+
+NAMED = re.compile(r"python -m benchmarks ([a-z_]+(?:/[a-z_]+)?)|benchmarks/([a-z_/]+)\.py")
+
+
+@pytest.fixture(scope="module")
+def program() -> dict[str, Any]:
+    return runpy.run_path(str(ROOT / "benchmarks" / "__main__.py"), run_name="index")
+
+
+def test_every_benchmark_says_in_a_line_what_it_asks(program: dict[str, Any]) -> None:
+    found = program["index"]()
+    assert {"loss_table", "diagnosis/run"} <= found.keys() and "verdict" not in found
+    assert all(10 < len(said) <= 130 for said in found.values()), found
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))],
+                         ids=lambda page: str(page.relative_to(ROOT)))
+def test_what_a_page_names_is_there(page: Path, program: dict[str, Any]) -> None:
+    names = [first or second for first, second in NAMED.findall(page.read_text(encoding="utf-8"))]
+    assert [name for name in names if not (ROOT / "benchmarks" / f"{name}.py").exists()] == []
+
+
+def test_an_unknown_name_is_refused_in_a_line(program: dict[str, Any],
+                                              capsys: pytest.CaptureFixture[str]) -> None:
+    main: Callable[[list[str]], int] = program["main"]
+    assert main(["nothing"]) == 2
+    assert capsys.readouterr().err.startswith("nothing: no such benchmark; allowed: ")
+    assert main([]) == 0 and "loss_table" in capsys.readouterr().out

@@ -1,8 +1,18 @@
 """Wheel speed from pulses and the board's clock."""
 from __future__ import annotations
 
-import pytest
+from typing import Any
 
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from control.readings import SpeedTold
+from drivers.cab import Cab
+from drivers.cab_config import CabConfig
+from drivers.devices.decode import decode
+from drivers.devices.nmea import checksum
+from drivers.devices.tractor_speed import TractorSpeedDecoder, sentence
 from drivers.devices.wheel import WheelGeometry, WheelSpeed
 
 WAY_M = 0.15625
@@ -59,3 +69,74 @@ def test_impossible_counts_are_no_speed():
 
 def test_a_wheel_that_never_turned_stands():
     assert WheelSpeed(WheelGeometry()).update(100_000, 0, 0) == 0.0
+
+
+# --- Told speeds in bytes: what is taken, what is refused and counted, and the way from a cab's port to control ------
+
+PLAN = SpeedTold(3.0, ((0.0, 1.25), (1.2, 2.0)), 0.5)
+
+
+def framed(body: bytes) -> bytes:
+    return b"$%s*%02X\r\n" % (body, checksum(body))
+
+
+def test_a_plan_comes_through_in_any_pieces() -> None:
+    for size in (1, 3, 7, 100):
+        decoder, found = TractorSpeedDecoder(), []
+        data = sentence(PLAN) * 3
+        for k in range(0, len(data), size):
+            found += decoder.feed(data[k:k + size], 3.0)
+        assert [one.points[1] for one in found] == [pytest.approx((1.2, 2.0))] * 3
+        assert decoder.counts.accepted == decoder.counts.read == 3
+
+
+@pytest.mark.parametrize(("line", "kind"), [
+    (b"$PTDSP,0.50,0.0,4.5*00\r\n", "bad_checksum"), (b"nonsense\r\n", "garbage"),
+    (framed(b"PTDSP,0.50,0.0"), "wrong_fields"), (framed(b"PTDSP,0.50,0.0,nan"), "wrong_fields"),
+    (framed(b"PTDSP,0.50,0.0,1e9"), "wrong_fields"), (framed(b"PTDSP,0.50,1.0,4.5"), "impossible_value"),
+    (framed(b"PTDSP,0.00,0.0,4.5"), "impossible_value"), (framed(b"PTDSP,0.50,0.0,400"), "impossible_value"),
+    (framed(b"PTDSP,0.50,0.0,4.5,2.0,5,1.0,6"), "impossible_value")])
+def test_what_is_wrong_is_counted_and_told_to_nobody(line: bytes, kind: str) -> None:
+    decoder = TractorSpeedDecoder()
+    assert decoder.feed(line, 0.0) == []
+    assert dict(decoder.counts.rejected) == {kind: 1}
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(st.one_of(st.binary(max_size=60), st.just(sentence(PLAN))), max_size=8))
+def test_no_bytes_break_it(pieces: list[bytes]) -> None:
+    decoder = TractorSpeedDecoder()
+    for k, piece in enumerate(pieces):
+        for told in decoder.feed(piece, float(k)):
+            assert told.points[0][0] == 0.0 and all(abs(mps) <= 30.0 for _, mps in told.points)
+    counts = decoder.counts
+    assert counts.read == counts.accepted + counts.rejected_total + sum(counts.ignored.values())
+
+
+class Line:
+    """A port that says what it is given."""
+
+    def __init__(self) -> None:
+        self.waiting = b""
+
+    def read(self) -> bytes:
+        said, self.waiting = self.waiting, b""
+        return said
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *_: None
+
+
+def test_from_the_cabs_port_to_control() -> None:
+    line = Line()
+    cab = Cab(CabConfig.model_validate({"tractor": {"port": "socket://x:1"}}), lambda: 0.0, lambda *_: line)
+    assert cab.measure(0.0).speed_told is None
+    line.waiting = sentence(PLAN)
+    told = cab.measure(1.0).speed_told
+    assert told is not None and told.time_s == 1.0 and told.points[0][1] == pytest.approx(1.25, abs=1e-3)
+    assert cab.measure(5.0).speed_told == told, "however old: who uses it looks at its time"
+
+
+def test_a_capture_is_decoded() -> None:
+    records, counts = decode("tractor", sentence(PLAN))
+    assert counts.accepted == 1 and records[0]["speed_mps_in_1.2_s"] == pytest.approx(2.0)

@@ -1,20 +1,27 @@
 """The catalogue: every published id is there, complete, neutral by default, and does something when it is not."""
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from control.diagnosis.extend import extend
+from control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Size, TermFound
 from control.machine import compiled, over_log
 from control.machine.fall import FallInput, fall_start, fall_step
 from control.machine.flow import FlowInput, FlowOutput, flow_start
 from control.machine.gate import GateInput, GateOutput, gate_start
 from control.machine.heads import HeadInput, head_reads
+from control.machine.history import last_change, undone
 from control.machine.machine import CATALOGUE, Machine, effect_sizes, with_effect
 from control.machine.scale import ScaleInput, scale_reads
 from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start
 from control.machine.speed import SpeedInput, SpeedOutput, speed_start
+from control.machine.terms import Term
+from drivers.files.config import load, save
+from drivers.files.kinds import MACHINE
 
 PUBLISHED = """shaft.dead_zone shaft.saturation shaft.back_gain shaft.back_zone
 shaft.gain shaft.slow shaft.dead_time shaft.dead_band shaft.voltage_sag shaft.load_droop
@@ -25,7 +32,7 @@ speed.missed_pulses speed.gnss_latency canopy.head_fouled canopy.warm_up canopy.
 scale.tilt lag.offset lag.rebound lag.first_fill lag.asymmetry lag.coarse_clock lag.speed_scale place.lever_arm
 place.latency""".split()
 
-BACKWARDS = {"shaft.back_gain", "shaft.back_zone"}      # tests/machine/test_signed_drives.py
+BACKWARDS = {"shaft.back_gain", "shaft.back_zone"}      # tests/machine/test_nominal.py
 IN_ITS_TABLE = {"lag.coarse_clock", "lag.speed_scale", "place.lever_arm"}    # no stage step: they act on bench tables
 
 
@@ -115,3 +122,51 @@ def test_which_head_must_be_said() -> None:
     assert with_effect(Machine(), "canopy.head_fouled", -5.0, 3).heads.fouled_head == 3.0
 
 
+# --- What a diagnosis changed in a machine file stands in its history, and the last of it can be taken back ----------
+
+TERM = Term.model_validate({"id": "flow.slope_roll_deg", "acts_on": "flow_percent", "form": "slope",
+                            "over": ({"name": "roll_deg", "valid": (-4.0, 4.0)},), "coefficients": {"slope": -0.5}})
+
+
+def found(size: float, *terms: Term) -> Diagnosis:
+    cause = Cause("flow.gain", Size(size, size - 0.5, size + 0.5, "%"), None, 0.99, (), None, "Do a catch test.",
+                  FieldCost(size, 0.0))
+    told = tuple(TermFound(term.model_dump(mode="json"), "scale", "kg", 0.5, 0.1, 200.0, 0.8) for term in terms)
+    return Diagnosis(Data("run.csv", "run", 600, 60.0, "huanghai"), (), "named", (cause,), (), (), None, (), None,
+                     terms=told)
+
+
+def test_the_last_change_is_taken_back_and_the_one_before_stays() -> None:
+    start = Machine()
+    first = extend(start, found(2.0), date="2026-07-01", sha256="1" * 64)
+    second = extend(first, found(3.0, TERM), date="2026-07-09", sha256="2" * 64)
+    assert (effect_sizes(second), [t.id for t in second.terms]) == ({"flow.gain": 5.0}, [TERM.id])
+    back = undone(second, date="2026-07-10")
+    assert back.model_copy(update={"history": ()}) == first.model_copy(update={"history": ()})
+    assert [one.undone for one in back.history] == ["", "2026-07-10"]
+    again = undone(back, date="2026-07-11")
+    assert again.model_copy(update={"history": ()}) == start
+    assert last_change(again) is None
+    with pytest.raises(ValueError, match="nothing to take back"):
+        undone(again)
+
+
+def test_what_was_changed_by_hand_since_stays() -> None:
+    changed = with_effect(extend(Machine(), found(2.0), date="2026-07-01"), "flow.gain", 2.5)
+    assert effect_sizes(undone(changed)) == {"flow.gain": pytest.approx(0.5)}
+
+
+def test_the_file_keeps_it(tmp_path: Path) -> None:
+    extended = extend(Machine(), found(3.0, TERM), date="2026-07-09", sha256="2" * 64)
+    save(tmp_path / "new.yaml", extended, MACHINE)
+    read = load(str(tmp_path / "new.yaml"), MACHINE).model
+    assert read == extended
+    save(tmp_path / "back.yaml", undone(read, date="2026-07-10"), MACHINE)
+    back = load(str(tmp_path / "back.yaml"), MACHINE).model
+    assert (effect_sizes(back), back.terms, back.history[0].terms) == ({}, (), (TERM.model_copy(
+        update={"source": back.history[0].terms[0].source}),))
+
+
+def test_nothing_adopted_is_no_change() -> None:
+    nothing = Diagnosis(Data("run.csv", "run", 600, 60.0, "huanghai"), (), "none", (), (), (), None, (), None)
+    assert extend(Machine(), nothing) == Machine()

@@ -1,12 +1,27 @@
 """The nominal machine's figures, each from its source."""
 from __future__ import annotations
 
+import numpy as np
+import numpy.typing as npt
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from control.diagnosis.runs.compared import compared
+from control.diagnosis.runs.diagnose import diagnose_run
+from control.machine.compiled import shaft_run
 from control.machine.fall import Fall, lag_paper_s, start_drop_s
 from control.machine.flow import Flow, FlowInput, flow_start, flow_step
 from control.machine.gate import Gate, GateInput, gate_start, gate_step
-from control.machine.shaft import Shaft, ShaftInput, shaft_start, shaft_step
+from control.machine.landing import landed
+from control.machine.machine import Machine
+from control.machine.over_log import MOST_STEP_S, input_rows, no_switch
+from control.machine.shaft import Shaft, ShaftInput, ShaftOutput, asked_rpm, shaft_start, shaft_step
+from control.machine.term_step import TermState, term_step
+from control.machine.terms import Term, params_of
+from control.metering.inverse import shaft_command
+from drivers.files.config import load
+from drivers.files.kinds import MACHINE
 
 STEP_S = 0.001
 
@@ -56,3 +71,121 @@ def test_an_empty_hopper_gives_what_is_left_and_no_more() -> None:
         total += out.flow_kg_s * 0.05
     assert total == pytest.approx(0.003)
     assert state.hopper_kg == pytest.approx(0.0, abs=1e-12)
+
+
+# --- Landing conserves mass, whatever the drop times do; a sound delay comes out where it should ---------------------
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(3, 200), st.integers(0, 10_000), st.floats(0.0, 3.0), st.sampled_from([0.05, 0.1, 0.25, 1.0]))
+def test_kg_landed_equal_kg_released(count: int, seed: int, spread_s: float, bin_m: float) -> None:
+    rng = np.random.default_rng(seed)
+    time_s = np.arange(count) * 0.05
+    track = np.cumsum(rng.uniform(0.0, 0.15, count))
+    mass = rng.uniform(0.0, 0.01, count)
+    drop = rng.uniform(0.0, spread_s + 0.01, count)
+    ground, place = landed(time_s, track, mass, drop, bin_m)
+    assert ground.mass_kg.sum() == pytest.approx(mass.sum(), rel=1e-9)
+    assert (ground.mass_kg >= -1e-15).all()
+    assert len(place) == count
+
+
+def test_a_step_lands_one_lag_distance_later() -> None:
+    time_s = np.arange(2000) * 0.05
+    track = 1.25 * time_s
+    mass = np.where(time_s >= 50.0, 0.01, 0.0)
+    ground, _ = landed(time_s, track, mass, np.full(2000, 1.6), 0.05)
+    first = ground.centres_m()[np.flatnonzero(ground.mass_kg > 0)[0]]
+    assert first == pytest.approx(1.25 * (50.0 + 1.6), abs=0.06)
+
+
+def test_a_lever_arm_moves_everything() -> None:
+    time_s = np.arange(100) * 0.05
+    _, near = landed(time_s, time_s, np.ones(100), np.ones(100), 0.1)
+    _, far = landed(time_s, time_s, np.ones(100), np.ones(100), 0.1, lever_arm_m=0.7)
+    assert far - near == pytest.approx(0.7)
+
+
+def test_steady_flow_lies_evenly() -> None:
+    """No comb where bins are finer than a tick's travel."""
+    time_s = np.arange(4000) * 0.05
+    ground, _ = landed(time_s, 1.25 * time_s, np.full(4000, 0.004), np.full(4000, 1.3), 0.05)
+    inner = ground.mass_kg[50:-50]
+    assert inner == pytest.approx(np.full(len(inner), inner.mean()), rel=1e-9)
+
+
+# --- A shaft that turns both ways: gain and zone of each side, a curve, and one that says that it turns one w... -----
+
+Array = npt.NDArray[np.float64]
+DRIVE = load("drive_alone", MACHINE).model
+
+
+def settled(shaft: Shaft, command_rpm: float) -> float:
+    state = shaft_start(0.0)
+    for _ in range(400):
+        state, out = shaft_step(shaft, state, ShaftInput(command_rpm, 0.0, shaft.nominal_supply_v), 0.01)
+    return out.rpm
+
+
+def turned(machine: Machine, command: Array, time_s: Array) -> Array:
+    inputs = input_rows(ShaftInput, len(time_s), command_rpm=command, supply_v=machine.shaft.nominal_supply_v)
+    return np.asarray(shaft_run((machine.shaft,), no_switch(), shaft_start(), ShaftOutput(0.0, 0.0), inputs, time_s,
+                                MOST_STEP_S)[:, 0])
+
+
+@pytest.mark.parametrize(("change", "command", "rpm"), [
+    ({}, -300.0, -300.0), ({"one_way": 1.0}, -300.0, 0.0), ({"one_way": 1.0}, 300.0, 300.0),
+    ({"dead_zone_rpm": 40.0}, 300.0, 260.0), ({"dead_zone_rpm": 40.0}, -300.0, -260.0),
+    ({"dead_zone_rpm": 40.0}, 39.0, 0.0), ({"dead_zone_rpm": 40.0, "back_zone_rpm": -10.0}, -300.0, -270.0),
+    ({"back_gain_percent": 10.0}, -300.0, -330.0), ({"back_gain_percent": 10.0}, 300.0, 300.0),
+    ({"dead_band_rpm": 40.0}, -39.0, 0.0), ({"dead_band_rpm": 40.0}, -300.0, -300.0),
+    ({"saturation_percent": 20.0}, 650.0, 520.0), ({"saturation_percent": 20.0}, -650.0, -520.0),
+])
+def test_each_side_of_the_command(change: dict[str, float], command: float, rpm: float) -> None:
+    assert settled(DRIVE.shaft._replace(**change), command) == pytest.approx(rpm, abs=0.01)
+
+
+def test_what_is_known_of_the_curve_is_taken_back_by_metering() -> None:
+    shaft = DRIVE.shaft._replace(dead_zone_rpm=40.0, saturation_percent=20.0, gain_percent=5.0)
+    machine = DRIVE.model_copy(update={"shaft": shaft})
+    for wanted in (0.0, 50.0, 200.0, 450.0):
+        command = shaft_command(machine, wanted, 0.0)
+        assert 1.05 * asked_rpm(shaft, command) == pytest.approx(wanted, abs=1e-9)
+
+
+@pytest.fixture(scope="module")
+def both_ways() -> dict[str, Array]:
+    """Five minutes over both sides, a row every 0.02 s; nothing is wrong with the drive."""
+    rng, time_s = np.random.default_rng(3), np.arange(0.0, 300.0, 0.02)
+    command = np.repeat(rng.uniform(-600.0, 600.0, 200).round(1), 75)
+    return {"time_s": time_s, "shaft_rpm_cmd": command,
+            "shaft_rpm": turned(DRIVE, command, time_s) + 2.0 * rng.standard_normal(len(time_s))}
+
+
+def test_a_healthy_drive_that_turns_both_ways_is_none(both_ways: dict[str, Array]) -> None:
+    found = diagnose_run(both_ways, DRIVE)
+    assert found.verdict == "none" and found.channels[0].rmse < 2.5
+    assert any("commands are below 0: it turned backwards" in one for one in found.findings)
+
+
+def test_of_a_drive_that_turns_one_way_rows_against_it_are_counted_and_left_out(both_ways: dict[str, Array]) -> None:
+    one_way = DRIVE.model_copy(update={"shaft": DRIVE.shaft._replace(one_way=1.0)})
+    found = diagnose_run(both_ways, one_way)
+    back = int(np.sum(both_ways["shaft_rpm_cmd"] < 0.0))
+    said = [one for one in found.findings if "shaft.one_way" in one]
+    assert len(said) == 1 and f"{back} of 15000 commands" in said[0]
+    assert found.channels[0].rmse < 2.5, "what stands against the file is no error of the model"
+    told = compared(both_ways, DRIVE, one_way).channels[0]
+    assert told.old == pytest.approx(2.0, abs=0.1) and told.new > 100.0 and told.high < 0.0
+
+
+def test_a_dead_zone_is_also_a_term_over_the_command() -> None:
+    """Form saturation with slope -1 between -D and D takes D from every command, either way: the same to the shaft."""
+    term = Term.model_validate({"id": "shaft.zone", "acts_on": "shaft_rpm", "form": "saturation",
+                                "over": [{"name": "shaft_rpm"}],
+                                "coefficients": {"slope": -1.0, "low_end": -40.0, "high_end": 40.0, "level": 40.0}})
+    for command in (-300.0, -41.0, -20.0, 20.0, 41.0, 300.0):
+        _, more_rpm = term_step(params_of(term), TermState(), command, 0.0, 0.01)
+        state = shaft_start(0.0)
+        for _ in range(400):
+            state, out = shaft_step(DRIVE.shaft, state, ShaftInput(command, 0.0, 7.4, 0.0, more_rpm), 0.01)
+        assert out.rpm == pytest.approx(settled(DRIVE.shaft._replace(dead_zone_rpm=40.0), command), abs=0.01)

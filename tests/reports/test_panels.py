@@ -8,14 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from console.reports.binned import Axis, binned
+from console.reports.binned import Axis, binned, binned_rates, shown_share, telling
+from console.reports.diagnosis_text import _left
 from console.reports.figure import drawn, svg
+from console.reports.numbers import number, p_value, percent, span_of, with_interval
 from console.reports.panels import EXTENDED, NOMINAL, residual_panel, smooth_line
 from console.reports.run_pictures import _most_telling
 from console.reports.table_pictures import table_picture
 from console.reports.table_views import table_views
 from control.calibration.bench_table import BenchTable
-from control.diagnosis.result import Cause
+from control.diagnosis.result import Cause, Unexplained
 from control.machine.machine import Machine
 
 X = np.linspace(0.0, 4.0, 400)
@@ -69,3 +71,101 @@ def test_colours_are_the_pages_own() -> None:
         text = svg(figure, "one", "said")
     assert all(f"var(--{name})" in text for name in ("before", "after", "ink", "grid"))
     assert not re.search(r"(?:fill|stroke): #", text)
+
+
+# --- Means over a variable, and the variable that tells an effect ----------------------------------------------------
+
+@pytest.fixture
+def x() -> np.ndarray:
+    return np.random.default_rng(3).uniform(0.0, 10.0, 20_000)
+
+
+def test_means_follow_the_function_within_their_bands(x: np.ndarray) -> None:
+    noise = np.random.default_rng(4).standard_normal(len(x))
+    means = binned(Axis("x", x), np.sin(x) + noise)
+    off = np.abs(means.mean - np.sin(means.at))
+    assert np.mean(off < means.half + 0.02) > 0.85
+    assert np.all(means.half < 0.1)
+
+
+def test_bands_widen_with_memory(x: np.ndarray) -> None:
+    plain, slow = (binned(Axis("x", x), np.cos(7.0 * x), memory) for memory in (0.0, 0.6))
+    assert slow.half == pytest.approx(2.0 * plain.half)
+
+
+def test_the_axis_that_holds_the_effect_is_taken(x: np.ndarray) -> None:
+    other = np.random.default_rng(5).uniform(0.0, 1.0, len(x))
+    axes = (Axis("other", other), Axis("x", x))
+    assert telling(axes, x ** 2 - 30.0).label == "x"
+    assert shown_share(axes[0], x ** 2 - 30.0) < 0.2
+
+
+def test_the_first_of_equals_is_taken(x: np.ndarray) -> None:
+    assert telling((Axis("first", x), Axis("copy", 2.0 * x)), np.sqrt(x)).label == "first"
+
+
+def test_turned_residuals_do_not_cancel(x: np.ndarray) -> None:
+    sign = np.where(np.arange(len(x)) % 2 == 0, 1.0, -1.0)
+    means = binned(Axis("x", x, sign), 3.0 * sign)
+    assert means.mean == pytest.approx(3.0)
+    assert binned(Axis("x", x), 3.0 * sign).mean == pytest.approx(0.0, abs=0.3)
+
+
+def test_named_values_keep_their_places() -> None:
+    means = binned(Axis("way", np.array([0.0, 1.0] * 10), names=("closing", "opening")), np.array([1.0, -1.0] * 10))
+    assert means.at.tolist() == [0.0, 1.0]
+    assert means.mean.tolist() == [1.0, -1.0]
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.6])
+def test_rates_are_read_off_the_level(memory: float) -> None:
+    rng = np.random.default_rng(7)
+    place = np.repeat(rng.integers(0, 3, 60), 40).astype(float)
+    rates = np.array([-0.02, 0.0, 0.01])
+    off = []
+    for _ in range(40):
+        noise = rng.standard_normal(len(place))
+        for k in range(1, len(noise)):
+            noise[k] = memory * noise[k - 1] + np.sqrt(1.0 - memory ** 2) * noise[k]
+        level = np.concatenate(([0.0], np.cumsum(rates[place.astype(int)])[:-1])) + 0.15 * noise
+        segments = np.repeat([0, 1], len(place) // 2)
+        found = binned_rates(Axis("place", place), level + 90.0 * segments, 1.0, segments, memory)
+        off.append((found.mean - rates) / found.half)
+    assert found.half.max() < 0.002
+    assert 0.80 < np.mean(np.abs(off) < 1.0) < 0.97
+
+
+# --- Numbers as people write them ------------------------------------------------------------------------------------
+
+@pytest.mark.parametrize(("value", "said"), [
+    (0.0, "0"), (1234567.0, "1230000"), (-0.0123456, "−0.0123"), (8.1, "8.10"), (None, "–"), (float("nan"), "–"),
+    (1e-9, "0"), (99.96, "100.0"), (12345.6, "12300")])
+def test_number(value: float | None, said: str) -> None:
+    assert number(value) == said
+
+
+@pytest.mark.parametrize(("value", "low", "high", "said", "interval"), [
+    (0.4692, 0.4061, 0.5329, "0.469", "0.406 to 0.533"),
+    (-1.784, -1.95, -1.61, "−1.78", "−1.95 to −1.61"),
+    (8.13, 2.2, 14.1, "8.1", "2.2 to 14.1"),
+    (231.4, 105.0, 350.0, "231", "105 to 350"),
+    (0.109404, 0.109366, 0.109442, "0.1094", "narrower than the last digit"),
+    (3.0, None, None, "3.00", ""), (0.02, -0.3, 0.34, "0.02", "−0.30 to 0.34")])
+def test_interval_decides_the_digits(value: float, low: float | None, high: float | None, said: str,
+                                     interval: str) -> None:
+    assert with_interval(value, low, high) == (said, interval)
+
+
+def test_shares_never_claim_certainty() -> None:
+    assert [percent(p) for p in (1.0, 0.26, 0.0)] == ["over 99 %", "26 %", "under 1 %"]
+    assert [p_value(p) for p in (0.0, 0.0134)] == ["< 0.001", "0.013"]
+
+
+def test_spans_read_like_a_clock() -> None:
+    assert [span_of(s) for s in (59.6, 370.0, 1200.0, 7860.0)] == ["60 s", "6 min 10 s", "20 min", "2 h 11 min"]
+
+
+@pytest.mark.parametrize(("share", "said"), [(0.0, "0 %"), (0.624, "62 %"), (1.0, "100 %")])
+def test_the_share_that_no_effect_explains_is_in_per_cent(share: float, said: str) -> None:
+    assert f"flow depends on pitch_deg ({said} of what is left)" in _left(Unexplained("flow", "pitch_deg", share))
+    assert _left(Unexplained("flow", "", share)).startswith(f"flow: {said} of its error is not noise")

@@ -1,10 +1,12 @@
 """A job that is cut off and goes on: totals, ground, what is not done a second time, and that it is off."""
 from __future__ import annotations
 
+import datetime as dt
 import json
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 
 from console.worker import resume
@@ -13,14 +15,23 @@ from console.worker.host import Host
 from console.worker.program import Options, options_from
 from console.worker.requests import Ask
 from console.worker.resume import Snapshot
+from console.worker.resume_alarms import AlarmBook, AlarmRecord
+from console.worker.resume_assemble import job_to_go_on
+from console.worker.resume_ground import NOTHING_DONE, TRACK_PLACES, Done, joined, packed, unpacked
 from console.worker.resume_keeper import Keeper
 from console.worker.resume_tail import with_tail
-from control.field.totals import Sums, Totaliser
+from control.agronomy.strips import Strips
+from control.field.coverage import Coverage, Raster
+from control.field.job import rule_of
+from control.field.totals import NOTHING, Sums, Totaliser
 from control.log_row import LogRow
+from control.machine.fall import drop_s
 from control.machine.machine import Machine
-from control.orders import Do, Order
+from control.orders import Alarm, Do, Order, Severity
+from drivers.files.plain import plain, typed
 from drivers.files.read_log import read_log
 from drivers.files.run_meta import meta_from_yaml
+from drivers.files.setup import load_setup
 
 
 class PowerCut(BaseException):
@@ -284,3 +295,169 @@ def test_a_clean_quit_is_no_cut(tmp_path):
     later, _parts = run(tmp_path / "b.csv", 5.0, resumed=path)
     assert later[0].area_ha == pytest.approx(frames[-1].area_ha, rel=0.02)
     assert not resume.read(resume.beside(tmp_path / "b.csv")).quit, "told to stop, but not by anybody's QUIT"
+
+
+# --- The book of a run's alarms --------------------------------------------------------------------------------------
+
+RED = Alarm("shaft_silent", Severity.RED, 1.0)
+AMBER = Alarm("hopper_low", Severity.AMBER, 2.0, False, (("hopper_kg", 18.0), ("metres_left", 640.0)))
+
+
+def test_first_last_times_and_acknowledged():
+    book = AlarmBook()
+    assert [one.id for one in book.see(1.0, "t1", (RED,))] == ["shaft_silent"]
+    assert book.see(2.0, "t2", (RED, AMBER))[0].id == "hopper_low"
+    assert book.see(3.0, "t3", (RED._replace(acknowledged=True), AMBER)) == ()
+    book.see(4.0, "t4", (AMBER,))
+    assert [one.id for one in book.see(9.0, "t9", (RED, AMBER))] == ["shaft_silent"], "it came again"
+    red, amber = book.records
+    assert (red.id, red.first_utc, red.last_utc, red.times, red.stands) == ("shaft_silent", "t1", "t9", 2, True)
+    assert red.acknowledged_utc == "t3" and not red.acknowledged, "what came anew is not acknowledged"
+    assert (amber.first_s, amber.last_s, amber.times) == (2.0, 9.0, 1)
+
+
+def test_standing_before_gone_and_red_before_amber():
+    book = AlarmBook()
+    book.see(1.0, None, (AMBER,))
+    book.see(2.0, None, (RED,))
+    assert [(one.id, one.stands) for one in book.records] == [("shaft_silent", True), ("hopper_low", False)]
+    book.see(3.0, None, (AMBER,))
+    assert [one.id for one in book.records] == ["hopper_low", "shaft_silent"]
+
+
+def test_records_survive_a_file_and_the_time_before_is_added():
+    first = AlarmBook()
+    first.see(1.0, "2026-03-18T06:00:00Z", (RED, AMBER))
+    kept = tuple(typed(AlarmRecord, one) for one in json.loads(json.dumps(plain(first.records))))
+    assert kept == first.records
+    later = AlarmBook()
+    later.see(0.5, "2026-03-18T07:00:00Z", (RED,))
+    later.add_before(kept)
+    red, amber = later.records
+    assert red.stands and red.first_utc == "2026-03-18T06:00:00Z" and red.last_utc == "2026-03-18T07:00:00Z"
+    assert amber.id == "hopper_low" and not amber.stands
+    assert AlarmBook(kept).see(5.0, "t", (RED,))[0].times == 2
+
+
+# --- Strips that were measured on the way are still known after a power cut ------------------------------------------
+
+class Ticked(NamedTuple):
+    row: LogRow
+    alarms: tuple[Any, ...] = ()
+    place_m: tuple[float, float] | None = None
+    look_ahead: bool = True
+    flow_trim_on: bool = True
+
+
+class StripLoop:
+    sums, flow_trim, plane = NOTHING, 1.0, None
+
+
+def test_the_job_goes_on_with_its_strips(tmp_path):
+    setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
+    path = tmp_path / "a.resume.json"
+    keeper = Keeper(path, setup.machine, Snapshot(str(tmp_path / "a.csv")), StripLoop(),
+                    lambda: "2026-03-18T06:00:00+00:00")
+    keeper.take(Ticked(LogRow(0.0, state="working", shaft_rpm_cmd=50.0)))
+    keeper.take(Ticked(LogRow(1.0, state="working", events="mark;strip nrich 0.66 0.0041 38")))
+    keeper.take(Ticked(LogRow(2.0, state="working", events="strip check 0.55;strip check x")))
+    keeper.work(False)
+    assert not keeper.trouble
+    before = resume.read(path)
+    assert (before.ndvi_nrich, before.ndvi_check) == (0.66, 0.55)
+    job = job_to_go_on(setup.job, setup.machine, before)
+    assert rule_of(setup.crop, job).strips == Strips(0.66, 0.55)
+
+
+def test_a_snapshot_of_before_has_none(tmp_path):
+    path = tmp_path / "a.resume.json"
+    resume.write(path, Snapshot("a.csv"))
+    text = path.read_text().replace('"ndvi_nrich":null,', "").replace('"ndvi_check":null,', "")
+    assert "ndvi" not in text
+    path.write_text(text)
+    assert resume.read(path).ndvi_nrich is None
+
+
+# --- Ground that is done: how it grows and is kept -------------------------------------------------------------------
+
+MACHINE = Machine()
+WIDTH_M = MACHINE.geometry.working_width_m
+STEP_S, SPEED_MPS = 0.05, 2.0
+FALL_M = drop_s(MACHINE.fall, 60.0) * SPEED_MPS
+NORTH_M = np.arange(0.0, 60.0, 0.1)
+
+
+def drive(done: Done, north_m: tuple[float, float], east_m: float = 0.0, rpm: float = 60.0, at_s: float = 0.0) -> float:
+    """Due north at 2 m/s; returns the time at the end."""
+    for north in np.arange(*north_m, SPEED_MPS * STEP_S):
+        done.pass_over(at_s, (east_m, float(north)), 0.0, rpm, 300.0)
+        at_s += STEP_S
+    return at_s
+
+
+def done_at(ground: Raster, places: list[tuple[float, float]]) -> np.ndarray:
+    """As a later run's bitmap knows it."""
+    coverage = Coverage(WIDTH_M)
+    coverage.seed(ground)
+    return coverage.applied_earlier(places)
+
+
+@pytest.fixture
+def one_pass():
+    """From 0 to 50 m north, 10 to 40 of it with flow."""
+    done = Done(MACHINE)
+    at_s = drive(done, (0.0, 10.0), rpm=0.0)
+    at_s = drive(done, (10.0, 40.0), at_s=at_s)
+    drive(done, (40.0, 50.0), rpm=0.0, at_s=at_s)
+    return done
+
+
+def test_only_where_something_landed_is_done_and_it_lands_later(one_pass):
+    ground = one_pass.raster()
+    area_m2 = ground.done.sum() * ground.cell_m ** 2
+    assert area_m2 == pytest.approx(30.0 * WIDTH_M, rel=0.06)
+    landed = np.flatnonzero(done_at(ground, [(0.0, north) for north in NORTH_M]))
+    fall_m = NORTH_M[landed[0]] - 10.0
+    assert fall_m == pytest.approx(FALL_M, abs=0.3), "what is released at 10 m lands after its drop"
+    assert NORTH_M[landed[-1]] - 40.0 == pytest.approx(fall_m, abs=0.3)
+
+
+def test_a_pass_beside_it_is_not_done_but_the_same_way_is(one_pass):
+    places = [(0.0, 25.0), (0.45 * WIDTH_M, 25.0), (WIDTH_M, 25.0), (0.0, 45.0)]
+    assert done_at(one_pass.raster(), places).tolist() == [True, True, False, False]
+
+
+def test_kept_and_read_back_it_is_the_same_and_two_parts_are_one(one_pass):
+    first = one_pass.raster()
+    again = unpacked(packed(first))
+    assert again[:3] == first[:3] and (again.done == first.done).all()
+    later = Done(MACHINE, again, tuple(one_pass.track))
+    drive(later, (100.0, 130.0), east_m=-70.0)
+    both = later.raster()
+    assert done_at(both, [(0.0, 25.0), (-70.0, 115.0), (-35.0, 60.0)]).tolist() == [True, True, False]
+    assert both.done.sum() > 1.8 * first.done.sum()
+    assert len(later.track) > len(one_pass.track)
+
+
+@pytest.mark.parametrize("change", [{"bits": "AAAA"}, {"rows": 0}, {"cell_m": -1.0}, {"columns": 7}])
+def test_ground_that_was_not_kept_whole_is_refused(one_pass, change):
+    with pytest.raises((ValueError, KeyError)):
+        unpacked(packed(one_pass.raster()) | change)
+
+
+def test_a_long_day_is_thinned_not_forgotten():
+    done = Done(MACHINE)
+    for k in range(int(TRACK_PLACES * 1.5)):
+        done.pass_over(0.5 * k, (0.0, 1.0 * k), 0.0, 60.0, 300.0)
+    norths = [spot[1] for spot in done.track]
+    assert len(norths) <= TRACK_PLACES and norths[0] < 5.0 and norths[-1] > TRACK_PLACES * 1.5 - 10.0
+
+
+def test_an_empty_raster_joins_with_anything():
+    some = Raster(0.0, 0.0, 0.25, np.ones((4, 4), dtype=np.bool_))
+    assert joined(NOTHING_DONE, some) is some and joined(some, NOTHING_DONE) is some
+
+
+def test_parts_too_far_apart_for_one_picture_give_the_newer_one():
+    here = Raster(0.0, 0.0, 0.25, np.ones((4, 4), dtype=bool))
+    assert joined(here, here._replace(west_m=80_000.0, south_m=80_000.0)).west_m == 80_000.0

@@ -1,12 +1,18 @@
 """One connection of the link, over a pair of sockets."""
 from __future__ import annotations
 
+import asyncio
 import socket
+from collections.abc import Callable
+from concurrent.futures import Future
 
 import pytest
 
+from console.link import ComingLink
+from console.running import Where, WorkerFailed
 from console.worker.client import Client, Patience
 from console.worker.limits import LINE_BYTES, REFUSAL_AGAIN_S, REFUSALS
+from control.orders import Do, Order
 
 
 @pytest.fixture
@@ -66,3 +72,30 @@ def test_so_many_refusals_at_once_then_one_a_while():
     assert not patience.spend(0.9 * REFUSAL_AGAIN_S) and patience.spend(1.0 * REFUSAL_AGAIN_S)
     assert not patience.spend(1.5 * REFUSAL_AGAIN_S)
     assert [patience.spend(1000.0) for _ in range(REFUSALS + 1)] == [True] * REFUSALS + [False]
+
+
+# --- The console's end of a worker that is still coming up -----------------------------------------------------------
+
+async def test_it_is_a_link_once_the_worker_is_there(running: Callable[..., Where]) -> None:
+    coming: Future[Where] = Future()
+    link = ComingLink(coming)
+    run = asyncio.create_task(link.run())
+    await asyncio.sleep(0.05)
+    assert link.newest is None
+    assert (await link.order(Order(Do.HOLD))).why == "no_answer", "not gone: nobody is there yet"
+    where = await asyncio.to_thread(running)
+    early = asyncio.create_task(link.order(Order(Do.HOLD), 20.0))
+    await asyncio.sleep(0.05)
+    coming.set_result(where)
+    assert (await early).why != "no_answer", "asked as soon as somebody is there"
+    async with asyncio.timeout(20.0):
+        await link.attached.wait()
+    assert link.newest is not None
+    run.cancel()
+
+
+async def test_a_worker_that_does_not_come_up_is_told() -> None:
+    coming: Future[Where] = Future()
+    coming.set_exception(WorkerFailed("the control worker did not start: no port"))
+    with pytest.raises(WorkerFailed, match="no port"):
+        await ComingLink(coming).run()

@@ -1,16 +1,22 @@
+""""""
 from __future__ import annotations
 
 import json
+import time
+from dataclasses import replace
 
 import pytest
 
-from console.frame import DeviceTest, DeviceView, Frame, LagTestView, from_json
-from console.worker import wire
+from console.frame import DeviceTest, DeviceView, Frame, LagTestView, Tally, from_json
+from console.worker import run_file, wire
+from console.worker.limits import MOVES_S, STANDS_S
+from console.worker.telling import Telling
 from control.agronomy.strips import Strips
 from control.field.totals import Totals
 from control.log_row import LogRow
 from control.orders import Alarm, Answer, Severity
 from control.safety import Allowances, BenchRun
+from drivers.files.lock import take_lock
 
 
 def test_a_frame_comes_back_as_it_was():
@@ -62,3 +68,103 @@ def test_a_frame_that_is_none_is_one_line():
     broken = json.loads(wire.framed(Frame(3, 1.5, LogRow(1.5)))) | {"area_ha": "much"}
     with pytest.raises(ValueError, match=r"^area_ha: [^\n]*$"):
         from_json(broken)
+
+
+# --- The right to be the worker of a run file: what a start waits for ------------------------------------------------
+
+@pytest.fixture
+def waited(monkeypatch):
+    """Seconds that a start waited."""
+    slept: list[float] = []
+    monkeypatch.setattr(run_file.time, "sleep", slept.append)
+    return slept
+
+
+def confirmed(path):
+    with run_file.held(path) as right:
+        right.confirm()
+
+
+def test_the_first_start_waits_for_a_worker_whose_lock_was_removed(tmp_path, waited):
+    confirmed(tmp_path / "run" / "worker.json")
+    assert waited == [pytest.approx(run_file.SETTLED_S, abs=0.2)]
+
+
+def test_a_clean_start_waits_for_nobody(tmp_path, waited, monkeypatch):
+    """No run file is there, as after every clean end, and the lock's file is an old one."""
+    path = tmp_path / "worker.json"
+    take_lock(path.with_suffix(".lock")).close()
+    now = time.time()
+    monkeypatch.setattr(run_file.time, "time", lambda: now + run_file.YOUNG_S + 0.1)
+    confirmed(path)
+    assert waited == []
+
+
+@pytest.mark.parametrize("later_s", [0.0, 1.5, -3600.0], ids=["at once", "a busy computer", "its clock was put back"])
+def test_a_lock_that_somebody_just_made_anew_is_not_believed(tmp_path, waited, monkeypatch, later_s):
+    """By a console that looked: the worker under which the lock was removed has not locked this one yet."""
+    path = tmp_path / "worker.json"
+    take_lock(path.with_suffix(".lock")).close()
+    now = time.time()
+    monkeypatch.setattr(run_file.time, "time", lambda: now + later_s)
+    confirmed(path)
+    assert waited == [pytest.approx(run_file.SETTLED_S, abs=0.2)]
+
+
+# --- When frames are told: seldom while the machine stands, often while it moves, at once where a word changes -------
+
+TICK_S = 0.05
+STANDS = Frame(seq=0, at_s=0.0, row=LogRow(0.0, state="off", hopper_kg=300.0), tally=Tally())
+LISTENS = DeviceView("gnss", "p", "nmea", True, 0.0, 10.0, 1, 0, test=DeviceTest(True))
+
+
+def told_in_10_s(frame: Frame) -> int:
+    telling = Telling()
+    return sum(telling.due(replace(frame, seq=k, at_s=k * TICK_S, row=frame.row._replace(
+        time_s=k * TICK_S, hopper_kg=300.0 - 0.01 * (k % 7)))) for k in range(200))
+
+
+def test_a_machine_that_stands_is_told_twice_a_second_whatever_its_sensors_noise():
+    assert told_in_10_s(STANDS) == round(10.0 / STANDS_S)
+
+
+@pytest.mark.parametrize("row", [{"state": "working"}, {"state": "calibrating"}, {"speed_used_mps": 0.2},
+                                 {"shaft_rpm": 12.0}])
+def test_a_machine_that_moves_is_told_ten_times_a_second(row):
+    assert told_in_10_s(replace(STANDS, row=STANDS.row._replace(**row))) == round(10.0 / MOVES_S)
+
+
+def test_a_device_that_is_listened_to_is_told_as_often():
+    assert told_in_10_s(replace(STANDS, devices=(LISTENS,))) == round(10.0 / MOVES_S)
+
+
+@pytest.mark.parametrize("changed", [
+    {"alarms": (Alarm("gnss_silent", Severity.AMBER, 1.0, False),)}, {"why_no_flow": ("standstill",)},
+    {"allow": Allowances(reverse=True)}, {"look_ahead": False}, {"consoles": 2}, {"log_path": "other.csv"},
+    {"devices": (LISTENS,)}, {"dropped_heads": (3,)}, {"tally": Tally(moves=1)}])
+def test_what_changes_is_told_at_once(changed):
+    telling = Telling()
+    assert telling.due(STANDS)
+    assert not telling.due(replace(STANDS, seq=1, at_s=TICK_S))
+    assert telling.due(replace(STANDS, seq=2, at_s=2.0 * TICK_S, **changed))
+
+
+def test_an_event_and_a_state_are_told_at_once():
+    telling = Telling()
+    telling.due(STANDS)
+    assert telling.due(replace(STANDS, seq=1, at_s=TICK_S, row=STANDS.row._replace(events="mark:x")))
+    assert telling.due(replace(STANDS, seq=2, at_s=2.0 * TICK_S, row=STANDS.row._replace(state="ready")))
+
+
+def test_time_held_is_no_word_that_changes():
+    telling = Telling()
+    telling.due(STANDS)
+    assert not telling.due(replace(STANDS, seq=1, at_s=TICK_S, tally=Tally(held_s=0.05)))
+
+
+def test_who_comes_waits_for_no_frame_and_a_clock_that_goes_back_silences_nobody():
+    telling = Telling()
+    telling.due(replace(STANDS, at_s=100.0))
+    assert telling.due(replace(STANDS, seq=1, at_s=99.0))
+    telling.hurry()
+    assert telling.due(replace(STANDS, seq=2, at_s=99.05))
