@@ -14,6 +14,7 @@ import pytest  # noqa: E402
 import textual.app  # noqa: E402
 import textual.pilot  # noqa: E402
 from textual.app import App  # noqa: E402
+from textual.css.stylesheet import Stylesheet  # noqa: E402
 from textual.pilot import Pilot  # noqa: E402
 
 from console.app import sample  # noqa: E402
@@ -84,6 +85,22 @@ def _rest(monkeypatch):
         monkeypatch.setattr(module, "wait_for_idle", come_to_rest)
     monkeypatch.setattr(Pilot, "press", pressed)
     monkeypatch.setattr(App, "run_test", begun)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _styles_read_once():
+    """Each app reads some fifty style sheets, twice: a quarter of what its start costs. They are the same in all."""
+    parse, known = Stylesheet._parse_rules, {}
+
+    def parsed(sheet: Stylesheet, css, read_from, is_default_rules=False, tie_breaker=0, scope=""):
+        key = (css, read_from, is_default_rules, tie_breaker, scope, tuple(sorted(sheet._variables.items())))
+        if key not in known:
+            known[key] = parse(sheet, css, read_from, is_default_rules, tie_breaker, scope)
+        return known[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Stylesheet, "_parse_rules", parsed)
+        yield
 
 
 @pytest.fixture(autouse=True)

@@ -400,13 +400,13 @@ async def test_an_export_that_fails_is_a_line_and_escape_cancels(job_app, desk, 
 
         desk.report = slow
         await pilot.press("b")
-        await asyncio.wait_for(begun.wait(), 5)
+        await asyncio.wait_for(begun.wait(), 30)
         app.page.hurry()
         app.tick()
         await pilot.pause()
         assert any("report: gathering (1 of 3)   Esc cancels" in row for row in shown(app))
         await pilot.press("escape")
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(30):
             while not go:
                 await asyncio.sleep(0.01)
         await settled(app, pilot)

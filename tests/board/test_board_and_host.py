@@ -90,7 +90,7 @@ def terminal(scenarios):
     made.close()
 
 
-def wait_for(what, seconds=8.0):
+def wait_for(what, seconds=30.0):
     deadline = time.monotonic() + seconds
     while not what():
         assert time.monotonic() < deadline

@@ -16,7 +16,7 @@ from drivers.virtual.timeline import TimedFault, faults_at, parse_fault
 DEVICES = ("gnss", "head_1", "head_2", "board")
 
 
-def within(what, seconds=3.0):
+def within(what, seconds=30.0):
     deadline = time.monotonic() + seconds
     while not what():
         assert time.monotonic() < deadline
