@@ -157,7 +157,7 @@ async def test_the_finder_finds_a_row_of_buttons_that_runs_out(picture, columns,
 
 
 @pytest.mark.parametrize("language", languages())
-@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("width", [60, 120, *(pytest.param(width, marks=pytest.mark.exam) for width in (100, 80))])
 def test_every_alarm_is_read_to_its_end(frames, language, width):
     use(language)
     frame = frames[-1]
@@ -269,7 +269,8 @@ async def test_nothing_is_cut_on_any_picture(screen, language):
     assert await on_every_size(Picture("cut", SIZES[0], language=language, screen=screen)) == []
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", [(80, 24), (60, 20), *(
+    pytest.param(size, marks=pytest.mark.exam) for size in ((120, 40), (100, 30)))])
 async def test_nothing_of_a_question_lies_outside(picture, size):
     app = picture(size=size)
     async with app.run_test(size=size) as pilot:

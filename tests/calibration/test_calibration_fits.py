@@ -6,8 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from control.calibration import BenchTable
-from control.calibration.bench_table import fit_flow, fit_lag
+from control.calibration import BenchTable, fit_flow, fit_lag
 from control.machine.fall import lag_paper_s
 from control.machine.machine import Adopted, Machine, with_effect
 from control.machine.start import response_s

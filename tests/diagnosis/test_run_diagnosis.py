@@ -101,8 +101,9 @@ def test_nothing_wrong_is_called_nothing(seed):
 
 
 @pytest.mark.parametrize("effects", [
-    {"shaft.slow": 0.12, "gate.backlash": 0.8}, {"scale.tilt": 0.2},
+    {"shaft.slow": 0.12, "gate.backlash": 0.8},
     *(pytest.param(effects, marks=pytest.mark.exam) for effects in (
+        {"scale.tilt": 0.2},
         {"shaft.gain": 1.5, "gate.home_error": 0.4}, {"shaft.dead_time": 0.1, "gate.slow": 6.0},
         {"shaft.voltage_sag": 2.0, "flow.fill_falloff": 12.0}, {"shaft.load_droop": 4.0, "flow.slope": 1.0})),
 ], ids=lambda effects: "+".join(effects))

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -56,14 +57,19 @@ def shaft_log(*texts: str, seed: int = 1, machine: Machine = NOMINAL, along: flo
     return columns | {"shaft_rpm": out[:, 1] + 0.3 * rng.standard_normal(ROWS)}
 
 
+@cache
+def diagnosed(*texts: str, seed: int = 1) -> Diagnosis:
+    """What several tests look at is diagnosed once."""
+    return diagnose_run(shaft_log(*texts, seed=seed), Machine())
+
+
 def terms_of(found: Diagnosis) -> list[tuple[str, str, list[str]]]:
     return [(t.term["acts_on"], t.term["form"], sorted(v["name"] for v in t.term["over"])) for t in found.terms]
 
 
 @pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.exam) for seed in (2, 3))])
 def test_where_nothing_is_nothing_is_found(seed: int) -> None:
-    found = diagnose_run(shaft_log(seed=seed), Machine())
-    assert (found.verdict, found.terms) == ("none", ())
+    assert (diagnosed(seed=seed).verdict, diagnosed(seed=seed).terms) == ("none", ())
 
 
 @pytest.mark.parametrize(("text", "form", "over"), [
@@ -113,6 +119,7 @@ def test_a_product_whose_level_is_not_known_is_nothing_at_its_place() -> None:
     assert term_forms.coefficients(form, sizes, 0.7, by) == pytest.approx({**unknown, "level": 0.3})
 
 
+@pytest.mark.exam
 def test_a_constant_that_is_lost_of_every_command_is_no_gain() -> None:
     found = diagnose_run(shaft_log("shaft_rpm saturation shaft_rpm slope=-1 low_end=0 high_end=2.5"), Machine())
     assert [one.id for one in found.causes] == ["shaft.dead_zone"] and not found.terms
@@ -144,7 +151,7 @@ def test_terms_that_are_alike_are_told_with_the_sizes_that_they_have_together() 
 
 def test_where_the_shaft_stands_is_not_adopted() -> None:
     """Another run begins at another place of the shaft."""
-    found = diagnose_run(shaft_log("shaft_percent slope roll_deg slope=0.4"), Machine())
+    found = diagnosed("shaft_percent slope roll_deg slope=-0.5")
     term = found.terms[0]
     over = [{"name": "shaft_angle_deg", "valid": [0.0, 360.0]}]
     turned = replace(term, term={**term.term, "form": "periodic", "over": over,
@@ -171,7 +178,7 @@ def test_a_name_that_explains_the_same_wins() -> None:
 
 def test_a_box_in_time_is_not_adopted() -> None:
     term = parse_term("shaft_rpm span time_s low_end=200 high_end=290 above=0.8", Term.model_validate)
-    found = diagnose_run(shaft_log(), Machine())
+    found = diagnosed(seed=1)
     box = replace(found, terms=(TermFound(term.model_dump(mode="json"), "shaft", "r/min", 0.5, 0.1, 200.0, None),))
     assert term_not_adoptable(box.terms[0]).startswith("it holds for a span")
     assert adoptable_terms(box) == ()
@@ -179,7 +186,7 @@ def test_a_box_in_time_is_not_adopted() -> None:
 
 
 def test_it_is_said_in_a_sentence_with_range_and_what_control_does() -> None:
-    found = diagnose_run(shaft_log("shaft_percent slope roll_deg slope=-0.5"), Machine())
+    found = diagnosed("shaft_percent slope roll_deg slope=-0.5")
     term = found.terms[0].term
     assert sentence(term).startswith("Shaft speed falls by 0.51 % for each deg of roll; seen between -")
     assert compensation(term) == "Control corrects for it"

@@ -179,7 +179,7 @@ SECTION_WIDTH_M = 2.4
 
 
 @pytest.fixture(scope="module")
-def applied(tmp_path_factory: pytest.TempPathFactory):
+def by_section(tmp_path_factory: pytest.TempPathFactory):
     """40 s on a pass; from 25 s on the middle section is closed by hand."""
     setup = load_setup("huanghai_sections", "demo", dt.date(2014, 3, 7))
     target = Wanted(source=TargetSource.MANUAL, manual_rate_kg_ha=300.0)
@@ -192,8 +192,8 @@ def applied(tmp_path_factory: pytest.TempPathFactory):
     return as_applied(log), loop.totals, steps
 
 
-def test_totals_of_the_log_are_the_loops(applied):
-    found, totals, steps = applied
+def test_totals_of_the_log_are_the_loops(by_section):
+    found, totals, steps = by_section
     assert found.totals.area_ha == pytest.approx(totals.area_ha, rel=0.01)
     assert found.totals.applied_kg == pytest.approx(totals.applied_kg, rel=0.01)
     assert found.totals.applied_kg == pytest.approx(sum(sum(s.truth.section_kg) for s in steps), rel=0.02)
@@ -202,8 +202,8 @@ def test_totals_of_the_log_are_the_loops(applied):
     assert found.totals.covered_ha == pytest.approx(found.totals.area_ha, rel=0.03)
 
 
-def test_every_section_has_stretches_of_its_own(applied):
-    found, _totals, _steps = applied
+def test_every_section_has_stretches_of_its_own(by_section):
+    found, _totals, _steps = by_section
     s = found.stretches
     assert s.width_m.tolist() == pytest.approx([SECTION_WIDTH_M / 3.0] * len(s.width_m))
     assert s.area_m2.sum() / 10_000.0 == pytest.approx(found.totals.area_ha, rel=1e-3)
@@ -221,9 +221,9 @@ def test_every_section_has_stretches_of_its_own(applied):
     assert widths.tolist() == s.width_m.tolist()
 
 
-def test_it_goes_out_by_section(applied, tmp_path: Path):
+def test_it_goes_out_by_section(by_section, tmp_path: Path):
     from drivers.files.exports.write import write_as_applied
-    found, _totals, _steps = applied
+    found, _totals, _steps = by_section
     for name in ("out.geojson", "out.shp", "task"):
         write_as_applied(found, tmp_path / name, polygons=True)
     assert (tmp_path / "out.geojson").read_text(encoding="utf-8").count("Polygon") == len(found.stretches.time_s)
