@@ -33,9 +33,9 @@ run: $(VENV)/.program
 unexport PYTHONDONTWRITEBYTECODE
 
 # The tests of a file share what they look at: one process has them all. Three processes for two cores: some wait for
-# a started program or for a screen to come to rest while others compute.
+# a started program or for a screen to come to rest while others compute. Their order is that of tests/conftest.py.
 test: $(VENV)/.installed
-	$(BIN)/python -m pytest -n 3 --dist loadfile
+	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 # Hidden examinations, long logs, many kills, minutes of odd files: tests marked `exam`.
 exam: $(VENV)/.installed

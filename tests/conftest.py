@@ -2,6 +2,8 @@
 from __future__ import annotations
 
 import gc
+from collections import Counter
+from pathlib import Path
 
 import pytest
 
@@ -11,6 +13,18 @@ few_for_matrices()
 # Python looks for garbage after 700 new objects, and through all 10^6 of a session after some 70,000: a third of what a
 # test of the console costs (127 tests of its number fields: 11.0 s of processor, 7.0 s with these).
 gc.set_threshold(20_000, 20, 20)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Each room's files are spread over the whole run, those of many tests first: files that compute (diagnosis, the
+    loop) run beside files that wait for a screen or a started program, and none has much left at the end."""
+    tests = Counter(item.path for item in items)
+    rooms: dict[Path, list[Path]] = {}
+    for file in sorted(tests, key=lambda one: -tests[one]):
+        rooms.setdefault(file.parent, []).append(file)
+    place = {file: (k + 0.5) / len(files) for files in rooms.values() for k, file in enumerate(files)}
+    items.sort(key=lambda item: (place[item.path], str(item.path)))
 
 
 def pytest_collection_finish() -> None:
