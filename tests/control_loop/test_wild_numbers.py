@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from console.frame import Frame
-from console.worker.parts import TOLD
+from console.worker.parts import FRAME_FIELDS
 from console.worker.wire import framed
 from control.field.job import Wanted
 from control.orders import Do, Order, TargetSource
@@ -72,7 +72,7 @@ def test_the_console_is_told_of_every_tick(work: Work, value: float) -> None:
     assert m.gnss is not None
     work.tick(ndvi=(Reading(value, m.time_s),) * 6, hopper_kg=Reading(value, m.time_s),
               gnss=m.gnss._replace(time_s=value))
-    told: dict[str, Any] = {name: getattr(work.newest, name) for name in TOLD}
+    told: dict[str, Any] = {name: getattr(work.newest, name) for name in FRAME_FIELDS}
     assert framed(Frame(seq=1, at_s=0.0, totals=work.loop.totals, **told))
     assert all(isfinite(value) for value in work.newest.row if isinstance(value, float))
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from console.frame import DeviceDo, DeviceTest
-from console.worker import desk as desk_module
+from console.worker import device_service
 from console.worker.device_service import DeviceService
 from console.worker.requests import DeviceOrder
 from console.worker.side_files import SideFiles
@@ -98,7 +98,7 @@ def test_a_capture_holds_what_came_and_went_with_times(made, tmp_path):
 
 
 def test_a_capture_ends_by_itself_before_it_fills_the_disk(made, monkeypatch, tmp_path):
-    monkeypatch.setattr(desk_module, "CAPTURE_BYTES", 200)
+    monkeypatch.setattr(device_service, "CAPTURE_BYTES", 200)
     made.order(DeviceDo.CAPTURE)
     made.run(1.0, said=HEAD)
     assert made.desk.capture_path("head_1") == ""
@@ -135,7 +135,7 @@ def test_a_silent_line_is_silent(made):
 @pytest.mark.parametrize(("state", "found"), [("ready", ("greenseeker", 9600)), ("working", ("", None))])
 def test_a_serial_line_is_tried_at_other_rates_but_not_under_work(made, monkeypatch, state, found):
     """What comes at the configured rate is rubbish; at 9600 Bd it is a head."""
-    monkeypatch.setattr(desk_module.probe.probe, "__defaults__", (time.monotonic, time.sleep, 0.1))
+    monkeypatch.setattr(device_service.probe.probe, "__defaults__", (time.monotonic, time.sleep, 0.1))
     made.line.baud = 38400
     plugged = []
 
