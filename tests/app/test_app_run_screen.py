@@ -120,24 +120,17 @@ async def test_alarms_say_word_symbol_place_time_and_what_to_do(app, source, fra
         assert "(01:10)" in second
 
 
-async def test_alarms_that_do_not_fit_are_counted(app, source, frames, shown):
-    alarms = tuple(Alarm(name, Severity.RED, 0.0) for name in ("shaft_silent", "gate_silent", "log_failed", "rate_off"))
-    source.newest = replace(frames[-1], alarms=alarms)
+@pytest.mark.parametrize(("alarms", "row", "said"), [
+    ([Alarm(name, Severity.RED, 0.0) for name in ("shaft_silent", "gate_silent", "log_failed", "rate_off")], 3,
+     ["+2 more"]),
+    ([Alarm("hopper_low", Severity.AMBER, 0.0, details=(("hopper_kg", 18.5), ("metres_left", 640.0)))], 1,
+     ["enough for 640 m.", "06:12:00"]),
+    ([Alarm("from_a_newer_worker", Severity.RED, 0.0)], 1, ["from_a_newer_worker"])],
+    ids=["counted where they do not fit", "whole at 80 columns", "unknown, by its id"])
+async def test_alarms_of_a_small_terminal(app, source, frames, shown, alarms, row, said):
+    source.newest = replace(frames[-1], alarms=tuple(alarms))
     async with app.run_test(size=(80, 24)):
-        assert "+2 more" in shown(app)[3]
-
-
-async def test_at_80_columns_the_text_of_an_alarm_is_whole(app, source, frames, shown):
-    alarm = Alarm("hopper_low", Severity.AMBER, 0.0, details=(("hopper_kg", 18.5), ("metres_left", 640.0)))
-    source.newest = replace(frames[-1], alarms=(alarm,))
-    async with app.run_test(size=(80, 24)):
-        assert "enough for 640 m." in shown(app)[1] and "06:12:00" in shown(app)[1]
-
-
-async def test_an_unknown_alarm_is_shown_by_its_id(app, source, frames, shown):
-    source.newest = replace(frames[-1], alarms=(Alarm("from_a_newer_worker", Severity.RED, 0.0),))
-    async with app.run_test(size=(80, 24)):
-        assert "from_a_newer_worker" in shown(app)[1]
+        assert all(one in shown(app)[row] for one in said)
 
 
 async def test_speeds_in_alarms_are_shown_in_the_units_in_use(app, source, frames, shown):
@@ -216,19 +209,22 @@ async def test_any_other_failure_of_the_link_is_as_a_worker_gone(source, clock):
         assert isinstance(app.screen, GoneScreen) and "odd" in app.gone
 
 
-@pytest.mark.parametrize(("size", "trend", "map_", "body"), [
-    ((120, 40), True, True, True), ((100, 30), False, True, True), ((80, 24), False, False, True),
-    ((80, 40), True, False, True), ((79, 24), False, False, False), ((80, 23), False, False, False)])
-async def test_trends_go_first_then_the_map_and_never_numbers_and_alarms(app, shown, size, trend, map_, body):
-    async with app.run_test(size=size):
+async def test_trends_go_first_then_the_map_and_never_numbers_and_alarms(app, shown):
+    async with app.run_test(size=SIZE) as pilot:
         page = app.page
-        seen = {name: page.query_one(name).region.area > 0 for name in ("#trend", "#map", "#rates", "#tiles", "#heads")}
-        assert seen["#map"] is map_
-        assert seen["#rates"] is seen["#tiles"] is seen["#heads"] is body
-        assert seen["#trend"] is (trend and body)
-        assert page.query_one(AlarmBar).region.area > 0
-        text = "\n".join(shown(app))
-        assert ("80 x 24 shows the whole page" in text) is not body
+        for *size, trend, map_, body in ((120, 40, True, True, True), (100, 30, False, True, True),
+                                         (80, 24, False, False, True), (80, 40, True, False, True),
+                                         (79, 24, False, False, False), (80, 23, False, False, False)):
+            await pilot.resize_terminal(*size)
+            app.tick()
+            await pilot.pause()
+            seen = {name: page.query_one(name).region.area > 0
+                    for name in ("#trend", "#map", "#rates", "#tiles", "#heads")}
+            assert seen["#map"] is map_, size
+            assert seen["#rates"] is seen["#tiles"] is seen["#heads"] is body, size
+            assert seen["#trend"] is (trend and body), size
+            assert page.query_one(AlarmBar).region.area > 0, size
+            assert ("80 x 24 shows the whole page" in "\n".join(shown(app))) is not body, size
 
 
 @pytest.mark.exam

@@ -33,31 +33,31 @@ def in_state(source, state, **more):
 
 
 @pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("where", ["run", "job", "map"])
-async def test_a_fault_whose_cause_is_gone_says_what_is_next(app, source, shown, size, where):
+async def test_a_fault_whose_cause_is_gone_says_what_is_next(app, source, shown, size):
     in_state(source, "fault", why_state="shaft_silent")
     async with app.run_test(size=size) as pilot:
-        app.turn_to(where)
-        await pilot.pause()
-        app.tick()
-        await pilot.pause()
-        text = "\n".join(shown(app))
-        assert "FAULT, its cause is gone: R on the Run page makes the machine ready." in text
-        assert "no alarms" not in text
+        for where in ("run", "job", "map"):
+            app.turn_to(where)
+            await pilot.pause()
+            app.tick()
+            await pilot.pause()
+            text = "\n".join(shown(app))
+            assert "FAULT, its cause is gone: R on the Run page makes the machine ready." in text, where
+            assert "no alarms" not in text, where
 
 
-@pytest.mark.parametrize("where", ["map", "trends", "devices", "calibrate", "diagnosis", "job", "settings"])
-async def test_a_page_that_is_just_being_made_says_what_is_known(app, source, shown, where, monkeypatch):
+async def test_a_page_that_is_just_being_made_says_what_is_known(app, source, shown, monkeypatch):
     """On a busy computer "NO DATA", "waiting for the first values" stood over a machine at work for seconds."""
     async with app.run_test(size=(120, 40)) as pilot:
         app.tick()
         await pilot.pause()
         monkeypatch.setattr(app, "tick", lambda: None)          # its first look is late
-        app.turn_to(where)
-        await pilot.pause()
-        text = "\n".join(shown(app))
-        assert "WORKING" in text and "NO DATA" not in text and "no values yet" not in text.splitlines()[1]
-        assert "all is well" not in text, "nothing was looked at yet"
+        for where in ("map", "trends", "devices", "calibrate", "diagnosis", "job", "settings"):
+            app.turn_to(where)
+            await pilot.pause()
+            text = "\n".join(shown(app))
+            assert "WORKING" in text and "NO DATA" not in text and "no values yet" not in text.splitlines()[1], where
+            assert "all is well" not in text, "nothing was looked at yet"
 
 
 async def test_a_page_that_was_left_does_not_come_back_with_what_it_said_then(app, source, shown, monkeypatch):

@@ -204,31 +204,6 @@ def test_a_foreign_control_package_is_told(monkeypatch: pytest.MonkeyPatch, caps
     assert "environment of its own" in capsys.readouterr().err
 
 
-def test_calibrate_writes_a_new_machine_file_and_never_overwrites(tmp_path: Path) -> None:
-    table = tmp_path / "catch.csv"
-    lines = [f"{rpm},{mm},60,{5.9e-3 * mm * rpm * (1.0 + 0.001 * k):.4f}"
-             for rpm in (30, 60) for mm in (10, 20, 40) for k in (-1, 0, 1)]
-    table.write_text("shaft_rpm,opening_mm,duration_s,mass_kg\n" + "\n".join(lines) + "\n")
-    out = tmp_path / "new.yaml"
-    result = runner.invoke(app, ["calibrate", "catch", str(table), "--out", str(out)])
-    assert result.exit_code == 0, result.output
-    assert "5.9" in result.output
-    assert runner.invoke(app, ["check", str(out)]).exit_code == 0
-    again = runner.invoke(app, ["calibrate", "catch", str(table), "--out", str(out)])
-    assert again.exit_code == 2
-    assert "nothing is overwritten" in again.output
-
-
-def test_diagnose_never_writes_over_data_or_an_existing_file(log: Path) -> None:
-    sidecar = log.with_suffix(".yaml")
-    before = sidecar.read_bytes()
-    for option in ("--adopt", "--report", "--json"):
-        result = runner.invoke(app, ["diagnose", str(log), option, str(sidecar)])
-        assert result.exit_code == 2, option
-        assert sidecar.name in result.output
-    assert sidecar.read_bytes() == before
-
-
 def test_diagnose_tells_a_bench_table_apart_from_a_run(tmp_path: Path) -> None:
     table = tmp_path / "lag.csv"
     rows = [f"{rpm},{2.2118 - 0.0083 * rpm + 0.3 + 0.01 * k:.3f}" for rpm in range(10, 80, 10) for k in (-1, 0, 1)]

@@ -380,7 +380,7 @@ def test_the_command_says_what_it_cannot_use(tmp_path: Path) -> None:
     assert told.exit_code != 0 and "column driver" in told.output
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def two_workers() -> Any:
     distributed = pytest.importorskip("distributed", reason="the extra `fleet` is not installed")
     threads = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
@@ -399,6 +399,15 @@ def hidden(folder: str) -> None:
     sys.addaudithook(refuse)
 
 
+def test_workers_in_other_folders_find_logs_by_relative_paths(tmp_path: Path, two_workers: Any,
+                                                              monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    logs = [str(wheel_log(Path("in") / f"{k}.csv", seconds=30.0, seed=k)) for k in range(3)]
+    two_workers.run(os.chdir, "/")
+    found = fleet.diagnosed(two_workers, logs, fleet.Asked(MACHINE, {}, "s"), tmp_path / "out", quiet)
+    assert sorted(one["path"] for one in found.records) == logs and found.twins == 0
+
+
 def test_a_worker_that_does_not_see_the_logs_is_left_out_and_said(tmp_path: Path, two_workers: Any) -> None:
     logs = [str(wheel_log(tmp_path / "in" / f"{k}.csv", seconds=30.0, seed=k)) for k in range(4)]
     who = sorted(two_workers.nthreads())[0]
@@ -409,15 +418,6 @@ def test_a_worker_that_does_not_see_the_logs_is_left_out_and_said(tmp_path: Path
     two_workers.run(hidden, str(tmp_path / "in"))
     with pytest.raises(OSError, match="no worker sees the logs"):
         fleet.diagnosed(two_workers, logs, fleet.Asked(MACHINE, {}, "other"), tmp_path / "out", quiet)
-
-
-def test_workers_in_other_folders_find_logs_by_relative_paths(tmp_path: Path, two_workers: Any,
-                                                              monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    logs = [str(wheel_log(Path("in") / f"{k}.csv", seconds=30.0, seed=k)) for k in range(3)]
-    two_workers.run(os.chdir, "/")
-    found = fleet.diagnosed(two_workers, logs, fleet.Asked(MACHINE, {}, "s"), tmp_path / "out", quiet)
-    assert sorted(one["path"] for one in found.records) == logs and found.twins == 0
 
 
 class AtFault(Asked):
