@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import lfilter
 
 from control.diagnosis.extend import extend
-from control.diagnosis.runs import log, onset, search, stages
+from control.diagnosis.runs import intermittent, log, onset, search, stages
 from control.diagnosis.runs.channels import channels
 from control.diagnosis.runs.diagnose import Cancelled, diagnose_run
 from control.diagnosis.runs.hypothesis import Part
@@ -486,6 +486,12 @@ def test_dips_that_begin_on_a_slope_alone_are_no_missing_pulses() -> None:
     columns["wheel_speed_mps"] = columns["wheel_speed_mps"] * (1.0 - 0.07 * np.maximum(0.0, -roll - 2.5)) \
         + 0.03 * rng.standard_normal(len(roll))
     assert "speed.missed_pulses" not in ids(diagnose_run(columns, Machine()))
+
+
+@pytest.mark.parametrize(("in_one", "follows"), [(15, False), (25, True)])
+def test_so_many_of_forty_dips_that_begin_in_one_class_of_sixteen_follow_its_variable(in_one, follows) -> None:
+    begins = [*range(2, 2 + 2 * in_one, 2), *np.linspace(110, 1590, 40 - in_one).astype(int)]
+    assert intermittent._follows(np.isin(np.arange(1600), begins), np.arange(1600.0)) is follows
 
 
 def test_pulses_that_stay_away_for_a_second_are_missing_though_tails_rise_as_often() -> None:
