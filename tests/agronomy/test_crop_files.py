@@ -102,6 +102,8 @@ def test_the_sufficiency_index(crop_data):
     waiting = prepare(Crop.model_validate(sufficient(crop_data, ndvi_nrich=None)))
     assert not waiting.is_ready and waiting.decide(0.3).why == "no_strips"
     assert waiting.with_strip(StripValue("nrich", 0.40)).decide(0.37).rate_kg_ha == pytest.approx(75.0 / 0.45)
+    with pytest.raises(ValueError, match="goes with yield_potential, not with sufficiency"):
+        prepare(Crop.model_validate(sufficient(crop_data)), response_rule="field")
 
 
 def test_check_tells_of_a_strip_that_is_missing(crop_data, tmp_path):
