@@ -36,7 +36,7 @@ def hostile() -> Any:
         sys.path.remove(path)
 
 
-@pytest.mark.parametrize("number", QUICK)
+@pytest.mark.parametrize("number", [*QUICK, pytest.param(14, marks=pytest.mark.exam)])      # ten seconds
 def test_a_hostile_log_ends_in_a_result(hostile: Any, number: int, tmp_path: Path) -> None:
     one = hostile.hostile_log(number)
     path = tmp_path / "log.csv"
