@@ -76,7 +76,7 @@ def from_its_start(terminal: Terminal) -> None:
     terminal.type(HOME)
     time.sleep(0.4)
     if "playing" not in terminal.text():
-        took(terminal, "p", lambda text: "playing" in text)
+        took(terminal, "y", lambda text: "playing" in text)
 
 
 def in_replay(terminal: Terminal, times: int) -> Iterator[tuple[str, float]]:
@@ -86,7 +86,7 @@ def in_replay(terminal: Terminal, times: int) -> Iterator[tuple[str, float]]:
         yield "page", took(terminal, F3, lambda text: PAGE in text)
         took(terminal, F7, lambda text: PAGE not in text)
         time.sleep(0.2)
-        yield "dialog", took(terminal, "v", lambda text: "Findings about" in text)
+        yield "dialog", took(terminal, "q2", lambda text: "Findings about" in text)
         took(terminal, ESCAPE, lambda text: "Findings about" not in text)
         from_its_start(terminal)
         yield "hold", took(terminal, " ", lambda text: "paused" in text)
@@ -126,9 +126,9 @@ def run() -> int:
         try:
             wait(lambda: replay.shows("REPLAY"), 60.0, "the log", replay)
             for _press in range(6):
-                replay.type(".")                # 2x, 5x, 10x, 20x, 50x, 100x
+                replay.type("]")                # 2x, 5x, 10x, 20x, 50x, 100x
                 time.sleep(0.1)
-            replay.type("p")
+            replay.type("y")
             wait(lambda: replay.shows("playing"), 20.0, "playing", replay)
             speed = next((word for word in replay.text().split() if word.endswith("x") and word[:-1].isdigit()), "?")
             promises |= told(f"in replay at {speed}", list(in_replay(replay, times)))

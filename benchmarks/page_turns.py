@@ -46,9 +46,8 @@ TURNS = (Turn("map", "\x1bOR", "whole field"), Turn("trends", "\x1bOS", "running
          Turn("job", JOB, "before work"), Turn("settings", "\x1b[23~", "how often"),
          Turn("strategy ?", "t", "Strategy"), Turn("rate ?", "m", "Manual rate"), Turn("help ?", "\x1bOP", "Esc"),
          Turn("actions ?", "\x10", "find an action"),
-         Turn("job ?", "j", "points_demo", JOB), Turn("crop ?", "z", "osu_durum", JOB),
-         Turn("maps ?", "p", "Which prescription", JOB), Turn("whose ?", "y", "Whose job", JOB),
-         Turn("refill ?", "f", "Filled in", JOB))
+         Turn("job ?", "j", "points_demo", JOB), Turn("export ?", "e", "Export as", JOB),
+         Turn("maps ?", "p", "Which prescription", JOB), Turn("refill ?", "f", "Filled in", JOB))
 
 
 class Took(NamedTuple):

@@ -19,7 +19,9 @@ ACTIONS: tuple[Action, ...] = (*run.ACTIONS, *devices.ACTIONS, *calibrate.ACTION
                                *map.ACTIONS, *trends.ACTIONS, *job.ACTIONS, *settings.ACTIONS, *common.ACTIONS)
 _NAMES = {"pageup": "PgUp", "pagedown": "PgDn", "plus": "+", "minus": "-", "comma": ",", "full_stop": ".", "left": "<",
           "right": ">", "up": "Up", "down": "Down", "equals_sign": "=", "slash": "/", "semicolon": ";",
-          "exclamation_mark": "!", "apostrophe": "'"}
+          "exclamation_mark": "!", "apostrophe": "'", "left_square_bracket": "[", "right_square_bracket": "]",
+          "delete": "Del", "backspace": "Bksp"}
+_IN_MENU = "q_"                      # key of what stands in a page's menu, before its digit: no terminal sends it
 _shown: dict[str, str] = {}          # action -> key as it is shown, where the user's keymap has another one
 BY_ID = {action.id: action for action in ACTIONS}
 
@@ -32,6 +34,8 @@ def remap(keymap: Mapping[str, str]) -> None:
 
 def key_name(key: str) -> str:
     """A key as it is written on a keyboard, as short as the key bar wants it."""
+    if key.startswith(_IN_MENU):
+        return _shown.get("menu", "Q") + key.removeprefix(_IN_MENU)
     *held, last = key.split("+")
     last = _NAMES.get(last, last.removeprefix("kp_"))
     return "".join({"ctrl": "^", "shift": "S-", "alt": "A-"}.get(one, f"{one}+") for one in held) + (
@@ -41,7 +45,20 @@ def key_name(key: str) -> str:
 def at(where: str) -> tuple[Action, ...]:
     """The actions of one screen: its own and those of every screen."""
     found = (action for action in ACTIONS if action.where in (ANYWHERE, where))
-    return tuple(action._replace(shown=_shown[action.id]) if action.id in _shown else action for action in found)
+    return tuple(action._replace(shown=shown_key(action)) for action in found if action.id != "menu" or menu(where))
+
+
+def shown_key(action: Action) -> str:
+    """The key as bars, help and menu show it: the user's, else its own."""
+    if action.keys.startswith(_IN_MENU) and action.id not in _shown:
+        return key_name(action.keys)
+    return _shown.get(action.id, action.shown)
+
+
+def menu(where: str) -> tuple[Action, ...]:
+    """What stands in the page's menu, in the order of its digits: seventy actions are more than there are letters."""
+    return tuple(sorted((action for action in ACTIONS if action.where == where and action.keys.startswith(_IN_MENU)),
+                        key=lambda action: action.keys))
 
 
 def bound_at(where: str, keymap: Mapping[str, str]) -> frozenset[str]:

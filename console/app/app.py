@@ -354,10 +354,16 @@ class TopdressApp(App[None], inherit_bindings=False):
 
     def _take_lines(self, kept: KeptLines) -> None:
         """Those of the console before; a log that has none has this console's from now on."""
-        if kept.guide.a is not None:
+        if kept.guide.a is not None and not kept.of_day:
             self.guide = kept.guide
         elif self.guide.a is not None:
             self.keep_line(guide_record(self.guide))
+        elif kept.of_day:
+            self.guide = kept.guide
+            self.keep_line(guide_record(self.guide))
+            away = actions.shown_key(actions.BY_ID["map_no_guide"])
+            self.notice(_("the A-B line of this field's job of {day} is here again; {key} on the Map page takes it "
+                          "away").format(day=kept.of_day[:10], key=away))
         if kept.drive is not None and self.map_page.drive is None:
             self.map_page.go_on_driving(kept.drive, kept.way)
 
@@ -372,6 +378,11 @@ class TopdressApp(App[None], inherit_bindings=False):
     def offered(self, where: str) -> tuple[Action, ...]:
         """The actions that key bar, help and palette of a screen show."""
         return actions.at(where)
+
+    def menu(self) -> tuple[Action, ...]:
+        """What Q lists on this page."""
+        offered = {action.id for action in self.offered(self.page.where)}
+        return tuple(action for action in actions.menu(self.page.where) if action.id in offered)
 
     def why_no_stop(self) -> str:
         """One line for the key bar where hold and STOP are not offered."""

@@ -16,12 +16,15 @@ from console.app.guide_line import GuideLine, Place
 
 class KeptLines(NamedTuple):
     """drive None: no boundary is being driven. way: of the drive, east and north, m, as the map draws it. until_s: the
-    log's time of its last record."""
+    log's time of its last record. told: the line was set or taken away here. of_day: when the job began, by its
+    log, whose line this is on the same field; "": of this job itself."""
 
     guide: GuideLine
     drive: BoundaryDrive | None = None
     way: tuple[Place, ...] = ()
     until_s: float = 0.0
+    told: bool = False
+    of_day: str = ""
 
 
 class LineFiles(Protocol):
@@ -29,7 +32,8 @@ class LineFiles(Protocol):
         """Kept beside the log; returns at once."""
 
     def read(self, log_path: str) -> KeptLines:
-        """What holds, with what the log tells of the drive since. Takes its time; never raises."""
+        """What holds, with what the log tells of the drive since; where nothing was said of a line, that of the last
+        job on the same field. Takes its time; never raises."""
 
 
 def guide_record(guide: GuideLine) -> str:
@@ -63,12 +67,12 @@ def _with(kept: KeptLines, said: dict[str, Any]) -> KeptLines:
         told = said["guide"]
         guide = GuideLine() if told is None else GuideLine(
             _place(told["a"]), None if told["b"] is None else _place(told["b"]), float(told["width_m"]))
-        return kept._replace(guide=guide)
+        return kept._replace(guide=guide, told=True)
     if "drive" in said:
         told = said["drive"]
         if told is None:
-            return KeptLines(kept.guide)
-        return KeptLines(kept.guide, BoundaryDrive(float(told["right_m"])), (), float(told["time_s"]))
+            return KeptLines(kept.guide, told=kept.told)
+        return KeptLines(kept.guide, BoundaryDrive(float(told["right_m"])), (), float(told["time_s"]), kept.told)
     if kept.drive is None:
         return kept
     corner, place, time_s = Corner(*map(float, said["corner"])), _place(said["place_m"]), float(said["time_s"])

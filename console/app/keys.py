@@ -24,7 +24,7 @@ from console.app.alarms import entries
 from console.app.dialogs import Choice, ChoiceDialog, Confirm
 from console.app.jump import labels, letters
 from console.app.pages.replay import keys as replay
-from console.app.reasons import why_no_acknowledge, why_no_start, why_no_tour, why_no_undo
+from console.app.reasons import why_no_acknowledge, why_no_menu, why_no_start, why_no_tour, why_no_undo
 from console.app.screens.alarm_list import AlarmList
 from console.app.screens.help import HelpScreen
 from console.app.screens.jump import JumpScreen, Place, places_of, press
@@ -156,8 +156,8 @@ def _asked_while_working(app: TopdressApp, question: str, change: Callable[[], N
     app.push_screen(Confirm(question, _("The machine works. Everything on the screen is written anew.")), answer)
 
 
-class PagesDialog(ChoiceDialog):
-    """A digit goes there at once: nothing of the machine is touched."""
+class AtOnceDialog(ChoiceDialog):
+    """A digit takes its line at once: it turns to a page, or to an action that asks for itself where it matters."""
 
     def on_key(self, event: events.Key) -> None:
         super().on_key(event)
@@ -175,7 +175,18 @@ def pages(app: TopdressApp) -> None:
             app.turn_to(name)
 
     choices = [Choice(one.id.removesuffix("_screen"), f"{_(one.label)}  ({one.shown})") for one in app.page_actions]
-    app.push_screen(PagesDialog(_("Go to which page?"), choices, app.page.where), answer)
+    app.push_screen(AtOnceDialog(_("Go to which page?"), choices, app.page.where), answer)
+
+
+def menu(app: TopdressApp) -> None:
+    """The page's menu: what has no letter of its own, for a letter means one thing on all pages."""
+    choices = [Choice(one.id, _(one.label), app.why_not(one)) for one in app.menu()]
+
+    def answer(name: str | None) -> None:
+        if name is not None:
+            app.call_later(app.action_do, name)
+
+    app.push_screen(AtOnceDialog(_("What else this page does"), choices, ""), answer)
 
 
 def jump(app: TopdressApp) -> None:
@@ -230,6 +241,8 @@ ACTIONS = (
            bar=2, locked=True, priority=True),
     Action("acknowledge", "a", "A", N_("acknowledge"), N_("Acknowledges the alarms that are shown."), acknowledge,
            bar=9, why=why_no_acknowledge),
+    Action("menu", "q", "Q", N_("menu"), N_("What else this page does: a list; a digit takes."), menu, bar=3,
+           why=why_no_menu),
     Action("help", "f1", "F1", N_("help"), N_("This page."), show_help, bar=3, locked=True),
     Action("run_screen", "f2", "F2", N_("run"), N_("The machine at work."), opens(RUN), locked=True),
     Action("map_screen", "f3", "F3", N_("map"), N_("The field: applied, target, error, NDVI, plan."), opens(MAP),

@@ -25,7 +25,7 @@ from console.locale import N_, _
 
 CLOSED = frozenset({CALIBRATE, DIAGNOSIS, SETTINGS})    # pages that write files, closed while the tab only looks
 SHOWS = frozenset({MAP, TRENDS, REPLAY})                # pages whose own actions change nothing but the view
-LOOKS = frozenset({"help", "theme", "units", "language", "palette", "quit", "alarm_list"})
+LOOKS = frozenset({"help", "theme", "units", "language", "palette", "quit", "alarm_list", "menu"})
 WAIT_S, MOST_WAIT_S = 1.0, 60.0                         # after a wrong key; twice as long each time
 
 NONE_RUNS = N_("No control worker runs: start the console on the machine, then attach here.")

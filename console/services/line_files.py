@@ -2,10 +2,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 from console.app.kept_lines import KeptLines, kept_lines
 from console.worker import resume
 from console.worker.side_files import SideFiles
+from drivers.files.run_meta import meta_from_yaml
 
 ENDING = ".lines.jsonl"
 
@@ -27,6 +29,8 @@ class KeptLineFiles:
         """Of the job's parts before a power cut too: what was said last holds."""
         texts = [(log, _text(beside(log))) for log in (*_parts_before(log_path), Path(log_path))]
         kept = kept_lines(record for _log, text in texts for record in text.splitlines())
+        if not kept.told:
+            kept = _of_the_field(kept, Path(log_path))
         if kept.drive is None:
             return kept
         logs = [log for log, _text in texts]
@@ -37,6 +41,40 @@ class KeptLineFiles:
 
     def close(self) -> None:
         self._files.close()
+
+
+def _of_the_field(kept: KeptLines, log: Path) -> KeptLines:
+    """With the line of the last job on the same field, where there is one: tracks stay where they are."""
+    field = _field_of(log)
+    if field is None:
+        return kept
+    for path in sorted(log.parent.glob(f"*{ENDING}"), reverse=True):            # their names begin with the time
+        before = kept_lines(_text(path).splitlines())
+        other = path.with_name(path.name.removesuffix(ENDING) + log.suffix)
+        if before.told and other != log:
+            found = _field_of(other)
+            if found is not None and found.place == field.place:
+                return kept._replace(guide=before.guide, of_day=found.began) if before.guide.set else kept
+    return kept
+
+
+class _Field(NamedTuple):
+    """place: what two jobs on one field share: its plane and its edge."""
+
+    place: tuple[object, ...]
+    began: str
+
+
+def _field_of(log: Path) -> _Field | None:
+    """None: its job has no field, or cannot be read."""
+    try:
+        meta = meta_from_yaml(log.with_suffix(".yaml").read_text(encoding="utf-8"))
+        field = (meta.job or {}).get("field")
+        if not isinstance(field, dict) or not field.get("boundary_m"):
+            return None
+        return _Field((field["origin_lat_deg"], field["origin_lon_deg"], field["boundary_m"]), meta.started_utc or "")
+    except (OSError, ValueError, KeyError):
+        return None
 
 
 def _drive_on(kept: KeptLines, log: Path, after_s: float) -> None:

@@ -166,7 +166,7 @@ async def test_a_line_is_set_by_key_and_the_run_page_shows_how_far_off(full, sou
         await pilot.pause()
         assert any("0.25 m right of the line" in row for row in shown(full))
         await turned(full, pilot, "map")
-        await pilot.press("q")
+        await pilot.press("delete")
         assert not full.guide.set
 
 

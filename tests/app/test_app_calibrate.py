@@ -68,7 +68,7 @@ async def hold_mouse(pilot, page, action):
 async def test_one_press_of_the_key_turns_nothing(app, source, clock, opened):
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot)
-        await pilot.press("j")
+        await pilot.press("i")
         assert source.orders == []
         assert "Keep it pressed" in page.runner.said
 
@@ -76,10 +76,10 @@ async def test_one_press_of_the_key_turns_nothing(app, source, clock, opened):
 async def test_a_held_key_runs_and_half_a_second_after_the_last_repeat_it_is_released(app, source, clock, opened):
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot)
-        await pilot.press("j")
+        await pilot.press("i")
         clock.now_s += 0.5
         for _repeat in range(10):
-            await pilot.press("j")
+            await pilot.press("i")
             clock.now_s += 0.05
         assert source.orders[:3] == BEGIN
         assert source.orders[3:] and set(source.orders[3:]) == {Order(Do.CALIBRATE)}
@@ -181,7 +181,7 @@ async def test_locked_nothing_of_the_page_works(app, source, opened):
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot)
         await pilot.press("f8")
-        await pilot.press("j", "j", "j", "y", "v", "p", "i", "b", "q", "n", "right")
+        await pilot.press("i", "i", "i", "r", "q", "1", "q", "2", "q", "3", "b", "q", "5", "e", "right")
         app.notice_text = ""
         await hold_mouse(pilot, page, "cal_run")
         await pilot.pause()
@@ -194,9 +194,9 @@ async def test_locked_nothing_of_the_page_works(app, source, opened):
 async def test_settings_are_typed_within_the_machine_s_range_and_sent_at_the_next_run(app, source, opened):
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot)
-        await pilot.press("v", "1", "0", "1", "enter")
+        await pilot.press("q", "1", "1", "0", "1", "enter")
         assert isinstance(app.screen, NumberDialog), "101 r/min is more than the machine has"
-        await pilot.press("delete", "9", "0", "enter", "p", "4", "0", "enter")
+        await pilot.press("delete", "9", "0", "enter", "q", "2", "4", "0", "enter")
         assert source.orders == []
         await hold_mouse(pilot, page, "cal_run")
         assert source.orders[1:] == [Order(Do.CALIBRATE_OPENING, 40.0), Order(Do.CALIBRATE_SHAFT, 90.0)]
@@ -228,9 +228,9 @@ async def test_a_catch_test_from_settling_to_the_new_machine_file(app, source, c
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot)
         for rpm, mm, mass in ((70.0, 20.0, "3.87"), (70.0, 35.0, "6.7"), (90.0, 50.0, "12.4")):
-            for key, value in (("v", rpm), ("p", mm)):
-                await pilot.press(key, *f"{value:.0f}", "enter")
-            await pilot.press("i")
+            for digit, value in (("1", rpm), ("2", mm)):
+                await pilot.press("q", digit, *f"{value:.0f}", "enter")
+            await pilot.press("q", "3")
             assert len(app.screen_stack) == 2, "nothing is caught yet"
             await caught(app, source, clock, pilot, frame=frame, rpm=rpm, mm=mm, seconds=5.4)
             assert page.calibration.test.phase == "weigh"
@@ -238,15 +238,15 @@ async def test_a_catch_test_from_settling_to_the_new_machine_file(app, source, c
             bar = next(row for row in page.query_one("#cal-sheet", Sheet).view
                        if isinstance(row, Bar) and row.label == "catch")
             assert bar.share == 1.0
-            await pilot.press("i", *("full_stop" if c == "." else c for c in mass), "enter")
+            await pilot.press("q", "3", *("full_stop" if c == "." else c for c in mass), "enter")
         points = page.calibration.test.points
         assert [(round(one.shaft_rpm), round(one.opening_mm)) for one in points] == [(70, 20), (70, 35), (90, 50)]
         assert points[1].mass_kg == 6.7
-        await pilot.press("q")
+        await pilot.press("q", "5")
         await settled(app, pilot)
         text = "\n".join(shown(app))
         assert "flow 5.4972 g per turn and mm" in text and "90 % lie between" in text
-        await pilot.press("n")
+        await pilot.press("e")
         assert isinstance(app.screen, NameDialog)
         await pilot.press("-", "x", "1", "enter")
         await settled(app, pilot)
@@ -274,7 +274,7 @@ async def test_a_name_that_is_taken_is_said_in_one_line_and_nothing_counts_as_sa
         page = await opened(pilot)
         page.calibration.test.points = list(POINTS)
         page.calibration.take(page.job.fit_catch(POINTS))
-        await pilot.press("n")
+        await pilot.press("e")
         app.screen.query_one("#name-input").value = "a/b"
         await pilot.press("enter")
         assert isinstance(app.screen, NameDialog) and any("letters, digits" in row for row in shown(app))
@@ -296,7 +296,7 @@ async def test_escape_forgets_a_computation(app, opened):
 
         page.job = replace(page.job, fit_catch=slow)
         page.calibration.test.points = list(POINTS)
-        await pilot.press("q")
+        await pilot.press("q", "5")
         assert page.busy
         await pilot.press("escape")
         gate.set()
@@ -311,7 +311,7 @@ async def test_points_can_be_taken_back_and_then_nothing_is_fitted(app, opened):
         page.calibration.take(page.job.fit_catch(POINTS[:3]))
         await pilot.press("backspace")
         assert len(page.calibration.test.points) == 2 and page.calibration.fitted is None
-        await pilot.press("q", "n")
+        await pilot.press("q", "5", "e")
         assert page.calibration.fitted is None and len(app.screen_stack) == 2
 
 
@@ -335,7 +335,7 @@ async def test_the_lag_rig_is_begun_held_and_ended(app, source, frames, clock, o
         source.newest = replace(source.newest, lag_test=None, seq=source.newest.seq + 1)
         clock.now_s += 0.5
         app.tick()
-        await pilot.press("q")
+        await pilot.press("q", "5")
         await settled(app, pilot)
         assert page.calibration.fitted.source == ("logs/run.lag.1.csv", None), "what was measured stays"
 
@@ -345,7 +345,7 @@ async def test_without_a_rig_a_bench_table_is_fitted(app, source, opened, shown)
         page = await opened(pilot, right=1)
         await pilot.press("b")
         assert source.lag_tests == [] and "no lag rig" in app.notice_text
-        await pilot.press("e")
+        await pilot.press("j")
         await settled(app, pilot)
         assert isinstance(app.screen, ChoiceDialog)
         await pilot.press("2", "enter")
@@ -423,5 +423,5 @@ async def test_without_files_the_page_says_so(source, clock, frames):
     source.newest = standing(frames[-1])
     app = TopdressApp(source, clock, live=False)
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.press("f6", "v")
+        await pilot.press("f6", "q", "1")
         assert "not available here" in app.notice_text and len(app.screen_stack) == 2

@@ -71,7 +71,7 @@ async def test_the_picked_line_is_in_sight_where_rows_are_few(app, shown):
 async def test_test_and_capture_are_ordered_of_the_picked_device(app, source):
     async with app.run_test(size=SIZE) as pilot:
         await opened(app, pilot)
-        await pilot.press("e", "y", "down", "y")
+        await pilot.press("enter", "e", "down", "e")
         assert source.device_orders == [("gnss", DeviceDo.TEST), ("gnss", DeviceDo.END_CAPTURE),
                                         ("head_1", DeviceDo.CAPTURE)]
         assert source.orders == []
@@ -80,12 +80,12 @@ async def test_test_and_capture_are_ordered_of_the_picked_device(app, source):
 async def test_letting_go_of_a_line_is_asked_once_and_taking_it_is_not(app, source):
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(app, pilot)
-        await pilot.press("p")
+        await pilot.press("c")
         assert isinstance(app.screen, Confirm) and source.device_orders == []
-        await pilot.press("escape", "p", "enter")
+        await pilot.press("escape", "c", "enter")
         assert source.device_orders == [("gnss", DeviceDo.DISCONNECT)]
         page.picked = "head_5"
-        await pilot.press("p")
+        await pilot.press("c")
         assert source.device_orders[1:] == [("head_5", DeviceDo.CONNECT)]
 
 
@@ -105,14 +105,14 @@ async def test_a_refusal_is_said_in_words(app, source):
     source.answer = Answer(False, "device_in_use;state=working")
     async with app.run_test(size=SIZE) as pilot:
         await opened(app, pilot)
-        await pilot.press("p", "enter")
+        await pilot.press("c", "enter")
         assert "Not possible in state WORKING." in app.notice_text
 
 
 async def test_locked_a_device_is_looked_at_only(app, source):
     async with app.run_test(size=SIZE) as pilot:
         await opened(app, pilot)
-        await pilot.press("f8", "e", "y", "p", "space")
+        await pilot.press("f8", "enter", "e", "c", "space")
         assert source.device_orders == [] and source.orders == [Order(Do.HOLD)] and len(app.screen_stack) == 2
 
 
@@ -151,6 +151,6 @@ async def test_without_a_machine_nothing_breaks(clock, shown):
     app = TopdressApp(None, clock, live=False)
     async with app.run_test(size=SIZE) as pilot:
         await opened(app, pilot)
-        await pilot.press("up", "e", "y", "p")
+        await pilot.press("up", "enter", "e", "c")
         assert "no machine is connected" in app.notice_text
         assert any("no device is known" in row for row in shown(app))

@@ -124,7 +124,7 @@ async def test_nothing_of_an_undecided_group_is_adopted_by_enter_alone(desk, ser
                                            offers=service.found.offers[1:])
     async with desk.run_test(size=size) as pilot:
         await found_shown(desk, pilot)
-        await pilot.press("y")
+        await pilot.press("q", "1")
         assert isinstance(desk.screen, ChoiceDialog) and desk.screen.at == 0
         text = " ".join(" ".join(shown(desk)).replace("┃", " ").split())
         assert "Undecided: this data cannot tell these apart." in text
@@ -136,7 +136,7 @@ async def test_nothing_of_an_undecided_group_is_adopted_by_enter_alone(desk, ser
 async def test_one_is_picked_by_its_name_with_a_reason_and_the_undo_is_said(desk, service, shown):
     async with desk.run_test(size=(120, 40)) as pilot:
         page = await found_shown(desk, pilot)
-        await pilot.press("y")
+        await pilot.press("q", "1")
         assert ["size is not known" in choice.why for choice in desk.screen.choices] == [False, False, True, True]
         await pilot.press("3", "enter")
         assert isinstance(desk.screen, ChoiceDialog), "a cause without a size cannot be taken up"
@@ -153,7 +153,7 @@ async def test_one_is_picked_by_its_name_with_a_reason_and_the_undo_is_said(desk
         assert service.asked[1:] == ["adopt flow.fill_falloff, shaft.voltage_sag: flutes worn"]
         said = "\n".join(shown(desk))
         assert isinstance(desk.screen, TextDialog) and "huanghai-2026-03-18.yaml" in said
-        assert "Z on the Diagnosis page takes the last change of it back." in said
+        assert "Del on the Diagnosis page takes the last change of it back." in said
         await pilot.press("escape")
         assert page.adopted == "/data/machines/huanghai-2026-03-18.yaml"
 
@@ -162,14 +162,14 @@ async def test_undo_stands_on_the_page_after_adopting_and_takes_that_file_back(d
     service.found = sample_found("named")
     async with desk.run_test(size=(120, 40)) as pilot:
         page = await found_shown(desk, pilot)
-        await pilot.press("y")
+        await pilot.press("q", "1")
         assert isinstance(desk.screen, Confirm), "what is sure is asked once"
         await pilot.press("enter")
         assert service.asked[-1] == "adopt flow.fill_falloff"
         await pilot.press("escape", "f9")
         await settled(desk, pilot)
-        assert "Z take back" in " ".join(" ".join(shown(desk)).split())
-        await pilot.press("z", "enter")
+        assert "Del take back" in " ".join(" ".join(shown(desk)).split())
+        await pilot.press("delete", "enter")
         assert service.asked[-1] == "take back /data/machines/huanghai-2026-03-18.yaml"
         assert page.adopted == "/data/machines/bench-2026-03-19.yaml"
 
@@ -177,7 +177,7 @@ async def test_undo_stands_on_the_page_after_adopting_and_takes_that_file_back(d
 async def test_what_is_sure_alone_is_adopted_where_none_is_picked(desk, service):
     async with desk.run_test(size=(120, 40)) as pilot:
         await found_shown(desk, pilot)
-        await pilot.press("y", "enter")
+        await pilot.press("q", "1", "enter")
         assert isinstance(desk.screen, Confirm)
         text = desk.screen.text
         assert "Adopted: Shaft loses speed when the supply falls below nominal" in text
@@ -228,12 +228,12 @@ def test_the_bar_moves_from_the_start_and_never_back_and_its_time_is_honest():
 async def test_the_last_change_is_taken_back_after_a_question(desk, service, shown):
     async with desk.run_test(size=(120, 40)) as pilot:
         page = await found_shown(desk, pilot)
-        await pilot.press("z")
+        await pilot.press("delete")
         assert not isinstance(desk.screen, Confirm)         # the shipped file has no history
         page.machine = "bench"
-        await pilot.press("z")
+        await pilot.press("delete")
         assert isinstance(desk.screen, Confirm) and "flow.gain: 0 -> 3 %" in "\n".join(shown(desk))
-        await pilot.press("escape", "z", "enter")
+        await pilot.press("escape", "delete", "enter")
         assert service.asked[1:] == ["take back bench"]
         assert isinstance(desk.screen, TextDialog) and "bench-2026-03-19.yaml" in "\n".join(shown(desk))
 
@@ -243,7 +243,7 @@ async def test_what_cannot_be_adopted_is_refused_with_its_reason(desk, service, 
         adoptable=(), offers=(), refused=("flow.gain: holds in the rows of before.csv only",))
     async with desk.run_test(size=(120, 40)) as pilot:
         await found_shown(desk, pilot)
-        await pilot.press("y")
+        await pilot.press("q", "1")
         assert isinstance(desk.screen, TextDialog)
         assert "holds in the rows of before.csv only" in "\n".join(shown(desk))
         await pilot.press("enter")
@@ -253,8 +253,8 @@ async def test_what_cannot_be_adopted_is_refused_with_its_reason(desk, service, 
 async def test_the_separating_run_is_written_driven_and_both_verdicts_stand_beside(desk, service, source, shown):
     async with desk.run_test(size=(120, 40)) as pilot:
         page = await found_shown(desk, pilot)
-        await pilot.press("q")
-        await pilot.press("escape", "i")
+        await pilot.press("q", "7")
+        await pilot.press("escape", "q", "5")
         assert isinstance(desk.screen, Confirm) and service.asked[1:] == ["write_run"]
         await pilot.press("enter")
         await settled(desk, pilot)
@@ -262,7 +262,7 @@ async def test_the_separating_run_is_written_driven_and_both_verdicts_stand_besi
         text = "\n".join(shown(desk))
         assert "log: 20260317-134500.csv" in text and "separating run: separating.csv" in text
         assert "NOT TOLD APART" in text and "CAUSE NAMED" in text
-        await pilot.press("b")
+        await pilot.press("right")
         assert page.which == 0
         assert source.orders == []                       # nothing of all this orders the machine
 
@@ -270,14 +270,14 @@ async def test_the_separating_run_is_written_driven_and_both_verdicts_stand_besi
 async def test_report_data_and_type_a_path(desk, service, shown):
     async with desk.run_test(size=(120, 40)) as pilot:
         page = await opened(desk, pilot)
-        await pilot.press("slash")
+        await pilot.press("q", "2")
         assert isinstance(desk.screen, NameDialog)
         await pilot.press(*"no", "enter")
         assert "neither a run log" in "\n".join(shown(desk))
         await pilot.press("backspace", "backspace", *"/a.csv", "enter")
         await settled(desk, pilot)
         assert service.asked == ["diagnose a.csv None"]
-        await pilot.press("e", "escape", "j", "escape")
+        await pilot.press("e", "escape", "q", "6", "escape")
         assert service.asked[1:] == ["export report", "export data"] and page.shown is not None
 
 
@@ -286,7 +286,7 @@ async def test_a_file_of_another_machine_asks_what_it_does_not_say(source, clock
     desk = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(diagnosis=service))
     async with desk.run_test(size=(120, 40)) as pilot:
         page = await opened(desk, pilot)
-        await pilot.press("slash")
+        await pilot.press("q", "2")
         await pilot.press(*"planter.xlsx", "enter")
         await settled(desk, pilot)
         text = "\n".join(shown(desk))
@@ -297,7 +297,7 @@ async def test_a_file_of_another_machine_asks_what_it_does_not_say(source, clock
         assert page.said == "not brought in: the import file has open questions"
         assert page.sources == SOURCES                  # read anew: the import file is there now
         service.unsure = ()
-        await pilot.press("slash")
+        await pilot.press("q", "2")
         await pilot.press(*"planter.xlsx", "enter")
         await settled(desk, pilot)
         assert page.shown is not None and page.said == ""
@@ -306,7 +306,7 @@ async def test_a_file_of_another_machine_asks_what_it_does_not_say(source, clock
 async def test_another_machine_file_may_be_held_against(desk, service):
     async with desk.run_test(size=(120, 40)) as pilot:
         await opened(desk, pilot)
-        await pilot.press("n", "2", "enter", "enter")
+        await pilot.press("q", "3", "2", "enter", "enter")
         await settled(desk, pilot)
         assert service.asked == ["diagnose 20260318-061200.csv bench"]
 
@@ -343,7 +343,7 @@ async def test_work_shows_stage_share_and_time_left_and_escape_cancels_it(source
         await pilot.pause()
         text = "\n".join(shown(app))
         assert "25 %" in text and "shaft, gate, flow, scale" in text and "00:30 left" in text
-        await pilot.press("y", "space")                 # all else waits, hold does not
+        await pilot.press("e", "space")                 # all else waits, hold does not
         assert [order.do for order in source.orders] == [Do.HOLD]
         await pilot.press("escape")
         assert service.ended.wait(30.0) and not page.busy and page.shown is None
@@ -542,14 +542,15 @@ async def test_what_was_adopted_is_compared_on_another_log(desk, service, shown)
     service.found = sample_found("named")
     async with desk.run_test(size=(120, 40)) as pilot:
         await found_shown(desk, pilot)
-        await pilot.press("equals_sign")
-        assert "adopt something first" in desk.notice_text
-        await pilot.press("y", "enter")
-        assert "= there says, on another log," in "\n".join(shown(desk))
+        await pilot.press("q", "4")
+        assert "adopt something first" in "\n".join(shown(desk))
+        await pilot.press("escape")
+        await pilot.press("q", "1", "enter")
+        assert "Q4 there says, on another log," in "\n".join(shown(desk))
         await pilot.press("escape", "f9")
         await settled(desk, pilot)
-        assert "= compare" in " ".join(" ".join(shown(desk)).split())
-        await pilot.press("equals_sign")
+        assert "Q4 compare" in " ".join(" ".join(shown(desk)).split())
+        await pilot.press("q", "4")
         offered = [choice.value for choice in desk.screen.choices]
         assert offered == [SOURCES[2].path, "typed"], "not the run of now, not the log it was made from, no table"
         await pilot.press("enter")

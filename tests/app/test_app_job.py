@@ -187,15 +187,15 @@ async def test_a_strip_is_driven_counts_at_once_and_is_kept(job_app, desk, sourc
     async with app.run_test(size=SIZE) as pilot:
         await on_job(app, pilot)
         feed(app, source, [{"state": "ready"}])
-        await pilot.press("n")
+        await pilot.press("b")
         start_s = source.newest.row.time_s
         feed(app, source, [{"time_s": start_s + 0.2 * k, "ndvi": 0.70 + 0.02 * (k % 2), "speed_used_mps": 2.0}
                            for k in range(1, 30)])
-        await pilot.press("n")
+        await pilot.press("b")
         assert isinstance(app.screen, Confirm) and "Cancel the strip" in app.screen.heading, "11 m are too few"
         await pilot.press("escape")
         feed(app, source, [{"time_s": start_s + 0.2 * k, "ndvi": 0.70 + 0.02 * (k % 2)} for k in range(30, 90)])
-        await pilot.press("n")
+        await pilot.press("b")
         assert app.screen.heading == "NDVI 0.710 as the N-rich strip of this job?" and desk.asked == []
         assert "CV 1.4 %, standard error 0.001, 88 samples" in app.screen.text
         await pilot.press("enter")
@@ -210,12 +210,12 @@ async def test_by_the_fields_index_the_strip_is_chosen_and_the_index_judged(job_
     desk.known = replace(FACTS, response_index="field", ndvi_nrich=0.60)
     async with app.run_test(size=SIZE) as pilot:
         await on_job(app, pilot)
-        await pilot.press("n")
+        await pilot.press("b")
         assert isinstance(app.screen, ChoiceDialog) and len(app.screen.choices) == 2
         await pilot.press("2", "enter")
         start_s = source.newest.row.time_s
         feed(app, source, [{"time_s": start_s + 0.2 * k, "ndvi": 0.65, "speed_used_mps": 2.0} for k in range(1, 90)])
-        await pilot.press("n")
+        await pilot.press("b")
         assert app.screen.heading == "NDVI 0.650 as the farmer check of this job?"
         assert "RI 0.92: the N-rich strip is no greener" in app.screen.text
         await pilot.press("enter")
@@ -226,7 +226,7 @@ async def test_by_the_fields_index_the_strip_is_chosen_and_the_index_judged(job_
 def test_strips_and_index_on_the_list(frames):
     frame, facts = frames[-1], replace(FACTS, response_index="field")
     texts = {check.label: (check.level, check.text) for check in checks(frame, 0.0, facts, "", 10**11, METRIC)}
-    assert texts["response index"] == (LOOK, "farmer check missing: drive one with N")
+    assert texts["response index"] == (LOOK, "farmer check missing: drive one with B")
     live = replace(frame, strips=Strips(0.66, 0.55))
     texts = {check.label: (check.level, check.text) for check in checks(live, 0.0, facts, "", 10**11, METRIC)}
     assert texts["response index"] == (OK, "RI 1.20: N-rich 0.660 over check 0.550")
@@ -259,7 +259,7 @@ async def test_a_working_machine_is_not_started_again(job_app, desk, source, sho
     app = job_app
     async with app.run_test(size=SIZE) as pilot:
         await on_job(app, pilot)
-        await pilot.press("i", "2", "enter")
+        await pilot.press("q", "2", "2", "enter")
         await settled(app, pilot)
         assert desk.asked == [("take", "machine", "machines/bench.yaml"), ("drop",)]
         assert not isinstance(app.screen, Confirm) and app.notice_text.startswith("the machine works")
@@ -267,7 +267,7 @@ async def test_a_working_machine_is_not_started_again(job_app, desk, source, sho
         feed(app, source, [{"state": "off"}])
         await pilot.press("f2")
         await on_job(app, pilot)
-        await pilot.press("i", "2", "enter")
+        await pilot.press("q", "2", "2", "enter")
         await settled(app, pilot)
         assert isinstance(app.screen, Confirm)
         await pilot.press("escape")
@@ -281,7 +281,7 @@ async def test_what_was_said_of_one_run_is_not_said_of_the_next(job_app, desk, s
     async with app.run_test(size=SIZE) as pilot:
         await on_job(app, pilot)
         app.page.say("written: report.html in reports")
-        await pilot.press("i", "2", "enter")
+        await pilot.press("q", "2", "2", "enter")
         await settled(app, pilot)
         assert any("not taken: bench.yaml" in row for row in shown(app))
         app.page.refill.seen_kg = 16.0
@@ -297,7 +297,7 @@ async def test_a_file_that_is_refused_is_a_line(job_app, desk, source, shown):
     async with app.run_test(size=SIZE) as pilot:
         await on_job(app, pilot)
         desk.trouble = "crops/durum.yaml: key y_max_t_ha: missing"
-        await pilot.press("z", "2", "enter")
+        await pilot.press("q", "1", "2", "enter")
         await settled(app, pilot)
         assert any("not taken: crops/durum.yaml: key y_max_t_ha: missing" in row for row in shown(app))
         assert desk.asked == [("take", "crop", "crops/durum.yaml")]
@@ -366,10 +366,11 @@ async def test_the_end_of_the_job_is_asked_marked_exported_and_reported(job_app,
     app = job_app
     async with app.run_test(size=SIZE) as pilot:
         await on_job(app, pilot)
-        await pilot.press("q")
-        assert app.notice_text.startswith("the machine works") and desk.asked == []
+        await pilot.press("q", "5")
+        assert "the machine works" in "\n".join(shown(app)) and desk.asked == []
+        await pilot.press("escape")
         feed(app, source, [{"state": "off"}])
-        await pilot.press("q", "enter")
+        await pilot.press("q", "5", "enter")
         await settled(app, pilot)
         assert source.orders == [Order(Do.MARK, "job finished")]
         assert desk.asked == [("export", "run.csv", ".geojson"), ("report", "run.csv")]
@@ -399,7 +400,7 @@ async def test_an_export_that_fails_is_a_line_and_escape_cancels(job_app, desk, 
             return ("never.html",)
 
         desk.report = slow
-        await pilot.press("b")
+        await pilot.press("q", "4")
         await asyncio.wait_for(begun.wait(), 30)
         app.page.hurry()
         app.tick()
@@ -437,7 +438,7 @@ async def test_escape_begins_nothing_and_c_asks_again(clock):
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press("escape")
         assert desk.asked == [] and "C asks again" in app.notice_text
-        await pilot.press("c", "s")
+        await pilot.press("c", "1")
         assert isinstance(app.screen, ChoiceDialog)
 
 
@@ -448,7 +449,7 @@ async def test_a_worker_that_died_is_offered_to_go_on(job_app, desk, source, fra
         desk.cut_off, desk.next = OFFER, StillSource(frames[-1])
         source.end.set_exception(WorkerGone("gone"))
         await pilot.pause()
-        await pilot.press("s")
+        await pilot.press("1")
         assert isinstance(app.screen, ChoiceDialog)
         await pilot.press("enter")
         await settled(app, pilot)

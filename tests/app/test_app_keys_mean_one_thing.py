@@ -55,7 +55,7 @@ async def test_a_refused_name_swallows_its_letters(full, source, turned):
         await turned(full, pilot, "calibrate")
         desk = full.page.calibration
         desk.forget()
-        await pilot.press("n")
+        await pilot.press("e")
         assert full.screen is full.page
         at = full.page.at
         await pilot.press("s", "o", "y", "5", "right_square_bracket")

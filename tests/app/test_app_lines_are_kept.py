@@ -15,7 +15,7 @@ from console.app.sample import sample_services
 from console.services.line_files import KeptLineFiles, beside
 from control.log_row import LogRow
 from drivers.files.run_log import PlainLogWriter
-from drivers.files.run_meta import run_meta
+from drivers.files.run_meta import meta_to_yaml, run_meta
 
 SIZE = (120, 40)
 CORNERS = [Corner(34.8 + 0.0001 * k, 113.6, 0.0) for k in range(4)]
@@ -71,7 +71,7 @@ async def test_the_next_console_goes_on_with_both(frames, tmp_path):
         assert drive is not None and drive.way_m == pytest.approx(way_m) and "boundary goes on" in second.notice_text
         second.turn_to("map")
         await pilot.pause()
-        await pilot.press("q")
+        await pilot.press("delete")
         assert not second.guide.set
         second.services.lines.close()
     assert not KeptLineFiles().read(str(log)).guide.set
@@ -90,6 +90,57 @@ def test_the_way_driven_while_no_console_looked_comes_from_the_log(tmp_path):
     files.close()
     kept = files.read(str(log))
     assert [corner.lat_deg for corner in kept.drive.corners] == pytest.approx([34.8 + 0.0001 * k for k in range(9)])
+
+
+FIELD = {"origin_lat_deg": 34.8, "origin_lon_deg": 113.6, "boundary_m": [[0, 0], [90, 0], [90, 90], [0, 90]]}
+
+
+def _worked(folder, name, field, *records):
+    """A job's log by its sidecar, and what was kept beside it."""
+    log = folder / f"{name}.csv"
+    meta = run_meta(job={"title": name, "field": field}, started_utc=f"{name[:4]}-{name[4:6]}-{name[6:8]}T08:00:00Z")
+    log.with_suffix(".yaml").write_text(meta_to_yaml(meta), encoding="utf-8")
+    files = KeptLineFiles()
+    for record in records:
+        files.append(str(log), record)
+    files.close()
+    return log
+
+
+LINE = GuideLine((0.0, 0.0), (3.0, 100.0), 2.4)
+
+
+def test_the_line_of_a_field_is_there_the_next_day(tmp_path):
+    _worked(tmp_path, "20260318-080000", FIELD, guide_record(LINE))
+    other = GuideLine((1.0, 1.0), (9.0, 90.0), 3.0)
+    _worked(tmp_path, "20260319-080000", FIELD | {"origin_lat_deg": 35.0}, guide_record(other))
+    today = _worked(tmp_path, "20260320-080000", FIELD | {"title": "another name"})
+    kept = KeptLineFiles().read(str(today))
+    assert kept.guide == LINE and kept.of_day.startswith("2026-03-18") and kept.drive is None
+    elsewhere = _worked(tmp_path, "20260321-080000", FIELD | {"boundary_m": [[0, 0], [50, 0], [50, 50]]})
+    assert KeptLineFiles().read(str(elsewhere)).guide.a is None
+    nowhere = _worked(tmp_path, "20260322-080000", FIELD | {"boundary_m": []})
+    assert KeptLineFiles().read(str(nowhere)).guide.a is None
+
+
+def test_a_line_that_was_taken_away_stays_away(tmp_path):
+    _worked(tmp_path, "20260318-080000", FIELD, guide_record(LINE))
+    _worked(tmp_path, "20260319-080000", FIELD, guide_record(LINE), guide_record(GuideLine()))
+    assert KeptLineFiles().read(str(_worked(tmp_path, "20260320-080000", FIELD))).guide.a is None
+    away = _worked(tmp_path, "20260318-120000", FIELD, guide_record(GuideLine()))
+    assert KeptLineFiles().read(str(away)).guide.a is None
+
+
+async def test_the_console_says_whose_line_it_is_and_keeps_it_for_this_job(frames, tmp_path):
+    _worked(tmp_path, "20260318-080000", FIELD, guide_record(LINE))
+    today = _worked(tmp_path, "20260320-080000", FIELD)
+    app = _app(replace(frames[-1], log_path=str(today)), KeptLineFiles())
+    async with app.run_test(size=SIZE) as pilot:
+        await _settled(app, pilot)
+        assert app.guide == LINE and "of 2026-03-18 is here again; Del on the Map page" in app.notice_text
+        app.services.lines.close()
+    kept = KeptLineFiles().read(str(today))
+    assert kept.guide == LINE and kept.of_day == ""
 
 
 def test_without_such_a_file_there_is_nothing(tmp_path):

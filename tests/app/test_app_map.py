@@ -102,9 +102,9 @@ async def test_arrows_move_the_map_and_mark_a_place(still):
         assert pane.view.cross == (pane.view.camera.east_m, pane.view.camera.north_m)
         assert states(still) == ("standing",)
         assert still.page.query_one("#map-reading", Panel).view.where == "mark +"
-        await pilot.press("i")
+        await pilot.press("y")
         assert states(still) == ("following",) and pane.view.cross is None
-        await pilot.press("i")
+        await pilot.press("y")
         assert states(still) == ("standing",)
 
 
@@ -153,7 +153,7 @@ async def test_a_file_is_laid_on_the_map_by_its_key_and_taken_off_again(still, s
         before = [pane.render_line(row).text for row in range(pane.content_size.height)]
         legend = still.page.query_one("#map-laid", Canvas)
         assert not legend.display and "file" not in reading(still)
-        await pilot.press("y")
+        await pilot.press("j")
         assert any("autumn.geojson" in row for row in shown(still))
         await pilot.press("enter")
         await laid(still, pilot)
@@ -168,7 +168,7 @@ async def test_a_file_is_laid_on_the_map_by_its_key_and_taken_off_again(still, s
         await pilot.press("v", "v", "v")
         assert pane.view.laid is None, "no NDVI in it"
         assert any("file autumn.geojson: no NDVI in it" in row for row in shown(still))
-        await pilot.press("v", "y", "up", "enter")
+        await pilot.press("v", "j", "up", "enter")
         assert not legend.display and pane.view.laid is None
         assert [pane.render_line(row).text for row in range(pane.content_size.height)] == before
 
@@ -177,18 +177,18 @@ async def test_a_file_is_laid_on_the_map_by_its_key_and_taken_off_again(still, s
 async def test_escape_leaves_the_map_as_it_is(still):
     async with still.run_test(size=SIZE) as pilot:
         pane = await opened(still, pilot)
-        await pilot.press("y", "escape")
+        await pilot.press("j", "escape")
         assert pane.view.laid is None and not still.page.laid.path
-        await pilot.press("y", "enter")
+        await pilot.press("j", "enter")
         await laid(still, pilot)
-        await pilot.press("y", "escape")
+        await pilot.press("j", "escape")
         assert pane.view.laid is not None
 
 
 async def test_what_is_no_such_file_is_said_in_one_line(still, shown):
     async with still.run_test(size=(80, 24)) as pilot:
         pane = await opened(still, pilot)
-        await pilot.press("y", "2", "enter")
+        await pilot.press("j", "2", "enter")
         await laid(still, pilot)
         assert "zones.geojson: shapes of type Polygon" in shown(still)[-1]
         assert pane.view.laid is None and not still.page.query_one("#map-laid", Canvas).display
@@ -279,7 +279,7 @@ async def test_locked_nothing_moves(still):
         pane = await opened(still, pilot)
         await pilot.press("f8")
         before = pane.view
-        await pilot.press("plus", "v", "left", "i", "z", "p")
+        await pilot.press("plus", "v", "left", "y", "z", "p")
         await pilot.click("#map-bar", offset=(22, 0))
         pane.post_message(MapPane.Wheeled(1, (0.0, 0.0)))
         pane.post_message(MapPane.Dragged(5, 5))
@@ -308,7 +308,7 @@ async def test_no_position_and_no_field_are_said(clock, shown):
         await opened(app, pilot)
         text = "\n".join(shown(app))
         assert text.count("no position yet") == 2
-        await pilot.press("i", "plus", "left", "z")
+        await pilot.press("y", "plus", "left", "z")
         assert app.page.where == "map"
 
 
@@ -379,17 +379,17 @@ async def test_the_log_of_the_replay_and_the_machine(frames, clock, shown):
     async with app.run_test(size=SIZE) as pilot:
         pane = await opened(app, pilot)
         assert pane.view.place == source.newest.place_m and "REPLAY" not in shown(app)[0]
-        await pilot.press("j")
+        await pilot.press("q", "1")
         assert pane.view.place == log.newest.place_m
         assert pane.view.worked.box.north_m == pytest.approx(log.newest.place_m[1], abs=0.5)
         assert "REPLAY" in shown(app)[0] and "MACHINE: WORKING" in shown(app)[0]
         await pilot.press("space")
         assert [order.do.value for order in source.orders] == ["hold"], "hold is for the machine"
-        await pilot.press("j")
+        await pilot.press("q", "1")
         assert pane.view.place == source.newest.place_m
 
 
-async def test_in_a_replay_alone_the_map_is_the_log_s_and_space_plays(frames, clock):
+async def test_in_a_replay_alone_the_map_is_the_log_s_and_space_plays(frames, clock, shown):
     log = ReplaySource(frames, clock)
     app = TopdressApp(None, clock, live=False, replay=ReplayJob(log, "run.csv"))
     async with app.run_test(size=SIZE) as pilot:
@@ -403,8 +403,8 @@ async def test_in_a_replay_alone_the_map_is_the_log_s_and_space_plays(frames, cl
         clock.now_s += 1.0
         app.tick()
         assert pane.view.worked.box.north_m == pytest.approx(11.3, abs=1.0), "back in the log, the ground goes back"
-        await pilot.press("j")
-        assert "no machine is connected" in app.notice_text
+        await pilot.press("q", "1")
+        assert "no machine is connected" in "\n".join(shown(app))
 
 
 @pytest.mark.parametrize(("size", "language"), [((80, 24), "en"), ((80, 24), "zh"), ((100, 30), "en"),

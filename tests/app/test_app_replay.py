@@ -140,7 +140,7 @@ def test_a_log_without_rows_is_refused(clock):
 async def test_the_keys_of_the_screen(replay_app, replay_source, clock, shown):
     async with replay_app.run_test(size=SIZE) as pilot:
         assert "REPLAY" in shown(replay_app)[0]
-        await pilot.press("p")
+        await pilot.press("y")
         assert replay_source.playing
         clock.now_s += 10.0
         await pilot.press("space")
@@ -151,7 +151,7 @@ async def test_the_keys_of_the_screen(replay_app, replay_source, clock, shown):
         assert replay_source.at_s == pytest.approx(9.8)
         await pilot.press("pagedown")
         assert replay_source.at_s == pytest.approx(39.8)
-        await pilot.press("full_stop", "full_stop", "comma")
+        await pilot.press("right_square_bracket", "right_square_bracket", "left_square_bracket")
         assert replay_source.speed == 2.0
         await pilot.press("end")
         assert replay_source.at_s == replay_source.end_s
@@ -173,7 +173,7 @@ async def test_a_click_on_the_time_line_seeks(replay_app, replay_source):
 async def test_findings_are_counted_and_can_be_read(replay_app, shown):
     async with replay_app.run_test(size=SIZE) as pilot:
         assert any("findings 1" in row for row in shown(replay_app))
-        await pilot.press("v")
+        await pilot.press("q", "2")
         assert any("3 rows had no time" in row for row in shown(replay_app))
 
 
@@ -196,7 +196,7 @@ async def test_what_if_shows_the_recomputed_frames_at_the_same_place_and_back(fr
                       replay=ReplayJob(replay_source, "run.csv", what_if=what_if, crops=("durum",)))
     async with app.run_test(size=SIZE) as pilot:
         replay_source.seek(12.0)
-        await pilot.press("i", "2", "enter")
+        await pilot.press("q", "1", "2", "enter")
         await wait_for(pilot, lambda: app.replay_page.chosen != WhatIf())
         app.tick()
         await pilot.pause()
@@ -204,10 +204,10 @@ async def test_what_if_shows_the_recomputed_frames_at_the_same_place_and_back(fr
         assert replay_source.at_s == pytest.approx(12.0)
         assert app.page.query_one("#rates", Rates).view.target.text == "123"
         assert any("what if: speed first" in row for row in shown(app))
-        await pilot.press("i", "4", "enter")
+        await pilot.press("q", "1", "4", "enter")
         await wait_for(pilot, lambda: len(asked) == 2 and app.replay_page.computing is None)
         assert asked[1] == WhatIf(strategy="speed_first", crop="durum"), "changes add up"
-        await pilot.press("b")
+        await pilot.press("delete")
         app.tick()
         assert app.page.query_one("#rates", Rates).view.target.text != "123"
         assert app.replay_page.chosen == WhatIf()
@@ -219,7 +219,7 @@ async def test_a_what_if_that_fails_says_why_in_one_line(replay_source, clock, s
 
     app = TopdressApp(None, clock, live=False, replay=ReplayJob(replay_source, "run.csv", what_if=what_if))
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.press("i", "1", "enter")
+        await pilot.press("q", "1", "1", "enter")
         await wait_for(pilot, lambda: app.notice_text)
         await pilot.pause()
         assert "no day count" in shown(app)[-1]
@@ -241,7 +241,7 @@ async def test_a_what_if_is_cancelled_and_its_thread_ends(frames, replay_source,
 
     app = TopdressApp(None, clock, live=False, replay=ReplayJob(replay_source, "run.csv", ("a finding",), what_if))
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.press("i", "2", "enter")
+        await pilot.press("q", "1", "2", "enter")
         await wait_for(pilot, begun.is_set)
         clock.now_s += 0.2
         app.tick()
@@ -270,7 +270,7 @@ async def test_a_machine_at_work_keeps_hold_stop_and_alarms_on_the_replay_screen
         rows = shown(app)
         assert "REPLAY" in rows[0] and "MACHINE: WORKING" in rows[0]
         assert "ALARM" in rows[1] and "MACHINE" in rows[1]
-        await pilot.press("p", "space", "x")
+        await pilot.press("y", "space", "x")
         assert source.orders == [Order(Do.HOLD), Order(Do.STOP)]
         assert replay_source.playing, "hold is for the machine"
         await pilot.press("s")
@@ -280,8 +280,8 @@ async def test_a_machine_at_work_keeps_hold_stop_and_alarms_on_the_replay_screen
 async def test_without_a_log_the_screen_says_how_to_open_one(app, shown):
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press("f7")
-        assert any("O opens one" in row for row in shown(app))
-        await pilot.press("p")
+        assert any("J opens one" in row for row in shown(app))
+        await pilot.press("y")
         await pilot.press("f2")
         assert app.page is app.pages["run"]
 

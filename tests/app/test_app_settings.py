@@ -115,8 +115,8 @@ async def test_hold_on_another_key(settings_app, source):
         await pilot.press("enter", "f7", "enter")
         assert app.notice_text.startswith("refused: key f7: both hold and "), "F7 opens a page"
         await on_settings(app, pilot, "hold")
-        await pilot.press("enter", "q", "enter")
-        await pilot.press("space", "q")
+        await pilot.press("enter", "insert", "enter")
+        await pilot.press("space", "insert")
         assert source.orders == [Order(Do.HOLD)]
 
 
@@ -135,9 +135,9 @@ async def test_all_defaults_are_asked_once(settings_app, kept):
         await on_settings(app, pilot, "sound")
         await pilot.press("enter", "2", "enter")
         assert not app.sound and not in_file(kept).sound
-        await pilot.press("z", "escape")
+        await pilot.press("q", "1", "escape")
         assert not app.sound
-        await pilot.press("z", "enter")
+        await pilot.press("q", "1", "enter")
         assert app.sound and in_file(kept) == Settings()
 
 
@@ -149,7 +149,7 @@ async def test_a_click_changes_and_the_lock_forbids(settings_app, kept):
         assert len(app.screen_stack) == 3
         await pilot.press("escape", "f8")
         await pilot.click(SettingsList, offset=(6, 3))
-        await pilot.press("enter", "z")
+        await pilot.press("enter", "q", "1")
         assert len(app.screen_stack) == 2 and app.notice_text.startswith("locked")
 
 

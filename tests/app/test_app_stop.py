@@ -13,7 +13,7 @@ from console.app import actions, pressed
 from console.app.app import TopdressApp
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, Dialog, NudgeDialog, TextDialog
 from console.app.gallery import StillSource
-from console.app.keys import PagesDialog
+from console.app.keys import AtOnceDialog
 from console.app.name_dialog import NameDialog
 from console.app.number_dialog import NumberDialog
 from console.app.pages.job.map_dialog import MapDialog
@@ -46,7 +46,7 @@ DIALOGS = {
     Confirm: lambda: Confirm("Sure?"),
     NudgeDialog: lambda: NudgeDialog(0.0, 1),
     ChoiceDialog: lambda: ChoiceDialog("Which?", [Choice("a", "A"), Choice("b", "B")], "a"),
-    PagesDialog: lambda: PagesDialog("Which?", [Choice("run", "Run"), Choice("map", "Map")], "run"),
+    AtOnceDialog: lambda: AtOnceDialog("Which?", [Choice("run", "Run"), Choice("map", "Map")], "run"),
     NumberDialog: lambda: NumberDialog("How much?", "kg", 0, 100),
     TextDialog: lambda: TextDialog("Read", "this"),
     MapDialog: lambda: MapDialog(SampleJobService().preview("north.geojson", Reading()), METRIC),
@@ -231,12 +231,12 @@ def test_no_built_in_binding_is_a_capital():
     assert not [key for key in own if key.rpartition("+")[2] != key.rpartition("+")[2].lower()]
 
 
-async def test_letters_of_dialogs_work_with_caps_lock(full):
+async def test_digits_of_dialogs_work_full_width(full):
     async with full.run_test(size=SIZE) as pilot:
         answers = []
         full.push_screen(GoneScreen("gone", True, True), answers.append)
         await pilot.pause()
-        await send(full, pilot, "A")
+        await send(full, pilot, "２")
         assert answers == ["attach"]
         full.push_screen(NumberDialog("How much?", "kg", 0, 100), answers.append)
         await pilot.pause()
@@ -269,7 +269,7 @@ async def test_a_capital_that_the_user_bound_is_the_user_s(source, clock):
 def test_f12_cannot_be_taken_from_stop():
     for key in ("f12", "shift+f12"):
         assert "F12 is STOP" in keymap_problem({"start": key, "stop": "p"})
-    assert keymap_problem({"stop": "z,f12"}) == "key z: both settle again and STOP", "no complaint about F12"
+    assert keymap_problem({"stop": "z,f12"}) == "key z: both whole field and STOP", "no complaint about F12"
 
 
 def test_a_letter_alone_is_folded_and_nothing_else():

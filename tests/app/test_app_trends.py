@@ -87,7 +87,7 @@ async def go_on(app, seconds):
 async def test_frozen_plots_stand_while_the_run_goes_on(live):
     async with live.run_test(size=SIZE) as pilot:
         plots = await opened(live, pilot)
-        await pilot.press("p")
+        await pilot.press("y")
         assert bar(live).states == ("FROZEN",) and bar(live).standing
         before = plots.view
         await go_on(live, 10.0)
@@ -96,7 +96,7 @@ async def test_frozen_plots_stand_while_the_run_goes_on(live):
         assert live.page.window().to_s == pytest.approx(FRAMES[-1].row.time_s - 60.0)
         await pilot.press("pagedown", "pagedown")
         assert live.page.window().to_s == pytest.approx(live.history.series.end_s), "not beyond the newest"
-        await pilot.press("p")
+        await pilot.press("y")
         await go_on(live, 1.0)
         assert bar(live).states == ("running",)
         assert live.page.window().to_s == live.history.series.end_s
@@ -136,7 +136,7 @@ async def test_a_click_sets_the_cursor_and_a_click_on_a_name_opens_the_list(live
 async def test_channels_are_taken_and_dropped(live):
     async with live.run_test(size=SIZE) as pilot:
         plots = await opened(live, pilot)
-        await pilot.press("n")
+        await pilot.press("v")
         await pilot.press("down", "down", "enter")
         assert live.page.channels == ("applied_rate_kg_ha", "speed_used_mps", "rate_error_percent")
         await pilot.press("up", "enter")
@@ -144,7 +144,7 @@ async def test_channels_are_taken_and_dropped(live):
         await pilot.press("escape")
         assert [plot.label for plot in plots.view.plots] == ["speed used", "rate error"]
         assert plots.view.plots[1].unit == "%"
-        await pilot.press("n")
+        await pilot.press("v")
         assert live.screen.query_one("#channel-list").option_count == 33
         await pilot.press("space")
         assert [order.do.value for order in live.source.orders] == ["hold"], "hold works over the list"
@@ -157,21 +157,21 @@ async def test_no_channel_says_how_to_choose_one(live, shown):
         live.page.hurry()
         live.tick()
         await pilot.pause()
-        assert any("N chooses what is plotted" in row for row in shown(live))
-        await pilot.press("left", "plus", "z", "y", "p", "pageup")
+        assert any("V chooses what is plotted" in row for row in shown(live))
+        await pilot.press("left", "plus", "z", "q", "2", "y", "pageup")
 
 
 async def test_a_fixed_scale_stays_and_a_free_one_follows_the_values(live):
     async with live.run_test(size=SIZE) as pilot:
         plots = await opened(live, pilot)
         before = plots.view.plots[0].high
-        await pilot.press("y")
+        await pilot.press("q", "2")
         row = live.source.newest.row
         live.source.newest = replace(live.source.newest, row=row._replace(target_rate_kg_ha=900.0))
         await go_on(live, 2.0)
         assert plots.view.plots[0].high == before and plots.view.plots[0].fixed
         assert "fixed scale" in bar(live).states
-        await pilot.press("y")
+        await pilot.press("q", "2")
         await go_on(live, 1.0)
         assert float(plots.view.plots[0].high) >= 900.0 and not plots.view.plots[0].fixed
         assert plots.view.plots[1].high == plots.view.plots[0].high, "rates share their scale"
@@ -224,7 +224,7 @@ async def test_locked_nothing_changes(live):
     async with live.run_test(size=SIZE) as pilot:
         plots = await opened(live, pilot)
         await pilot.press("f8")
-        await pilot.press("plus", "p", "left", "n", "z")
+        await pilot.press("plus", "y", "left", "v", "z")
         await pilot.click("#plots", offset=(50, 3))
         plots.post_message(Plots.Wheeled(1))
         plots.post_message(Plots.Named())
@@ -273,9 +273,9 @@ async def test_machine_or_log(frames, clock):
     async with app.run_test(size=SIZE) as pilot:
         await opened(app, pilot)
         assert "log" not in bar(app).states
-        await pilot.press("j")
+        await pilot.press("q", "1")
         assert "log" in bar(app).states
-        await pilot.press("j")
+        await pilot.press("q", "1")
         assert "log" not in bar(app).states
 
 

@@ -14,7 +14,7 @@ from console.locale import _
 class GoneScreen(Dialog[str | None]):
     """Dismissed with "start", "attach", or None: go on looking at the last values."""
 
-    BINDINGS: ClassVar = [Binding("s", "choose('start')", show=False), Binding("a", "choose('attach')", show=False)]
+    BINDINGS: ClassVar = [Binding("1", "choose('start')", show=False), Binding("2", "choose('attach')", show=False)]
 
     def __init__(self, why: str, can_start: bool, can_attach: bool) -> None:
         super().__init__(f"✖  {_('THE CONTROL WORKER IS GONE')}", why)
@@ -27,9 +27,9 @@ class GoneScreen(Dialog[str | None]):
 
     def buttons(self) -> ComposeResult:
         if self.can["start"]:
-            yield Button(f"S  {_('start it again')}", id="start", classes="dialog-button")
+            yield Button(f"1  {_('start it again')}", id="start", classes="dialog-button")
         if self.can["attach"]:
-            yield Button(f"A  {_('attach to one that runs')}", id="attach", classes="dialog-button")
+            yield Button(f"2  {_('attach to one that runs')}", id="attach", classes="dialog-button")
         yield Button(f"Esc  {_('look at the last values')}", id="cancel", classes="dialog-button")
 
     def action_choose(self, what: str) -> None:

@@ -150,7 +150,7 @@ class Calibration:
 
     def save_chip(self) -> Chip:
         on = self.fitted is not None and not self.saved and not self.bench.busy
-        return Chip("cal_save", "N", _("save as new"), on, lead=on)
+        return Chip("cal_save", "E", _("save as new"), on, lead=on)
 
     def why_not(self, seen: FrameSeen, said: str) -> str:
         """Why a held run does not go, in words: what was refused, what keeps the shaft still."""

@@ -61,16 +61,16 @@ class CatchCalibration(Calibration):
         now = self.step(seen)
         rest = max(0, LEAST_POINTS - len(self.test.points))
         texts = (
-            (_("make ready"), _("The tractor stands still. Y makes the machine ready; nothing turns yet.")),
-            (_("settle"), _("Enough: let go of J.") if self.test.turned.seconds >= SETTLE_S else
-             _("A vessel under the outlets. Hold J until the bar is full; what fell is put back.")),
-            (_("catch"), _("Enough: let go of J.") if self.test.turned.seconds >= WEIGH_S else
-             _("Empty vessels of known weight under all outlets. Hold J for about {seconds} s, then let go.").format(
+            (_("make ready"), _("The tractor stands still. R makes the machine ready; nothing turns yet.")),
+            (_("settle"), _("Enough: let go of I.") if self.test.turned.seconds >= SETTLE_S else
+             _("A vessel under the outlets. Hold I until the bar is full; what fell is put back.")),
+            (_("catch"), _("Enough: let go of I.") if self.test.turned.seconds >= WEIGH_S else
+             _("Empty vessels of known weight under all outlets. Hold I for about {seconds} s, then let go.").format(
                  seconds=f"{WEIGH_S:.0f}")),
-            (_("weigh"), _("I: type what all outlets together gave. If in doubt, Z settles again.")),
+            (_("weigh"), _("Q3: type what all outlets together gave. If in doubt, Q4 settles again.")),
             (_("fit and save"),
-             _("Q fits the curve. More settings make it better: V and P change them.") if not rest else
-             _("{rest} more catches: change the setting with V or P, for a wide range.").format(rest=rest)),
+             _("Q5 fits the curve. More settings make it better: Q1 and Q2 change them.") if not rest else
+             _("{rest} more catches: change the setting with Q1 or Q2, for a wide range.").format(rest=rest)),
         )
         return GuideView(_("Catch test: how much flows per turn"),
                          tuple(Step(mark(index, now), title, text) for index, (title, text) in enumerate(texts)),
@@ -117,13 +117,13 @@ class CatchCalibration(Calibration):
     def chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
         test, step, free = self.test, self.step(seen), not seen.calibrating
         enough = len(test.points) >= LEAST_POINTS
-        return (Chip("cal_ready", "Y", _("make ready"), not seen.ready, lead=step == 0),
-                Chip("cal_shaft", "V", _("shaft speed"), free), Chip("cal_opening", "P", _("opening"), free),
-                Chip("cal_run", "J", _("run while held"), seen.ready, lead=step in (1, 2), held=True),
-                Chip("cal_again", "Z", _("settle again"), free and test.phase == "weigh"),
-                Chip("cal_weigh", "I", _("weighed"), free and test.can_weigh, lead=step == 3),
+        return (Chip("cal_ready", "R", _("make ready"), not seen.ready, lead=step == 0),
+                Chip("cal_shaft", "Q1", _("shaft speed"), free), Chip("cal_opening", "Q2", _("opening"), free),
+                Chip("cal_run", "I", _("run while held"), seen.ready, lead=step in (1, 2), held=True),
+                Chip("cal_again", "Q4", _("settle again"), free and test.phase == "weigh"),
+                Chip("cal_weigh", "Q3", _("weighed"), free and test.can_weigh, lead=step == 3),
                 Chip("cal_undo", "Bksp", _("drop last point"), bool(test.points)),
-                Chip("cal_fit", "Q", _("fit"), enough and not self.bench.busy, lead=step == 4 and self.fitted is None
+                Chip("cal_fit", "Q5", _("fit"), enough and not self.bench.busy, lead=step == 4 and self.fitted is None
                      and enough),
                 self.save_chip())
 
@@ -136,7 +136,7 @@ class CatchCalibration(Calibration):
         job = self.bench.job
         if job is not None and not self._turning(seen):
             self.bench.ask(NumberDialog(_("Shaft speed"), "r/min", *job.shaft_rpm,
-                                        _("The shaft turns only while J is held.")), self._set_shaft)
+                                        _("The shaft turns only while I is held.")), self._set_shaft)
 
     def ask_opening(self, seen: FrameSeen) -> None:
         job = self.bench.job
@@ -166,7 +166,7 @@ class CatchCalibration(Calibration):
 
     def _ask_mass(self, job: CalibrateJob) -> None:
         if not self.test.can_weigh:
-            self.bench.tell(_("nothing is caught yet: hold J first"))
+            self.bench.tell(_("nothing is caught yet: hold I first"))
             return
         unit = self.bench.units.mass
         text = _("{turns} turns in {seconds} s").format(turns=f"{self.test.turned.revolutions:.1f}",

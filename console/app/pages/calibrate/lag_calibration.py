@@ -67,16 +67,16 @@ class LagCalibration(Calibration):
 
     def guide(self, seen: FrameSeen, said: str) -> GuideView:
         now = self.step(seen)
-        begin = (_("B begins the test on the rig. Or E: a bench table measured before.") if self.has_rig(seen) else
-                 _("No lag rig is in the cab file. E takes a bench table measured before."))
+        begin = (_("B begins the test on the rig. Or J: a bench table measured before.") if self.has_rig(seen) else
+                 _("No lag rig is in the cab file. J takes a bench table measured before."))
         texts = (
             (_("choose"), begin),
-            (_("make ready"), _("Rig under an outlet, tractor standing. Y makes the machine ready.")),
-            (_("measure"), _("Hold J: the rig starts and stops the shaft by itself. Let go at any time; it goes on "
-                             "when J is held again.")),
-            (_("fit and save"), _("Q fits the line; N saves it as a new machine file.")),
+            (_("make ready"), _("Rig under an outlet, tractor standing. R makes the machine ready.")),
+            (_("measure"), _("Hold I: the rig starts and stops the shaft by itself. Let go at any time; it goes on "
+                             "when I is held again.")),
+            (_("fit and save"), _("Q5 fits the line; E saves it as a new machine file.")),
             (_("two rates"), _("Starts do not tell how the tube carries. A step from 40 to 80 r/min at the rig, ten "
-                               "times, does: its table by T.")))
+                               "times, does: its table by J.")))
         return GuideView(_("Lag test: from the command to the ground"),
                          tuple(Step(mark(index, now), title, text) for index, (title, text) in enumerate(texts)),
                          self.why_not(seen, said) if self.measuring or said else "", self.found())
@@ -110,10 +110,10 @@ class LagCalibration(Calibration):
         source = self.table is not None or (self.measured and not self.measuring)
         return (Chip("cal_begin", "B", _("end the test") if self.measuring else _("begin on the rig"), rig,
                      lead=step == 0 and rig),
-                Chip("cal_table", "E", _("bench table"), not seen.calibrating, lead=step == 0 and not rig),
-                Chip("cal_ready", "Y", _("make ready"), not seen.ready and rig, lead=step == 1),
-                Chip("cal_run", "J", _("run while held"), self.measuring and seen.ready, lead=step == 2, held=True),
-                Chip("cal_fit", "Q", _("fit"), source and not self.bench.busy,
+                Chip("cal_table", "J", _("bench table"), not seen.calibrating, lead=step == 0 and not rig),
+                Chip("cal_ready", "R", _("make ready"), not seen.ready and rig, lead=step == 1),
+                Chip("cal_run", "I", _("run while held"), self.measuring and seen.ready, lead=step == 2, held=True),
+                Chip("cal_fit", "Q5", _("fit"), source and not self.bench.busy,
                      lead=step == 3 and source and self.fitted is None),
                 self.save_chip())
 
@@ -170,6 +170,6 @@ class LagCalibration(Calibration):
         job, table, label = self.bench.job, self.table, self.label
         path = table.path if table is not None else self.test.table_path if self.measured and self.test else ""
         if not path:
-            self.bench.tell(_("nothing is measured yet: B on the rig, or E for a table"))
+            self.bench.tell(_("nothing is measured yet: B on the rig, or J for a table"))
         elif job is not None:
             self.bench.compute(lambda: job.fit_lag(path, label), self.take)

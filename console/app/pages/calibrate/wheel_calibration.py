@@ -48,7 +48,7 @@ class WheelCalibration(Calibration):
             (_("drive"), _("Enough: B ends it. Driving farther makes it more accurate.") if enough else
              _("Drive straight at a steady speed for {length} m or more. Then B ends it.").format(
                  length=f"{LEAST_M:.0f}")),
-            (_("save"), _("N saves the circumference as a new machine file.")))
+            (_("save"), _("E saves the circumference as a new machine file.")))
         trouble = _(TROUBLES[self.run.drive.trouble]) if self.run.drive.trouble else ""
         return GuideView(_("Wheel: its circumference by GNSS"),
                          tuple(Step(mark(index, now), title, text) for index, (title, text) in enumerate(texts)),

@@ -83,10 +83,10 @@ class DevicesScreen(Page):
         testing = device is not None and device.test is not None and device.test.running
         plugged = device is None or device.plugged
         return (Chip("dev_up", "Up", _("above"), on), Chip("dev_down", "Down", _("below"), on),
-                Chip("dev_test", "E", _("listening") if testing else _("test"), on and plugged and not testing),
-                Chip("dev_capture", "Y", _("end the raw file") if capturing else _("write raw to a file"), on,
+                Chip("dev_test", "Enter", _("listening") if testing else _("test"), on and plugged and not testing),
+                Chip("dev_capture", "E", _("end the raw file") if capturing else _("write raw to a file"), on,
                      lead=capturing and on),
-                Chip("dev_plug", "P", _("disconnect") if plugged else _("connect"), on, lead=not plugged and on))
+                Chip("dev_plug", "C", _("disconnect") if plugged else _("connect"), on, lead=not plugged and on))
 
     def redraw(self) -> None:
         super().redraw()

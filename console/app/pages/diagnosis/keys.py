@@ -152,7 +152,7 @@ def _ask_to_write(page: DiagnosisScreen, found: Found, chosen: Adoption) -> None
     lines += [_("Machine file, before -> after:"), *offer.changes] if offer is not None and offer.changes else []
     lines += [_("Not adopted, undecided: {what}").format(what=", ".join(left))] if left else []
     lines += [_("Not adopted: {why}").format(why=why) for why in found.refused]
-    lines.append(_("The running job keeps its machine file; the next one may use the new file. Z takes it back."))
+    lines.append(_("The running job keeps its machine file; the next one may use the new file. Del takes it back."))
 
     def answer(yes: bool | None) -> None:
         if yes:
@@ -253,31 +253,31 @@ ACTIONS = (
     Action("dia_down", "down", "Down", N_("below"), N_("Moves down one file or cause."), below, DIAGNOSIS),
     Action("dia_begin", "enter", "Enter", N_("diagnose"),
            N_("Checks the chosen file; nothing on the machine is touched."), diagnose, DIAGNOSIS, 3),
-    Action("dia_pick", "p", "P", N_("other data"), N_("Back to the list of files, read anew."), other_data, DIAGNOSIS,
+    Action("dia_pick", "j", "J", N_("other data"), N_("Back to the list of files, read anew."), other_data, DIAGNOSIS,
            4),
-    Action("dia_path", "slash", "/", N_("type a path"), N_("A file that is not in the list."), type_path, DIAGNOSIS,
+    Action("dia_path", "q_2", "Q2", N_("type a path"), N_("A file that is not in the list."), type_path, DIAGNOSIS,
            asks="text"),
-    Action("dia_machine", "n", "N", N_("against"), N_("The machine file that the data is compared with."), against,
+    Action("dia_machine", "q_3", "Q3", N_("against"), N_("The machine file that the data is compared with."), against,
            DIAGNOSIS),
     Action("dia_view", "v", "V", N_("next view"), N_("Causes, channels, plots, the separating run, in turn."),
            next_view, DIAGNOSIS, 5),
-    Action("dia_adopt", "y", "Y", N_("adopt"),
-           N_("Writes a new machine file with what is decided, and what you pick by name; Z takes it back."),
-           adopt, DIAGNOSIS, 6, why=why_not_found),
-    Action("dia_back", "z", "Z", N_("take back"),
+    Action("dia_adopt", "q_1", "Q1", N_("adopt"),
+           N_("Writes a new machine file with what is decided, and what you pick by name; Del takes it back."),
+           adopt, DIAGNOSIS, why=why_not_found),
+    Action("dia_back", "delete,backspace", "Del", N_("take back"),
            N_("Writes the machine file without what was adopted last; asks first."), take_back, DIAGNOSIS),
-    Action("dia_compare", "equals_sign", "=", N_("compare"),
+    Action("dia_compare", "q_4", "Q4", N_("compare"),
            N_("Says on another log whether the adopted machine file predicts better than before."), compare, DIAGNOSIS,
            why=why_no_comparison),
     Action("dia_report", "e", "E", N_("report"), N_("Writes a page with pictures (HTML)."), report, DIAGNOSIS, 7,
            why=why_not_found),
-    Action("dia_data", "j", "J", N_("data"), N_("Writes the result as data (JSON)."), data, DIAGNOSIS,
+    Action("dia_data", "q_6", "Q6", N_("data"), N_("Writes the result as data (JSON)."), data, DIAGNOSIS,
            why=why_not_found),
-    Action("dia_run_file", "q", "Q", N_("job file"), N_("Writes the separating run as a job file."), job_file,
+    Action("dia_run_file", "q_7", "Q7", N_("job file"), N_("Writes the separating run as a job file."), job_file,
            DIAGNOSIS, why=why_no_drive),
-    Action("dia_drive", "i", "I", N_("drive it, simulated"),
-           N_("Drives the separating run on a simulated machine and diagnoses it too."), drive, DIAGNOSIS, 8,
+    Action("dia_drive", "q_5", "Q5", N_("drive it, simulated"),
+           N_("Drives the separating run on a simulated machine and diagnoses it too."), drive, DIAGNOSIS,
            why=why_no_drive),
-    Action("dia_other", "b", "B", N_("other log"), N_("From the log to the separating run and back."), other_log,
-           DIAGNOSIS, why=why_not_found),
+    Action("dia_other", "right,left", ">", N_("other log"), N_("From the log to the separating run and back."),
+           other_log, DIAGNOSIS, why=why_not_found),
 )

@@ -234,8 +234,8 @@ class DiagnosisScreen(Page):
             text = path
             if machine:
                 self.adopted = path
-                text = "\n".join((path, _("Z on the Diagnosis page takes the last change of it back."),
-                                  _("= there says, on another log, whether it predicts better than before.")))
+                text = "\n".join((path, _("Del on the Diagnosis page takes the last change of it back."),
+                                  _("Q4 there says, on another log, whether it predicts better than before.")))
             self.app.push_screen(TextDialog(_("{what} is written").format(what=what), text), read)
             self.look()
 

@@ -177,7 +177,7 @@ def todo(found: Found) -> str:
         return _("Look at the notes: they say which columns are missing or empty.")
     if found.verdict == "ambiguous" and found.next_run is not None:
         if found.next_run.id:
-            return _("V shows its steps, Q writes it as a job file, I drives it on the simulated machine.")
+            return _("V shows its steps, Q7 writes it as a job file, Q5 drives it on the simulated machine.")
         return _("V shows its steps.")
     if found.causes and headlined(found.causes[0]):
         return _(found.causes[0].advice)

@@ -132,13 +132,13 @@ def strips_now(frame: Frame | None, facts: Facts | None) -> Strips:
 
 
 def strip_begins(which: str) -> str:
-    return (_("farmer check begins here; N again at its end, after {least} or more") if which == "check" else
-            _("N-rich strip begins here; N again at its end, after {least} or more"))
+    return (_("farmer check begins here; B again at its end, after {least} or more") if which == "check" else
+            _("N-rich strip begins here; B again at its end, after {least} or more"))
 
 
 def strip_runs(which: str) -> str:
-    return (_("farmer check: {way}  NDVI {ndvi}  CV {cv} %   N ends it") if which == "check" else
-            _("N-rich strip: {way}  NDVI {ndvi}  CV {cv} %   N ends it"))
+    return (_("farmer check: {way}  NDVI {ndvi}  CV {cv} %   B ends it") if which == "check" else
+            _("N-rich strip: {way}  NDVI {ndvi}  CV {cv} %   B ends it"))
 
 
 def strip_title(which: str) -> str:
@@ -164,8 +164,8 @@ def _response(facts: Facts, frame: Frame | None) -> tuple[Check, ...]:
     label, strips = _("response index"), strips_now(frame, facts)
     index = measured_index(strips)
     if index is None:
-        missing = _("farmer check missing: drive one with N") if strips.nrich is not None else (
-            _("no strips yet: drive both with N"))
+        missing = _("farmer check missing: drive one with B") if strips.nrich is not None else (
+            _("no strips yet: drive both with B"))
         return (Check(label, LOOK, missing),)
     said = doubt_words(strips)
     if said:
@@ -188,7 +188,7 @@ def _strip(facts: Facts, frame: Frame | None) -> Check:
     if facts.fixed_yield_t_ha is not None:
         return Check(label, LOOK, _("none; a fixed yield of {yield_t_ha} t/ha is used").format(
             yield_t_ha=f"{facts.fixed_yield_t_ha:g}"))
-    return Check(label, LOOK, _("none: drive one with N"))
+    return Check(label, LOOK, _("none: drive one with B"))
 
 
 def _product(facts: Facts) -> tuple[Check, ...]:

@@ -24,7 +24,7 @@ class MapDialog(Dialog[str | None]):
     """Dismissed with what to do next: TAKE, COLUMN or UNIT; None: nothing."""
 
     AUTO_FOCUS = "#map-scroll"
-    BINDINGS: ClassVar = [Binding("c", "choose('column')", show=False), Binding("u", "choose('unit')", show=False)]
+    BINDINGS: ClassVar = [Binding("1", "choose('column')", show=False), Binding("2", "choose('unit')", show=False)]
 
     def __init__(self, shown: MapPreview, units: Units) -> None:
         super().__init__(file_name(shown.path))
@@ -37,14 +37,14 @@ class MapDialog(Dialog[str | None]):
             with Horizontal(classes="dialog-buttons"):
                 if not self.shown.question:
                     yield Button(f"{_('Enter')}  {_('take it')}", id="yes", classes="dialog-button")
-                yield Button(f"C  {_('column')}", id=COLUMN, classes="dialog-button")
-                yield Button(f"U  {_('unit')}", id=UNIT, classes="dialog-button")
+                yield Button(f"1  {_('column')}", id=COLUMN, classes="dialog-button")
+                yield Button(f"2  {_('unit')}", id=UNIT, classes="dialog-button")
                 yield Button(f"Esc  {_('cancel')}", id="cancel", classes="dialog-button")
 
     def lines(self) -> tuple[str, ...]:
         shown, units = self.shown, self.units
         if shown.question:
-            return (_("Before it can be used, one thing has to be said: C column, U unit."), shown.question)
+            return (_("Before it can be used, one thing has to be said: 1 column, 2 unit."), shown.question)
         low, high = shown.rates_kg_ha
         drawn = preview(shown.picture, COLUMNS, ROWS)
         legend = f"{SHADES[0]} {units.rate.full(low)}   {SHADES[-1]} {units.rate.full(high)}"

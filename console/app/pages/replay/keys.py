@@ -84,7 +84,7 @@ def what_if(page: ReplayScreen) -> None:
                for name in words.STRATEGIES]
     choices += [Choice(f"crop:{name}", f"{_('crop')}: {name}") for name in job.crops]
     choices += [Choice(f"machine:{name}", f"{_('machine')}: {name}") for name in job.machines]
-    page.app.push_screen(ChoiceDialog(_("What if"), choices, "", _("changes add up; B goes back to the log")),
+    page.app.push_screen(ChoiceDialog(_("What if"), choices, "", _("changes add up; Del goes back to the log")),
                          page.begin)
 
 
@@ -102,7 +102,7 @@ def findings(page: ReplayScreen) -> None:
 
 
 def why_no_log(page: ReplayScreen) -> str:
-    return _("no log is open: O opens one") if page.job is None else ""
+    return _("no log is open: J opens one") if page.job is None else ""
 
 
 def why_no_what_if(page: ReplayScreen) -> str:
@@ -117,7 +117,7 @@ def why_no_cancel(page: ReplayScreen) -> str:
 
 ACTIONS = (
     Action("open_log", "j", "J", N_("open"), N_("Another log, the newest first."), open_log, REPLAY, 3),
-    Action("play", "p", "P", N_("play / pause"), N_("Plays or pauses the log."), play, REPLAY, 3, why=why_no_log),
+    Action("play", "y", "Y", N_("play / pause"), N_("Plays or pauses the log."), play, REPLAY, 3, why=why_no_log),
     Action("step_back", "left", "<", N_("back"), N_("One row back."), step_back, REPLAY, 4, why=why_no_log),
     Action("step_on", "right", ">", N_("on"), N_("One row on."), step_on, REPLAY, 5, why=why_no_log),
     Action("seek_back", "pageup,shift+left", "PgUp", N_("-30 s"), N_("30 s back."), seek_back, REPLAY, 6,
@@ -126,18 +126,18 @@ ACTIONS = (
     Action("seek_start", "home", "Home", N_("start of log"), N_("To the first row."), seek_start, REPLAY,
            why=why_no_log),
     Action("seek_end", "end", "End", N_("end of log"), N_("To the last row."), seek_end, REPLAY, why=why_no_log),
-    Action("slower", "comma,left_square_bracket", ",", N_("slower"), N_("Half as fast, down to 0.1x."), slower, REPLAY,
+    Action("slower", "left_square_bracket", "[", N_("slower"), N_("Half as fast, down to 0.1x."), slower, REPLAY,
            8, why=why_no_log),
-    Action("faster", "full_stop,right_square_bracket", ".", N_("faster"), N_("Twice as fast, up to 1000x."), faster,
+    Action("faster", "right_square_bracket", "]", N_("faster"), N_("Twice as fast, up to 1000x."), faster,
            REPLAY, 8, why=why_no_log),
-    Action("next_alarm", "n", "N", N_("next alarm"), N_("To the next row on which a new alarm stands."), next_alarm,
-           REPLAY, why=why_no_log),
-    Action("what_if", "i", "I", N_("what if"), N_("The same log with another strategy, crop or machine."), what_if,
-           REPLAY, 8, why=why_no_what_if),
+    Action("next_alarm", "down", "Down", N_("next alarm"), N_("To the next row on which a new alarm stands."),
+           next_alarm, REPLAY, why=why_no_log),
+    Action("what_if", "q_1", "Q1", N_("what if"), N_("The same log with another strategy, crop or machine."), what_if,
+           REPLAY, why=why_no_what_if),
     Action("cancel_what_if", "escape", "Esc", N_("cancel"), N_("Stops computing a what-if."), cancel_what_if, REPLAY,
            why=why_no_cancel),
-    Action("as_recorded", "b", "B", N_("as recorded"), N_("Back to the log as it was recorded."), as_recorded, REPLAY,
-           why=why_no_log),
-    Action("findings", "v", "V", N_("findings"), N_("What was found in this log when it was opened."), findings,
+    Action("as_recorded", "delete,backspace", "Del", N_("as recorded"), N_("Back to the log as it was recorded."),
+           as_recorded, REPLAY, why=why_no_log),
+    Action("findings", "q_2", "Q2", N_("findings"), N_("What was found in this log when it was opened."), findings,
            REPLAY, why=why_no_log),
 )

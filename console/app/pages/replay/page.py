@@ -74,7 +74,7 @@ class ReplayScreen(PanelScreen):
         return book.records
 
     def extra(self) -> ComposeResult:
-        yield ReplayBar(_NO_LOG._replace(name=_("no log is open: O opens one")), id="replay-bar")
+        yield ReplayBar(_NO_LOG._replace(name=_("no log is open: J opens one")), id="replay-bar")
 
     def replayed(self) -> ReplayJob | None:
         return self.job
@@ -97,7 +97,7 @@ class ReplayScreen(PanelScreen):
 
     def seen_view(self, frame: Frame | None, age_s: float) -> RunView:
         view = super().seen_view(frame, age_s)
-        silent = view.status.silent if self.job is not None else _("no log is open: O opens one")
+        silent = view.status.silent if self.job is not None else _("no log is open: J opens one")
         return view._replace(status=view.status._replace(lead=_("REPLAY"), silent=silent))
 
     def show_numbers(self, view: RunView) -> None:

@@ -63,6 +63,6 @@ ACTIONS = (
            change, SETTINGS, 3, asks="text"),
     Action("setting_default", "delete,backspace", "Del", N_("default"), N_("Resets the selected setting."),
            default, SETTINGS, 5),
-    Action("settings_defaults", "z", "Z", N_("all defaults"), N_("Resets every setting; asks first."),
-           all_defaults, SETTINGS, 6),
+    Action("settings_defaults", "q_1", "Q1", N_("all defaults"), N_("Resets every setting; asks first."),
+           all_defaults, SETTINGS),
 )

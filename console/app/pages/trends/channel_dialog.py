@@ -2,10 +2,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import ClassVar
 
 from textual.app import ComposeResult
-from textual.binding import Binding
 from textual.widgets import Button, OptionList
 from textual.widgets.option_list import Option
 
@@ -24,7 +22,6 @@ class ChannelDialog(Dialog[None]):
 
     AUTO_FOCUS = "#channel-list"
     VERTICAL_BREAKPOINTS = [(0, "-low"), (30, "-tall")]
-    BINDINGS: ClassVar = [Binding("c", "cancel", show=False)]
 
     def __init__(self, chosen: tuple[str, ...], units: Units, tell: Callable[[tuple[str, ...]], None]) -> None:
         super().__init__(_("What is plotted"), _("Up to three; a fourth one takes the place of the first."))

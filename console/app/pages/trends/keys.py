@@ -71,16 +71,16 @@ def machine_or_log(page: TrendsScreen) -> None:
 
 
 ACTIONS = (
-    Action("trends_channels", "n", "N", N_("channels"), N_("What is plotted, up to three; also a click on a name."),
+    Action("trends_channels", "v", "V", N_("channels"), N_("What is plotted, up to three; also a click on a name."),
            channels, TRENDS, 3),
     Action("trends_shorter", "plus,equals_sign,kp_plus", "+", N_("shorter"), N_("A shorter span; also by the wheel."),
            shorter, TRENDS, 4),
     Action("trends_longer", "minus,kp_minus", "-", N_("longer"), N_("A longer span; also by the wheel."), longer,
            TRENDS, 5),
-    Action("trends_freeze", "p", "P", N_("freeze"), N_("Freezes the plots, or lets them run."), freeze, TRENDS, 6),
+    Action("trends_freeze", "y", "Y", N_("freeze"), N_("Freezes the plots, or lets them run."), freeze, TRENDS, 6),
     Action("trends_whole", "z", "Z", N_("whole run"), N_("All of the run or log."), whole_run, TRENDS, 7),
-    Action("trends_scale", "y", "Y", N_("fixed scale"), N_("Keeps the scales as they are, or fits them to the values."),
-           fixed_scale, TRENDS, 8),
+    Action("trends_scale", "q_2", "Q2", N_("fixed scale"),
+           N_("Keeps the scales as they are, or fits them to the values."), fixed_scale, TRENDS),
     Action("trends_left", "left", "<", N_("cursor back"), N_("Reads the values at a time; also a click in the plot."),
            cursor_back, TRENDS),
     Action("trends_right", "right", ">", N_("cursor on"), N_("Reads the values at a time; also a click in the plot."),
@@ -94,7 +94,7 @@ ACTIONS = (
     Action("trends_earlier", "pageup", "PgUp", N_("earlier"), N_("Half a span back; the plots stand still."), earlier,
            TRENDS),
     Action("trends_later", "pagedown", "PgDn", N_("later"), N_("Half a span on."), later, TRENDS),
-    Action("trends_log", "j", "J", N_("machine / log"), N_("The machine at work, or the log of the replay."),
+    Action("trends_log", "q_1", "Q1", N_("machine / log"), N_("The machine at work, or the log of the replay."),
            machine_or_log, TRENDS,
            why=lambda page: page.why_no_turn()),
 )

@@ -133,7 +133,7 @@ class Plots(Canvas[PlotsView]):
     def paint(self, view: PlotsView, width: int, height: int) -> list[Strip]:
         muted = self.style("trend--muted")
         if not view.plots:
-            return [self.text_strip(width, (f" {_('N chooses what is plotted')}", muted))]
+            return [self.text_strip(width, (f" {_('V chooses what is plotted')}", muted))]
         if width < _AXIS + 20:
             return []
         rows: list[Strip] = []
