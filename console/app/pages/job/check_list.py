@@ -83,7 +83,7 @@ class CheckList(Panel[ChecksView]):
                     rows.append(line(" " * (label + word), (f" {text}", "$muted")))
                     spare -= 1
         if len(shown) < len(view.checks):
-            left = _("+{count} more").format(count=len(view.checks) - len(shown))
+            left = _("+{count} more: V").format(count=len(view.checks) - len(shown))
             rows.append(line((fit(f" {left}", width), "$muted")))
         return rows
 
