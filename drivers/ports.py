@@ -7,7 +7,6 @@ A reader and a writer thread do what blocks; the loop only takes bytes from, and
 from __future__ import annotations
 
 import contextlib
-import re
 import select
 import socket
 import threading
@@ -48,7 +47,7 @@ class PortState(NamedTuple):
     def last_lines(self, count: int = 1) -> list[str]:
         """The newest `count` whole lines received, oldest first; unprintable bytes as `\\xNN`."""
         whole, _, _ = self.raw_tail.rpartition(b"\n")
-        lines = [line for line in re.split(rb"[\r\n]+", whole) if line]
+        lines = [line for line in whole.replace(b"\r", b"\n").split(b"\n") if line]
         return [printable(line) for line in lines[-count:]]
 
 
@@ -89,6 +88,9 @@ class Stream(Protocol):
 
 def printable(line: bytes) -> str:
     """ASCII text with every other byte as `\\xNN`, for screens and messages."""
+    text = line.decode("latin-1")
+    if text.isascii() and text.isprintable():           # nearly every line, and five times a second
+        return text
     return "".join(chr(byte) if 32 <= byte < 127 else f"\\x{byte:02x}" for byte in line)
 
 

@@ -17,6 +17,7 @@ from console.cli.plain_errors import CommandError
 from console.cli.progress import progress
 from console.cli.terms import parse_terms
 from console.cli.whole_log import log_output, whole_log
+from console.quick_start import seldom
 from control.orders import Strategy
 
 if TYPE_CHECKING:
@@ -135,6 +136,7 @@ def _run(setup: Setup, true: Machine, job: Job, *, seed: int, planted: list[Plan
     record = Record()
     alarms: dict[str, int] = {}
     heads: list[tuple[float, ...]] = []
+    seldom()
     begun = time.perf_counter()
     steps = simulated_run(plant, loop, seconds, doses=doses)
     for step in progress(steps, round(seconds / DT_S), "simulating"):

@@ -45,7 +45,8 @@ from control.orders import Answer
 
 LOOK_S = 0.01                 # how often an answer, and the frame after it, is looked for; and while strangers come
 QUICK_S = 0.3                 # for so long after an order: its answer, the frame of that tick and of the next ones
-REST_S = 0.04                 # how often a new frame is looked for while somebody is attached: ticks are 0.05 s apart
+REST_S = 0.04                 # how often a new frame is looked for while it moves: ticks are 0.05 s apart
+STILL_S = 0.1                 # and while the machine stands, of which two frames a second are told
 IDLE_S = 0.1                  # and while nobody is
 PAUSE_S = 0.005               # between two turns of a holder of the token who says more than a turn takes
 
@@ -104,7 +105,9 @@ class LinkServer(threading.Thread):
         """Until a holder of the token says something, or a frame may be there, or strangers have their turn. What the
         holders have said, where it was waited for."""
         holders = [client for client in self._clients if client.kind is Kind.WITH_KEY]
-        wait_s = LOOK_S if self._strangers_come or self._clock() < self._quick_until_s else REST_S
+        wait_s = REST_S if self._telling.moves else STILL_S
+        if self._strangers_come or self._clock() < self._quick_until_s:
+            wait_s = LOOK_S
         if any(client.waits for client in holders):
             self._closing.wait(PAUSE_S)                # the loop needs the interpreter too
         elif holders:

@@ -20,6 +20,7 @@ class Telling:
     def __init__(self) -> None:
         self._told_s = -inf
         self._words: Any = None         # of the frame told last
+        self.moves = True               # by the frame looked at last
 
     def hurry(self) -> None:
         """The next frame is told: an order was answered, a console came."""
@@ -27,7 +28,8 @@ class Telling:
 
     def due(self, frame: Frame) -> bool:
         words = _words(frame)
-        wait_s = MOVES_S if _moves(frame) else STANDS_S
+        self.moves = _moves(frame)
+        wait_s = MOVES_S if self.moves else STANDS_S
         if words == self._words and 0.0 <= frame.at_s - self._told_s < wait_s - HALF_A_TICK_S:
             return False
         self._told_s, self._words = frame.at_s, words

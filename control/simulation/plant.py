@@ -26,6 +26,7 @@ from control.readings import DoseOrder, DriveCommand, GnssFix, PlantSeen, SpeedT
 from .canopy import AcrossWidth, CanopyField
 from .noise import Normals, Slow
 from .plant_rows import along_way, simulated_plants
+from .rest import later, rest, stands, waited
 from .tractor import Driver, Path, Pose, field_boundary, field_path
 from .valves import Valves
 from .vision import Vision
@@ -239,12 +240,21 @@ class Plant:
         shaft_state, gate_state, flow_state = self._shaft, self._gate, self._flow
         shaft_out, gate_out = self._shaft_out, self._gate_out
         moves, more_kg_s, total = GateInput(opening_mm, more.gate_mm), more.flow_kg_min / 60.0, 0.0
+        rests = False
         for k in range(MODEL_STEPS):
-            turn_rpm = rpm if self._dose is None else max(rpm, self._dose_rpm(step))
-            shaft_state, shaft_out = shaft_step(shafts, shaft_state, ShaftInput(
-                turn_rpm, gate_out.opening_mm, supply, more.shaft_percent, more.shaft_rpm), step)
-            gate_state, gate_out = gate_step(gates, gate_state, moves, step)
+            if rests:
+                shaft_state, gate_state = later(shaft_state, gate_state, step)
+            else:
+                turn_rpm = rpm if self._dose is None else max(rpm, self._dose_rpm(step))
+                shaft_was, gate_was, stood = shaft_state, gate_state, gate_out
+                shaft_state, shaft_out = shaft_step(shafts, shaft_state, ShaftInput(
+                    turn_rpm, gate_out.opening_mm, supply, more.shaft_percent, more.shaft_rpm), step)
+                gate_state, gate_out = gate_step(gates, gate_state, moves, step)
+                rests = self._dose is None and gate_out == stood and rest(shaft_was, shaft_state, gate_was, gate_state)
             opened = valves is None or valves.any_open(self.time_s + (k + 0.5) * step)
+            if rests and valves is None and stands(flows, shaft_out.rpm, refill):
+                flow_state = waited(flow_state, step)
+                continue
             flow_state, flow = flow_step(flows, flow_state, FlowInput(
                 shaft_out.rpm if opened else 0.0, gate_out.opening_mm, pitch, refill, more.flow_percent, more_kg_s),
                 step)

@@ -1,0 +1,34 @@
+"""Drives that rest: the later model steps of a tick give what its first one gave, and need not be computed.
+
+To the last bit, so that a run's rows are the same. A machine that stands, or works at one speed, takes a quarter of the
+steps' time.
+"""
+from __future__ import annotations
+
+from control.machine.flow import Flow, FlowState
+from control.machine.gate import GateState
+from control.machine.shaft import ShaftState
+
+
+def rest(shaft_was: ShaftState, shaft: ShaftState, gate_was: GateState, gate: GateState) -> bool:
+    """Whether further steps with the same inputs leave both drives where this one left them: nothing that was
+    commanded is still to come, and neither moved."""
+    return (shaft.rpm == shaft_was.rpm and shaft.line.in_force == shaft.line.newest
+            and gate.driven_mm == gate_was.driven_mm and gate.carried_mm == gate_was.carried_mm
+            and gate.line.in_force == gate.line.newest and gate.driven_mm == gate.line.values[gate.line.newest])
+
+
+def later(shaft: ShaftState, gate: GateState, dt_s: float) -> tuple[ShaftState, GateState]:
+    """Drives that rest, a step later."""
+    return (ShaftState(shaft.time_s + dt_s, shaft.rpm, shaft.line),
+            GateState(gate.time_s + dt_s, gate.driven_mm, gate.carried_mm, gate.travelled_mm, gate.line))
+
+
+def stands(flow: Flow, shaft_rpm: float, refill_kg: float) -> bool:
+    """Whether nothing leaves the hopper and nothing comes into it."""
+    return shaft_rpm == 0.0 and refill_kg == 0.0 and flow.leak_kg_h == 0.0
+
+
+def waited(flow: FlowState, dt_s: float) -> FlowState:
+    """A hopper that nothing leaves, a step later."""
+    return FlowState(flow.time_s + dt_s, flow.hopper_kg, flow.angle_rev, flow.refills)

@@ -1,0 +1,46 @@
+"""Drives that rest are not stepped again within a tick: what comes of it is the same to the last bit."""
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Callable
+
+import pytest
+
+from control.machine.planting import parse_planted
+from control.readings import DriveCommand
+from control.simulation import plant as plants
+from control.simulation.plant import Plant, Truth
+from drivers.files.setup import load_setup
+
+STANDS, WORKS, FASTER = DriveCommand(0.0, 25.0), DriveCommand(40.0, 25.0), DriveCommand(55.0, 31.0)
+TODAY = dt.date(2026, 4, 1)
+COURSE = [STANDS] * 100 + [WORKS] * 200 + [FASTER] * 200 + [WORKS] * 200 + [STANDS] * 100
+
+
+def truths(name: str, effects: tuple[str, ...]) -> list[Truth]:
+    setup = load_setup(name, {"planter": "points_demo", "huanghai_sections": "sections_demo"}.get(name, "demo"), TODAY)
+    kept: list[Truth] = []
+    plant = Plant(setup.machine, setup.job, 3, planted=[parse_planted(one) for one in effects],
+                  keep=lambda truth: kept.append(truth._replace(canopy=None)))
+    for command in COURSE:
+        valves = (True,) * len(setup.machine.switched)
+        plant.step(command._replace(valves=valves), True)
+    return kept
+
+
+@pytest.mark.parametrize(("machine", "effects"), [
+    ("huanghai", ()), ("huanghai", ("gate.backlash=1@4", "flow.pulsation=5")), ("huanghai", ("shaft.load_droop=20",)),
+    ("huanghai", ("shaft.stall=1@8", "gate.stuck=1@9")), ("huanghai_sections", ()), ("spreader", ("flow.gain=5",))])
+def test_the_same_to_the_last_bit(machine: str, effects: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    steps: list[int] = []
+    stepped: Callable[..., tuple[object, object]] = plants.gate_step
+
+    def counted(*given: object) -> tuple[object, object]:
+        steps.append(1)
+        return stepped(*given)
+
+    monkeypatch.setattr(plants, "gate_step", counted)
+    rested, few = truths(machine, effects), len(steps)
+    monkeypatch.setattr(plants, "rest", lambda *_: False)
+    assert truths(machine, effects) == rested
+    assert few < 0.7 * (len(steps) - few), "a tick in which nothing moves takes one step of four"
