@@ -1,0 +1,292 @@
+"""What is to be fast, here and in another tree, in one run: `python -m benchmarks speed --against TREE [--only PART]`
+
+The table of all that was promised to be fast: the median and the range of both, and old over new. Short work is taken
+five times, in turns with the other tree's; what takes long once. Where a row says so it is the processor's time, which
+a busy machine stretches less. Below eight minutes on a quiet machine of two cores. Linux only.
+"""
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import console_load
+from console_deaths import Console, wait
+from console_start import once
+from key_latency import state, took, work
+from stop_behind_flood import Tap, TappedConsole, machine, stops
+from trees import environment_of, trees
+from verdict import exit_code
+
+PROGRAM = Path(sys.executable).parent / "topdress"
+TIMES = 5
+LOG_S = 1200.0              # 24,000 rows
+MANY_ROWS = 1_000_000
+SIMULATED_S = 300.0
+IDLE_S = 8.0
+KEYS = 15
+LOOP_S = 8.0
+
+Values = dict[str, list[float]]         # by tree
+
+
+class Row(NamedTuple):
+    work: str
+    unit: str
+    goal: str
+    found: Values
+    more_is_better: bool = False
+
+    def text(self) -> str:
+        cells = [_spread(self.found[name]) if self.found.get(name) else "-" for name in ("old", "new")]
+        return f"| {self.work}, {self.unit} | {self.goal} | {cells[0]} | {cells[1]} | {self._ratio()} |"
+
+    def _ratio(self) -> str:
+        if not (self.found.get("old") and self.found.get("new")):
+            return "-"
+        old, new = (statistics.median(self.found[name]) for name in ("old", "new"))
+        if not (old and new):
+            return "-"
+        return f"{new / old if self.more_is_better else old / new:.2f}"
+
+
+class Ran(NamedTuple):
+    clock_s: float
+    processor_s: float
+    memory_mb: float
+
+
+def _spread(values: Sequence[float]) -> str:
+    wide = 0 if max(values) >= 100.0 else 1 if max(values) >= 10.0 else 2
+    if len(values) == 1:
+        return f"{values[0]:.{wide}f}"
+    return f"{statistics.median(values):.{wide}f} ({min(values):.{wide}f} to {max(values):.{wide}f}, {len(values)})"
+
+
+def ran(tree: Path, *words: str, **environment: str) -> Ran:
+    """A command of a tree, with its time and its memory. Raises RuntimeError where it fails."""
+    begun_s = time.monotonic()
+    child = subprocess.Popen([str(PROGRAM), *words], env=environment_of(tree) | environment, stdin=subprocess.DEVNULL,
+                             stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    assert child.stderr is not None
+    said = child.stderr.read()
+    _, ended, used = os.wait4(child.pid, 0)
+    child.returncode = os.waitstatus_to_exitcode(ended)
+    if child.returncode != 0:
+        raise RuntimeError(f"{tree}: topdress {' '.join(words)}: {said.decode(errors='replace')[-500:]}")
+    return Ran(time.monotonic() - begun_s, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0)
+
+
+def in_turns(both: dict[str, Path], times: int, measure: Callable[[Path], float]) -> Values:
+    found: Values = {name: [] for name in both}
+    for _time in range(times):
+        for name, tree in both.items():
+            found[name].append(measure(tree))
+    return found
+
+
+def simulated(both: dict[str, Path], folder: Path) -> Iterator[Row]:
+    out = str(folder / "sim.csv")
+    found = in_turns(both, TIMES, lambda tree: SIMULATED_S / ran(
+        tree, "simulate", "--seconds", f"{SIMULATED_S:g}", "--seed", "7", "--force", "--out", out).processor_s)
+    yield Row("simulate", f"x real time, {SIMULATED_S:g} s, whole process, processor", "500", found, True)
+
+
+def log_of(folder: Path) -> Path:
+    """24,000 rows, made by this tree once: both trees judge the same file."""
+    path = folder / "log.csv"
+    if not path.exists():
+        ran(trees(None)["new"], "simulate", "--seconds", f"{LOG_S:g}", "--seed", "7", "--out", str(path))
+    return path
+
+
+def diagnosed(both: dict[str, Path], folder: Path) -> Iterator[Row]:
+    log = str(log_of(folder))
+    runs: dict[str, list[Ran]] = {name: [] for name in both}
+    for k in range(TIMES + 1):
+        for name, tree in both.items():
+            once_more = ran(tree, "diagnose", log)
+            if k:                                       # the first one compiles
+                runs[name].append(once_more)
+    for unit, goal, place in (("s", "3", 0), ("s of processor", "", 1), ("MB", "", 2)):
+        yield Row("diagnose, 24,000 rows, warm", unit, goal, {name: [one[place] for one in some]
+                                                              for name, some in runs.items()})
+
+
+def diagnosed_first(both: dict[str, Path], folder: Path) -> Iterator[Row]:
+    """With no compiled code on this machine: neither of the model nor of Python's modules' is taken from elsewhere."""
+    log, runs = str(log_of(folder)), {}
+    for name, tree in both.items():
+        with tempfile.TemporaryDirectory() as empty:
+            runs[name] = ran(tree, "diagnose", log, XDG_CACHE_HOME=empty)
+    for unit, goal, place in (("s", "6", 0), ("s of processor", "", 1)):
+        yield Row("diagnose, 24,000 rows, first time", unit, goal, {name: [one[place]] for name, one in runs.items()})
+
+
+def many_rows(folder: Path) -> Path:
+    """The log again and again, its clock going on: a machine that is refilled each time."""
+    path = folder / "many.csv"
+    header, *lines = log_of(folder).read_text(encoding="utf-8").splitlines()
+    pieces = [line.partition(",") for line in lines]
+    if not header.startswith("time_s,"):
+        raise RuntimeError(f"{path}: first column {header[:20]}: allowed is time_s")
+    with path.open("w", encoding="utf-8") as file:
+        file.write(header + "\n")
+        for k in range(-(-MANY_ROWS // len(lines))):
+            file.writelines(f"{float(at) + k * LOG_S:.3f},{rest}\n"
+                            for at, _, rest in pieces[:MANY_ROWS - k * len(lines)])
+    return path
+
+
+def diagnosed_many(both: dict[str, Path], folder: Path) -> Iterator[Row]:
+    log = str(many_rows(folder))
+    runs = {name: ran(tree, "diagnose", log) for name, tree in both.items()}
+    for unit, goal, place in (("s", "10", 0), ("s of processor", "", 1), ("MB", "1000", 2)):
+        yield Row("diagnose, 1e6 rows", unit, goal, {name: [one[place]] for name, one in runs.items()})
+
+
+def fleet(both: dict[str, Path], folder: Path) -> Iterator[Row]:
+    logs, found = folder / "logs", {}
+    logs.mkdir()
+    for one in (log_of(folder), log_of(folder).with_suffix(".yaml")):
+        (logs / one.name).symlink_to(one)
+    for name, tree in both.items():
+        ran(tree, "fleet", str(logs), "--out", str(folder / f"warm_{name}"))
+        found[name] = [ran(tree, "fleet", str(logs), "--out", str(folder / f"fleet_{name}")).clock_s]
+    yield Row("fleet, one log of 24,000 rows", "s", "as diagnose", found)
+
+
+def started(both: dict[str, Path], folder: Path) -> Iterator[Row]:
+    for tree in both.values():
+        once(tree)
+    runs = {name: [once(tree)] for name, tree in both.items()}
+    for _time in range(TIMES - 1):
+        for name, tree in both.items():
+            runs[name].append(once(tree))
+    for what, goal, place in (("numbers shown, s", "0.8", 0), ("processor of the console till then, s", "", 2),
+                              ("processor of the worker till then, s", "", 3)):
+        yield Row("console, warm", what, goal, {name: [one[place] for one in some] for name, some in runs.items()})
+
+
+def idle(both: dict[str, Path], folder: Path) -> Iterator[Row]:
+    console_load.IDLE_S, console_load.IDLE_SETTLE_S = IDLE_S, 3.0
+    shares = {name: [console_load.idle_shares(tree)] for name, tree in both.items()}
+    for _time in range(TIMES - 1):
+        for name, tree in both.items():
+            shares[name].append(console_load.idle_shares(tree))
+    for what in ("console", "worker"):
+        yield Row(f"idle, {what}", "% of a core", "4", {name: [one[what] for one in some]
+                                                        for name, some in shares.items()})
+
+
+def stopped(both: dict[str, Path], folder: Path) -> Iterator[Row]:
+    """From STOP's key to the drive frame that forbids the drives, through a served machine."""
+    found: Values = {}
+    for name, tree in both.items():
+        with environment(tree), machine() as urls, tempfile.TemporaryDirectory() as place:
+            tap = Tap(urls["board"])
+            tap.start()
+            console = TappedConsole(Path(place), urls, tap.url)
+            try:
+                wait(lambda console=console: console.terminal.shows("NDVI 0."), 60.0, "numbers",  # type: ignore[misc]
+                     console.terminal)
+                found[name] = [1000.0 * s for s in stops(console, tap, KEYS)[0]]
+            finally:
+                console.terminal.end()
+                console.end_worker()
+    yield from _latency("STOP to zero on the wire", found)
+
+
+def keys(both: dict[str, Path], folder: Path) -> Iterator[Row]:
+    """Hold and STOP until the screen says so."""
+    found: dict[str, Values] = {"hold": {}, "STOP": {}}
+    for name, tree in both.items():
+        with environment(tree), tempfile.TemporaryDirectory() as place:
+            console = Console(Path(place))
+            try:
+                wait(lambda console=console: console.terminal.shows("NDVI 0."), 60.0, "numbers",  # type: ignore[misc]
+                     console.terminal)
+                for key in KEYS * (("hold", " ", "HELD"), ("STOP", "x", "OFF")):
+                    work(console.terminal)
+                    time.sleep(0.037 * (len(found[key[0]].get(name, ())) % 7))       # not in step with the ticks
+                    found[key[0]].setdefault(name, []).append(1000.0 * took(console.terminal, key[1], state(key[2])))
+            finally:
+                console.terminal.end()
+                console.end_worker()
+    for what, values in found.items():
+        yield from _latency(f"{what} until the screen shows it", values)
+
+
+def _latency(what: str, found: Values) -> Iterator[Row]:
+    yield Row(what, "ms", "not slower", found)
+    yield Row(f"{what}, p95", "ms", "not slower", {
+        name: [sorted(some)[round(0.95 * (len(some) - 1))]] for name, some in found.items() if some})
+
+
+def loop(both: dict[str, Path], folder: Path) -> Iterator[Row]:
+    """p99.9 of the loop's period under a console over that of a bare loop, each tree's by its own benchmark."""
+    found: Values = {}
+    for name, tree in both.items():
+        out = folder / f"loop_{name}.json"
+        subprocess.run([sys.executable, str(tree / "benchmarks" / "loop_period.py"), "--hz", "100", "--seconds",
+                        f"{LOOP_S:g}", "--json", str(out)], env=environment_of(tree), check=True,
+                       stdout=subprocess.DEVNULL)
+        p999 = {one["place"]: one["p999_ms"] for one in json.loads(out.read_text(encoding="utf-8"))}
+        found[name] = [p999["worker"] / p999["bare"]]
+    yield Row("loop p99.9 over a bare loop", "times, 100 Hz", "1.1 to 1.2", found)
+
+
+@contextmanager
+def environment(tree: Path) -> Iterator[None]:
+    """What is started within takes the code of the tree."""
+    before = dict(os.environ)
+    os.environ.update(environment_of(tree))
+    try:
+        yield
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
+
+
+PARTS: dict[str, Callable[[dict[str, Path], Path], Iterator[Row]]] = {
+    "simulate": simulated, "diagnose": diagnosed, "first": diagnosed_first, "many": diagnosed_many, "fleet": fleet,
+    "start": started, "idle": idle, "wire": stopped, "keys": keys, "loop": loop}
+
+
+def run() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--against", type=Path, help="another tree, measured in the same run")
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART",
+                        help=f"these alone: {', '.join(PARTS)}")
+    given = parser.parse_args()
+    both, begun_s, missing = trees(given.against), time.monotonic(), []
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)             # modules are compiled, as an installer leaves them
+    print(f"load average at the start: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores\n")
+    print("| work | to reach | old: median (range, times) | new | old / new |\n|---|---|---|---|---|", flush=True)
+    with tempfile.TemporaryDirectory(prefix="topdress-speed-") as place:
+        os.environ["PYTHONPYCACHEPREFIX"] = f"{place}/compiled"
+        for name in given.only:
+            part_s = time.monotonic()
+            try:
+                for row in PARTS[name](both, Path(place)):
+                    print(row.text(), flush=True)
+            except (RuntimeError, OSError, TimeoutError, subprocess.SubprocessError) as error:
+                missing.append(name)
+                print(f"| {name}: {str(error).splitlines()[0][:200] if str(error) else type(error).__name__} | | | | |",
+                      flush=True)
+            print(f"{name}: {time.monotonic() - part_s:.0f} s", file=sys.stderr, flush=True)
+    print(f"\n{time.monotonic() - begun_s:.0f} s in all, load average at the end {os.getloadavg()[0]:.1f}")
+    return exit_code({f"{name}: measured": name not in missing for name in given.only})
+
+
+if __name__ == "__main__":
+    sys.exit(run())
