@@ -120,6 +120,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.ask_job = ask_job
         self.locked = False
         self.stray, self.held_enter, self.undo = StrayTyping(), HeldEnter(), Undo()
+        self.asked_by = ""                  # the key that was pressed last on a page
         self.gone = ""
         self.not_started = ""              # why the worker that this console began with never came up
         self.arrival, self.history = Arrival(), History()
@@ -218,6 +219,8 @@ class TopdressApp(App[None], inherit_bindings=False):
             if key == pressed.ALWAYS_STOP or (typing and key in self._hold_keys and not event.is_printable):
                 await self.action_do("stop" if key == pressed.ALWAYS_STOP else "hold")
                 return
+            if self.screen is self.page:
+                self.asked_by = key
             if key not in self._urgent_keys and self.screen is self.page and self.stray.swallows(key, self.clock()):
                 return
             if key == "enter" and self.live and self.held_enter.repeats(self.screen, self.clock()):

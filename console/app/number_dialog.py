@@ -18,7 +18,8 @@ class NumberDialog(Dialog[float | None]):
     typed is dropped: what is no number, or lies outside the range, is refused in words.
 
     low, high, typed (what stands there at first; the first key replaces it): as shown; the answer is `to_si` of the
-    number. full: a key, its word and a number, as shown, that the key puts there. doubt: what speaks against a number
+    number. The letter that asked for the number is no part of it while nothing else is typed: a key that stays down.
+    full: a key, its word and a number, as shown, that the key puts there. doubt: what speaks against a number
     in SI, in words, "" where nothing does; then it is asked once more.
     """
 
@@ -106,6 +107,9 @@ class NumberDialog(Dialog[float | None]):
         if self.full is not None and key.upper() == self.full[0] and (not self.typed or self._fresh):
             event.stop()
             self._fill()
+            return
+        if (not self.typed or self._fresh) and key.isalpha() and event.key.lower() == getattr(self.app, "asked_by", ""):
+            event.stop()                # the letter that asks for the number, still held down
             return
         if key and key != "'" and (named or (key.isprintable() and len(key) == 1)):     # ' jumps to a button
             event.stop()

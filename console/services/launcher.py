@@ -70,7 +70,7 @@ class Launcher:
             if kind in (JOB, MACHINE, CAB):
                 found.append(file)
         theirs = {Path(file).resolve() for file in found}
-        unused = tuple(file for file in self.config if Path(file).resolve() not in theirs)
+        unused = tuple(file for file in self.config if not theirs & {Path(file).resolve(), _meant(file)})
         self.config = tuple(found)
         return unused
 
@@ -81,3 +81,14 @@ class Launcher:
 
 def _pairs(option: str, values: Sequence[str]) -> list[str]:
     return [word for value in values for word in (option, value)]
+
+
+def _meant(file: str) -> Path | None:
+    """The shipped file of this name; None where there is none."""
+    from drivers.files.config import resolve
+    from drivers.files.config_error import ConfigError
+    from drivers.files.kinds import KINDS
+    try:
+        return resolve(file, [kind.folder for kind in KINDS.values()]).resolve()
+    except ConfigError:
+        return None

@@ -250,3 +250,13 @@ async def test_a_catch_that_differs_grossly_is_asked_again(source, clock, shown,
             assert isinstance(app.screen, Confirm) and not test.points and asked in "\n".join(shown(app))
             await pilot.press("enter")
         assert [one.mass_kg for one in test.points] == [read(text).value]
+
+
+@pytest.mark.parametrize(("keys", "typed"), [
+    ("m" * 30 + "180", "180"), ("MMM7", "7"), ("1m", "1m"), ("vm1", "vm1"), ("m", "")])
+async def test_the_key_that_asked_for_the_number_stays_down_and_is_no_part_of_it(full, keys, typed):
+    """Only while nothing else is typed: a letter within a number is refused in words, never dropped."""
+    async with full.run_test(size=SIZE) as pilot:
+        await pilot.press("m")
+        await pilot.press(*keys)
+        assert isinstance(full.screen, NumberDialog) and full.screen.typed == typed

@@ -151,6 +151,8 @@ def test_the_files_of_a_worker_that_runs_are_its_logs(launcher, tmp_path):
     launcher.config = ("mine.yaml", str(job))
     assert launcher.adopt(str(log)) == ("mine.yaml",), "what is not used is said"
     assert launcher.config == (str(job),)
+    launcher.config = ("map_demo", "points_demo")
+    assert launcher.adopt(str(log)) == ("points_demo",), "a name is the file that is shipped by it"
     assert launcher.adopt(str(tmp_path / "none.csv")) is None, "not known is not all used"
     assert launcher.config == (str(job),)
 
