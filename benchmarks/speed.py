@@ -94,9 +94,9 @@ def in_turns(both: dict[str, Path], times: int, measure: Callable[[Path], float]
     return found
 
 
-def simulated(both: dict[str, Path], folder: Path) -> Iterator[Row]:
+def simulated(both: dict[str, Path], folder: Path, times: int) -> Iterator[Row]:
     out = str(folder / "sim.csv")
-    found = in_turns(both, TIMES, lambda tree: SIMULATED_S / ran(
+    found = in_turns(both, times, lambda tree: SIMULATED_S / ran(
         tree, "simulate", "--seconds", f"{SIMULATED_S:g}", "--seed", "7", "--force", "--out", out).processor_s)
     yield Row("simulate", f"x real time, {SIMULATED_S:g} s, whole process, processor", "500", found, True)
 
@@ -109,10 +109,10 @@ def log_of(folder: Path) -> Path:
     return path
 
 
-def diagnosed(both: dict[str, Path], folder: Path) -> Iterator[Row]:
+def diagnosed(both: dict[str, Path], folder: Path, times: int) -> Iterator[Row]:
     log = str(log_of(folder))
     runs: dict[str, list[Ran]] = {name: [] for name in both}
-    for k in range(TIMES + 1):
+    for k in range(times + 1):
         for name, tree in both.items():
             once_more = ran(tree, "diagnose", log)
             if k:                                       # the first one compiles
@@ -122,7 +122,7 @@ def diagnosed(both: dict[str, Path], folder: Path) -> Iterator[Row]:
                                                               for name, some in runs.items()})
 
 
-def diagnosed_first(both: dict[str, Path], folder: Path) -> Iterator[Row]:
+def diagnosed_first(both: dict[str, Path], folder: Path, times: int) -> Iterator[Row]:
     """With no compiled code on this machine: neither of the model nor of Python's modules' is taken from elsewhere."""
     log, runs = str(log_of(folder)), {}
     for name, tree in both.items():
@@ -147,14 +147,14 @@ def many_rows(folder: Path) -> Path:
     return path
 
 
-def diagnosed_many(both: dict[str, Path], folder: Path) -> Iterator[Row]:
+def diagnosed_many(both: dict[str, Path], folder: Path, times: int) -> Iterator[Row]:
     log = str(many_rows(folder))
     runs = {name: ran(tree, "diagnose", log) for name, tree in both.items()}
     for unit, goal, place in (("s", "10", 0), ("s of processor", "", 1), ("MB", "1000", 2)):
         yield Row("diagnose, 1e6 rows", unit, goal, {name: [one[place]] for name, one in runs.items()})
 
 
-def fleet(both: dict[str, Path], folder: Path) -> Iterator[Row]:
+def fleet(both: dict[str, Path], folder: Path, times: int) -> Iterator[Row]:
     logs, found = folder / "logs", {}
     logs.mkdir()
     for one in (log_of(folder), log_of(folder).with_suffix(".yaml")):
@@ -165,11 +165,11 @@ def fleet(both: dict[str, Path], folder: Path) -> Iterator[Row]:
     yield Row("fleet, one log of 24,000 rows", "s", "as diagnose", found)
 
 
-def started(both: dict[str, Path], folder: Path) -> Iterator[Row]:
+def started(both: dict[str, Path], folder: Path, times: int) -> Iterator[Row]:
     for tree in both.values():
         once(tree)
     runs = {name: [once(tree)] for name, tree in both.items()}
-    for _time in range(TIMES - 1):
+    for _time in range(times - 1):
         for name, tree in both.items():
             runs[name].append(once(tree))
     for what, goal, place in (("numbers shown, s", "0.8", 0), ("processor of the console till then, s", "", 2),
@@ -177,10 +177,10 @@ def started(both: dict[str, Path], folder: Path) -> Iterator[Row]:
         yield Row("console, warm", what, goal, {name: [one[place] for one in some] for name, some in runs.items()})
 
 
-def idle(both: dict[str, Path], folder: Path) -> Iterator[Row]:
+def idle(both: dict[str, Path], folder: Path, times: int) -> Iterator[Row]:
     console_load.IDLE_S, console_load.IDLE_SETTLE_S = IDLE_S, 3.0
     shares = {name: [console_load.idle_shares(tree)] for name, tree in both.items()}
-    for _time in range(TIMES - 1):
+    for _time in range(times - 1):
         for name, tree in both.items():
             shares[name].append(console_load.idle_shares(tree))
     for what in ("console", "worker"):
@@ -188,7 +188,7 @@ def idle(both: dict[str, Path], folder: Path) -> Iterator[Row]:
                                                         for name, some in shares.items()})
 
 
-def stopped(both: dict[str, Path], folder: Path) -> Iterator[Row]:
+def stopped(both: dict[str, Path], folder: Path, times: int) -> Iterator[Row]:
     """From STOP's key to the drive frame that forbids the drives, through a served machine."""
     found: Values = {}
     for name, tree in both.items():
@@ -206,7 +206,7 @@ def stopped(both: dict[str, Path], folder: Path) -> Iterator[Row]:
     yield from _latency("STOP to zero on the wire", found)
 
 
-def keys(both: dict[str, Path], folder: Path) -> Iterator[Row]:
+def keys(both: dict[str, Path], folder: Path, times: int) -> Iterator[Row]:
     """Hold and STOP until the screen says so."""
     found: dict[str, Values] = {"hold": {}, "STOP": {}}
     for name, tree in both.items():
@@ -232,7 +232,7 @@ def _latency(what: str, found: Values) -> Iterator[Row]:
         name: [sorted(some)[round(0.95 * (len(some) - 1))]] for name, some in found.items() if some})
 
 
-def loop(both: dict[str, Path], folder: Path) -> Iterator[Row]:
+def loop(both: dict[str, Path], folder: Path, times: int) -> Iterator[Row]:
     """p99.9 of the loop's period under a console over that of a bare loop, each tree's by its own benchmark."""
     found: Values = {}
     for name, tree in both.items():
@@ -257,7 +257,7 @@ def environment(tree: Path) -> Iterator[None]:
         os.environ.update(before)
 
 
-PARTS: dict[str, Callable[[dict[str, Path], Path], Iterator[Row]]] = {
+PARTS: dict[str, Callable[[dict[str, Path], Path, int], Iterator[Row]]] = {
     "simulate": simulated, "diagnose": diagnosed, "first": diagnosed_first, "many": diagnosed_many, "fleet": fleet,
     "start": started, "idle": idle, "wire": stopped, "keys": keys, "loop": loop}
 
@@ -267,6 +267,7 @@ def run() -> int:
     parser.add_argument("--against", type=Path, help="another tree, measured in the same run")
     parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART",
                         help=f"these alone: {', '.join(PARTS)}")
+    parser.add_argument("--times", type=int, default=TIMES, help="that short work is taken")
     given = parser.parse_args()
     both, begun_s, missing = trees(given.against), time.monotonic(), []
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)             # modules are compiled, as an installer leaves them
@@ -277,7 +278,7 @@ def run() -> int:
         for name in given.only:
             part_s = time.monotonic()
             try:
-                for row in PARTS[name](both, Path(place)):
+                for row in PARTS[name](both, Path(place), given.times):
                     print(row.text(), flush=True)
             except (RuntimeError, OSError, TimeoutError, subprocess.SubprocessError) as error:
                 missing.append(name)
