@@ -71,7 +71,9 @@ def leaving_out(cut: Segments, bands: npt.NDArray[np.bool_]) -> Segments:
 def coefficients(series: Array, cut: Segments) -> Array:
     """Cosine coefficients of series (n,) or (p, n), sorted by band: (m,) or (p, m)."""
     parts = [dct(series[..., begin:end], norm="ortho", axis=-1) for begin, end in cut.bounds]
-    return np.concatenate(parts, axis=-1)[..., cut.order]
+    if len(parts) == 1 and len(cut.order) == parts[0].shape[-1]:
+        return np.asarray(parts[0])         # one segment: its coefficients come in the order of their bands
+    return np.take(np.concatenate(parts, axis=-1), cut.order, axis=-1)
 
 
 def series_of(banded: Array, cut: Segments) -> Array:
