@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, NamedTuple
 
+from console.attached import Attached, Ordered
 from control.agronomy.strips import Strips
 from control.field.totals import Totals
 from control.log_row import LogRow
@@ -112,6 +113,8 @@ class Frame:
     sections: tuple[SectionState, ...] = ()       # left to right; none: the machine has no valves
     strips: Strips = field(default_factory=Strips)      # N-rich and farmer check, as they count now
     consoles: int = 0                             # that keep the machine working now; 0: not told
+    attached: tuple[Attached, ...] = ()           # consoles and tablets, in the order in which they came
+    ordered: tuple[Ordered, ...] = ()             # the latest orders that were followed, the newest last
 
     @property
     def mean_rate_kg_ha(self) -> float | None:
@@ -125,7 +128,8 @@ _NAMED = ("row", "allow", "totals", "bench", "lag_test", "tally", "strips")
 
 def to_json(frame: Frame) -> bytes:
     tuples: dict[str, Any] = {name: part._asdict() for name in _NAMED if (part := getattr(frame, name)) is not None}
-    tuples["alarms"] = [alarm._asdict() for alarm in frame.alarms]
+    for name in ("alarms", "attached", "ordered"):
+        tuples[name] = [one._asdict() for one in getattr(frame, name)]
     tuples["devices"] = [_plain(one) | {"test": one.test and one.test._asdict()} for one in frame.devices]
     return json.dumps(_plain(frame) | tuples,
                       separators=(",", ":"), allow_nan=False).encode() + b"\n"

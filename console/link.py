@@ -13,6 +13,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any, NoReturn
 
+from console.attached import own_name
 from console.frame import DeviceDo, Frame, from_json
 from console.knock import HOST, LINE_BYTES
 from console.locale import _
@@ -32,13 +33,18 @@ class Link:
 
     keeps_alive = True            # says that a console with STOP in sight lives; False: gives orders only
 
-    def __init__(self, where: Where) -> None:
+    tablet = False                # how the others at this machine have it
+
+    def __init__(self, where: Where, name: str | None = None) -> None:
+        """name: how this console calls itself (`console.attached.own_name`); the worker may put a number behind it."""
         self.where = where
+        self.name = own_name(name)
         self.newest: Frame | None = None
         self.newest_at_s: float | None = None        # time.monotonic() when it came
         self.attached = asyncio.Event()
         self.shows: Callable[[], bool] = lambda: True      # whether what this console draws is seen
         self._writer: asyncio.StreamWriter | None = None
+        self._named = 0                              # the number of the word that says our name
         self._waiting: dict[int, asyncio.Future[dict[str, Any]]] = {}
         self._numbers = itertools.count(1)
         self._gone = asyncio.Event()
@@ -51,7 +57,8 @@ class Link:
         except OSError as error:
             self._gone.set()
             raise WorkerGone(_("the control worker (process {pid}) is gone").format(pid=self.where.pid)) from error
-        self._send(next(self._numbers), {"ask": "look"})
+        self._named = next(self._numbers)
+        self._send(self._named, {"ask": "look", "name": self.name, "tablet": self.tablet})
         self._keep_alive()
         try:
             while (line := await reader.readline()).endswith(b"\n"):      # a worker may be killed in the middle of one
@@ -133,6 +140,8 @@ class Link:
             self.newest, self.newest_at_s = from_json(message), time.monotonic()
             self.attached.set()
         elif "answer" in message:
+            if message["answer"] == self._named:
+                self.name = str(message.get("name") or self.name)
             future = self._waiting.get(message["answer"])
             if future and not future.done():
                 future.set_result(message)
@@ -151,8 +160,8 @@ class Link:
 class ComingLink(Link):
     """A link to a worker that is still coming up: the screen need not wait for it."""
 
-    def __init__(self, coming: Future[Where]) -> None:
-        super().__init__(Where(0, None, 0))
+    def __init__(self, coming: Future[Where], name: str | None = None) -> None:
+        super().__init__(Where(0, None, 0), name)
         self._coming = coming
 
     async def run(self) -> NoReturn:

@@ -20,6 +20,7 @@ from console.app import actions, pressed, themes, words
 from console.app.action import ANYWHERE, JOB, MAP, REPLAY, RUN, Action, bindings
 from console.app.alarms import Bell
 from console.app.arrival import Arrival
+from console.app.company import CompanyView, arrival_words, company_view, list_words, news
 from console.app.dialogs import Choice, ChoiceDialog, TextDialog
 from console.app.fields import FieldPictures
 from console.app.first_question import ask_first
@@ -117,6 +118,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.tour = Tour() if tour else None
         self.sweeps = Sweeps()
         self.joined = joined
+        self._to_say = joined              # with the first frame, before all else
         self.ask_job = ask_job
         self.locked = False
         self.stray, self.held_enter, self.undo = StrayTyping(), HeldEnter(), Undo()
@@ -131,7 +133,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self._supervisor: Worker[None] | None = None
         self._restarting = False
         self._earlier_of = ""
-        self._consoles = 0                  # as the newest frame had them
+        self._frame_before: Frame | None = None
         for one in themes.THEMES:
             self.register_theme(one)
         self.theme = themes.DAY.name
@@ -161,10 +163,6 @@ class TopdressApp(App[None], inherit_bindings=False):
             for data in store.themes:
                 self.register_theme(theme_of(data))
             store.trouble = store.trouble or apply(self, store.settings)
-
-    def _say_joined(self, joined: Joined) -> None:
-        self.push_screen(TextDialog(_("A machine runs already: this console has joined it"),
-                                    joined_words(joined, self.utc_offset_s)))
 
     def get_default_screen(self) -> Screen[None]:
         return self.pages[RUN if self.source is not None or self.replay_page.job is None else REPLAY]
@@ -202,8 +200,6 @@ class TopdressApp(App[None], inherit_bindings=False):
         self._say_setting_trouble()
         if self.source is None and self.services.job is not None and self.replay_page.job is None:
             self.ask_to_go_on(self.services.job)
-        if self.joined is not None:
-            self.call_after_refresh(self._say_joined, self.joined)
         if self.live:
             self._until_first = self.set_interval(FIRST_S, self._first)
             self.set_interval(NUMBERS_S, self.tick)
@@ -260,7 +256,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         now_s = self.clock()
         if self.source is not None and self.arrival.see(self.source.newest, now_s) and self.arrival.frame is not None:
             self.history.add(self.arrival.frame)
-            self._note_consoles(self.arrival.frame)
+            self._note_others(self.arrival.frame)
             self._note_alarms(self.arrival.frame, now_s)
             for page in self.pages.made.values():
                 page.gather(self.arrival.frame)
@@ -296,11 +292,43 @@ class TopdressApp(App[None], inherit_bindings=False):
             await asyncio.to_thread(import_module, module)
         quick_start.done()
 
-    def _note_consoles(self, frame: Frame) -> None:
-        """Another console that ended, or was ended, is said by those that are left."""
-        before, self._consoles = self._consoles, frame.consoles
-        if 0 < frame.consoles < before:
+    @property
+    def own_name(self) -> str:
+        """How the others at this machine have this console; empty without one that listens."""
+        return str(getattr(self.source, "name", ""))
+
+    def company_view(self) -> CompanyView | None:
+        """The row that says who else is at this machine."""
+        return company_view(None if self.gone else self.arrival.frame, self.own_name, self.utc_offset_s)
+
+    def action_company(self) -> None:
+        """Everybody who is attached, and the latest orders."""
+        frame = self.arrival.frame
+        if frame is None or self.gone or self.source is None:
+            self.notice(_("no machine is connected"))
+        else:
+            self.push_screen(TextDialog(_("At this machine"), list_words(frame, self.own_name, self.utc_offset_s)))
+
+    def _note_others(self, frame: Frame) -> None:
+        """Who came, went, fell silent or ordered is said by the others; who has just come hears whom it found."""
+        before, self._frame_before = self._frame_before, frame
+        if before is None:
+            self._say_found(frame)
+        elif frame.attached:
+            said = news(before, frame, self.own_name)
+            if said:
+                self.notice(said)
+        elif 0 < frame.consoles < before.consoles:          # a worker that does not tell who is attached
             self.notice(_("another console has ended or is silent; open now: {count}").format(count=frame.consoles))
+
+    def _say_found(self, frame: Frame) -> None:
+        found = " ".join(arrival_words(frame, self.own_name, self.utc_offset_s))
+        joined, self._to_say = self._to_say, None
+        if joined is not None:
+            self.push_screen(TextDialog(_("A machine runs already: this console has joined it"),
+                                        f"{joined_words(joined, self.utc_offset_s)}\n{found}".rstrip()))
+        elif found:
+            self.notice(found)
 
     def _note_alarms(self, frame: Frame, now_s: float) -> None:
         if frame.log_path != self._earlier_of:
@@ -534,7 +562,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.arrival, self.alarm_book = Arrival(), AlarmBook()
         self.history = History()
         self._earlier_of = ""
-        self._consoles = 0
+        self._frame_before = None
         self.undo.forget()
         self._supervise()
         self.page.hurry()
@@ -632,6 +660,8 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.notice(_("the control worker is connected"))
 
     def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
+        yield SystemCommand(_("who is at this machine"), _("All consoles and tablets, and who ordered what."),
+                            self.action_company)
         for action in self.offered(self.page.where):
             if action.id != "palette":
                 why = self.why_not(action)

@@ -21,6 +21,7 @@ from console.app.action import (
     Action,
 )
 from console.app.alarms import entries
+from console.app.company import leave_words
 from console.app.dialogs import Choice, ChoiceDialog, Confirm
 from console.app.jump import labels, letters
 from console.app.pages.replay import keys as replay
@@ -225,12 +226,7 @@ def leave(app: TopdressApp) -> None:
         if yes:
             app.exit()
 
-    text = _("The machine works: it is held after 2 s without console.")
-    told = frame.consoles if frame is not None else 0
-    if told - app.keeps_working > 0:
-        text = _("The machine works, and goes on: another console is open and keeps it working.")
-    elif not told:
-        text = _("The machine works: it is held after 2 s, unless another console is open.")
+    text = "" if frame is None else leave_words(frame, app.own_name, app.keeps_working)
     app.push_screen(Confirm(_("Leave the console?"), text), answer)
 
 

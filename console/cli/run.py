@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from console.attached import NAME_VARIABLE
+
 
 def run(
     job: Annotated[str | None, typer.Argument(metavar="JOB", help="A job file, or the name of one of yours or of those "
@@ -19,8 +21,11 @@ def run(
                                             "data folder.")] = None,
     model_check: Annotated[bool, typer.Option(help="Compare the log with the machine model while it grows, in a "
                                               "process of its own.")] = True,
+    name: Annotated[str | None, typer.Option(metavar="NAME", envvar=NAME_VARIABLE, help="What the others at this "
+                                             "machine and its log call this console. Without it: user, computer, "
+                                             "terminal.")] = None,
 ) -> None:
     """The console. Attaches to the control worker that runs, or starts one."""
     from console.cli.screens import own_job, show_run
     named = () if job is None else (own_job(job),)
-    show_run((*named, *(config or ())), tuple(effect or ()), seed, hz, log, model_check)
+    show_run((*named, *(config or ())), tuple(effect or ()), seed, hz, log, model_check, name)

@@ -29,12 +29,12 @@ if TYPE_CHECKING:
 
 
 def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: float, log: str | None,
-             model_check: bool = False) -> None:
+             model_check: bool = False, name: str | None = None) -> None:
     """The console on the worker that runs, or on one started for it."""
     quick_start.begin()
     from console.running import WorkerFailed, find_running
     from console.services.launcher import Launcher
-    launcher = Launcher(config, effects, seed, hz, log, trouble_path())
+    launcher = Launcher(config, effects, seed, hz, log, trouble_path(), name)
     coming: Future[Where] | None = None
     running: Where | None = None
     try:
@@ -60,14 +60,14 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
         if where is None:
             raise WorkerFailed(_("no control worker runs"))
         await asyncio.to_thread(launcher.adopt, where.log_path)
-        return Link(where)
+        return Link(where, name)
 
     job, lines = JobFiles(launcher), KeptLineFiles()
     source: Link | None = None
     if running is not None:
-        source = Link(running)
+        source = Link(running, name)
     elif coming is not None or job.offer() is None:           # else the console asks whether to go on with it
-        source = ComingLink(coming or _begun(launcher.start))
+        source = ComingLink(coming or _begun(launcher.start), name)
     tour = not config and first_time()
     app = TopdressApp(source, start=launcher.link, attach=attach, limits_kg_ha=(0.0, setup.crop.max_rate_kg_ha),
                       hopper_kg=setup.machine.flow.full_kg, tour=tour, joined=joined,

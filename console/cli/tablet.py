@@ -32,6 +32,7 @@ class TabLink(Link):
     worker holds, whatever a tablet that may have fallen asleep still has open."""
 
     keeps_alive = False
+    tablet = True
 
 
 async def link_to(operating: bool) -> Link:

@@ -12,13 +12,14 @@ import socket
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import quote, urlsplit
 
 from aiohttp import WSCloseCode, web
 from aiohttp.web_runner import GracefulExit
 from textual_serve.app_service import AppService
 from textual_serve.server import Server
 
+from console.attached import cleaned
 from console.serve.tab import TabConsole
 
 TABS = 6                    # consoles at once, counted until their processes have ended
@@ -58,6 +59,12 @@ class TabletServer(Server):
         """All tabs at once: the console, then its socket, for which the web server would wait twice as long again."""
         await asyncio.gather(*(_ended(console, tab) for console, tab in self._consoles.items()))
 
+    async def _make_app(self) -> web.Application:
+        """With a path for sockets of tabs that have a name: textual-serve's script puts its own query behind it."""
+        app = await super()._make_app()
+        app.add_routes([web.get("/ws/{name}", self.handle_websocket)])
+        return app
+
     def initialize_logging(self) -> None:
         logging.basicConfig(level="WARNING", format="%(message)s")
 
@@ -68,7 +75,8 @@ class TabletServer(Server):
         if not host_allowed(request.host, self.host):
             raise web.HTTPForbidden(text="this name is not mine")
         scheme = "wss" if request.secure else "ws"
-        page = self._page.replace("{{ socket }}", f"{scheme}://{request.host}/ws")
+        name = quote(cleaned(request.query.get("name")), safe="")
+        page = self._page.replace("{{ socket }}", f"{scheme}://{request.host}/ws{'/' + name if name else ''}")
         size = number(request.query.get("fontsize"), USUAL_FONT, LEAST_FONT, MOST_FONT)
         return web.Response(text=page.replace("{{ font_size }}", str(size)), content_type="text/html",
                             headers={"X-Frame-Options": "DENY"})
@@ -84,17 +92,17 @@ class TabletServer(Server):
         self.tabs += 1
         try:
             await tab.prepare(request)
-            await self._serve_tab(tab, number(request.query.get("width"), 80, 1, MOST_COLUMNS),
+            await self._serve_tab(tab, name_of(request), number(request.query.get("width"), 80, 1, MOST_COLUMNS),
                                   number(request.query.get("height"), 24, 1, MOST_ROWS))
         finally:
             self.tabs -= 1
         return tab
 
-    async def _serve_tab(self, tab: web.WebSocketResponse, width: int, height: int) -> None:
+    async def _serve_tab(self, tab: web.WebSocketResponse, name: str, width: int, height: int) -> None:
         async def close() -> None:
             await tab.close()
 
-        service = TabConsole(self._arguments, write_bytes=tab.send_bytes, write_str=tab.send_str, close=close,
+        service = TabConsole(self._arguments, name, write_bytes=tab.send_bytes, write_str=tab.send_str, close=close,
                              download_manager=self.download_manager)
         self._consoles[service] = tab
         try:
@@ -146,6 +154,12 @@ class Pace:
         now_s = self._clock()
         self._due_s = max(self._due_s, now_s - 1.0) + 1.0 / MESSAGES_S
         return max(0.0, self._due_s - now_s)
+
+
+def name_of(request: web.Request) -> str:
+    """What the others at the machine call a tab: as its page's address says behind `?name=`, which the page puts into
+    the path of its socket, else where it is."""
+    return cleaned(request.match_info.get("name")) or cleaned(f"tablet {request.remote or ''}")
 
 
 def host_allowed(asked: str, listening: str) -> bool:

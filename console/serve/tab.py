@@ -10,6 +10,7 @@ from typing import Any
 
 from textual_serve.app_service import AppService
 
+from console.attached import NAME_VARIABLE
 from console.serve import SERVER
 
 QUIT_S = 0.5                # idle a console that was told to end takes 0.2 s; after this the system tells it ...
@@ -17,11 +18,12 @@ TERMINATE_S = 0.2           # ... and within this, or is killed: together half o
 
 
 class TabConsole(AppService):
-    """command: program and arguments; no shell stands between, which would end in the console's place."""
+    """command: program and arguments; no shell stands between, which would end in the console's place. name: what
+    the others at the machine call it."""
 
-    def __init__(self, command: Sequence[str], **options: Any) -> None:
+    def __init__(self, command: Sequence[str], name: str, **options: Any) -> None:
         super().__init__(" ".join(command), **options)
-        self._arguments = tuple(command)
+        self._arguments, self._name = tuple(command), name
         self._ending: asyncio.Task[None] | None = None
 
     async def _open_app_process(self, width: int = 80, height: int = 24) -> asyncio.subprocess.Process:
@@ -34,7 +36,7 @@ class TabConsole(AppService):
         return process
 
     def _build_environment(self, width: int = 80, height: int = 24) -> dict[str, str]:
-        return super()._build_environment(width, height) | {SERVER: str(os.getpid())}
+        return super()._build_environment(width, height) | {SERVER: str(os.getpid()), NAME_VARIABLE: self._name}
 
     async def run(self) -> None:
         """As of any console; one that ends by itself closes its tab."""

@@ -25,9 +25,9 @@ class Launcher:
     """Starts control workers, with the files as they were last chosen."""
 
     def __init__(self, config: Sequence[str], effects: Sequence[str], seed: int, hz: float, log: str | None,
-                 trouble: Path) -> None:
+                 trouble: Path, name: str | None = None) -> None:
         self.config, self.effects, self.seed, self.hz, self.log = tuple(config), tuple(effects), seed, hz, log
-        self.trouble = trouble
+        self.trouble, self.name = trouble, name
 
     def start(self, resumed: Path | None = None) -> Where:
         """Raises WorkerFailed."""
@@ -43,7 +43,7 @@ class Launcher:
         import asyncio
 
         from console.link import Link
-        return Link(await asyncio.to_thread(self.start, resumed))
+        return Link(await asyncio.to_thread(self.start, resumed), self.name)
 
     @property
     def logs(self) -> Path:

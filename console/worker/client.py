@@ -5,6 +5,7 @@ import socket
 from enum import Enum, auto
 from math import inf
 
+from console.attached import UNNAMED, Attached
 from console.worker.limits import LINE_BYTES, REFUSAL_AGAIN_S, REFUSALS, SEND_BUFFER_BYTES, UNREAD_BYTES
 
 
@@ -43,9 +44,17 @@ class Client:
         self.patience = Patience(came_s)
         self.aside_s: float | None = None          # since when it is not heard any more; None: it is heard
         self.alive_s = -inf                        # when it last said that it is a console that lives
+        self.name = ""                             # as all screens have it
+        self.tablet = False
+        self.shown: Attached | None = None          # as the others have it; None: they do not yet
+        self.was_silent = False                    # after it had been heard
         self.gone = False
         self._received = bytearray()
         self._unsent = bytearray()
+
+    def attached(self, late_s: float) -> Attached:
+        """As others see it; who said before `late_s` that it lives keeps nothing working."""
+        return Attached(self.name or UNNAMED, self.tablet, self.kind is Kind.WITH_KEY, self.alive_s > late_s)
 
     @property
     def waits(self) -> bool:

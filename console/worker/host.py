@@ -14,6 +14,7 @@ from math import ceil, inf
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from console.attached import LATEST, Attached, Ordered, orders_in
 from console.frame import DeviceView, Frame
 from console.worker.device_service import DeviceService
 from console.worker.lag_bench import LagBench
@@ -38,12 +39,14 @@ from control.orders import Alarm, Answer, Do, Order, Severity
 from drivers.device_status import DeviceStatus
 
 QUIT = "told to quit"
+WORKER = "control worker"      # by whom a run is stopped that nobody stopped
 Reply = Callable[[Answer, dict[str, Any]], None]     # must return at once; the second part goes with the answer
 
 
 class Waiting(NamedTuple):
     what: What
     reply: Reply
+    by: str = ""              # the name of who asks
 
 
 class Host:
@@ -55,7 +58,9 @@ class Host:
     def __init__(self, assembly: Assembly, clock: Callable[[], float], sleep: Callable[[float], None], *,
                  hz: float = HZ_DEFAULT, orphan_s: float = ORPHAN_S) -> None:
         self.newest: Frame | None = None
-        self.consoles = 0                            # that said that they live, of late; told by the link
+        self.attached: tuple[Attached, ...] = ()     # told by the link
+        self._ordered: deque[Ordered] = deque(maxlen=LATEST)
+        self._notes: deque[str] = deque()            # events that the link has for the log
         self.ended = ""                              # why the run ended; empty while it runs
         self.period = Punctuality(1.0 / hz)
         self._bench, self._loop, self._writer, self._names, self._keeper = assembly
@@ -76,28 +81,34 @@ class Host:
         self._totals: Totals | None = None
         self._totals_due_s = -inf
         self._stop = ""                              # why the run shall end
+        self._stopped_by = ""
         self._off = False                            # the last tick, with the loop stopped, was run
         self._failed = ""                            # why the last tick could not be finished; empty: it was
         self._told: set[str] = set()                 # failures that stderr has heard of
 
     # --- called from other threads -----------------------------------------------------------------------------------
 
-    def ask(self, what: What, reply: Reply) -> bool:
+    def note(self, event: str) -> None:
+        """An event for the log's next row."""
+        self._notes.append(event)
+
+    def ask(self, what: What, reply: Reply, by: str = "") -> bool:
         """Queue a request; False when too many are waiting. The answer comes with the next tick, on its thread.
 
         What stops the machine is never refused, and never waits: the next tick answers all that came before it.
         """
         if len(self._inbox) + len(self._waiting) >= REQUESTS_WAITING and not _stops(what):
             return False
-        self._inbox.append(Waiting(what, reply))
+        self._inbox.append(Waiting(what, reply, by))
         return True
 
     def console_heard(self) -> None:
         self._heard_s = self._clock()
 
-    def stop(self, why: str) -> None:
+    def stop(self, why: str, by: str = WORKER) -> None:
         """End the run: one more tick, with the loop ordered to stop (also safe in a signal handler)."""
-        self._stop = self._stop or why
+        if not self._stop:
+            self._stop, self._stopped_by = why, by
 
     # --- the run -----------------------------------------------------------------------------------------------------
 
@@ -128,7 +139,7 @@ class Host:
         self._off = bool(self._stop)
         try:
             if self._stop:
-                self._loop.order(Order(Do.STOP))
+                self._loop.order(Order(Do.STOP), self._stopped_by)
             self._control(now_s)
         except Exception as error:
             self._fail(now_s, error)
@@ -138,12 +149,15 @@ class Host:
         measurements = self._bench.measure(now_s)
         if self._failed:
             measurements = measurements._replace(control_failed=True)
+        while self._notes:
+            self._loop.note(self._notes.popleft())
         for beside in (self._device_service.tick, self.lag.tick):
             self._guarded(lambda beside=beside: beside(now_s, self._state))      # type: ignore[misc]
         tick = self._loop.tick(measurements, now_s - self._heard_s, self._writer.ok)
         self._bench.command(now_s, tick.command, tick.enabled)
         self._state, self._failed = tick.row.state, ""
         self._guarded(lambda: self._record(tick))
+        self._ordered.extend(orders_in(tick.row.events, tick.row.time_s))
         if self._ticks % self._ticks_a_frame == 0 or self._off:
             self.newest = self._frame(now_s, tick)
 
@@ -156,7 +170,7 @@ class Host:
         """A tick that could not be finished: drives stopped, the loop off, the console told, even where all else
         fails."""
         self._guarded(lambda: self._bench.command(now_s, None, False))
-        self._guarded(lambda: self._loop.order(Order(Do.STOP)))
+        self._guarded(lambda: self._loop.order(Order(Do.STOP), WORKER))
         self._failed = self._told_once(error)
         if self.newest is not None:
             alarm = Alarm("control_failed", Severity.RED, now_s, False)
@@ -217,7 +231,7 @@ class Host:
     def _answer(self, waiting: Waiting, now_s: float) -> None:
         extra: dict[str, Any] = {}
         if isinstance(waiting.what, Order):
-            answer = self._order(waiting.what)
+            answer = self._order(waiting.what, waiting.by)
         elif isinstance(waiting.what, DeviceOrder):
             answer = self._device_order(waiting.what, now_s)
         else:
@@ -229,7 +243,7 @@ class Host:
             elif waiting.what is Ask.STATS:
                 extra["stats"] = self.period.summary()
             elif waiting.what is Ask.QUIT:
-                self.stop(QUIT)
+                self.stop(QUIT, waiting.by)
         self._guarded(lambda: waiting.reply(answer, extra))
 
     def _begin_lag_test(self) -> Answer:
@@ -237,9 +251,9 @@ class Host:
         self._lag_tests += 1
         return self.lag.begin(Path(log).with_suffix(f".lag.{self._lag_tests}.csv") if log else None)
 
-    def _order(self, order: Order) -> Answer:
+    def _order(self, order: Order, by: str) -> Answer:
         try:
-            return self._loop.order(order)
+            return self._loop.order(order, by)
         except Exception as error:           # an order that the loop cannot digest stops no machine in the field
             return Answer(False, f"internal_error: {order.do} {order.value!r}: {type(error).__name__}: {error}")
 
@@ -260,7 +274,8 @@ class Host:
         return Frame(
             seq=self._ticks, at_s=now_s, job=names.job, machine=names.machine, crop=names.crop, log_path=names.log_path,
             simulated=names.simulated, devices=self._devices, totals=self._totals, lag_test=self.lag.view(),
-            consoles=self.consoles, tally=None if self._keeper is None else self._keeper.tally, **told)
+            consoles=sum(one.keeps for one in self.attached), attached=self.attached, ordered=tuple(self._ordered),
+            tally=None if self._keeper is None else self._keeper.tally, **told)
 
     def _view(self, status: DeviceStatus) -> DeviceView:
         known = {name: getattr(status, name) for name in DeviceStatus.__dataclass_fields__}

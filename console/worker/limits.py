@@ -29,6 +29,8 @@ REFUSALS = 8                 # a client without the token that was refused that 
 REFUSAL_AGAIN_S = 1.0        # ... one more is forgiven every second
 ASIDE_S = 2.0                # and then disconnected; at once it would only come back sooner
 CONSOLE_S = 2.0              # a console that said nothing for that long keeps nothing working, as safety has it
+LOOKER_STAYS_S = 0.5         # who only looks is named to the others, and in the log, once there for that long: coming
+                             # and going without the token fills no log
 HELLO_S = 2.0                # who said nothing for that long is disconnected
 LOCK_S = 2.0                 # a worker waits that long for one that is about to end
 SEND_BUFFER_BYTES = 16_384   # of each socket: bounds how old the frames are that a stalled client finds

@@ -21,6 +21,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from console.attached import UNNAMED, said_of, unlike
 from console.frame import Frame
 from console.worker import wire
 from console.worker.client import Client, Kind
@@ -36,6 +37,7 @@ from console.worker.limits import (
     LINE_BYTES,
     LINES_A_TURN,
     LINES_A_TURN_WITHOUT_KEY,
+    LOOKER_STAYS_S,
     READ_BYTES_WITHOUT_KEY,
     STRANGERS_S,
 )
@@ -181,6 +183,8 @@ class LinkServer(threading.Thread):
                 if client.connection in chooser.get_map():
                     chooser.unregister(client.connection)
             client.connection.close()
+            if client.shown is not None:
+                self._host.note(f"left {client.shown.name}")
 
     # --- what is said ------------------------------------------------------------------------------------------------
 
@@ -230,13 +234,22 @@ class LinkServer(threading.Thread):
         if request.what is Ask.ALIVE:
             client.alive_s = self._clock()
             self._host.console_heard()
+        if request.what is Ask.LOOK:
+            self._call(client, request)
         if request.what in (Ask.ALIVE, Ask.LOOK):
-            client.send(wire.answered(request.id, Answer(True), {}))
+            client.send(wire.answered(request.id, Answer(True), {"name": client.name} if request.name else {}))
             return
         self._quick_until_s = self._clock() + QUICK_S
-        if not self._host.ask(request.what, partial(self._reply, client, request.id, request.what is Ask.STATS)):
+        if not self._host.ask(request.what, partial(self._reply, client, request.id, request.what is Ask.STATS),
+                              client.name or UNNAMED):
             self.counts["busy"] += 1
             client.send(wire.answered(request.id, Answer(False, "busy"), {}))
+
+    def _call(self, client: Client, request: Request) -> None:
+        """By its own word, but never as somebody else; once shown it stays."""
+        if client.shown is None and not client.name:
+            others = {other.name for other in self._clients if other is not client and not other.gone}
+            client.name, client.tablet = unlike(request.name or UNNAMED, others), request.tablet
 
     def _has_place(self, client: Client, kind: Kind) -> bool:
         if client.kind in (kind, Kind.WITH_KEY):
@@ -257,8 +270,7 @@ class LinkServer(threading.Thread):
         self._answers.append((client, wire.answered(number, answer, extra)))
 
     def _tell(self) -> None:
-        late_s = self._clock() - CONSOLE_S
-        self._host.consoles = sum(1 for client in self._clients if client.alive_s > late_s and not client.gone)
+        self._tell_who_is_attached()
         while self._answers:
             client, data = self._answers.popleft()
             client.send(data)
@@ -272,6 +284,26 @@ class LinkServer(threading.Thread):
                 client.flush()
         if self._telling.due(frame):
             self._send(frame)
+
+    def _tell_who_is_attached(self) -> None:
+        """To the frames, and who comes, falls silent or is heard again to the log."""
+        now_s = self._clock()
+        for client in self._clients:
+            settled = client.kind is Kind.WITH_KEY or (client.kind is Kind.LOOKING
+                                                       and client.came_s < now_s - LOOKER_STAYS_S)
+            if client.gone or not settled:
+                continue
+            before, now = client.shown, client.attached(now_s - CONSOLE_S)
+            client.shown = now
+            if before is None:
+                self._host.note(said_of(now))
+            elif before.keeps and not now.keeps:
+                client.was_silent = True
+                self._host.note(f"silent {now.name}")
+            elif now.keeps and client.was_silent:
+                client.was_silent = False
+                self._host.note(f"heard {now.name}")
+        self._host.attached = tuple(one.shown for one in self._clients if one.shown is not None and not one.gone)
 
     def _send(self, frame: Frame) -> None:
         try:

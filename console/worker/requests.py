@@ -3,10 +3,11 @@
     {"id": 7, "token": "...", "do": "hold", "value": null}      an order (`control.orders`)
     {"id": 8, "token": "...", "ask": "alive" | "stats" | "quit" | "lag_test" | "end_lag_test"}
     {"id": 9, "token": "...", "device": "gnss", "act": "connect" | ...}    one device (`console.frame.DeviceDo`)
-    {"id": 1, "token": null, "ask": "look"}                     frames only; the one request that needs no token
+    {"id": 1, "token": null, "ask": "look", "name": "ann@cab pts/3", "tablet": false}     frames only; the one request
+                                                                that needs no token; name and tablet may be left out
 
-Answered by {"answer": 7, "accepted": true, "why": ""}; `stats` is added where asked for. Who says nothing at all is
-soon disconnected.
+Answered by {"answer": 7, "accepted": true, "why": ""}; `stats` is added where asked for, and to `look` the name under
+which all screens have this client. Who says nothing at all is soon disconnected.
 """
 from __future__ import annotations
 
@@ -16,6 +17,7 @@ import secrets
 from enum import StrEnum
 from typing import NamedTuple, NoReturn
 
+from console.attached import cleaned
 from console.frame import DeviceDo
 from console.worker.limits import TEXT_CHARACTERS
 from control.orders import Do, Order
@@ -44,6 +46,8 @@ class Request(NamedTuple):
     id: int
     what: What
     with_key: bool = True
+    name: str = ""           # of a look: how the client calls itself
+    tablet: bool = False
 
 
 class Refusal(NamedTuple):
@@ -67,7 +71,7 @@ def parse(line: bytes, token: str) -> Request | Refusal:
         return Refusal(None, "malformed", "malformed: id")
     with_key = _fits(message.get("token"), token)
     if message.get("ask") == Ask.LOOK:
-        return Request(number, Ask.LOOK, with_key)
+        return Request(number, Ask.LOOK, with_key, cleaned(message.get("name")), message.get("tablet") is True)
     if not with_key:
         return Refusal(number, "unauthorised", "unauthorised")
     if "ask" in message:

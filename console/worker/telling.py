@@ -54,6 +54,7 @@ def _words(frame: Frame) -> tuple[Any, ...]:
             frame.alarms, frame.why_no_flow, frame.why_state, frame.allow, frame.notes, frame.dropped_heads,
             frame.look_ahead, frame.flow_trim_on, frame.no_double, frame.sections, frame.strips, frame.bench is None,
             frame.lag_test, None if frame.tally is None else frame.tally._replace(held_s=0.0), frame.consoles,
+            frame.attached, frame.ordered,
             frame.job, frame.machine, frame.crop, frame.log_path,
             [(one.name, one.connected, one.plugged, one.protocol, one.last_error, one.capture_path, one.test)
              for one in frame.devices])

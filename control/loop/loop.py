@@ -167,15 +167,19 @@ class ControlLoop:
         """The target that holds at a place of the track, fence included: what the ground was meant to get."""
         return self._ahead.profile(self._operator.choices, self.safety.memory.allow.outside).at(track_m)
 
-    def order(self, order: Order) -> Answer:
-        """Obey or refuse; `Answer.why` says why."""
+    def note(self, event: str) -> None:
+        """An event of the log that changes nothing."""
+        self._events.add(event)
+
+    def order(self, order: Order, by: str = "") -> Answer:
+        """Obey or refuse; `Answer.why` says why. by: who ordered it, an event behind the order's own."""
         if order.do is Do.MARK and self._events.full:       # nothing but a word in the log: it can wait
             return Answer(False, "busy")
         answer, event = self._operator.order(order, self._time_s or 0.0)
         if answer.accepted and order.do is Do.SOURCE:
             self._near.started()
         if event:
-            self._events.add(event)
+            self._events.add(event, *((f"{order.do.value}_by {by}",) if by else ()))
         return answer
 
     def _started(self) -> None:

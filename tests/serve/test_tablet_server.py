@@ -4,6 +4,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -404,3 +405,28 @@ def test_a_tab_has_little_memory_and_no_first_claim_on_the_processor():
                "print(os.nice(0) - before, resource.getrlimit(resource.RLIMIT_AS)[0])")
     said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
     assert int(said[0]) > 0 and int(said[1]) == TAB_BYTES
+
+
+async def test_a_tab_has_the_name_that_its_address_says_or_where_it_is(monkeypatch):
+    """And a name that is no name harms neither page nor socket."""
+    server, heard = TabletServer(["x"], "127.0.0.1", 0), []
+
+    async def serve_tab(tab, name, width, height):
+        heard.append((name, width))
+
+    monkeypatch.setattr(server, "_serve_tab", serve_tab)
+    runner = aiohttp.web.AppRunner(await server._make_app())
+    await runner.setup()
+    site = aiohttp.web.TCPSite(runner, "127.0.0.1", 0)
+    await site.start()
+    address = f"http://127.0.0.1:{runner.addresses[0][1]}"
+    try:
+        async with aiohttp.ClientSession() as session:
+            for named in ("", "?name=Ann%20Li", "?name=%22%3E%3Cscript%3E;%2F..%2F"):
+                async with session.get(f"{address}/{named}") as answer:
+                    page = await answer.text()
+                socket = re.search(r'data-session-websocket-url="ws(:[^"]*)"', page).group(1)
+                await session.ws_connect(f"http{socket}?width=100&height=40")       # as the page's script does
+    finally:
+        await runner.cleanup()
+    assert heard == [("tablet 127.0.0.1", 100), ("Ann Li", 100), ("><script> /../", 100)]

@@ -90,6 +90,7 @@ class FakeLoop:
         self.orders: list[Order] = []
         self.ages: list[float | None] = []
         self.log_oks: list[bool] = []
+        self.events: list[str] = []               # of the next row
         self.break_at_tick: int | None = None
         self.not_finite = False
         self.totaliser = Totaliser(2.4, 0.46)
@@ -98,13 +99,17 @@ class FakeLoop:
     def totals(self) -> Totals:
         return self.totaliser.snapshot()
 
-    def order(self, order: Order) -> Answer:
+    def note(self, event: str) -> None:
+        self.events.append(event)
+
+    def order(self, order: Order, by: str = "") -> Answer:
         self.orders.append(order)
         if order.do is Do.REFILL:
             raise RuntimeError("cannot digest")
         if order.do is Do.MANUAL_RATE and isinstance(order.value, float) and order.value > 600.0:
             return Answer(False, "rate_above_limit")
         self.state = {Do.START: "working", Do.HOLD: "held", Do.STOP: "off"}.get(order.do, self.state)
+        self.events += [order.do.value, f"{order.do.value}_by {by}"]
         return Answer(True)
 
     def tick(self, measurements: Measurements, console_age_s: float | None, log_ok: bool) -> FakeTick:
@@ -118,8 +123,10 @@ class FakeLoop:
         if self.state == "held":
             alarms = (Alarm("console_silent", Severity.RED, measurements.time_s, details=(("age_s", 2.0),)),)
         working = self.state == "working"
+        events, self.events = self.events, []
         row = LogRow(measurements.time_s, state=self.state, shaft_rpm=float("nan") if self.not_finite else 50.0,
-                     speed_mps=console_age_s)      # the fake log has no column for the console's age
+                     speed_mps=console_age_s,           # the fake log has no column for the console's age
+                     events=";".join(events) or None)
         return FakeTick(row, DriveCommand(70.0 if working else 0.0, 20.0), working, alarms)
 
 
@@ -166,7 +173,8 @@ class LineWriter(FakeWriter):
                 self._file.write("end\n")
                 self._file.close()
                 return
-            self._file.write(json.dumps({"time_s": row.time_s, "state": row.state, "age_s": row.speed_mps}) + "\n")
+            self._file.write(json.dumps({"time_s": row.time_s, "state": row.state, "age_s": row.speed_mps,
+                                         "events": row.events}) + "\n")
             if self._queue.empty():
                 time.sleep(0.1)
                 self._file.flush()

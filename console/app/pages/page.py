@@ -15,6 +15,7 @@ from console.app.pace import MAPS_S, NUMBERS_S, PLOTS_S, Pace
 from console.app.view import AlarmsView, RunView, look, without_worker
 from console.app.widgets.alarm_bar import AlarmBar, rows_needed
 from console.app.widgets.canvas import Canvas
+from console.app.widgets.company_bar import CompanyBar
 from console.app.widgets.key_bar import KeyBar, KeysView
 from console.app.widgets.notice_rows import NoticeRows
 from console.app.widgets.page_bar import PageBar, PagesView
@@ -57,6 +58,7 @@ class Page(Screen[None]):
         view = self.view_at(self.app.clock())
         yield StatusLine(view.status, id="status")
         yield AlarmBar(view.alarms, id="alarms")
+        yield CompanyBar(None, id="company")
         yield TourBar(None, id="tour")
         yield from self.extra()
         with Horizontal(id="body"):
@@ -129,6 +131,7 @@ class Page(Screen[None]):
                 (_(one.label) for one in self.app.page_actions if one.id == f"{self.where}_screen"), "")
             small.show(SmallView(view.rates, view.tiles, _("{columns} x {rows} shows the whole page").format(
                 columns=LEAST_COLUMNS, rows=LEAST_ROWS), page))
+        self.show_company()
         self.show_tour()
         self.show_keys()
 
@@ -142,6 +145,12 @@ class Page(Screen[None]):
         height = min(need, MOST_ALARM_ROWS) if need > least and not self.has_class("-fault") else None
         if bar.styles.inline.height != (None if height is None else Scalar.from_number(height)):
             bar.styles.height = height
+
+    def show_company(self) -> None:
+        """Others at the machine and the latest order, while there are others."""
+        bar, view = self.query_one("#company", CompanyBar), self.app.company_view()
+        bar.display = view is not None
+        bar.show(view)
 
     def show_tour(self) -> None:
         """The guided tour's rows, while there is one."""

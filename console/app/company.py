@@ -1,0 +1,163 @@
+"""Others at the same machine, in words: who is attached, who comes and goes, who ordered what. Pure."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from console.app import words
+from console.app.view import duration, wall_clock
+from console.attached import Attached, Ordered
+from console.frame import Frame
+from console.locale import N_, _
+from control.orders import Do, State
+
+ORDERS: dict[str, str] = {
+    Do.READY: N_("READY"), Do.START: N_("START"), Do.HOLD: N_("HOLD"), Do.STOP: N_("STOP"),
+    Do.CALIBRATE: N_("calibrating"), Do.RELEASE: N_("end of calibrating"), Do.STRATEGY: N_("strategy"),
+    Do.SOURCE: N_("target from"), Do.NUDGE: N_("nudge"), Do.MANUAL_RATE: N_("manual rate"), Do.MARK: N_("mark"),
+    Do.REFILL: N_("refill"), Do.REFILL_BACK: N_("refill taken back"),
+    Do.ALLOW_REVERSE: N_("flow in reverse"), Do.ALLOW_OUTSIDE: N_("flow outside the field"),
+    Do.ALLOW_MAP_ELSEWHERE: N_("a map that lies elsewhere"), Do.GO_ON_UNLOGGED: N_("work without a log"),
+    Do.FLOW_TRIM: N_("scale trim"), Do.LOOK_AHEAD: N_("look-ahead"), Do.NO_DOUBLE: N_("nothing twice"),
+    Do.SECTION: N_("section"), Do.STRIP: N_("strip"), Do.DOSE_ERROR: N_("dose error"),
+    Do.CALIBRATE_SHAFT: N_("calibrating, shaft"), Do.CALIBRATE_OPENING: N_("calibrating, opening"),
+}
+LOG_UNITS: dict[str, str] = {Do.MANUAL_RATE: "kg/ha", Do.REFILL: "kg", Do.REFILL_BACK: "kg", Do.NUDGE: "%",
+                             Do.DOSE_ERROR: "m", Do.CALIBRATE_SHAFT: "r/min", Do.CALIBRATE_OPENING: "mm"}
+
+
+class CompanyView(NamedTuple):
+    """order: the latest that another gave, or that this console gave while it has company. others: who they are."""
+
+    order: str
+    others: str
+
+
+def others(frame: Frame, own: str) -> tuple[Attached, ...]:
+    """All but the console of this name."""
+    return tuple(one for one in frame.attached if one.name != own)
+
+
+def company_view(frame: Frame | None, own: str, utc_offset_s: float) -> CompanyView | None:
+    """The row under the alarms; None: this console is alone, and gave the latest order itself."""
+    if frame is None:
+        return None
+    rest = others(frame, own)
+    latest = frame.ordered[-1] if frame.ordered else None
+    if not rest and (latest is None or latest.name == own):
+        return None
+    return CompanyView("" if latest is None else order_words(latest, frame, own, utc_offset_s),
+                       _("at this machine: {names}").format(names=", ".join([_("this one"), *map(short, rest)])))
+
+
+def short(one: Attached) -> str:
+    """A name, and what of it the others should know."""
+    return one.name if one.orders else _("{name} (looks only)").format(name=one.name)
+
+
+def kind_of(one: Attached) -> str:
+    """What it is and may do, and whether the machine goes on because of it."""
+    kind = _("tablet") if one.tablet else _("console")
+    if not one.orders:
+        return _("{kind}, looks only").format(kind=kind)
+    if one.keeps:
+        return _("{kind}, keeps the machine working").format(kind=kind)
+    if one.tablet:
+        return _("{kind}, orders, does not keep the machine working").format(kind=kind)
+    return _("{kind}, silent: does not keep the machine working").format(kind=kind)
+
+
+def order_words(one: Ordered, frame: Frame, own: str, utc_offset_s: float) -> str:
+    """What was ordered, by whom, when."""
+    back_s = max(0.0, frame.row.time_s - one.time_s)
+    when = wall_clock(frame.row.utc, utc_offset_s, back_s) or _("{duration} ago").format(duration=duration(back_s))
+    return _("{order} by {name}, {when}").format(
+        order=_order(one), name=_("this console") if one.name == own else one.name, when=when)
+
+
+def _order(one: Ordered) -> str:
+    word = _(ORDERS[one.do]) if one.do in ORDERS else one.do
+    value = _value(one)
+    return f"{word} {value}".rstrip()
+
+
+def _value(one: Ordered) -> str:
+    """Of the log, as the screens say it. START and CALIBRATE have the button's, which is nobody's concern."""
+    if one.do in (Do.START, Do.CALIBRATE, Do.MARK, Do.STRIP):
+        return ""
+    if one.value in ("True", "False"):
+        return _("on") if one.value == "True" else _("off")
+    if one.do == Do.STRATEGY:
+        return words.strategy_word(one.value)
+    if one.do == Do.SOURCE:
+        return words.source_word(one.value)
+    try:
+        number = float(one.value)
+    except ValueError:
+        return one.value
+    return f"{number:{'+' if one.do == Do.NUDGE else ''}g} {LOG_UNITS.get(one.do, '')}".rstrip()
+
+
+def news(before: Frame, now: Frame, own: str) -> str:
+    """What the others did since, in one line; empty: nothing."""
+    was, here = ({one.name: one for one in others(frame, own)} for frame in (before, now))
+    lines = [_("attached: {name} ({kind})").format(name=one.name, kind=kind_of(one))
+             for name, one in here.items() if name not in was]
+    lines += [_left(one, now) for name, one in was.items() if name not in here]
+    lines += [_silent(was[name], now) for name, one in here.items()
+              if name in was and was[name].keeps and not one.keeps]
+    known = set(before.ordered)
+    lines += [_("{name}: {order}").format(name=one.name, order=_order(one)) for one in now.ordered
+              if one not in known and one.name != own]
+    return ";  ".join(lines)
+
+
+def _left(one: Attached, now: Frame) -> str:
+    return _("gone: {name}").format(name=one.name) + _what_then(one, now)
+
+
+def _silent(one: Attached, now: Frame) -> str:
+    return _("silent: {name}").format(name=one.name) + _what_then(one, now)
+
+
+def _what_then(one: Attached, now: Frame) -> str:
+    """What that means for a machine at work."""
+    if not one.keeps or now.row.state != State.WORKING:
+        return ""
+    keep = [other.name for other in now.attached if other.keeps and other.name != one.name]
+    if keep:
+        return _(", the machine goes on: {names}").format(names=", ".join(keep))
+    return _(", no console is left: the machine is held after 2 s")
+
+
+def leave_words(frame: Frame, own: str, keeps_working: bool) -> str:
+    """What becomes of a machine at work when this console is left."""
+    if not frame.attached:                      # a worker that does not tell who is attached
+        if frame.consoles - keeps_working > 0:
+            return _("The machine works, and goes on: another console is open and keeps it working.")
+        return _("The machine works: it is held after 2 s without console.") if frame.consoles else _(
+            "The machine works: it is held after 2 s, unless another console is open.")
+    rest = others(frame, own)
+    keep = [one.name for one in rest if one.keeps]
+    if keep:
+        return _("The machine works, and goes on: {names} keeps it working.").format(names=", ".join(keep))
+    text = _("The machine works: it is held after 2 s without console.")
+    stay = ", ".join(map(short, rest))
+    return f"{text} {_('None of those that stay keeps it working: {names}.').format(names=stay)}" if stay else text
+
+
+def list_words(frame: Frame, own: str, utc_offset_s: float) -> str:
+    """Everybody, and the latest orders, for a dialog."""
+    lines = [f"{one.name}{' ' + _('(this one)') if one.name == own else ''}:  {kind_of(one)}" for one in frame.attached]
+    orders = [order_words(one, frame, own, utc_offset_s) for one in reversed(frame.ordered)]
+    return "\n".join([*lines, "", _("Latest orders:") if orders else _("No orders yet."), *orders])
+
+
+def arrival_words(frame: Frame, own: str, utc_offset_s: float) -> Sequence[str]:
+    """For one that has just attached: whom it found there, and what was ordered last."""
+    rest = others(frame, own)
+    found = [_("Also attached: {names}.").format(names="; ".join(f"{one.name} ({kind_of(one)})" for one in rest)
+                                                  )] if rest else []
+    if frame.ordered:
+        found.append(_("Latest order: {order}.").format(order=order_words(frame.ordered[-1], frame, own, utc_offset_s)))
+    return found

@@ -1,0 +1,131 @@
+"""What a screen says of others at the same machine."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from console.app.app import TopdressApp
+from console.app.company import ORDERS, leave_words
+from console.app.dialogs import TextDialog
+from console.app.joined import Joined
+from console.app.pages.job.sample import SampleJobService
+from console.app.services import Services
+from console.attached import Attached, Ordered
+from control.orders import Do
+
+OWN = Attached("ann@cab pts/3", False, True, True)
+LAB = Attached("lab@cab pts/4", False, True, True)
+TABLET = Attached("tablet Ann", True, True, False)
+OFFICE = Attached("tablet office", True, False, False)
+PAGES = ("run", "map", "trends", "devices", "calibrate", "diagnosis", "job", "settings")
+
+
+def now(source, **changes):
+    state = changes.pop("state", source.newest.row.state)
+    source.newest = replace(source.newest, seq=source.newest.seq + 1, row=source.newest.row._replace(state=state),
+                            **changes)
+
+
+@pytest.fixture
+def several(source):
+    """The source of a console that has company; `ordered` 63 s before the newest row."""
+    source.name = OWN.name
+    time_s = source.newest.row.time_s - 63.0
+    now(source, state="working", attached=(OWN, LAB, TABLET, OFFICE), consoles=2,
+        ordered=(Ordered("start", "", OWN.name, time_s - 9.0), Ordered("nudge", "5.0", TABLET.name, time_s)))
+    return source
+
+
+@pytest.mark.parametrize("size", [(120, 40), (80, 24)])
+@pytest.mark.parametrize("where", PAGES)
+async def test_every_page_says_who_ordered_and_who_is_there(app, several, shown, size, where):
+    async with app.run_test(size=size) as pilot:
+        app.turn_to(where)
+        await pilot.pause()
+        app.tick()
+        await pilot.pause()
+        text = "\n".join(shown(app))
+        assert "nudge +5 % by tablet Ann" in text and "at this machine: this one, lab@cab" in text
+
+
+async def test_a_console_alone_has_no_row_more(app, source, shown):
+    source.name = OWN.name
+    now(source, attached=(OWN,), ordered=(Ordered("hold", "", OWN.name, 1.0),))
+    async with app.run_test(size=(120, 40)) as pilot:
+        app.tick()
+        await pilot.pause()
+        assert "at this machine" not in "\n".join(shown(app))
+        now(source, ordered=(Ordered("hold", "", "lab@cab pts/4", 2.0),))      # who ordered and left stays named
+        app.look()
+        await pilot.pause()
+        assert "HOLD by lab@cab pts/4" in "\n".join(shown(app))
+
+
+@pytest.mark.parametrize(("changes", "said"), [
+    ({"attached": (OWN, LAB, TABLET)}, "gone: tablet office"),
+    ({"attached": (OWN, LAB, TABLET, OFFICE, Attached("new", False, True, True))},
+     "attached: new (console, keeps the machine working)"),
+    ({"attached": (OWN, TABLET, OFFICE)}, "gone: lab@cab pts/4, the machine goes on: ann@cab pts/3"),
+    ({"attached": (OWN._replace(keeps=False), TABLET, OFFICE)},
+     "gone: lab@cab pts/4, no console is left: the machine is held after 2 s"),
+    ({"attached": (OWN, LAB._replace(keeps=False), TABLET, OFFICE)},
+     "silent: lab@cab pts/4, the machine goes on: ann@cab pts/3"),
+    ({"attached": (OWN, TABLET, OFFICE), "state": "held"}, "gone: lab@cab pts/4"),
+    ({"ordered": (Ordered("hold", "", LAB.name, 500.0),)}, "lab@cab pts/4: HOLD"),
+    ({"ordered": (Ordered("strategy", "speed_first", TABLET.name, 500.0),)}, "tablet Ann: strategy speed first"),
+    ({"ordered": (Ordered("hold", "", OWN.name, 500.0),)}, ""),
+])
+async def test_what_the_others_do_is_said_when_it_happens(app, several, changes, said):
+    async with app.run_test(size=(120, 40)) as pilot:
+        app.tick()
+        app.notice("")
+        now(several, **changes)
+        app.tick()
+        await pilot.pause()
+        assert app.notice_text == said
+
+
+async def test_who_joins_a_machine_at_work_reads_whom_it_found(several, clock):
+    app = TopdressApp(several, clock, live=False, utc_offset_s=0.0, services=Services(job=SampleJobService()),
+                      joined=Joined("2026-11-23T07:12:00+00:00", "/logs/run.csv"))
+    async with app.run_test(size=(120, 40)) as pilot:
+        await pilot.pause()
+        app.tick()
+        await pilot.pause()
+        assert isinstance(app.screen, TextDialog) and "joined it" in app.screen.heading
+        for one in ("lab@cab pts/4 (console, keeps the machine working)", "tablet office (tablet, looks only)",
+                    "Latest order: nudge +5 % by tablet Ann"):
+            assert one in app.screen.text
+
+
+async def test_a_click_on_the_row_lists_everybody_and_the_latest_orders(app, several):
+    async with app.run_test(size=(120, 40)) as pilot:
+        await pilot.pause()
+        app.tick()
+        await pilot.pause()
+        await pilot.click("#company")
+        await pilot.pause()
+        assert isinstance(app.screen, TextDialog)
+        lines = app.screen.text.splitlines()
+        assert lines[0] == "ann@cab pts/3 (this one):  console, keeps the machine working"
+        assert lines[2] == "tablet Ann:  tablet, orders, does not keep the machine working"
+        assert [line.partition(",")[0] for line in lines[-2:]] == ["nudge +5 % by tablet Ann", "START by this console"]
+
+
+@pytest.mark.parametrize(("attached", "said"), [
+    ((OWN,), "The machine works: it is held after 2 s without console."),
+    ((OWN, LAB), "The machine works, and goes on: lab@cab pts/4 keeps it working."),
+    ((OWN, LAB._replace(keeps=False)), "The machine works: it is held after 2 s without console. None of those that "
+                                       "stay keeps it working: lab@cab pts/4."),
+    ((OWN, TABLET, OFFICE), "The machine works: it is held after 2 s without console. None of those that stay keeps it "
+                            "working: tablet Ann, tablet office (looks only)."),
+    ((OWN._replace(keeps=False), LAB), "The machine works, and goes on: lab@cab pts/4 keeps it working."),
+])
+def test_leaving_says_what_becomes_of_the_machine_with_these_others(source, attached, said):
+    frame = replace(source.newest, attached=attached, consoles=sum(one.keeps for one in attached))
+    assert leave_words(frame, OWN.name, True) == said
+
+
+def test_every_order_has_a_word():
+    assert set(ORDERS) == set(Do) - {Do.ACKNOWLEDGE}, "that one is no event of the log: the alarm says it"
