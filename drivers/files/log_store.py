@@ -18,6 +18,7 @@ from control.log_row import TEXT_COLUMNS
 from drivers.files.atomic import sidecar, write_atomically
 from drivers.files.findings import Finding
 from drivers.files.limits import BeyondLimits, check_file
+from drivers.files.log_text import texts_of
 from drivers.files.run_meta import RunMeta, meta_from_yaml, meta_to_yaml
 from drivers.files.table import Columns
 from drivers.plain_text import OneLine
@@ -59,9 +60,12 @@ def write_store(path: Path, columns: Columns, meta: RunMeta | None, findings: Se
 
 
 def write_text(path: Path, columns: Columns, meta: RunMeta | None) -> None:
-    """The same as a run log of text with its sidecar, each whole or not at all. Raises OSError."""
+    """The same as a run log of text with its sidecar, each whole or not at all; every number reads back the same, and a
+    log that topdress wrote is the same to the byte. Raises OSError."""
+    import polars as pl
     data = io.BytesIO()
-    _frame(columns).write_csv(data)
+    pl.DataFrame([pl.Series(name, [text or None for text in array.tolist()] if array.dtype == object
+                            else texts_of(name, array), pl.String) for name, array in columns.items()]).write_csv(data)
     path.parent.mkdir(parents=True, exist_ok=True)
     if meta is not None:
         write_atomically(sidecar(path), meta_to_yaml(meta))

@@ -5,6 +5,9 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from control.log_row import ALL_COLUMNS, COLUMNS, HEAD_COLUMNS, NDRE_COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS, LogRow
 
 HEADER = ",".join(COLUMNS) + "\n"
@@ -32,6 +35,22 @@ def _form(column: str) -> str:
     if column in EXACT_COLUMNS or column in TEXT_COLUMNS:
         return "%s"
     return "%d" if column in WHOLE_COLUMNS else f"%.{DECIMALS[column]}f"
+
+
+def texts_of(column: str, values: npt.NDArray[np.float64]) -> list[str | None]:
+    """Every value of a column, (n,), as a log's row has it; None where it is not known. A value that has more digits
+    than its column has the shortest text that reads back as the same number."""
+    known = np.isfinite(values)
+    numbers = values[known].tolist()
+    texts = list(map(repr, numbers))
+    if column in ALL_COLUMNS and column not in EXACT_COLUMNS | TEXT_COLUMNS:
+        close = (f"%.{_CLOSE_TIME_DECIMALS}f",) if column == "time_s" else ()
+        for form in (*close, _form(column)):
+            made = ((form + "\n") * len(numbers) % tuple(numbers)).split("\n")[:-1]
+            texts = [new if float(new) == number else old
+                     for new, old, number in zip(made, texts, numbers, strict=True)]
+    found = iter(texts)
+    return [next(found) if one else None for one in known.tolist()]
 
 
 def columns_of(machine: Mapping[str, Any] | None) -> tuple[str, ...]:

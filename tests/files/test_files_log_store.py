@@ -100,3 +100,28 @@ def test_a_spoilt_store_is_refused_in_one_line(text_log: Path, tmp_path: Path, s
 def test_parquet_of_another_program_is_foreign(tmp_path: Path) -> None:
     pl.DataFrame({"time_s": [0.0, 1.0], "speed": [1.0, 1.1]}).write_parquet(tmp_path / "other.parquet")
     assert not is_store(tmp_path / "other.parquet") and is_foreign(tmp_path / "other.parquet")
+
+
+def test_a_log_of_ours_comes_back_from_its_store_to_the_byte(tmp_path: Path) -> None:
+    rows = [LogRow(round(0.0503 * k, 4), utc="2026-11-23T07:12:00.000Z", lat_deg=34.1 + k * 1e-7, satellites=14,
+                   fix_quality=4, hdop=0.8, heading_deg=k % 360 + 0.5, shaft_rpm_cmd=k / 3.0, nudge_percent=5.0,
+                   hopper_kg=None if k % 3 else 250.5, shaft_rpm=-0.0, ndvi=0.5, flow_trim=1e-7 if k == 3 else 1.0,
+                   state="working", work_switch=k % 2, events='refill 20; "a", b' if k == 7 else None)
+            for k in range(60)] + [LogRow(3.1), LogRow(3.1001)]
+    first = write_log(tmp_path / "run.csv", run_meta(seed=3, extra={"note": "ß 播"}), rows)
+    for source, out in ((first, tmp_path / "run.parquet"), (tmp_path / "run.parquet", tmp_path / "back" / "run.csv")):
+        result = CliRunner().invoke(app, ["import", str(source), "--out", str(out)])
+        assert result.exit_code == 0, result.output
+    assert (tmp_path / "back" / "run.csv").read_bytes() == first.read_bytes()
+    assert (tmp_path / "back" / "run.yaml").read_bytes() == first.with_suffix(".yaml").read_bytes()
+
+
+def test_of_another_program_s_text_every_number_comes_back_the_same(tmp_path: Path) -> None:
+    first = tmp_path / "run.csv"
+    first.write_text("time_s,hopper_kg,load\r\n" + "".join(
+        f"{k / 7:.12f},{100 - k / 3:.17g},{k / 10:.3f}\r\n" for k in range(50)), encoding="utf-8")
+    for source, out in ((first, tmp_path / "run.parquet"), (tmp_path / "run.parquet", tmp_path / "back" / "run.csv")):
+        assert CliRunner().invoke(app, ["import", str(source), "--out", str(out)]).exit_code == 0
+    log, back = read_rows(first), read_rows(tmp_path / "back" / "run.csv")
+    for name in ("time_s", "hopper_kg", "load"):
+        np.testing.assert_array_equal(log.columns[name], back.columns[name])
