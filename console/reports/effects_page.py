@@ -46,6 +46,7 @@ def _effect(entry: Entry, machine: Machine) -> list[str]:
     return ["", f"### {effect.id}", "", f"**{effect.title}.** {effect.physics}", "",
             f"- Size: {size}" + (f"; with the number of the {which}" if which else ""),
             f"- Seen in: {', '.join(effect.seen_in)}",
+            f"- For the owner: {' '.join(effect.says).format(size='(size)')}",
             f"- What to do: {effect.advice}",
             f"- Told from its look-alikes by: {effect.separate}",
             f"- Source: {effect.source}"]

@@ -126,12 +126,20 @@ def service(machines: Sequence[MachineSeason]) -> list[str]:
 
 
 def _advice(cause: Course | Shared) -> str:
-    """Where the set has one advice that, else what to look at in turn."""
-    effects = list(dict.fromkeys((cause.effect, *cause.alike)))
-    said = list(dict.fromkeys(_(CATALOGUE[effect.partition("#")[0]].effect.advice) for effect in effects))
+    """What it does and what to do; of what may be several things each, to be looked at in turn."""
+    sizes = {one.effect: one.size for one in reversed(cause.alternatives)}
+    sizes[cause.effect] = cause.pieces[-1].end if isinstance(cause, Course) else cause.size
+    said = [owner_words(effect, sizes[effect]) for effect in dict.fromkeys((cause.effect, *cause.alike))]
     if len(said) == 1:
         return said[0]
     return _("find out which it is, likeliest first: {each}").format(each="; ".join(said))
+
+
+def owner_words(effect: str, size: float) -> str:
+    """An effect as who owns the machine would say it, and what to do about it."""
+    found = CATALOGUE[effect.partition("#")[0]].effect
+    return _("{what} {advice}").format(what=_(found.sentence(size)).format(size=f"{abs(size):.2g}"),
+                                       advice=_(found.advice))
 
 
 def course_words(course: Course, unit: str) -> str:

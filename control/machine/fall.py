@@ -36,49 +36,64 @@ class Fall(NamedTuple):
         "A longer tube or a later detection adds the same time at every speed.",
         "lag paper, table 4: field against detected", ("lag",),
         "Enter the measured lag; shorten the tube.",
-        "Lag test at several shaft speeds, with distances and times.")] = 0.0
+        "Lag test at several shaft speeds, with distances and times.",
+        says=("Granules land {size} s later than reckoned.",
+              "Granules land {size} s sooner than reckoned."))] = 0.0
     rebound_s: Annotated[float, Field(ge=-2, le=3), Effect(
         "lag.rebound", "s above the straight line at {fall.full_rpm:g} r/min", "Lag rises again at high shaft speed",
         "Granules thrown faster strike the tube more often on their way down.",
         "lag paper, figure 9 and section 2.4.3", ("lag",),
         "Work at 70 r/min or below.",
-        "Lag test above 70 r/min.")] = 0.0
+        "Lag test above 70 r/min.",
+        says=("At high shaft speed granules land {size} s later than reckoned.",
+              "At high shaft speed granules land {size} s sooner than reckoned."))] = 0.0
     first_fill_s: Annotated[float, Field(ge=-1, le=5), Effect(
         "lag.first_fill", "s", "Start from an empty tube takes longer than a change while running",
         "An empty tube and roller must fill before anything lands.",
         "the correction experiment starts from zero rate", ("lag",),
         "Start earlier at the beginning of a pass.",
-        "Lag test from standstill and between two rates.")] = 0.0
+        "Lag test from standstill and between two rates.",
+        says=("The first granules of a pass come {size} s later than later changes do.",
+              "The first granules of a pass come {size} s sooner than later changes do."))] = 0.0
     asymmetry_s: Annotated[float, Field(ge=-3, le=3), Effect(
         "lag.asymmetry", "s, down - up", "Falling changes lag more than rising ones",
         "A tube runs empty more slowly than it fills.",
         "transitions of rate changes, published 4-7 s", ("lag",),
         "Correct rising and falling changes separately.",
-        "Lag test of equal steps up and down.")] = 0.0
+        "Lag test of equal steps up and down.",
+        says=("Less takes {size} s longer to arrive than more does.",
+              "More takes {size} s longer to arrive than less does."))] = 0.0
     clock_step_s: Annotated[float, Field(ge=0, le=2), Effect(
         "lag.coarse_clock", "s", "Measured times come in steps",
         "The detector's loop looks only every so often.",
         "polling detectors", ("lag",),
         "Use interrupts or a faster loop in the detector.",
-        "Many repeats at one shaft speed.", probes=(0.05, 0.1, 0.2))] = 0.0
+        "Many repeats at one shaft speed.", probes=(0.05, 0.1, 0.2),
+        says=("Times are measured in steps of {size} s only.",))] = 0.0
     speed_scale_percent: Annotated[float, Field(ge=-50, le=50), Effect(
         "lag.speed_scale", "%, true over written speed - 1", "Distances and times disagree by a factor",
         "The test was driven at another speed than was written down.",
         "lag paper, tables 1 and 4", ("lag with distances and times",),
         "Measure the speed over the test length.",
-        "The same lag test at two measured speeds.")] = 0.0
+        "The same lag test at two measured speeds.",
+        says=("The machine drove {size} % faster than was written down.",
+              "The machine drove {size} % slower than was written down."))] = 0.0
     lever_arm_m: Annotated[float, Field(ge=-20, le=20), Effect(
         "place.lever_arm", "m", "Lands short or long by a constant distance",
         "The antenna or the outlet is not where the machine file says.",
         "mounting measures", ("place at two speeds or more",),
         "Measure antenna to outlet with a tape.",
-        "The same step at two ground speeds.")] = 0.0
+        "The same step at two ground speeds.",
+        says=("Granules land {size} m too far ahead.",
+              "Granules land {size} m too far behind."))] = 0.0
     latency_s: Annotated[float, Field(ge=-3, le=5), Effect(
         "place.latency", "s", "Lands late by a constant time",
         "Position, computing and bus take time that no model knows.",
         "GNSS and bus latency", ("place at two speeds or more",),
         "Enter the measured latency as lag.",
-        "The same step at two ground speeds.")] = 0.0
+        "The same step at two ground speeds.",
+        says=("Changes of the rate land {size} s late.",
+              "Changes of the rate land {size} s early."))] = 0.0
 
 
 class FallInput(NamedTuple):

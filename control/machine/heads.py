@@ -17,20 +17,25 @@ class Heads(NamedTuple):
         "Dust or a droplet on one lens dims one of its two wavelengths.",
         "2-10 % are usual", ("run", "heads"),
         "Clean that head's lens.",
-        "Hold all heads over the same reference panel.", member_field="fouled_head")] = 0.0
+        "Hold all heads over the same reference panel.", member_field="fouled_head",
+        says=("One canopy sensor reads {size} % too much.",
+              "One canopy sensor reads {size} % too little."))] = 0.0
     fouled_head: Annotated[float, Field(ge=0, le=100)] = 0.0
     warm_up_percent: Annotated[float, Field(ge=-60, le=60), Effect(
         "canopy.warm_up", "% at power-on", "All heads are off at power-on and settle",
         "The light sources change their output until they are warm.",
         "light-emitting diodes settle in about ten minutes", ("heads", "run with revisited ground"),
         "Switch the heads on a quarter of an hour before work.",
-        "Drive the first pass again at the end.")] = 0.0
+        "Drive the first pass again at the end.",
+        says=("Just switched on, the canopy sensors read {size} % too much.",
+              "Just switched on, the canopy sensors read {size} % too little."))] = 0.0
     saturation_percent: Annotated[float, Field(ge=0, le=60), Effect(
         "canopy.saturation", "% lost at NDVI 0.8", "Reading flattens in dense canopy",
         "Red reflectance is near zero in a closed canopy, and NDVI hardly rises with more leaf.",
         "NDVI saturates above leaf area index 3", ("heads",),
         "Use a red-edge index in dense crops.",
-        "Panels or plots of known dense canopy.")] = 0.0
+        "Panels or plots of known dense canopy.",
+        says=("In a dense crop the canopy sensors read {size} % too little.",))] = 0.0
 
 
 class HeadInput(NamedTuple):

@@ -15,20 +15,26 @@ class Scale(NamedTuple):
         "A wrong calibration weight or a cell under side load scales every reading.",
         "load cell calibration; usual 0.5-5 %", ("static weigh", "run beside a known fill"),
         "Calibrate the scale with a known weight.",
-        "A static weigh of a known fill.")] = 0.0
+        "A static weigh of a known fill.",
+        says=("The hopper scale reads {size} % too much.",
+              "The hopper scale reads {size} % too little."))] = 0.0
     drift_kg_h: Annotated[float, Field(ge=-1e4, le=1e4), Effect(
         "scale.drift", "kg/h", "Scale's zero drifts",
         "Warming cells and amplifiers move the zero through the day.",
         "load cell temperature drift", ("run",),
         "Let the scale warm up; tare at the refill.",
         "Stand still with the shaft stopped for ten minutes.",
-        bounds=(-30.0, 30.0), scales_with=HOPPER)] = 0.0
+        bounds=(-30.0, 30.0), scales_with=HOPPER,
+        says=("The hopper scale's zero rises by {size} kg every hour.",
+              "The hopper scale's zero falls by {size} kg every hour."))] = 0.0
     tilt_percent_per_deg: Annotated[float, Field(ge=-5, le=5), Effect(
         "scale.tilt", "% more per degree nose up", "Reading changes with pitch",
         "On a slope part of the weight leaves the cells' axis.",
         "cosine and side load", ("run",),
         "Read the scale on level ground, or correct by pitch.",
-        "Stand still nose up and nose down.")] = 0.0
+        "Stand still nose up and nose down.",
+        says=("Each degree uphill makes the hopper scale read {size} % more.",
+              "Each degree uphill makes the hopper scale read {size} % less."))] = 0.0
 
 
 class ScaleInput(NamedTuple):

@@ -28,76 +28,92 @@ class Shaft(NamedTuple):
         "brushed motors by duty cycle: 5-25 % of the range", ("run",),
         "Let the drive hold its speed by an encoder, or adopt it: control then adds it to each command.",
         "A staircase of shaft commands over the whole range, settled at each.", probes=(1.0, 5.0, 15.0),
-        bounds=(0.0, 60.0), scales_with=SHAFT_RANGE)] = 0.0
+        bounds=(0.0, 60.0), scales_with=SHAFT_RANGE,
+        says=("The shaft turns {size} r/min slower than commanded, at every speed.",))] = 0.0
     saturation_percent: Annotated[float, Field(ge=0, le=95), Effect(
         "shaft.saturation", "% lost at full speed", "Shaft falls the further behind its command the faster it turns",
         "A motor's speed bends away from its duty cycle as load and the supply's resistance grow.",
         "robot and pump drives by duty cycle: 10-50 % at full speed", ("run",),
         "Let the drive hold its speed by an encoder, or adopt it: control then bends each command the other way.",
-        "A staircase of shaft commands up to full speed, settled at each.", probes=(1.0, 5.0, 20.0))] = 0.0
+        "A staircase of shaft commands up to full speed, settled at each.", probes=(1.0, 5.0, 20.0),
+        says=("The shaft falls {size} % short when it is to turn fastest.",))] = 0.0
     back_gain_percent: Annotated[float, Field(ge=-90, le=200), Effect(
         "shaft.back_gain", "%", "Shaft turns at another fraction of its command backwards than forwards",
         "Brushes that are set for one direction, and a load that helps or hinders, make a motor unlike either way.",
         "two-way motors: a few per cent, worn ones 10 %", ("run",),
         "Check the brushes' timing and what the load does backwards.",
-        "The same staircase of commands forwards and backwards.")] = 0.0
+        "The same staircase of commands forwards and backwards.",
+        says=("Backwards the shaft turns {size} % faster than forwards.",
+              "Backwards the shaft turns {size} % slower than forwards."))] = 0.0
     back_zone_rpm: Annotated[float, Field(ge=-1e5, le=1e5), Effect(
         "shaft.back_zone", "r/min", "Shaft loses another constant speed backwards than forwards",
         "Friction of bearings, brushes and gears is seldom the same either way.",
         "two-way motors by duty cycle: a few per cent of the range", ("run",),
         "Check bearings and gears for what rubs in one direction.",
         "The same staircase of small commands forwards and backwards.", probes=(1.0, 5.0),
-        bounds=(-60.0, 60.0), scales_with=SHAFT_RANGE)] = 0.0
+        bounds=(-60.0, 60.0), scales_with=SHAFT_RANGE,
+        says=("Backwards the shaft loses {size} r/min more than forwards.",
+              "Backwards the shaft loses {size} r/min less than forwards."))] = 0.0
     gain_percent: Annotated[float, Field(ge=-50, le=50), Effect(
         "shaft.gain", "%", "Shaft turns at a constant fraction of its command",
         "A wrong gear or encoder setting or a slipping belt scales every speed alike.",
         "drive ratio error; usual 1-10 %", ("run",),
         "Check the gear ratio in the drive's settings, the encoder's lines, the belt tension.",
-        "A staircase of shaft commands at constant opening and supply.")] = 0.0
+        "A staircase of shaft commands at constant opening and supply.",
+        says=("The metering shaft turns {size} % faster than commanded.",
+              "The metering shaft turns {size} % slower than commanded."))] = 0.0
     slow_s: Annotated[float, Field(ge=0, le=3), Effect(
         "shaft.slow", "s", "Shaft time constant longer than nominal",
         "A weak or worn motor needs longer to reach the speed that it was sent.",
         "motor time constants near 0.3 s are published for such drives", ("run",),
         "Check brushes, supply cable and the drive's acceleration setting.",
-        "Steps of the shaft command up and down, both sizes.", probes=(0.02,))] = 0.0
+        "Steps of the shaft command up and down, both sizes.", probes=(0.02,),
+        says=("The shaft takes {size} s longer than it should to come to its speed.",))] = 0.0
     extra_dead_time_s: Annotated[float, Field(ge=-0.3, le=2), Effect(
         "shaft.dead_time", "s", "Shaft responds later than nominal",
         "Bus, drive or firmware hold a command back before the motor sees it.",
         "lag paper, table 2: 0.383 s to 2 r/min", ("run", "response"),
         "Look at the bus cycle and the drive's filter setting.",
-        "Steps of the shaft command, large and small: a dead time is the same for both.", probes=(0.01,))] = 0.0
+        "Steps of the shaft command, large and small: a dead time is the same for both.", probes=(0.01,),
+        says=("The shaft answers {size} s too late.",
+              "The shaft answers {size} s sooner than expected."))] = 0.0
     dead_band_rpm: Annotated[float, Field(ge=0, le=1e5), Effect(
         "shaft.dead_band", "r/min", "Shaft does not turn below some command",
         "Static friction holds the shaft until the duty cycle overcomes it.",
         "brushed motors with worm gears: 5-20 r/min", ("run",),
         "Grease the bearings, raise the drive's minimum duty.",
         "A slow ramp of the shaft command from zero.", probes=(5.0, 10.0, 15.0, 20.0, 30.0, 40.0),
-        bounds=(0.0, 60.0), scales_with=SHAFT_RANGE)] = 0.0
+        bounds=(0.0, 60.0), scales_with=SHAFT_RANGE,
+        says=("The shaft does not turn at all below {size} r/min.",))] = 0.0
     sag_percent_per_v: Annotated[float, Field(ge=0, le=30), Effect(
         "shaft.voltage_sag", "% lost per V", "Shaft loses speed when the supply falls below nominal",
         "An open-loop motor's speed follows its supply voltage.",
         "first-order motor equation: about 1/U per volt, 7 % at 13.5 V", ("run",),
         "Check battery, alternator and the voltage drop along the supply cable.",
-        "The same shaft command with the engine idling and at rated speed.")] = 0.0
+        "The same shaft command with the engine idling and at rated speed.",
+        says=("The shaft loses {size} % of its speed for every volt that the supply is low.",))] = 0.0
     droop_percent: Annotated[float, Field(ge=0, le=60), Effect(
         "shaft.load_droop", "% lost at full opening", "Shaft loses speed as the opening, and with it the load, grows",
         "A wider opening shears more material, and the motor slows under the torque.",
         "open-loop motor under load", ("run",),
         "Check the motor's current limit; clean caked material from the rollers.",
-        "A staircase of openings at one shaft command.")] = 0.0
+        "A staircase of openings at one shaft command.",
+        says=("With the gate fully open the shaft turns {size} % too slowly.",))] = 0.0
     encoder_step_rpm: Annotated[float, Field(ge=0, le=1e4), Effect(
         "shaft.coarse_encoder", "r/min", "Measured shaft speed comes in steps",
         "Few encoder lines counted over a short gate give a speed in whole counts.",
         "60 / (lines x gate time)", ("run",),
         "Use an encoder with more lines, or measure the period instead of counting.",
         "A slow ramp of the shaft command.", probes=(0.5, 1.0, 2.0, 4.0),
-        bounds=(0.0, 20.0), scales_with=SHAFT_RANGE)] = 0.0
+        bounds=(0.0, 20.0), scales_with=SHAFT_RANGE,
+        says=("The shaft's speed is measured in steps of {size} r/min only.",))] = 0.0
     stalled: Annotated[float, Field(ge=0, le=1), Effect(
         "shaft.stall", "s", "Shaft stops at some time though commanded",
         "A jammed roller, a broken coupling or a tripped fuse stops the shaft.",
         "field experience", ("run",),
         "Switch off, clear the roller, check the coupling and the fuse.",
-        "None needed: command on, shaft still.", probes=(1.0,), onset_only=True)] = 0.0
+        "None needed: command on, shaft still.", probes=(1.0,), onset_only=True,
+        says=("The shaft stopped {size} s into the run though it should have turned.",))] = 0.0
 
 
 class ShaftInput(NamedTuple):

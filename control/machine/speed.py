@@ -19,25 +19,31 @@ class Speed(NamedTuple):
         "A driven wheel under draught turns further than the tractor moves.",
         "6-9 % working against about 1 % on the road are published", ("run",),
         "Use GNSS speed, or a wheel that is not driven.",
-        "Rows out of work, or out and back on a slope.")] = 0.0
+        "Rows out of work, or out and back on a slope.",
+        says=("The wheel slips: it reads {size} % too fast under load.",
+              "Under load the wheel reads {size} % too slow."))] = 0.0
     radius_percent: Annotated[float, Field(ge=-20, le=20), Effect(
         "speed.wheel_radius", "%", "Wheel reads off by a constant factor, working or not",
         "Tyre pressure and wear change the distance that one turn covers.",
         "tyre pressure; usual 0.5-4 %", ("run",),
         "Calibrate the wheel's circumference over 100 m by GNSS.",
-        "Drive out of work on a road.")] = 0.0
+        "Drive out of work on a road.",
+        says=("The wheel sensor reads {size} % too fast.",
+              "The wheel sensor reads {size} % too slow."))] = 0.0
     missed_percent: Annotated[float, Field(ge=0, le=60), Effect(
         "speed.missed_pulses", "%", "Wheel pulses go missing",
         "A loose magnet or too wide a gap lets the Hall sensor miss some teeth.",
         "Hall sensor gap", ("run",),
         "Set the sensor's gap to 1-2 mm, look for a lost magnet.",
-        "Count pulses over ten turns by hand.")] = 0.0
+        "Count pulses over ten turns by hand.",
+        says=("The wheel sensor misses {size} % of its pulses.",))] = 0.0
     gnss_latency_s: Annotated[float, Field(ge=0, le=3), Effect(
         "speed.gnss_latency", "s", "GNSS speed comes late",
         "The receiver's filter and the link hold the speed back.",
         "0.1-1 s are published", ("run",),
         "Switch the receiver's smoothing off, raise its rate.",
-        "Accelerate and brake sharply a few times.", probes=(0.05,))] = 0.0
+        "Accelerate and brake sharply a few times.", probes=(0.05,),
+        says=("The speed by GNSS comes {size} s late.",))] = 0.0
 
 
 class SpeedInput(NamedTuple):

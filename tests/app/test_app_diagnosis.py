@@ -507,8 +507,10 @@ def test_every_effect_of_the_catalogue_is_known_in_chinese():
     known = catalogue("zh").texts
     assert known.get(title_of(UNKNOWN))
     for entry in CATALOGUE.values():
-        for text in (entry.effect.title, entry.effect.advice, entry.effect.separate):
+        for text in (entry.effect.title, entry.effect.advice, entry.effect.separate, *entry.effect.says):
             assert known.get(text), text
+        for text in entry.effect.says:
+            assert text.count("{size}") <= 1 and known[text].count("{size}") == text.count("{size}")
 
 
 def test_the_plans_of_all_manoeuvres_are_known():

@@ -89,6 +89,7 @@ def test_every_published_id_and_no_other() -> None:
 def test_an_entry_is_complete(effect_id: str) -> None:
     entry = CATALOGUE[effect_id]
     effect = entry.effect
+    assert len(effect.says) == (2 if entry.low < 0.0 else 1), "what the owner reads, for each sign that it may have"
     for text in (effect.unit, effect.title, effect.physics, effect.source, effect.advice, effect.separate):
         assert text.strip()
     assert effect.seen_in

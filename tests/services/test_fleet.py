@@ -498,3 +498,18 @@ def test_progress_without_a_terminal_is_a_line_now_and_then(capsys: pytest.Captu
         now[0] += 1.0
         tell(done, 100, "diagnosing")
     assert capsys.readouterr().err.splitlines() == [f"{k} of 100 diagnosing" for k in (30, 60, 90)]
+
+
+@pytest.mark.parametrize(("effect", "size", "language", "said"), [
+    ("gate.home_error", -1.04, "en", "The gate opens 1 mm less than commanded. Home the gate again; check the"),
+    ("gate.home_error", 1.04, "en", "The gate opens 1 mm more than commanded. Home the gate again; check the"),
+    ("flow.gain#2", -5.0, "en", "The machine spreads 5 % less than it reckons. Do a catch test with this product."),
+    ("gate.home_error", -1.04, "zh", "闸门开度比指令小 1 mm。")])
+def test_the_owner_reads_what_the_machine_does_and_what_to_do(effect, size, language, said):
+    from console.locale import use
+    from console.reports.fleet_page import owner_words
+    use(language)
+    try:
+        assert owner_words(effect, size).startswith(said)
+    finally:
+        use("en")
