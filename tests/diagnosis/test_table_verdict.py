@@ -19,7 +19,8 @@ from control.diagnosis.tables.experiments import EXPERIMENTS
 from control.diagnosis.tables.piece import Candidate, SizedEffect
 from control.diagnosis.tables.problem import problem_of
 from control.diagnosis.tables.rows import pieces_of
-from control.diagnosis.tables.selection import select
+from control.diagnosis.tables.search import search
+from control.diagnosis.tables.verdict import judged
 from control.machine.machine import CATALOGUE, Machine
 
 MACHINE = Machine()
@@ -64,7 +65,7 @@ def test_what_follows_no_smooth_curve_is_not_called_none(make: Callable[[Rng], T
         assert found.verdict == "unexplained" and not found.causes
         left, = found.unexplained
         assert left.channel == "lag" and left.variable in ("", "shaft_rpm") and 0.2 < left.explained_share <= 1.0
-        assert found.channels[0].structure_p < 0.005
+        assert found.channels[0].structure_p < 0.05
 
 
 @pytest.mark.exam
@@ -75,15 +76,14 @@ def test_smooth_times_without_replicates_are_called_none() -> None:
     assert sum(verdict != "none" for verdict in said) <= 3
 
 
-def test_an_effect_that_predicts_no_other_setting_is_only_suspected() -> None:
+def test_an_effect_that_predicts_no_other_setting_is_less_sure_and_gains_nothing() -> None:
+    """One setting that is off may have been set wrongly as well."""
     rng = np.random.default_rng(10)
     rpm = np.tile(np.array([10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 100.0]), 6)
     found = diagnosed(lags(rpm, 0.4 * (rpm == 100.0), rng))
     cause, = found.causes
-    assert found.verdict == "ambiguous" and cause.id == "lag.rebound" and cause.probability <= 0.5
-    assert [rival.id for rival in cause.rivals] == ["unknown"]
-    assert found.next_run is not None and "three or more settings" in found.next_run.plan
-    assert any("settings left out are not predicted better" in text for text in found.findings)
+    assert cause.id == "lag.rebound" and cause.probability < 0.99 and found.gain[0].after > 0.9 * found.gain[0].before
+    assert any("something that no effect describes" in text for text in found.findings)
     rpm = np.tile(np.array([10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0, 100.0]), 6)
     rise = 0.4 * (np.maximum(0.0, rpm - 70.0) / 30.0)
     shown = diagnosed(lags(rpm, rise, rng))
@@ -98,27 +98,28 @@ def test_a_head_read_over_one_panel_is_named_by_rows_held_out() -> None:
 
 
 @pytest.mark.parametrize(("table", "near"), [
-    (lambda rng: catches(np.tile([20.0, 50.0, 80.0], 6), np.repeat([10.0, 30.0], 9), 2.5, rng), "flow.gain"),
-    (lambda rng: lags(np.tile(np.arange(10.0, 71.0, 10.0), 3), 4.0, rng), "lag.offset")])
-def test_a_size_out_of_its_bounds_is_a_hint_and_no_name(table: Callable[[Rng], Table], near: str) -> None:
+    (lambda rng: catches(np.tile([20.0, 50.0, 80.0], 6), np.repeat([10.0, 30.0], 9), 2.5, rng), ("flow.gain",)),
+    (lambda rng: lags(np.tile(np.arange(10.0, 71.0, 10.0), 3), 4.0, rng), ("lag.offset", "shaft.dead_time"))])
+def test_a_size_out_of_its_bounds_is_a_hint_and_no_name(table: Callable[[Rng], Table], near: tuple[str, ...]) -> None:
     found = diagnosed(table(np.random.default_rng(1)))
     assert found.verdict == "unexplained" and not found.causes
-    assert any(f"nearest effect: {near}, but its size would have to lie outside" in text for text in found.findings)
+    assert any(f"nearest effect: {one}, but its size would have to lie outside" in text for text in found.findings
+               for one in near)
     assert found.channels[0].structure_p < 0.001
 
 
-def test_a_name_is_suspected_where_one_out_of_its_bounds_fits_as_well() -> None:
+def test_what_fits_better_with_a_size_out_of_bounds_is_not_named_by_two_others() -> None:
     """An offset of 80 g/rev is beyond the catalogue; at two openings next to each other it looks like a gain."""
     rpm, opening = np.tile([20.0, 50.0, 80.0, 100.0], 4), np.repeat([20.0, 22.0], 8)
     found = diagnosed(catches(rpm, opening, 1.0 + 80.0 / (5.5 * opening), np.random.default_rng(1)))
-    assert found.verdict == "ambiguous" and found.causes[0].rivals[0].id == "unknown"
-    assert any("out of its bounds fits as well" in text for text in found.findings)
+    assert found.verdict == "unexplained" and not found.causes
+    assert any("nearest effect: flow.zero_offset" in text for text in found.findings)
 
 
 def test_what_a_refused_name_showed_is_not_forgotten() -> None:
     table = lags(np.tile(np.arange(10.0, 71.0, 10.0), 3), 4.0, np.random.default_rng(1))
-    selection = select(problem_of(pieces_of(table, MACHINE), MACHINE), 0)
-    assert not selection.selected and selection.refused and selection.structure_p < 1e-6
+    found = judged(search(problem_of(pieces_of(table, MACHINE), MACHINE)))
+    assert not found.named and found.nearest is not None and found.nothing < 1e-6
 
 
 def test_one_row_is_not_judged() -> None:

@@ -18,6 +18,9 @@ COURSE = {                  # of what is wrong, how it runs: most was there befo
     "steady": 0.7, "begins": 0.15, "grows": 0.075, "ends": 0.075}
 WRONG_SIGN = 0.02           # what is lost, or comes late, is less than the machine file has of it: one in fifty
 UNKNOWN = 0.03              # ... or something that no effect describes, shared over quantities, variables and forms
+LOCAL = 0.1                 # an effect holds in one label or table only, though others could show it: one in ten
+MISTAKEN = 0.03             # ... or a bench table has one setting that was set or written down wrongly
+MISREAD = 0.1               # one row of a bench table was misread: one table in ten
 FORMS = 12                  # of a term (control/machine/terms.py)
 USUAL_OF_TERM = {           # s.d. of a term's coefficients over the spread of its variable, in its quantity's unit
     Acts.SHAFT_PERCENT: 3.0, Acts.SHAFT_RPM: 3.0, Acts.GATE_MM: 1.5, Acts.FLOW_PERCENT: 6.0, Acts.SCALE_KG: 1.0,

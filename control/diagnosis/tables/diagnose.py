@@ -7,12 +7,12 @@ from control.calibration.bench_table import BenchTable, usable
 from control.diagnosis.result import Data, Diagnosis
 from control.machine.machine import Machine
 
-from .evidence import held_out_gain, not_shown
+from .gain import held_out_gain, not_shown
 from .problem import problem_of
-from .report import causes_of, channels_of, findings_of, next_run_of, two_rates_of
+from .report import causes_of, channels_of, findings_of, next_run_of, two_rates_of, verdict_of
 from .retold import told_once
 from .rows import pieces_of
-from .selection import select
+from .search import search
 from .verdict import judged
 
 Progress = Callable[[float, str], None]
@@ -30,7 +30,7 @@ def diagnose_tables(tables: Sequence[BenchTable], machine: Machine, *, seed: int
     machine
         The machine as its file has it. Its tolerances are priors; sizes found are on top of its own effects.
     seed
-        Of the draws behind the p-values; the same seed gives the same diagnosis.
+        Of the draws behind the intervals of the gain; the same seed gives the same diagnosis.
     progress
         `progress(share, what)` is called between stages, share from 0 to 1; an exception raised by it cancels.
 
@@ -49,17 +49,16 @@ def diagnose_tables(tables: Sequence[BenchTable], machine: Machine, *, seed: int
     Notes
     -----
     Noise is the replicates' (pure error), outliers winsorised [1]_; unequal scatter is tested for by Brown and
-    Forsythe [2]_. Effects enter by stepwise selection, each step against the largest statistic of the whole search
-    under noise (max-t) [3]_; intervals are widened where the lack-of-fit F test asks for it [4]_. Steps in times are
-    found by the cosine quantogram [5]_. The gain is measured on settings left out one at a time.
+    Forsythe [2]_. Every set of up to three effects, with and without something unknown, has a log evidence and prior
+    odds [3]_ (control/diagnosis/judgement); what is said is what the probable ones have in common. Steps in times are
+    found by the cosine quantogram [4]_. The gain is measured on settings left out one at a time.
 
     References
     ----------
     .. [1] Iglewicz and Hoaglin, How to Detect and Handle Outliers, 1993.
     .. [2] Brown and Forsythe, J. Am. Stat. Assoc. 69, 1974.
-    .. [3] Westfall and Young, Resampling-Based Multiple Testing, 1993.
-    .. [4] Draper and Smith, Applied Regression Analysis, 3rd ed., 1998, ch. 2.
-    .. [5] D. G. Kendall, Hunting quanta, Phil. Trans. R. Soc. A 276, 1974.
+    .. [3] Kass and Raftery, Bayes factors, J. Am. Stat. Assoc. 90, 1995.
+    .. [4] D. G. Kendall, Hunting quanta, Phil. Trans. R. Soc. A 276, 1974.
 
     Examples
     --------
@@ -89,22 +88,19 @@ def diagnose_tables(tables: Sequence[BenchTable], machine: Machine, *, seed: int
     tell(0.1, "noise and steps in the times")
     problem = problem_of(pieces, machine, seed + 20)
     tell(0.2, "search")
-    selection = select(problem, seed)
-    tell(0.6, "what is left")
-    judgement = judged(problem, selection, seed)
+    found = search(problem)
+    tell(0.6, "verdict")
+    judgement = judged(found)
     causes = causes_of(problem, tables, judgement)
-    verdict = judgement.verdict
-    if verdict == "named" and any(cause.rivals for cause in causes):
-        verdict = "ambiguous"
     told = frozenset([*(c.id for c in causes), *(r.id for c in causes for r in c.rivals)])
-    tell(0.9, "gain")
+    tell(0.7, "gain")
     return Diagnosis(
         data=Data(" + ".join(table.path for table in tables), "+".join(dict.fromkeys(t.kind for t in tables)),
                   sum(table.rows for table in tables), None, machine.id),
-        channels=channels_of(problem, judgement.structure_p), verdict=verdict, causes=causes,
-        not_shown=not_shown(problem, judgement.selection, told), unexplained=judgement.unexplained,
+        channels=channels_of(problem, judgement.nothing), verdict=verdict_of(judgement, causes), causes=causes,
+        not_shown=not_shown(found, told), unexplained=judgement.unexplained,
         next_run=next_run_of(problem, judgement) or two_rates_of(tables, machine),
-        gain=held_out_gain(problem, judgement.selection.effects, seed),
+        gain=held_out_gain(found, judgement.effects, seed),
         extended_machine=None, findings=findings_of(problem, tables, judgement, once.retellings))
 
 

@@ -34,6 +34,7 @@ class Noise(NamedTuple):
     sd: Array                       # (n,)
     outliers: IntArray              # rows drawn in
     min_variance: float             # share of sd**2 below which the rows' variance is not believed to be
+    by_replicates: bool             # else about a smooth fit
     unequal_p: float | None         # Brown-Forsythe; None: too few replicates
     setting_sd: tuple[tuple[int, int, float], ...]      # setting, rows, s.d.
 
@@ -66,14 +67,15 @@ def _with(piece: Piece, setting: IntArray, nominal: Array, spread: Array) -> tup
         sd, dof = _sd_about_smooth(piece, winsorised), len(winsorised)
         log_spread = float(np.sum(np.log(spread)))
     sd = max(sd, rounding, 1e-9)
-    min_variance = 1.0 if pure_dof >= MIN_PURE_DOF else min(1.0, rounding / sd) ** 2
+    min_variance = min(1.0, rounding / sd) ** 2
     by_setting = tuple((k, int(counts[k]), float(np.std(inside[setting == k], ddof=1)) if counts[k] > 1 else 0.0)
                        for k in range(len(counts)))
     unequal_p = _brown_forsythe(relative, setting, counts, none)
     factor = np.ones(len(relative))
     if unequal_p is not None and unequal_p < UNEQUAL_P:
         factor = np.array([np.sqrt(max(s, MIN_SD_SHARE * sd) / sd) for _, _, s in by_setting])[setting]
-    return (Noise(nominal + winsorised * spread, sd * spread * factor, outliers, min_variance, unequal_p, by_setting),
+    return (Noise(nominal + winsorised * spread, sd * spread * factor, outliers, min_variance, pure_dof >= MIN_PURE_DOF,
+                  unequal_p, by_setting),
             -dof * float(np.log(sd)) - log_spread)
 
 

@@ -44,7 +44,7 @@ class Piece(NamedTuple):
     variables: Mapping[str, Array]          # recorded settings
     nuisances: Mapping[str, Array]          # what one tolerance makes of each row
     forms: Mapping[str, Array]              # id -> (n, k): the same effect in other shapes of its own variable
-    at_definition: Mapping[str, Array] = {}     # id -> (k,): worth of a unit of each form where the size is defined
+    at_definition: Mapping[str, Array] = {}     # id -> (k,): size that a unit of each form is where it is defined
     noise_sd: float | None = None           # what the machine file says of the sensor, for spread 1
     clocked: bool = False                   # times of a detector: may come in steps
     on_ground: bool = False                 # distances along the travel, of a drive

@@ -13,7 +13,6 @@ from .noise import Noise, noise_of, quantum_of, resolution_of, smoothed
 from .piece import Array, Candidate, IntArray, Piece, SizedEffect, scope_name, with_effects
 
 MIN_SHARED = 4          # replicates beyond the first of each setting, from which on their common rounding is counted
-PRIOR_DOF = 1.0         # weight of the machine file's sensor noise, where it states one, in rows
 MIN_MEDIAN_ROWS = 3     # replicates whose median is taken for their true time
 
 
@@ -31,10 +30,11 @@ class Problem(NamedTuple):
     scopes: tuple[frozenset[int], ...]      # groups that an effect may hold in alone: each one, then some together
     setting: IntArray
     candidates: tuple[Candidate, ...]
-    nuisances: Array                        # (n, q)
-    prior_rss: float                        # one row of noise as the machine file has it, in units of sd
-    prior_dof: float
+    nuisances: Array                        # (n, q) what a tolerance of the machine file, as large as it is, makes
+    rounding: Array                         # (n,) s.d. of what rounding does alike to all rows of their setting
+    usual_noise: float                      # noise as the machine file has it, in units of sd
     noise: tuple[Noise, ...]
+    unrepeated: tuple[int, ...]             # pieces, of several, whose noise no replicates tell
     clocks: tuple[Clock | None, ...]        # of each piece: steps in its times
 
     @property
@@ -113,13 +113,13 @@ def problem_of(pieces: Sequence[Piece], machine: Machine, seed: int = 0) -> Prob
         together, shared = _together(pieces, candidates, scopes, group, index)
         scopes += together
         candidates += shared
-    prior_rss, prior_dof = _prior(judged)
     return Problem(
         tuple(pieces), machine, np.concatenate([one.noise.winsorised for one in judged]),
         np.concatenate([one.nominal for one in judged]), np.concatenate([one.noise.sd for one in judged]), index, group,
         names, tuple(scopes), setting, tuple(candidates),
-        np.column_stack([_tolerances(pieces), _rounding(rounding, setting)]), prior_rss, prior_dof,
-        tuple(one.noise for one in judged), tuple(one.clock for one in judged))
+        _tolerances(pieces), rounding, _usual_noise(judged),
+        tuple(one.noise for one in judged),
+        tuple(k for k, one in enumerate(judged) if len(judged) > 1 and not one.noise.by_replicates), tuple(one.clock for one in judged))
 
 
 def _judged(piece: Piece, machine: Machine, seed: int) -> _Judged:
@@ -145,12 +145,6 @@ def _digit_sd(piece: Piece, setting: IntArray, scatter: float) -> float:
     quantum = quantum_of(piece.observed)
     repeated = len(setting) - len(np.unique(setting)) >= MIN_SHARED
     return quantum / float(np.sqrt(12.0)) if repeated and scatter < DITHERED * quantum else 0.0
-
-
-def _rounding(sizes: Array, setting: IntArray) -> Array:
-    """One column for each setting whose times are rounded alike, (n, k)."""
-    kinds = np.unique(setting[sizes > 0.0])
-    return np.column_stack([np.zeros((len(setting), 0)), *(np.where(setting == k, sizes, 0.0) for k in kinds)])
 
 
 def settings_of(piece: Piece) -> IntArray:
@@ -200,12 +194,10 @@ def _together(pieces: Sequence[Piece], candidates: Sequence[Candidate], scopes: 
     return found, shared
 
 
-def _prior(judged: Sequence[_Judged]) -> tuple[float, float]:
-    """Sum of squares and degrees of freedom of what the machine file says of the noise of the only piece."""
+def _usual_noise(judged: Sequence[_Judged]) -> float:
+    """What the machine file says of the noise of the only piece, in units of its sd; 1 where it says nothing."""
     stated = judged[0].piece.noise_sd if len(judged) == 1 else None
-    if stated is None:
-        return 0.0, 0.0
-    return PRIOR_DOF * float(stated / np.median(judged[0].noise.sd)) ** 2, PRIOR_DOF
+    return 1.0 if stated is None else float(stated / np.median(judged[0].noise.sd))
 
 
 def _tolerances(pieces: Sequence[Piece]) -> Array:

@@ -4,40 +4,36 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import t as student
 
 from control.calibration.bench_table import LAGS, BenchTable
 from control.diagnosis.effects import LAG_COARSE_CLOCK, LAG_OFFSET, PLACE_LATENCY, PLACE_LEVER_ARM, ROWS
-from control.diagnosis.result import UNKNOWN, Cause, Channel, NextRun, Rival, Size
+from control.diagnosis.judgement.evidence import Z90
+from control.diagnosis.judgement.prior import LISTED, NAMED
+from control.diagnosis.result import Cause, Channel, NextRun, Rival, Size, Verdict
 from control.machine.machine import CATALOGUE, Machine, bounds, unit_of
 
 from .across import across
 from .clock import Clock
 from .cost import field_cost
-from .evidence import label_contrasts
 from .experiments import TWO_RATES, Pair, Plan, separating
+from .gain import label_contrasts
 from .noise import MAX_ROBUST_SD, UNEQUAL_P
 from .piece import BoolArray, Candidate, Piece, SizedEffect
 from .problem import Problem
 from .retold import Retelling, sentences
-from .selection import Selected, Selection
-from .sizes import settings_differ
-from .verdict import Judgement
+from .verdict import Judgement, Named
 
 METRES_OF_A_PERCENT = 10.0      # causes are listed by consequence: 0.1 m of place counts as 1 % of rate
 CONTRAST_P = 0.01               # below it labels are said to differ
 OUTSTANDING = 2.0               # a setting that scatters so many times the usual is pointed out
 MAX_SHOWN_ROWS, MAX_SHOWN_SETTINGS = 5, 3
-MIN_INFLATION_SAID = 1.05       # of the intervals
 MIN_ROWS_SAID = 4
 
 
 def causes_of(problem: Problem, tables: Sequence[BenchTable], judgement: Judgement) -> tuple[Cause, ...]:
     """Named effects and the clearest coarse clock, largest consequence in the field first."""
     speed = _speed(tables)
-    selection = judgement.selection
-    causes = [_cause(problem, one, selection.dof, speed, suspected=bool(why))
-              for one, why in zip(selection.selected, judgement.suspected, strict=True)]
+    causes = [_cause(problem, one, speed) for one in judgement.named]
     clocks = [clock for clock in problem.clocks if clock is not None and clock.shown]
     if clocks:
         causes.append(_clock_cause(problem, min(clocks, key=lambda clock: clock.p), speed))
@@ -49,19 +45,22 @@ def causes_of(problem: Problem, tables: Sequence[BenchTable], judgement: Judgeme
     return tuple(sorted(causes, key=consequence, reverse=True))
 
 
-def _cause(problem: Problem, one: Selected, dof: float, speed: float | None, suspected: bool) -> Cause:
+def verdict_of(judgement: Judgement, causes: Sequence[Cause]) -> Verdict:
+    """The models' verdict, with the clocks."""
+    if judgement.verdict not in ("unexplained", "not_judged") or (causes and not judgement.unexplained):
+        return "ambiguous" if any(one.rivals for one in causes) else "named" if causes else "none"
+    return judgement.verdict
+
+
+def _cause(problem: Problem, one: Named, speed: float | None) -> Cause:
     candidate, size = one.effect
-    effect = CATALOGUE[candidate.id].effect
-    half = float(student.ppf(0.95, dof)) * one.se
-    rivals = tuple(Rival(r.candidate.id, r.probability) for r in one.rivals)
+    rivals = tuple(Rival(r.id, r.probability) for r in one.rivals)
     probability = one.probability
     if ROWS[candidate.id].constant_time and any(clock is not None and clock.undecided for clock in problem.clocks):
         probability, rivals = _halved(probability, rivals, LAG_COARSE_CLOCK.id)
-    if suspected:
-        probability, rivals = _halved(probability, rivals, UNKNOWN)
-    return Cause(candidate.id, Size(size, size - half, size + half, unit_of(candidate.id, problem.machine)), None,
-                 probability, rivals,
-                 candidate.member, effect.advice, field_cost(problem.machine, one.effect, speed),
+    interval = Size(size, size - Z90 * one.se, size + Z90 * one.se, unit_of(candidate.id, problem.machine))
+    return Cause(candidate.id, interval, None, probability, rivals, candidate.member,
+                 CATALOGUE[candidate.id].effect.advice, field_cost(problem.machine, one.effect, speed),
                  scope=None if candidate.scope is None else problem.scope_name(candidate.scope))
 
 
@@ -100,17 +99,16 @@ def channels_of(problem: Problem, structure_p: float) -> tuple[Channel, ...]:
 
 def next_run_of(problem: Problem, judgement: Judgement) -> NextRun | None:
     """The tests that would separate the rivals; None where nothing is ambiguous."""
-    selection = judgement.selection
 
     def anywhere(effect: SizedEffect) -> SizedEffect:
         return effect._replace(candidate=effect.candidate._replace(scope=None))
 
     plan = separating(problem.machine, [
-        [anywhere(one.effect), *(anywhere(SizedEffect(r.candidate, r.size)) for r in one.rivals)]
-        for one in selection.selected])
+        [anywhere(one.effect), *(anywhere(r.effect) for r in one.rivals if r.effect is not None)]
+        for one in judgement.named])
     if plan is not None:
         return _next_run(plan)
-    doubtful = [candidate.id for candidate, why in zip(selection.candidates, judgement.suspected, strict=True) if why]
+    doubtful = [one.effect.candidate.id for one in judgement.named if one.rivals]
     if not doubtful:
         return None
     return NextRun(f"this data cannot tell {', '.join(doubtful)} from something else",
@@ -151,8 +149,7 @@ def findings_of(problem: Problem, tables: Sequence[BenchTable], judgement: Judge
 
     `tables`: as given; `retellings`: what of them was set aside because another tells it.
     """
-    selection, structure = judgement.selection, judgement.structure
-    ids = {candidate.id for candidate in selection.candidates}
+    ids = {effect.candidate.id for effect in judgement.effects}
     out = [text for table in tables for text in _not_judged_sentences(table)]
     if judgement.verdict == "not_judged":
         out += [f"{piece.name}: not judged: no effect within its bounds could have shown in these rows"
@@ -165,18 +162,12 @@ def findings_of(problem: Problem, tables: Sequence[BenchTable], judgement: Judge
     out += [_clock_sentence(piece.name, clock) for piece, clock in zip(problem.pieces, problem.clocks, strict=True)
             if clock is not None and clock.shown]
     out += [f"{candidate.id} {size:+.3g} holds in the rows of {problem.scope_name(candidate.scope)} only"
-            for candidate, size in selection.effects if candidate.scope is not None]
-    out += _lack_of_fit_sentences(problem, selection)
-    if structure is not None and structure.shown and selection.selected:
-        out.append(f"beside what is named, {structure.channel} still depends on {structure.variable} "
-                   f"(p {structure.p:.2g}, {100 * structure.share:.0f} % of what is left)")
-    out += [f"{one.effect.candidate.id}: settings left out are not predicted better with it: it may be something else"
-            for one, why in zip(selection.selected, judgement.suspected, strict=True) if why == "held_out"]
-    out += [f"{one.effect.candidate.id}: an effect whose size would be out of its bounds fits as well: it may be "
-            "something else" for one, why in zip(selection.selected, judgement.suspected, strict=True)
-            if why == "bounds"]
-    if judgement.verdict == "unexplained":
-        out += _nearest_sentences(selection, problem.machine)
+            for candidate, size in judgement.effects if candidate.scope is not None]
+    out += _settings_sentences(problem, judgement)
+    if judgement.named and not judgement.unexplained and judgement.unknown >= LISTED:
+        out.append(f"something that no effect describes may be there as well (probability {judgement.unknown:.2f})")
+    if judgement.unexplained and judgement.nearest is not None:
+        out.append(_nearest_sentence(judgement.nearest.id, problem.machine))
     if ids & {PLACE_LEVER_ARM.id, PLACE_LATENCY.id}:
         out.append(f"a constant extra lag ({LAG_OFFSET.id}) looks like {PLACE_LATENCY.id} in a place table; a lag "
                    "table tells them apart")
@@ -191,14 +182,11 @@ def _not_judged_sentences(table: BenchTable) -> list[str]:
             if table.kind == "lag" and name in table.columns and not np.isfinite(table.columns[name]).any()]
 
 
-def _nearest_sentences(selection: Selection, machine: Machine) -> list[str]:
+def _nearest_sentence(nearest: str, machine: Machine) -> str:
     """The effect that comes nearest to what is unexplained, and why it is not named."""
-    if not selection.refused:
-        return []
-    nearest = selection.refused[0].id
     low, high = bounds(nearest, machine)
-    return [f"nearest effect: {nearest}, but its size would have to lie outside {low:g} to {high:g} "
-            f"{unit_of(nearest, machine)}" + (", or be negative" if ROWS[nearest].only_adds else "")]
+    return (f"nearest effect: {nearest}, but its size would have to lie outside {low:g} to {high:g} "
+            f"{unit_of(nearest, machine)}" + (", or be negative" if ROWS[nearest].only_adds else ""))
 
 
 def _noise_sentences(problem: Problem, index: int, piece: Piece) -> list[str]:
@@ -236,23 +224,21 @@ def _clock_sentence(name: str, clock: Clock) -> str:
             f"may be off by {clock.step_s / 2.0:.3f} s, the mean of many at a setting is not")
 
 
-def _lack_of_fit_sentences(problem: Problem, selection: Selection) -> list[str]:
-    """Replicates at one setting share something that the model does not have."""
-    if selection.inflation <= MIN_INFLATION_SAID:
+def _settings_sentences(problem: Problem, judgement: Judgement) -> list[str]:
+    """Rows of one setting share something that the model does not have."""
+    model = judgement.model or judgement.search.best
+    if model.posterior.settings_share < NAMED:
         return []
-    rest = problem.observed - problem.predicted(selection.effects)
+    rest = problem.observed - problem.predicted(judgement.effects)
     out = []
     for index, piece in enumerate(problem.pieces):
         inside = problem.piece == index
         setting = problem.setting[inside]
-        if not settings_differ((rest / problem.sd)[inside], setting):
-            continue
         means = sorted((float(rest[inside][setting == k].mean()), _setting(piece, setting == k))
                        for k in np.unique(setting))
         (low, at_low), (high, at_high) = means[0], means[-1]
-        out.append(f"{piece.name}: settings differ by more than their replicates do (intervals are "
-                   f"{selection.inflation:.1f} times wider for it): from {low:+.3g} {piece.unit} at {at_low} to "
-                   f"{high:+.3g} at {at_high}")
+        out.append(f"{piece.name}: settings differ by more than their rows do, and intervals are wider for it: from "
+                   f"{low:+.3g} {piece.unit} at {at_low} to {high:+.3g} at {at_high}")
     return out
 
 

@@ -1,112 +1,127 @@
-"""The verdict on bench tables: none, named, unexplained or not judged, and which names are only suspected.
+"""The verdict on bench tables, from the probabilities of the models: none, named, ambiguous, unexplained, not judged.
 
 - not judged: no effect within its bounds could have shown in these rows.
-- none: nothing is named, and what is left is noise by the tests of `unexplained` and `residual`.
-- named: predicts settings that its size was not fitted to; else the name is suspected ("something else" is a rival).
-- unexplained: what is left is not noise. Refused names land here, never in none.
+- none: that there is nothing is more probable than that there is something.
+- unexplained: models with something in them that is no effect, or an effect with a size that it cannot have, have NAMED
+  of the probability; or more than those without, and no effect beside it.
+- named: every effect of the most probable model without such a thing is in models that together have NAMED of the
+  probability; else it is ambiguous.
 """
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from control.diagnosis.effects import ROWS
-from control.diagnosis.result import STRUCTURE_P, Unexplained, Verdict
+from control.diagnosis.judgement.prior import LISTED, NAMED
+from control.diagnosis.result import UNKNOWN, Unexplained, Verdict
 
-from .algebra import least_squares
-from .evidence import held_out_shares, smallest_shown
-from .problem import Problem
-from .residual import Residual, worst_residual
-from .selection import Selection, as_good, nothing_selected
-from .unexplained import Structure, explained_by, remaining_structure
-
-# Of the structure found (sum of squares beyond noise), by the catalogue or beside it.
-MIN_BY_CATALOGUE = 0.6      # below it the catalogue does not explain it, and nothing is named
-MAX_BESIDE = 0.15           # above it, what is left beside named effects makes the verdict unexplained
+from .gain import MIN_ROWS, smallest_shown
+from .piece import Candidate, SizedEffect
+from .search import Fitted, Search
 
 
-Suspicion = Literal["", "held_out", "bounds"]
+class Rival(NamedTuple):
+    """What may stand in the place of a cause. `effect`: None for something unknown, or chance."""
+
+    id: str
+    effect: SizedEffect | None
+    probability: float
+
+
+class Named(NamedTuple):
+    """One effect of the most probable model. `se`: s.d. of its size; `rivals`: of probability LISTED or more."""
+
+    effect: SizedEffect
+    se: float
+    probability: float
+    rivals: tuple[Rival, ...]
 
 
 class Judgement(NamedTuple):
-    """`suspected`: why each selected effect may be something else, "" if not. `structure_p`: of all that was asked."""
+    """`nothing`: probability that there is nothing but noise. `model`: the one that is told, None: nothing is.
 
-    selection: Selection
+    `nearest`: an effect that comes nearest to what is unexplained, with a size that it cannot have.
+    """
+
+    search: Search
+    model: Fitted | None
     verdict: Verdict
+    named: tuple[Named, ...]
     unexplained: tuple[Unexplained, ...]
-    suspected: tuple[Suspicion, ...]
-    structure: Structure | None
-    structure_p: float
+    nothing: float
+    unknown: float
+    nearest: Candidate | None
+
+    @property
+    def effects(self) -> tuple[SizedEffect, ...]:
+        return tuple(one.effect for one in self.named)
 
 
-def judged(problem: Problem, selection: Selection, seed: int) -> Judgement:
-    """The verdict, before it is asked whether causes have rivals."""
-    structure = remaining_structure(problem, selection.effects, seed + 10)
-    residual = worst_residual(problem, selection.effects,
-                              explained_by(problem, selection.effects, selection.design), seed + 30)
-    kept, verdict, unexplained = _beside_structure(problem, selection, structure, seed)
-    if verdict == "none":
-        verdict, unexplained = _with_nothing_named(problem, kept, structure, residual)
-    suspected = tuple(_suspicion(problem, kept, k, share)
-                      for k, share in enumerate(held_out_shares(problem, kept.effects)))
-    asked = [kept.structure_p, *([structure.p] if structure is not None else []),
-             *([residual.p] if residual is not None else [])]
-    return Judgement(kept, verdict, unexplained, suspected, structure,
-                     min(asked) if verdict == "unexplained" else kept.structure_p)
+def judged(search: Search) -> Judgement:
+    """The verdict, clocks apart."""
+    every = list(zip(search.fitted, search.probability, strict=True))
+    nothing = sum(p for one, p in every if one.is_nothing)
+    unknown = sum(p for one, p in every if one.is_unknown)
+    if nothing >= 0.5 or len(search.problem.observed) < MIN_ROWS:
+        verdict: Verdict = "none" if smallest_shown(search) else "not_judged"
+        return Judgement(search, None, verdict, (), (), nothing, unknown, None)
+    model = _said(search, nothing, unknown)
+    named = tuple(_named(search, model, k) for k in range(len(model.sized)) if k not in model.outside)
+    unexplained = _unexplained(search, model)
+    verdict = "unexplained" if unexplained else "ambiguous" if any(one.rivals for one in named) else "named"
+    nearest = next((one.sized[k].candidate for one in search.fitted for k in one.outside), None)
+    return Judgement(search, model, verdict, named, unexplained, nothing, unknown, nearest)
 
 
-def _suspicion(problem: Problem, selection: Selection, k: int, held_out_share: float) -> Suspicion:
-    """Why the k-th effect may be something else: it does not predict, or a name out of its bounds fits as well."""
-    if held_out_share <= 0.0:
-        return "held_out"
-    index = [problem.candidates.index(candidate) for candidate in selection.candidates]
-    for candidate in selection.refused:
-        other = least_squares(selection.design, [*index[:k], problem.candidates.index(candidate), *index[k + 1:]])
-        if other is None or (ROWS[candidate.id].only_adds and other.sizes[k] < 0.0):
-            continue                    # less than nothing of what only adds is no size at all
-        if as_good(other, selection.estimate):
-            return "bounds"
-    return ""
+def _said(search: Search, nothing: float, unknown: float) -> Fitted:
+    """The model that is told: of those with or without something unknown."""
+    some = [one for one in search.fitted if not one.is_nothing]
+    strange = next((one for one in some if one.is_unknown), None)
+    known = next((one for one in some if not one.is_unknown), None)
+    if strange is None or known is None:
+        return some[0]
+    alone = len(strange.sized) == len(strange.outside)
+    return strange if unknown >= NAMED or (alone and unknown > 1.0 - unknown - nothing) else known
 
 
-def _with_nothing_named(problem: Problem, selection: Selection, structure: Structure | None,
-                        residual: Residual | None) -> tuple[Verdict, tuple[Unexplained, ...]]:
-    if any(clock is not None and clock.shown for clock in problem.clocks):
-        return "named", ()
-    if selection.structure_p < STRUCTURE_P:
-        return "unexplained", (_not_noise(problem, structure),)
-    if residual is not None and not residual.is_noise:
-        return "unexplained", (Unexplained(residual.channel, residual.variable, residual.share),)
-    return ("none" if smallest_shown(problem, selection) else "not_judged"), ()
+def _named(search: Search, model: Fitted, k: int) -> Named:
+    """The k-th effect of a model, and what the models without it have in its place."""
+    own = model.sized[k]
+    mine = 0.0
+    shares: dict[tuple[str, int | None], float] = {}
+    sizes: dict[tuple[str, int | None], SizedEffect] = {}
+    there = {one.candidate[:2] for one in model.sized}
+    for one, p in zip(search.fitted, search.probability, strict=True):
+        inside = [effect for place, effect in enumerate(one.sized) if place not in one.outside]
+        if own.candidate[:2] in [effect.candidate[:2] for effect in inside]:
+            mine += p
+            continue
+        new = [effect for effect in inside if effect.candidate[:2] not in there]
+        keys = [effect.candidate[:2] for effect in new] + [(UNKNOWN, None)] * (one.is_unknown or not new)
+        for key in keys:
+            shares[key] = shares.get(key, 0.0) + p / len(keys)
+        for effect in new:
+            sizes.setdefault(effect.candidate[:2], effect)
+    rivals = [Rival(key[0], sizes.get(key), p) for key, p in shares.items()
+              if p >= (LISTED if key in sizes else 1.0 - NAMED)] if mine < NAMED else []
+    return Named(own, model.se[k], mine, tuple(sorted(rivals, key=lambda one: -one.probability)))
 
 
-def _beside_structure(problem: Problem, selection: Selection, structure: Structure | None,
-                      seed: int) -> tuple[Selection, Verdict, tuple[Unexplained, ...]]:
-    """What is named, against what no effect explains."""
-    said: Verdict = "named" if selection.selected else "none"
-    if structure is None or not structure.shown:
-        return selection, said, ()
-    none = nothing_selected(problem, selection)
-    by_catalogue = max(0.0, none.estimate.rss - selection.estimate.rss)
-    whole = by_catalogue + structure.sum_of_squares
-    if not selection.selected or by_catalogue < MIN_BY_CATALOGUE * whole:
-        alone = remaining_structure(problem, (), seed + 11) or structure
-        if selection.selected and alone.shown:
-            structure = alone
-        return none, "unexplained", (_unexplained(structure),)
-    if structure.sum_of_squares > MAX_BESIDE * whole:
-        return selection, "unexplained", (_unexplained(structure),)
-    return selection, said, ()
-
-
-def _unexplained(structure: Structure) -> Unexplained:
-    return Unexplained(structure.channel, structure.variable, structure.share)
-
-
-def _not_noise(problem: Problem, structure: Structure | None) -> Unexplained:
-    """Structure that is no chance, though every name for it was refused."""
-    if structure is not None:
-        return _unexplained(structure)
-    off = (problem.observed - problem.nominal) / problem.sd
-    return Unexplained(problem.pieces[0].channel, "", max(0.0, 1.0 - 1.0 / max(1.0, float(np.mean(off ** 2)))))
+def _unexplained(search: Search, model: Fitted) -> tuple[Unexplained, ...]:
+    """What of a model no effect can be, and its share of what its effects leave (sums of squares)."""
+    if not model.is_unknown:
+        return ()
+    problem = search.problem
+    inside = tuple(effect for k, effect in enumerate(model.sized) if k not in model.outside)
+    left = (problem.observed - problem.predicted(inside)) / problem.sd
+    share = min(1.0, float(np.sum(model.unknown_signal ** 2)) / max(float(np.sum(left ** 2)), 1e-300))
+    if model.model.unknown is not None and not model.misread:
+        shares: dict[tuple[str, str], float] = {}
+        for one, p in zip(search.fitted, search.probability, strict=True):
+            if one.model.unknown is not None and not one.misread:
+                other = search.unknowns[one.model.unknown]
+                shares[other.channel, other.variable] = shares.get((other.channel, other.variable), 0.0) + p
+        return (Unexplained(*max(shares, key=lambda key: shares[key]), share),)
+    most = int(np.argmax([np.sum(model.unknown_signal[problem.piece == k] ** 2) for k in range(len(problem.pieces))]))
+    return (Unexplained(problem.pieces[most].channel, "", share),)

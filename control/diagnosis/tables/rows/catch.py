@@ -55,8 +55,10 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
                   tuple(row.id for row in (FLOW_GAIN,) if table.kind in row.scoped_in), varying(variables),
                   {"flow": nominal * machine.tolerance.flow_percent / 100.0, "opening_mm": predict(wide) - nominal,
                    **_each_outlet(nominal, outlet, machine)},
-                  {FLOW_FILL_FALLOFF.id: _falloffs(nominal, rpm, machine.flow.full_rpm),
-                   FLOW_PULSATION.id: _twice_as_quick(nominal, angle)}),)
+                  {FLOW_FILL_FALLOFF.id: _falloffs(nominal, rpm, rpm, machine.flow.full_rpm),
+                   FLOW_PULSATION.id: _twice_as_quick(nominal, angle)},
+                  {FLOW_FILL_FALLOFF.id: -100.0 * _falloffs(np.ones(1), np.full(1, machine.flow.full_rpm), rpm,
+                                                            machine.flow.full_rpm)[0]}),)
 
 
 def _candidates(outlet: Array | None, pulsates: bool) -> tuple[Candidate, ...]:
@@ -82,11 +84,11 @@ def _each_outlet(nominal: Array, outlet: Array | None, machine: Machine) -> dict
     return {f"outlet_{k:g}": np.where(outlet == k, nominal * share, 0.0) for k in np.unique(outlet).tolist()}
 
 
-def _falloffs(nominal: Array, rpm: Array, full_rpm: float) -> Array:
-    """Other shapes that a loss at high shaft speed may have, (n, k)."""
+def _falloffs(nominal: Array, rpm: Array, tested_rpm: Array, full_rpm: float) -> Array:
+    """Other shapes that a loss at high shaft speed may have, (n, k); fewer where fewer speeds were tested."""
     fast = rpm / full_rpm
     shapes = [fast ** 2, fast ** 5, np.maximum(0.0, fast - 0.6), fast, np.maximum(0.0, fast - 0.4)]
-    return np.column_stack([nominal * shape for shape in shapes[:max(1, len(np.unique(rpm)) - MIN_LEVELS_LEFT)]])
+    return np.column_stack([nominal * shape for shape in shapes[:max(1, len(np.unique(tested_rpm)) - MIN_LEVELS_LEFT)]])
 
 
 def _pulse(angle: Array, begins: float) -> Array:

@@ -13,6 +13,7 @@ from .labels import column_of, labels_of
 
 WARM_S = 100.0 * WARM_UP_S      # on for so long where the table does not say: warm
 MIN_LEVELS_LEFT = 3             # times that free shapes of warming up must leave, or they would fit anything
+DENSE_NDVI = 0.8                # at which the catalogue gives what a head loses in a dense canopy
 WARM_UP_RATES = (0.5, 2.0, 0.25)    # time constants tried beside the model's, as shares of it
 
 
@@ -31,8 +32,7 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
     candidates = [Candidate(CANOPY_HEAD_FOULED.id, int(k)) for k in np.unique(head) if k == int(k)]
     candidates += [Candidate(CANOPY_SATURATION.id), *([Candidate(CANOPY_WARM_UP.id)] if timed else [])]
     rates = WARM_UP_RATES[:max(1, len(np.unique(on_s)) - MIN_LEVELS_LEFT)]
-    forms = {CANOPY_SATURATION.id: np.column_stack([reference ** 2, reference ** 3, reference ** 6,
-                                                    np.maximum(0.0, reference - 0.6)]),
+    forms = {CANOPY_SATURATION.id: _flattenings(reference),
              CANOPY_WARM_UP.id: np.column_stack([reference * np.exp(-on_s / (k * WARM_UP_S)) for k in rates])}
     tolerance = machine.tolerance.head_percent / 100.0
     variables = {"ndvi_reference": reference, "head": head, "replicate": columns.get("replicate", head * np.nan)}
@@ -43,4 +43,10 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
     return (Piece(f"{table.path} ndvi".strip(), "heads", "NDVI", columns["ndvi"], predict, (np.ones(table.rows),),
                   labels_of(table), column_of(table), tuple(candidates), (), varying(variables),
                   {f"head_{int(k)}": np.where(head == k, reference * tolerance, 0.0) for k in np.unique(head)},
-                  forms, {CANOPY_WARM_UP.id: np.full(len(rates), 100.0)}, noise_sd=machine.noise.ndvi),)
+                  forms, {CANOPY_WARM_UP.id: np.full(len(rates), 100.0),
+                          CANOPY_SATURATION.id: -100.0 / DENSE_NDVI * _flattenings(np.full(1, DENSE_NDVI))[0]}, noise_sd=machine.noise.ndvi),)
+
+
+def _flattenings(reference: Array) -> Array:
+    """Other shapes of what a reading loses in a dense canopy, (n, k)."""
+    return np.column_stack([reference ** 2, reference ** 3, reference ** 6, np.maximum(0.0, reference - 0.6)])

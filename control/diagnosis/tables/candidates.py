@@ -1,0 +1,187 @@
+"""What a model of bench tables may be made of: effects of the catalogue, and dependences that none of them has."""
+from __future__ import annotations
+
+from itertools import combinations_with_replacement
+from math import log
+from typing import NamedTuple
+
+import numpy as np
+
+from control.diagnosis.effects import ROWS
+from control.diagnosis.judgement.prior import FAULTY, LOCAL, MISREAD, MISTAKEN, UNKNOWN, log_of_sign
+from control.machine.machine import CATALOGUE, bounds
+
+from .piece import Array, BoolArray, Candidate, Piece
+from .problem import Problem
+
+WAVES = (1, 2, 4, 12)       # of a dependence on a setting: half waves over its range, from a slope to the finest
+MIN_LENGTH = 1e-9           # of a column in units of the noise: its effect does nothing to these rows
+LEVELS = 12                 # of a setting, for each to have a mean of its own
+ALIKE = 0.999               # correlation of columns, from which on they are the same
+
+
+class Effect(NamedTuple):
+    """One effect of the catalogue in these rows. `column`: (n,) per unit of its size; `usual`: prior s.d. of its size.
+
+    `forms`: (n, k), by what other shapes differ at a size of 1, each with a prior s.d. of 1.
+    `worth`: (k,) what a unit of each form adds to the size where the catalogue defines it.
+    """
+
+    candidate: Candidate
+    column: Array
+    forms: Array
+    worth: Array
+    usual: float
+    log_odds: float
+    low: float
+    high: float
+
+    def log_of_sign(self, size: float) -> float:
+        return log_of_sign(size, ROWS[self.candidate.id].only_adds)
+
+
+class Unknown(NamedTuple):
+    """A dependence that no effect has. `columns`: (n, k), each of the prior s.d. `usual`, in units of the noise.
+
+    `at`: where that is one row or one setting alone, its rows. `misread`: one row's reading was wrong, which says
+    nothing of the machine (the mean-shift model of an outlier: Box and Tiao, Biometrika 55, 1968, 119).
+    """
+
+    channel: str
+    variable: str                   # "": one setting by itself, or settings in no order
+    columns: Array
+    usual: float
+    log_odds: float
+    misread: bool = False
+    at: tuple[int, ...] = ()
+
+
+def effects_of(problem: Problem) -> list[Effect]:
+    """Those that do anything to these rows."""
+    _, slopes = problem.slopes()
+    columns = slopes / problem.sd[:, None]
+    ids = len(dict.fromkeys(candidate.id for candidate in problem.candidates))
+    found = []
+    for candidate, column in zip(problem.candidates, columns.T, strict=True):
+        if np.linalg.norm(column) < MIN_LENGTH:
+            continue
+        alike = [one for one in problem.candidates if one.id == candidate.id]
+        members = len({one.member for one in alike})
+        places = len({one.scope for one in alike if one.scope is not None})
+        if any(one.candidate.id == candidate.id and np.allclose(one.column, column) for one in found):
+            continue                    # the only rows that show it
+        wide = 1.0 - LOCAL if any(one.scope is None for one in alike) else 0.0
+        share = (1.0 - wide) / places if candidate.scope is not None else wide if places else 1.0
+        forms, worth = _forms(problem, candidate, column)
+        low, high = _bounds(problem, candidate.id)
+        found.append(Effect(candidate, column, forms, worth, ROWS[candidate.id].on(problem.machine).usual,
+                            log(FAULTY * share / ids / members), low, high))
+    return found
+
+
+def _bounds(problem: Problem, effect_id: str) -> tuple[float, float]:
+    """Of a size on top of what the machine has: what is lost or extra by definition is never less than nothing."""
+    entry = CATALOGUE[effect_id]
+    low, high = bounds(effect_id, problem.machine)
+    has = float(getattr(getattr(problem.machine, entry.stage), entry.field))
+    return (entry.neutral - has if ROWS[effect_id].only_adds else low), high
+
+
+def _forms(problem: Problem, candidate: Candidate, column: Array) -> tuple[Array, Array]:
+    """How an effect's shape may differ from the catalogue's (Brynjarsdottir and O'Hagan 2014): all of the way to each
+    other shape that it may have, of the same root mean square, is 1 s.d. And what that adds to the size where it is
+    defined.
+
+    Of one that differs between two sides, up to all may be on one of them: half of it looks like another effect.
+    """
+    shapes, worth = [], []
+    for index, piece in enumerate(problem.pieces):
+        own = piece.forms.get(candidate.id)
+        if own is not None and np.any(column[problem.piece == index]):
+            for k, shape in enumerate(own.T):
+                whole = np.zeros(len(column))
+                whole[problem.piece == index] = shape / problem.sd[problem.piece == index]
+                whole = np.where(column != 0.0, whole, 0.0)
+                scale = float(np.linalg.norm(column)) / max(float(np.linalg.norm(whole)), 1e-12)
+                scale = -scale if whole @ column < 0.0 else scale
+                shapes.append(scale * whole - column)
+                defined = piece.at_definition.get(candidate.id)
+                worth.append(0.0 if defined is None else scale * float(defined[k]) - 1.0)
+    if ROWS[candidate.id].half_looks_like:
+        shapes, worth = [*shapes, np.where(column != 0.0, 0.5 / problem.sd, 0.0)], [*worth, 0.0]
+    return np.column_stack([np.zeros((len(column), 0)), *shapes]), np.array(worth)
+
+
+def unknowns_of(problem: Problem, effects: list[Effect]) -> list[Unknown]:
+    """Every recorded setting of every piece, its labels, a constant, settings in no order, and one setting alone."""
+    found = []
+    for index, piece in enumerate(problem.pieces):
+        inside = problem.piece == index
+        usual = _usual_signal(effects, inside)
+        shapes = _shapes(problem, piece, inside, effects)
+        for name, several in shapes.items():
+            odds = log(UNKNOWN / len(problem.pieces) / len(shapes) / len(several))
+            found += [Unknown(piece.channel, name, shape, usual / float(np.sqrt(shape.shape[1])), odds)
+                      for shape in several]
+        settings = np.unique(problem.setting[inside])
+        odds = log(MISTAKEN / len(problem.pieces) / max(1, len(settings)))
+        for k in settings.tolist() if len(settings) > 1 else ():
+            one = problem.setting == k
+            found.append(Unknown(piece.channel, _only_variable(piece), one.astype(float)[:, None], usual, odds,
+                                 at=tuple(np.flatnonzero(one).tolist())))
+        for row in np.flatnonzero(inside).tolist() if inside.sum() > 1 else ():
+            found.append(Unknown(piece.channel, "", (np.arange(len(inside)) == row).astype(float)[:, None], usual,
+                                 log(MISREAD / len(inside)), misread=True, at=(row,)))
+    return found
+
+
+def _only_variable(piece: Piece) -> str:
+    """By what its settings differ; "" where that is more than one thing."""
+    names = [name for name in piece.variables if name != "replicate"]
+    return names[0] if len(names) == 1 and len(set(piece.group.tolist())) == 1 else ""
+
+
+def _usual_signal(effects: list[Effect], inside: BoolArray) -> float:
+    """Root mean square of the largest usual effect in these rows, in units of the noise."""
+    sizes = [one.usual * float(np.sqrt(np.mean(one.column[inside] ** 2))) for one in effects]
+    return max([1.0, *sizes])
+
+
+def _shapes(problem: Problem, piece: Piece, inside: BoolArray, effects: list[Effect]) -> dict[str, list[Array]]:
+    """Columns (n, k) of every kind of dependence, by its variable."""
+    rows = int(inside.sum())
+    found: dict[str, list[Array]] = {}
+    for name, values in piece.variables.items():
+        kinds = np.unique(values)
+        place = (values - kinds[0]) / (kinds[-1] - kinds[0])
+        counts = [k for k in WAVES if k < len(kinds)]
+        found[name] = [_inside(inside, np.cos(np.pi * np.outer(place, np.arange(k + 1)))) for k in counts]
+        if 2 < len(kinds) <= LEVELS and 2 * len(kinds) <= rows:
+            found[name].append(_inside(inside, (values[:, None] == kinds).astype(float)))
+    texts = list(dict.fromkeys(piece.group.tolist()))
+    if len(texts) > 1:
+        found["label"] = [_inside(inside, np.column_stack([piece.group == text for text in texts]).astype(float))]
+    found["constant"] = [_inside(inside, np.ones((rows, 1)))]
+    settings = np.unique(problem.setting[inside])
+    if 2 < len(settings) < rows and not (_only_variable(piece) and len(settings) <= LEVELS):
+        found[_only_variable(piece)] = found.get(_only_variable(piece), []) + [np.column_stack([problem.setting == k for k in settings.tolist()]).astype(float)]
+    return {name: kept for name, several in found.items()
+            if (kept := [one for one in several if not _known(one, effects)])}
+
+
+def _inside(inside: BoolArray, columns: Array) -> Array:
+    whole = np.zeros((len(inside), columns.shape[1]))
+    whole[inside] = columns
+    return whole
+
+
+def _known(columns: Array, effects: list[Effect]) -> bool:
+    """Whether one or two effects do the same: then it is those."""
+    wide = [one for one in effects if one.candidate.scope is None]
+    for one, two in combinations_with_replacement(wide, 2):
+        if one.candidate.id != two.candidate.id or one is two:
+            basis = np.linalg.qr(np.column_stack([one.column, two.column] if one is not two else [one.column]))[0]
+            inside = np.linalg.norm(basis.T @ columns, axis=0)
+            if np.all(inside >= ALIKE * np.linalg.norm(columns, axis=0)):
+                return True
+    return False
