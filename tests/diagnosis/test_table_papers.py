@@ -65,8 +65,8 @@ def test_distances_and_rig_times_disagree_by_a_factor() -> None:
 
 
 def test_the_slope_of_the_rigs_line_has_its_own_error_and_a_delay_is_not_ruled_out() -> None:
-    """Speed against delay is 2.4 to 1 by the straight part alone (the papers' page); with the line taken as exact it was
-    1056 to 1. With the rise, and the rig's own drops to say how steep the line is, it is some 25 to 1."""
+    """Speed against delay is 2.4 to 1 by the straight part alone (the papers' page); with the line taken as exact it
+    was 1056 to 1. With the rise, and the rig's own drops to say how steep the line is, it is some 25 to 1."""
     found = diagnosed("lag_table1_distance", "lag_table3_drop_time")
     speed = cause(found, "lag.speed_scale")
     assert 0.8 < speed.probability < 0.99

@@ -7,9 +7,9 @@ Rows y (n,), divided by the s.d. that the noise has by the look of the replicate
 s is what that s.d. is wrong by; t what all rows of one setting share, for a setting is never set twice alike. Under a
 given s and t all is Gaussian and b is integrated in closed form (O'Hagan and Forster, Kendall's Advanced Theory of
 Statistics 2B, 2004, ch. 11). Both are integrated on a grid: s^2 by a scaled inverse chi-square of `DOF` about 1, and
-t by `SHARED`. Where tables are judged together, a part of the rows without replicates has a factor of its own on its
-s.d. (`ALONE`): what the others know of s says little of them. Intervals that must grow where settings differ by more than replicates, and t tables in place of normal
-ones where rows are few, come out of that by themselves.
+t by `SHARED`. Where tables are judged together, rows without replicates have a factor of their own on their s.d.
+(`ALONE`): what the others know of s says little of them. That intervals grow where settings differ by more than their
+rows do, and that they have the tails of Student's t where rows are few, comes out of that by itself.
 """
 from __future__ import annotations
 

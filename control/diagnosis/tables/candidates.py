@@ -61,7 +61,7 @@ def effects_of(problem: Problem) -> list[Effect]:
     _, slopes = problem.slopes()
     columns = slopes / problem.sd[:, None]
     ids = len(dict.fromkeys(candidate.id for candidate in problem.candidates))
-    found = []
+    found: list[Effect] = []
     for candidate, column in zip(problem.candidates, columns.T, strict=True):
         if np.linalg.norm(column) < MIN_LENGTH:
             continue
@@ -163,8 +163,10 @@ def _shapes(problem: Problem, piece: Piece, inside: BoolArray, effects: list[Eff
         found["label"] = [_inside(inside, np.column_stack([piece.group == text for text in texts]).astype(float))]
     found["constant"] = [_inside(inside, np.ones((rows, 1)))]
     settings = np.unique(problem.setting[inside])
-    if 2 < len(settings) < rows and not (_only_variable(piece) and len(settings) <= LEVELS):
-        found[_only_variable(piece)] = found.get(_only_variable(piece), []) + [np.column_stack([problem.setting == k for k in settings.tolist()]).astype(float)]
+    name = _only_variable(piece)
+    if 2 < len(settings) < rows and not (name and len(settings) <= LEVELS):
+        each = np.column_stack([problem.setting == k for k in settings.tolist()]).astype(float)
+        found[name] = [*found.get(name, []), each]
     return {name: kept for name, several in found.items()
             if (kept := [one for one in several if not _known(one, effects)])}
 

@@ -119,7 +119,8 @@ def problem_of(pieces: Sequence[Piece], machine: Machine, seed: int = 0) -> Prob
         names, tuple(scopes), setting, tuple(candidates),
         _tolerances(pieces), rounding, _usual_noise(judged),
         tuple(one.noise for one in judged),
-        tuple(k for k, one in enumerate(judged) if len(judged) > 1 and not one.noise.by_replicates), tuple(one.clock for one in judged))
+        tuple(k for k, one in enumerate(judged) if len(judged) > 1 and not one.noise.by_replicates),
+        tuple(one.clock for one in judged))
 
 
 def _judged(piece: Piece, machine: Machine, seed: int) -> _Judged:

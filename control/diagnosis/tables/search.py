@@ -223,7 +223,7 @@ def refined(problem: Problem, effects: Sequence[Effect], unknowns: Sequence[Unkn
             kept: BoolArray | None = None) -> Fitted:
     """The model made again at its own sizes. kept : (n,) rows that they are fitted to; None: all."""
     chosen = [effects[k] for k in model.effects]
-    other = () if model.unknown is None else (unknowns[model.unknown],)
+    other: tuple[Unknown, ...] = () if model.unknown is None else (unknowns[model.unknown],)
     alone = problem._replace(candidates=tuple(one.candidate for one in chosen))
     own = Model(tuple(range(len(chosen))), None if model.unknown is None else 0)
     sized: tuple[SizedEffect, ...] = ()

@@ -44,7 +44,8 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
                   labels_of(table), column_of(table), tuple(candidates), (), varying(variables),
                   {f"head_{int(k)}": np.where(head == k, reference * tolerance, 0.0) for k in np.unique(head)},
                   forms, {CANOPY_WARM_UP.id: np.full(len(rates), 100.0),
-                          CANOPY_SATURATION.id: -100.0 / DENSE_NDVI * _flattenings(np.full(1, DENSE_NDVI))[0]}, noise_sd=machine.noise.ndvi),)
+                          CANOPY_SATURATION.id: -100.0 / DENSE_NDVI * _flattenings(np.full(1, DENSE_NDVI))[0]},
+                  noise_sd=machine.noise.ndvi),)
 
 
 def _flattenings(reference: Array) -> Array:

@@ -58,4 +58,5 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
                   tuple(row.id for row in effects if table.kind in row.scoped_in), varying(variables),
                   {"dead_time": speed * machine.tolerance.dead_time_s},
                   {LAG_REBOUND.id: rises(rpm, machine.fall.full_rpm) * speed[:, None]},
-                  {LAG_REBOUND.id: rises(np.full(1, machine.fall.full_rpm), machine.fall.full_rpm)[0]}, on_ground=True),)
+                  {LAG_REBOUND.id: rises(np.full(1, machine.fall.full_rpm), machine.fall.full_rpm)[0]},
+                  on_ground=True),)
