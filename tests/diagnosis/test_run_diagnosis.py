@@ -10,7 +10,8 @@ from scipy.signal import lfilter
 from control.diagnosis.extend import extend
 from control.diagnosis.runs import intermittent, log, onset, search, stages
 from control.diagnosis.runs.channels import channels
-from control.diagnosis.runs.diagnose import Cancelled, diagnose_run
+from control.diagnosis.runs.diagnose import diagnose_run
+from control.diagnosis.runs.guard import Cancelled
 from control.diagnosis.runs.hypothesis import Part
 from control.diagnosis.runs.next_run import manoeuvres, separation
 from control.diagnosis.runs.settle import settle
@@ -298,6 +299,18 @@ def test_progress_is_told_and_cancel_obeyed():
     assert shares == sorted(shares) and shares[-1] <= 1.0
     with pytest.raises(Cancelled):
         diagnose_run(columns, Machine(), cancelled=lambda: True)
+
+
+def test_a_log_of_one_stage_is_cancelled_in_the_middle_of_its_work():
+    """Not only between groups of channels: every run of the model asks."""
+    whole = a_run(Machine(), seed=17, seconds=120.0)
+    columns = {name: whole[name] for name in ("time_s", "speed_mps", "wheel_speed_mps")}
+    asked = []
+    diagnose_run(columns, Machine(), cancelled=lambda: bool(asked.append(0)))
+    assert len(asked) > 20
+    left = iter(range(len(asked) // 2))
+    with pytest.raises(Cancelled):
+        diagnose_run(columns, Machine(), cancelled=lambda: next(left, None) is None)
 
 
 def test_manoeuvres_separate_what_they_are_for():

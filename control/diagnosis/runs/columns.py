@@ -283,6 +283,7 @@ class Columns:
     def compressed(self, parts: Parts, more: Sequence[Column] = ()) -> tuple[Problem, int]:
         """Problem at a hypothesis: nuisances, slopes, forms, then `more`; and how many come before `more`."""
         base = self.of_hypothesis(parts)
+        self.model.ask()
         return problem(self.model.channels, self.model.banded_residual(parts), [*base, *more]), len(base)
 
     def by_channel(self, parts: Parts) -> dict[str, list[tuple[Column, Array]]]:

@@ -15,7 +15,7 @@ from control.machine.machine import Machine
 
 from .channels import ChannelSeries, channels
 from .findings import between_rows, hardly_read, on_the_whole, turned_back, unsure_drives
-from .guard import attempt, is_finite, named
+from .guard import Cancelled, attempt, is_finite, named
 from .hum import without_hum
 from .intermittent import ReadOff, without_spells
 from .log import Clean, gate, readable
@@ -28,12 +28,10 @@ from .search import Search
 from .selection import Judged, judged
 from .stages import RunData, run_data
 
+HALF_WAY = 200              # runs of the model, in which a group is half judged: how many it needs nobody knows
+
 Progress = Callable[[float, str], None]
 Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
-
-
-class Cancelled(Exception):
-    """The caller asked to stop."""
 
 
 class JudgedRun(NamedTuple):
@@ -62,9 +60,9 @@ def diagnose_run(columns: Any, machine: Machine | str, *, path: str = "",
     path
         Of the data, for the result.
     progress
-        `progress(share, word)` is called between steps, share from 0 to 1.
+        `progress(share, word)` is called as often, share from 0 to 1; what it raises ends the diagnosis as well.
     cancelled
-        Asked between steps; True ends the diagnosis with `Cancelled`.
+        Asked at every run of the model, many times a second; True ends the diagnosis with `Cancelled`.
     seed
         Not used: the bootstrap has its own seed. It is here so that both entries have the same arguments.
     each
@@ -89,16 +87,15 @@ def diagnose_run(columns: Any, machine: Machine | str, *, path: str = "",
     -----
     Each channel is predicted through the machine model from the measured output of the stage before. The likelihood is
     Whittle's, in the cosine domain, with a fast and a slow noise refitted under every hypothesis [1]_; heavy tails are
-    drawn in by pseudo-values [2]_. Effects enter by a score test of their simulated column, then by stepwise selection
-    with refits through the model [3]_. What noise alone would give is a wild block bootstrap of the whitened residual
-    [4]_. The gain is measured on blocks that no size was fitted to.
+    drawn in by pseudo-values [2]_. Effects are proposed by a score test of their simulated column and weighed by log
+    evidence and prior odds, refitted through the model [3]_ (control/diagnosis/judgement). The gain is measured on
+    blocks that no size was fitted to.
 
     References
     ----------
     .. [1] Whittle, Estimation and information in stationary time series, Arkiv for Matematik 2, 1953.
     .. [2] Huber and Ronchetti, Robust Statistics, 2nd ed., 2009, 7.8.
-    .. [3] Miller, Subset Selection in Regression, 2nd ed., 2002, ch. 3.
-    .. [4] Wu, Jackknife, bootstrap and other resampling methods, Annals of Statistics 14, 1986.
+    .. [3] Kass and Raftery, Bayes factors, J. Am. Stat. Assoc. 90, 1995.
 
     Examples
     --------
@@ -128,13 +125,17 @@ def judged_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, pat
     def step(share: float, word: str) -> None:
         if cancelled is not None and cancelled():
             raise Cancelled
-        if progress is not None:
-            progress(share, word)
+        try:
+            if progress is not None:
+                progress(share, word)
+        except Exception as error:
+            raise Cancelled from error
     step(0.0, "data")
     log, data, read_off = series_of_log(columns, machine)
     findings = [*log.findings, *turned_back(log, machine), *unsure_drives(log, data), *hardly_read(log, data)]
     with np.errstate(all="ignore"):         # what comes of it is looked at (`_sound`)
         seen = channels(data, machine)
+    step(0.05, "channels")
     without = attempt("a speed sensor's hum", lambda: without_hum(seen, machine), findings)
     if without is not None:
         seen = without[0]
@@ -214,15 +215,16 @@ def _without_spells(data: RunData, machine: Machine, failed: list[str]) -> tuple
 def _judged(seen: Mapping[str, ChannelSeries], machine: Machine, data: RunData, step: Callable[[float, str], None],
             each: Each, findings: list[str]) -> list[Judged]:
     """Each group of channels judged: they share nothing but the log."""
-    def judge(members: list[ChannelSeries]) -> Judged | None:
-        what = named(one.name for one in members)
-        return attempt(what, lambda: judged(Search(members, machine, data)), findings)
-
     groups = {word: [seen[c] for c in names if c in seen] for word, names in GROUPS.items()}
     words = [word for word, members in groups.items() if members]
-    found: list[Judged] = []
-    for word, one in zip(words, each(judge, [groups[word] for word in words]), strict=True):
-        if one is not None:
-            found.append(one)
-        step(0.1 + 0.8 * (1 + words.index(word)) / len(words), word)
-    return found
+    runs = dict.fromkeys(words, 0)          # of the model, by group: how much of the work is done
+
+    def judge(word: str) -> Judged | None:
+        def ask() -> None:
+            runs[word] += 1
+            step(0.1 + 0.8 * sum(k / (k + HALF_WAY) for k in runs.values()) / len(words), word)
+
+        what = named(one.name for one in groups[word])
+        return attempt(what, lambda: judged(Search(groups[word], machine, data, ask)), findings)
+
+    return [one for one in each(judge, words) if one is not None]

@@ -16,6 +16,10 @@ import numpy as np
 T = TypeVar("T")
 
 
+class Cancelled(Exception):
+    """The diagnosis was told to end."""
+
+
 def attempt(what: str, work: Callable[[], T], findings: list[str]) -> T | None:
     """What `work` gives; None where it fails, and a sentence on `what` among the findings.
 
@@ -26,6 +30,8 @@ def attempt(what: str, work: Callable[[], T], findings: list[str]) -> T | None:
     try:
         with np.errstate(all="ignore"):
             return work()
+    except Cancelled:
+        raise
     except Exception as error:
         findings.append(f"{what}: left out: the program's own arithmetic fails on this log "
                         f"({type(error).__name__} at {_place(error)}; please report it)")

@@ -1,7 +1,7 @@
 """Channels that share effects, through the machine model: predictions, residuals, and the nominal values below them."""
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -114,10 +114,12 @@ class GroupModel:
     channels, names : of the group. data : the log; its hopper level is the predicted one. noise : where fits start.
     base : the stages' parameters now; offsets : by how much nominal values were moved (by key). moves : how often
     they were moved, for those who keep what they made of the model. drawn_in : what is taken off each measurement for
-    its tails (m,).
+    its tails (m,). ask : called at each run of the model; what it raises ends the work.
     """
 
-    def __init__(self, channels: Sequence[ChannelSeries], machine: Machine, data: RunData) -> None:
+    def __init__(self, channels: Sequence[ChannelSeries], machine: Machine, data: RunData,
+                 ask: Callable[[], None] = lambda: None) -> None:
+        self.ask = ask
         self.channels = tuple(channels)
         self.names = tuple(channel.name for channel in channels)
         self.machine = machine
@@ -175,6 +177,7 @@ class GroupModel:
         return now
 
     def _steady(self, parts: Parts, channels: Sequence[ChannelSeries], base: Stages | None) -> dict[str, Array]:
+        self.ask()
         plan = schedule(base or self.base, parts)
         return {c.name: c.predict(plan, MOST_STEP_S) for c in channels}
 

@@ -1,7 +1,7 @@
 """The search over hypotheses of one group: candidates scanned by their columns, the best refitted through the model."""
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -75,8 +75,9 @@ class Refit(NamedTuple):
 class Search:
     """A group's model, the columns made of it, and the candidates that are tried on it."""
 
-    def __init__(self, channels: Sequence[ChannelSeries], machine: Machine, data: RunData) -> None:
-        self.model = GroupModel(channels, machine, data)
+    def __init__(self, channels: Sequence[ChannelSeries], machine: Machine, data: RunData,
+                 ask: Callable[[], None] = lambda: None) -> None:
+        self.model = GroupModel(channels, machine, data, ask)
         self.columns = Columns(self.model)
         refilled = data.hopper is not None and bool(data.hopper.jumps)
         every = candidates(self.model.names, machine, self.model.heads, refilled)
@@ -99,6 +100,7 @@ class Search:
         normals = [projected(p, fixed, start) for start in starts]
         best: dict[tuple[str, int | None, float | None], Scanned] = {}
         for k, c in enumerate(tried):
+            self.model.ask()
             found = Scanned(c.part, -np.inf, -np.inf)
             for start, (normal, right) in zip(starts, normals, strict=True):
                 found = max(found, _added(p, before + k, c, null, start, normal, right), key=lambda f: f.evidence)
