@@ -256,7 +256,7 @@ def late(app):
     app.fields.of = lambda _frame: replace(picture, area_ha=412.75, planned=None)
 
 
-@pytest.mark.parametrize("units", ["metric", "imperial"])
+@pytest.mark.parametrize("units", ["metric", pytest.param("imperial", marks=pytest.mark.exam)])
 @pytest.mark.parametrize("screen", ["run", "map", "job"])
 async def test_nothing_is_cut_at_the_end_of_a_long_day(screen, units):
     assert await on_every_size(Picture("cut", SIZES[0], screen=screen), late, units) == []

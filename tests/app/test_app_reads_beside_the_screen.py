@@ -109,7 +109,8 @@ async def looked_at(app, pilot, key):
     return seen
 
 
-@pytest.mark.parametrize("where", PAGES)
+@pytest.mark.parametrize("where", [where if where in ("run", "map", "diagnosis", "job", "settings") else
+                                   pytest.param(where, marks=pytest.mark.exam) for where in PAGES])
 async def test_a_page_and_its_questions_look_at_no_file_in_the_thread_that_draws(app, where):
     async with app.run_test(size=SIZE) as pilot:
         await ready(app, pilot, where)

@@ -109,7 +109,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-QUICK = {"simulate job", "replay headless", "diagnose", "import", "import mapping", "check"}             # readers apart
+QUICK = {"simulate job", "diagnose", "import", "import mapping", "check"}             # readers apart
 
 
 def endings_of(command: str) -> tuple[str, ...]:
@@ -117,7 +117,7 @@ def endings_of(command: str) -> tuple[str, ...]:
 
 
 @pytest.mark.parametrize(("command", "endings"), [
-    ("map", (".geojson", ".zip", "")), *(
+    ("map", (".geojson", ".zip")), *(
         pytest.param(name, endings_of(name), marks=() if name in QUICK else pytest.mark.exam)
         for name in sorted(COMMANDS))], ids=lambda one: one if isinstance(one, str) else " ".join(one))
 def test_a_broken_file_is_one_plain_line(folder: Path, command: str, endings: tuple[str, ...],

@@ -6,11 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-STRATEGIES = ["opening_first", "speed_first", pytest.param("balanced", marks=pytest.mark.exam)]
+STRATEGIES = ["opening_first", *(pytest.param(name, marks=pytest.mark.exam) for name in ("speed_first", "balanced"))]
 
 
-@pytest.mark.parametrize("strategy", ["opening_first", *(pytest.param(name, marks=pytest.mark.exam) for name in
-                                                         ("speed_first", "balanced"))])
+@pytest.mark.parametrize("strategy", STRATEGIES)
 def test_look_ahead_puts_the_rate_where_it_belongs(simulated: Any, strategy: str) -> None:
     on = simulated(240.0, strategy).errors
     off = simulated(240.0, strategy, look_ahead=False).errors

@@ -99,6 +99,7 @@ def test_of_equal_scores_the_first_is_best() -> None:
     assert best_first([0.2, 0.4 * (1.0 - 1e-13), 0.4, np.inf]) == [3, 1, 2, 0]
 
 
+@pytest.mark.exam
 def test_tables_that_tie_are_answered_alike_by_two_kernels(bits: ModuleType, tmp_path: Path) -> None:
     cases = made_tables()
     one, other = (bits.by_kernel(kernel, cases, tmp_path) for kernel in ("Prescott", "Haswell"))

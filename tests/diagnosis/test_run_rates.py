@@ -70,7 +70,8 @@ def exported(tmp_path_factory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("name", ["applied.geojson", "applied.shp", "applied.csv", "applied.zip"])
+@pytest.mark.parametrize("name", ["applied.geojson", "applied.csv", *(
+    pytest.param(name, marks=pytest.mark.exam) for name in ("applied.shp", "applied.zip"))])
 def test_lag_and_gain_are_had_from_our_own_exports(exported, name):
     out = exported / f"{name}.json"
     done = CliRunner().invoke(app, ["diagnose", str(exported / name), "--json", str(out), "--force"])

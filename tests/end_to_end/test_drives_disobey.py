@@ -49,7 +49,7 @@ def test_a_valve_that_stays_open_is_said(bench, name):
     assert all(bench.promised(name, found, bench.VALVE_SAID_S).values()), found
 
 
-@pytest.mark.parametrize("machine", ["huanghai", "huanghai_sections"])
+@pytest.mark.parametrize("machine", [pytest.param("huanghai", marks=pytest.mark.exam), "huanghai_sections"])
 def test_a_day_of_stops_and_starts_accuses_nobody(bench, machine):
     """Holds, stops, calibrating runs, changes of the rate and of the strategy: drives that obey."""
     it = bench.Machine(machine, "sections_demo" if machine != "huanghai" else "demo")
@@ -109,8 +109,9 @@ def test_the_log_tells_it_and_so_does_the_export(bench, tmp_path):
 # --- Manoeuvres stay as good as they are, and strategies are compared in the same units ------------------------------
 
 @pytest.mark.parametrize(("name", "rate_percent", "place_m"), [
-    ("steady 4.5 km/h", 2.0, 0.05), ("start of a pass, rolling", 3.5, 0.2),
+    ("steady 4.5 km/h", 2.0, 0.05),
     *(pytest.param(*one, marks=pytest.mark.exam) for one in (
+        ("start of a pass, rolling", 3.5, 0.2),
         ("accelerating 3 to 7 km/h, 0.5 m/s2", 14.5, 0.65), ("decelerating 7 to 3 km/h, 0.5 m/s2", 18.5, 1.0),
         ("reversing 4 m, going on", 13.0, 0.4)))])
 def test_rate_and_place_error(benchmark_module, name, rate_percent, place_m):
@@ -137,6 +138,7 @@ def test_what_the_plan_reaches(benchmark_module, name, strategy, told, rate_perc
     assert judged.rate_percent < rate_percent
 
 
+@pytest.mark.exam
 def test_strategies_in_the_same_units(benchmark_module):
     m = benchmark_module("manoeuvres")
     from control.simulation.figures import moves

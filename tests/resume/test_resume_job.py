@@ -136,7 +136,8 @@ def test_the_job_goes_on_where_it_stopped(morning, tmp_path):
 
 
 @pytest.mark.parametrize(("told", "second_dose"), [
-    (None, False), (Order(Do.ALLOW_OUTSIDE, True), False), (Order(Do.NO_DOUBLE, False), True)])
+    (None, False), pytest.param(Order(Do.ALLOW_OUTSIDE, True), False, marks=pytest.mark.exam),
+    (Order(Do.NO_DOUBLE, False), True)])
 def test_what_is_done_gets_a_second_dose_only_by_the_order_for_it(morning, tmp_path, told, second_dose):
     """The machine stands 30 m before the place where it stopped, and works."""
     before, parts = morning
