@@ -56,7 +56,8 @@ def test_control_is_ours() -> None:
     assert not hasattr(control, "StateSpace")
 
 
-@pytest.mark.parametrize("start", ["control.diagnosis.runs.diagnose", "control.calibration"])
+@pytest.mark.parametrize("start", ["control.diagnosis.runs.diagnose", "control.calibration",
+                                   "console.services.fleet_season"])
 def test_an_answer_does_not_wait_for_all_of_scipy(start: str) -> None:
     """scipy.stats alone, which scipy.signal loads too, takes a second; scipy.special has the same quantiles. The closed
     loop and scipy.optimize, which scipy.interpolate loads too, take three tenths."""

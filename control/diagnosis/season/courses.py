@@ -9,8 +9,7 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import expit
-from scipy.stats import norm
+from scipy.special import expit, ndtr
 
 from .changes import NEAR, Stretch
 from .forms import Array, Logs, OneLog, stacked
@@ -160,7 +159,7 @@ def _pieces(stretches: Sequence[Stretch], times_d: Array, columns: Array, mean: 
         if one.kind == "gone":
             halves = [Z90 * float(np.sum(1.0 / variance[one.begin:one.end])) ** -0.5] * 2
         yield Piece(float(times_d[one.begin]), float(times_d[one.end - 1]), float(first @ mean), float(last @ mean),
-                    halves[0], halves[1], per_day, float(2.0 * norm.sf(abs(per_day) / sd)) if sd > 0.0 else 1.0)
+                    halves[0], halves[1], per_day, float(2.0 * ndtr(-abs(per_day) / sd)) if sd > 0.0 else 1.0)
 
 
 def _changes(cause: Cause, times_d: Array, sizes: Array, variance: Array) -> Iterator[Change]:
@@ -187,7 +186,7 @@ def _nearer_zero(was: float, was_variance: float, is_: float, is_variance: float
     left = 1.0 - REPAIR_SHARE
     sd = float(left ** 2 * was_variance + is_variance) ** 0.5
     sign = 1.0 if was >= 0.0 else -1.0
-    return float(max(0.0, norm.cdf((left * abs(was) - sign * is_) / sd) + norm.cdf(
+    return float(max(0.0, ndtr((left * abs(was) - sign * is_) / sd) + ndtr(
         (left * abs(was) + sign * is_) / sd) - 1.0))
 
 

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import mannwhitneyu
 
 from .courses import Course, Fit, Shared
 from .evidence import Worked
@@ -145,6 +144,7 @@ def low_hoppers(told: Sequence[Told]) -> list[Low]:
         others = [rate for name, rate in rates if name and name != operator]
         if len(own) < LEAST_OPERATOR_LOGS or len(others) < LEAST_OPERATOR_LOGS:
             continue
+        from scipy.stats import mannwhitneyu  # takes half a second to load, and is seldom asked for
         p = float(mannwhitneyu(own, others, alternative="greater").pvalue)
         if p < LOW_P and np.mean(own) > LOW_RATIO * np.mean(others):
             found.append(Low(operator, len(own), float(np.mean(own)), float(np.mean(others)), p))
