@@ -116,7 +116,7 @@ def test_an_adoption_is_refused_by_the_scope_whatever_the_findings_say(tmp_path:
     with pytest.raises(ValueError, match=r"holds for two\.csv blue only, not for the machine"):
         adopt(reworded, Machine(), [tmp_path / "two.csv"], tmp_path / "new.yaml")
     assert not (tmp_path / "new.yaml").exists()
-    assert sorted_out(reworded) == ((), ("lag.offset: holds in the rows of two.csv blue only",))
+    assert sorted_out(reworded) == ((), (f"{cause.id}: holds in the rows of two.csv blue only",))
     adopt(replace(found, causes=(replace(cause, scope=None, rivals=()),)), Machine(), [tmp_path / "two.csv"],
            tmp_path / "new.yaml")                         # though a sentence still says where it holds
     assert (tmp_path / "new.yaml").exists()
