@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 from verdict import exit_code
 
-from control.readings import DriveCommand, GnssFix, SpeedTold
+from control.readings import DriveCommand, GnssFix, SpeedPlan
 from drivers.board.framing import Receiver
 from drivers.devices import agopengps, board_frames, gpsd, lag_rig, point_dose, rate_module_frames
 from drivers.devices.board_frames import CommandFrame, StatusFrame, encode_command, encode_status
@@ -30,7 +30,7 @@ from drivers.devices.rate_module_frames import Relays, Status, Target, encode_re
 from drivers.devices.rate_module_frames import encode_status as encode_module
 from drivers.devices.slave_board import SlaveBoard
 from drivers.devices.tractor_speed import TractorSpeedDecoder
-from drivers.devices.tractor_speed import sentence as told_sentence
+from drivers.devices.tractor_speed import sentence as plan_sentence
 from drivers.ports import memory_pair
 from drivers.virtual.board import VirtualBoard
 from drivers.virtual.encoders import gnss_sentences, head_line
@@ -140,7 +140,7 @@ def module_told(chance: random.Random) -> bytes:
 
 
 def tractor_line(chance: random.Random) -> bytes:
-    return told_sentence(SpeedTold(0.0, ((0.0, chance.uniform(-3, 5)), (chance.uniform(0.1, 9), chance.uniform(-3, 5))),
+    return plan_sentence(SpeedPlan(0.0, ((0.0, chance.uniform(-3, 5)), (chance.uniform(0.1, 9), chance.uniform(-3, 5))),
                               chance.uniform(0.1, 2.0)))
 
 
@@ -227,7 +227,7 @@ SUBJECTS: dict[str, Subject] = {
     "dose report": Subject(dose_report, crc_frames(point_dose.decode_report), lambda: _fed(SlaveBoard()), CRC16),
     "lag rig": Subject(lag_line, crc_frames(lag_rig.decode_status), lambda: _fed(lag_rig.LagRig()), CRC16),
     "rate module": Subject(module_status, datagrams(rate_module_frames.decode_heard), _module, SUM),
-    "rate module, told": Subject(module_told, datagrams(rate_module_frames.decode_told), _module, SUM),
+    "rate module, told": Subject(module_told, datagrams(rate_module_frames.decode_command), _module, SUM),
 }
 
 

@@ -38,7 +38,7 @@ from control.log_row import ALL_COLUMNS, COLUMNS
 from control.loop import ControlLoop
 from control.loop.tick import Tick
 from control.orders import BY_PLACE, Do, Order, State, Strategy, TargetSource
-from control.readings import GnssFix, Measurements, Reading, SpeedTold
+from control.readings import GnssFix, Measurements, Reading, SpeedPlan
 from control.simulation.assembly import control_loop, with_simulated_field
 from drivers.files.log_text import RowText
 from drivers.files.setup import load_setup
@@ -193,7 +193,7 @@ class Machine:
         points = [(0.0, self._speed_mps), (1.0, chance.choice((0.0, 1.2, 3.0)))][:chance.choice((1, 2))]
         if self._odd(0.1):
             points[-1] = chance.choice(WILD), chance.choice(WILD)
-        self._said["speed_told"] = SpeedTold(now_s - (chance.choice(LATE_S) if self._odd(0.1) else 0.0), tuple(points),
+        self._said["speed_told"] = SpeedPlan(now_s - (chance.choice(LATE_S) if self._odd(0.1) else 0.0), tuple(points),
                                              chance.choice(WILD) if self._odd(0.05) else 0.5)
 
     def _odd(self, share: float) -> bool:

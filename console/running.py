@@ -54,7 +54,7 @@ def default_run_file() -> Path:
 def find_running(run_file: Path | None = None) -> Where | None:
     """The worker that runs for this user, or None, also while one is just starting. Takes 0.5 s at most.
 
-    A run file is removed only where no worker holds the lock beside it. One that is missing or wrong while a worker
+    A run file is removed only where no worker holds the lock next to it. One that is missing or wrong while a worker
     runs is written anew by that worker, and waited for. Raises WorkerFailed where a worker runs and its file stays
     wrong, or where it does not greet in time.
     """

@@ -55,7 +55,7 @@ class LogRow(NamedTuple):
     ndre_5: float | None = None
     ndre_6: float | None = None
     ndre: float | None = None
-    sections_cmd: str | None = None  # of machines with valves: what each is told, left to right, separated by ;
+    sections_cmd: str | None = None  # of machines with valves: the command of each, left to right, separated by ;
 
 
 ALL_COLUMNS: tuple[str, ...] = LogRow._fields
@@ -67,7 +67,7 @@ NDRE_COLUMNS = ("ndre_1", "ndre_2", "ndre_3", "ndre_4", "ndre_5", "ndre_6")
 HOLDS_S = MappingProxyType({
     "wheel_speed_mps": 1.0, "shaft_rpm": 0.5, "opening_mm": 0.5, "hopper_kg": 2.0, "supply_v": 2.0, "pitch_deg": 1.0,
     "roll_deg": 1.0, **dict.fromkeys(HEAD_COLUMNS + NDRE_COLUMNS, 1.25)})
-GNSS_HOLDS_S = 1.0                      # all that an epoch told
+GNSS_HOLDS_S = 1.0                      # all that an epoch reported
 COMMANDS_HELD = "commands_held"      # event: from here on each command held until the next row
 
 TEXT_COLUMNS = frozenset({"utc", "state", "strategy", "target_source", "alarms", "events", "speed_told",

@@ -59,7 +59,7 @@ class Do(StrEnum):
     ACKNOWLEDGE = "acknowledge"      # value: alarm id, or "" for all
     MARK = "mark"                    # value: free text, kept in the log's events
     REFILL = "refill"                # value: kg filled in
-    REFILL_BACK = "refill_back"      # value: kg; the last refill told with this mass was none
+    REFILL_BACK = "refill_back"      # value: kg; the last refill reported with this mass was none
     ALLOW_REVERSE = "allow_reverse"  # value: True / False
     ALLOW_OUTSIDE = "allow_outside"  # value: True / False
     ALLOW_MAP_ELSEWHERE = "allow_map_elsewhere"     # value: True / False: the outside rate of a map that lies elsewhere
@@ -85,7 +85,7 @@ class Answer(NamedTuple):
 
 
 class SectionState(NamedTuple):
-    """One section of a machine with valves. `why` it is told to be closed: `WHY_CLOSED`, empty where it is open."""
+    """One section of a machine with valves. `why` it is commanded closed: `WHY_CLOSED`, empty where it is open."""
 
     open: bool
     why: str = ""

@@ -5,8 +5,8 @@ from itertools import pairwise
 from math import isfinite
 from typing import Any, NamedTuple
 
-MOST_TOLD = 200         # points of a speed plan
-FASTEST_TOLD_MPS = 30.0
+MOST_ANNOUNCED = 200         # points of a speed plan
+FASTEST_ANNOUNCED_MPS = 30.0
 AHEAD_S = 0.1           # a reading may be this much newer than the tick that looks at it
 
 
@@ -60,16 +60,16 @@ class Measurements(NamedTuple):
     roll_deg: Reading | None = None              # right side down positive
     work_switch: bool | None = None              # None: not fitted
     drive_fault: bool = False                    # a motor driver says so
-    drive_stopped: bool = False                  # the drives have stood still by themselves though told to turn
+    drive_stopped: bool = False                  # the drives have stood still by themselves though commanded to turn
     put_aside: tuple[str, ...] = ()              # devices whose driver failed: not listened to any more
     control_failed: bool = False                 # the tick before this one could not be finished
     plants: tuple[PlantSeen, ...] = ()           # of the pictures that came since the tick before (point mode)
-    speed_told: SpeedTold | None = None          # newest
+    speed_told: SpeedPlan | None = None          # newest
     canopy_index: str = "ndvi"                   # that the heads give: ndvi or ndre
     valves: ValvesSeen | None = None             # None: no valves, or a board that does not tell
 
 
-class SpeedTold(NamedTuple):
+class SpeedPlan(NamedTuple):
     """Speeds that the tractor, or whoever plans its way, says it will aim at.
 
     points: (seconds after `time_s`, m/s), rising in time, the first at 0; the last one holds. It gets there with at
@@ -81,15 +81,15 @@ class SpeedTold(NamedTuple):
     acceleration_mps2: float = 0.5
 
 
-def told_text(told: SpeedTold, now_s: float) -> str:
-    """As a log's row says it: age in s, acceleration in m/s2, then pairs of seconds after it was told and m/s. A point
-    with the speed of the one before it says nothing new and is left out."""
-    points = [point for k, point in enumerate(told.points) if k == 0 or point[1] != told.points[k - 1][1]]
-    return " ".join(map(repr, (max(0.0, now_s - told.time_s), told.acceleration_mps2,
+def announced_text(announced: SpeedPlan, now_s: float) -> str:
+    """As a log's row says it: age in s, acceleration in m/s2, then pairs of seconds after its announcement and m/s. A
+    point with the speed of the one before it says nothing new and is left out."""
+    points = [point for k, point in enumerate(announced.points) if k == 0 or point[1] != announced.points[k - 1][1]]
+    return " ".join(map(repr, (max(0.0, now_s - announced.time_s), announced.acceleration_mps2,
                                *(float(number) for point in points for number in point))))
 
 
-def told_of(text: str, now_s: float) -> SpeedTold | None:
+def announced_of(text: str, now_s: float) -> SpeedPlan | None:
     """What `told_text` says, read in a row of the time `now_s`; None where it says nothing."""
     try:
         numbers = [float(word) for word in text.split()]
@@ -97,8 +97,8 @@ def told_of(text: str, now_s: float) -> SpeedTold | None:
         return None
     if len(numbers) < 4 or len(numbers) % 2:
         return None
-    told = SpeedTold(now_s - numbers[0], tuple(zip(numbers[2::2], numbers[3::2], strict=True)), numbers[1])
-    return told if can_be_told(told) else None
+    announced = SpeedPlan(now_s - numbers[0], tuple(zip(numbers[2::2], numbers[3::2], strict=True)), numbers[1])
+    return announced if can_be_announced(announced) else None
 
 
 class DoseOrder(NamedTuple):
@@ -153,14 +153,15 @@ def possible(m: Measurements) -> Measurements:
             unknown["gnss"] = None
         elif odd:
             unknown["gnss"] = fix._replace(**odd)
-    if m.speed_told is not None and not can_be_told(m.speed_told):
+    if m.speed_told is not None and not can_be_announced(m.speed_told):
         unknown["speed_told"] = None
     return m._replace(**unknown) if unknown else m
 
 
-def can_be_told(told: SpeedTold) -> bool:
+def can_be_announced(announced: SpeedPlan) -> bool:
     """Whether these are speeds of a machine that spreads, at times that rise from now on."""
-    times = [in_s for in_s, _ in told.points]
-    return (isfinite(told.time_s) and 0.0 < told.acceleration_mps2 <= 10.0 and 0 < len(times) <= MOST_TOLD
-            and times[0] == 0.0 and all(a < b for a, b in pairwise(times)) and times[-1] <= 60.0
-            and all(-FASTEST_TOLD_MPS <= mps <= FASTEST_TOLD_MPS for _, mps in told.points))
+    times = [in_s for in_s, _ in announced.points]
+    return (isfinite(announced.time_s) and 0.0 < announced.acceleration_mps2 <= 10.0
+            and 0 < len(times) <= MOST_ANNOUNCED and times[0] == 0.0 and all(a < b for a, b in pairwise(times))
+            and times[-1] <= 60.0
+            and all(-FASTEST_ANNOUNCED_MPS <= mps <= FASTEST_ANNOUNCED_MPS for _, mps in announced.points))

@@ -1,11 +1,11 @@
-"""The cab: all ports and drivers of one machine, and what they say and are told once a tick."""
+"""The cab: all ports and drivers of one machine, and what they say and are commanded once a tick."""
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
 from typing import Any, Protocol
 
-from control.readings import DoseOrder, DriveCommand, GnssFix, Measurements, Reading, SpeedTold, ValvesSeen
+from control.readings import DoseOrder, DriveCommand, GnssFix, Measurements, Reading, SpeedPlan, ValvesSeen
 from drivers.cab_config import MODULE_STOPS_S, BoardConfig, CabConfig, GnssConfig, HeadsConfig, RateModuleConfig
 from drivers.cab_line import DatagramLine, DeviceLine
 from drivers.datagrams import Datagrams, open_datagrams, open_line
@@ -79,7 +79,7 @@ class Cab:
             rig = LagRig()
             self._rig = _opened("lag_rig", "lag-rig/1", config.lag_rig.port, config.lag_rig.baud, rig, clock,
                                 opener), rig
-        self._speed_told: SpeedTold | None = None
+        self._speed_told: SpeedPlan | None = None
         self._tractor: tuple[DeviceLine, TractorSpeedDecoder] | None = None
         if config.tractor is not None:
             decoder = TractorSpeedDecoder()
@@ -215,9 +215,9 @@ class Cab:
 
     def _read_tractor(self, line: DeviceLine, decoder: TractorSpeedDecoder, now_s: float) -> None:
         data = line.read(now_s)
-        told = decoder.feed(data, now_s) if data else []
-        self._speed_told = told[-1] if told else self._speed_told
-        line.note(one.time_s for one in told)
+        announced = decoder.feed(data, now_s) if data else []
+        self._speed_told = announced[-1] if announced else self._speed_told
+        line.note(one.time_s for one in announced)
 
     def _read_gnss(self, now_s: float) -> None:
         assert self._gnss is not None
@@ -234,7 +234,7 @@ class Cab:
 
     def _drive_stopped(self) -> bool:
         """The board has not followed for as long as a command and its echo may take: it lost the heartbeat, or its
-        power, and waits for an enable 0. (A driver's fault is told by itself.)"""
+        power, and waits for an enable 0. (A driver's fault is reported by itself.)"""
         board, told_s = self.board, self._told_to_turn_s
         return (board is not None and told_s is not None and not board.enabled and not board.driver_fault
                 and board.time_s - told_s > FOLLOWS_WITHIN_S)

@@ -19,7 +19,6 @@ from console import quick_start
 from console.app import actions, pressed, themes, words
 from console.app.action import ANYWHERE, JOB, MAP, REPLAY, RUN, Action, bindings
 from console.app.alarms import Bell
-from console.app.arrival import Arrival
 from console.app.company import CompanyView, arrival_words, company_view, list_words, news
 from console.app.dialogs import Choice, ChoiceDialog, TextDialog
 from console.app.fields import FieldPictures
@@ -37,7 +36,7 @@ from console.app.replay_job import ReplayJob
 from console.app.screens.gone import GoneScreen
 from console.app.services import Services
 from console.app.settings import apply, limit_rates, theme_of
-from console.app.source import FrameSource
+from console.app.source import Arrival, FrameSource
 from console.app.stray import HeldEnter, StrayTyping
 from console.app.terminal import Takes, drawn_on
 from console.app.tour import Tour

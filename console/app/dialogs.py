@@ -100,7 +100,7 @@ class NudgeDialog(Dialog[float | None]):
         super().__init__(_("Nudge the target"), _("+ and - change, 0 takes it away, at most 30 % either way"))
         self.before = now_percent
         self.percent = now_percent
-        self._typing = False            # a number was begun, which is not how it is changed: its 0 is no 0
+        self._typing = False            # a number was started, which is not how it is changed: its 0 is no 0
         self.action_step(first)
 
     def body(self) -> ComposeResult:

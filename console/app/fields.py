@@ -1,4 +1,4 @@
-"""The pictures of fields, loaded once each beside the screens; until then, or where there is none, nothing."""
+"""The pictures of fields, loaded once each along with the screens; until then, or where there is none, nothing."""
 from __future__ import annotations
 
 import asyncio

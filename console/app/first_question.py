@@ -3,10 +3,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from console.app.dialogs import Choice, ChoiceDialog
+from console.app.dialogs import Choice, ChoiceDialog, Confirm
 from console.app.pages.job.day import file_name
 from console.app.view import wall_clock
 from console.locale import _
+from control.orders import Do
 
 if TYPE_CHECKING:
     from console.app.app import TopdressApp
@@ -52,3 +53,16 @@ def _words(one: Recent, utc_offset_s: float) -> str:
     field = one.field or _("no field")
     job = one.job or file_name(one.files[0])
     return "  ".join(part for part in (since, field, job, one.machine) if part)
+
+
+if TYPE_CHECKING:
+    from console.app.app import TopdressApp
+
+
+def start_from_any_page(app: TopdressApp) -> None:
+    """Where the numbers of the machine are not in sight, START is asked."""
+    def answer(yes: bool | None) -> None:
+        if yes:
+            app.give(Do.START)
+
+    app.push_screen(Confirm(_("Start to work?"), _("The machine begins to spread as soon as it moves.")), answer)

@@ -30,7 +30,7 @@ def joined_words(joined: Joined, utc_offset_s: float) -> str:
         lines.append(_("log {name}").format(name=file_name(joined.log_path)))
     named = ", ".join(map(file_name, joined.unused))
     if not joined.known:
-        lines.append(_("By which files it goes cannot be read: nothing can be read beside its log."))
+        lines.append(_("By which files it goes cannot be read: nothing can be read next to its log."))
         if named:
             lines.append(_("Named on this command line, and perhaps NOT used: {files}.").format(files=named))
     elif joined.unused:

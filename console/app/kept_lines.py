@@ -1,4 +1,4 @@
-"""The A-B line and a boundary that is being driven, as records of a file beside the log: a console that dies, or is
+"""The A-B line and a boundary that is being driven, as records of a file next to the log: a console that dies, or is
 closed, leaves them to the next one. Pure.
 
 A record is a line of JSON. The file only grows: what was said last holds, and a line that was cut off counts for
@@ -29,7 +29,7 @@ class KeptLines(NamedTuple):
 
 class LineFiles(Protocol):
     def append(self, log_path: str, record: str) -> None:
-        """Kept beside the log; returns at once."""
+        """Kept next to the log; returns at once."""
 
     def read(self, log_path: str) -> KeptLines:
         """What holds, with what the log tells of the drive since; where nothing was said of a line, that of the last
@@ -80,6 +80,6 @@ def _with(kept: KeptLines, said: dict[str, Any]) -> KeptLines:
     return kept._replace(way=(*kept.way, place), until_s=time_s)
 
 
-def _place(told: Any) -> Place:
-    east_m, north_m = told
+def _place(record: Any) -> Place:
+    east_m, north_m = record
     return float(east_m), float(north_m)

@@ -12,7 +12,7 @@ LEAST_WORKED_S = 30.0       # before, nobody can tell how fast the work goes
 
 
 class RemainingWork(NamedTuple):
-    """None: not known, for the job has no field, or has hardly begun."""
+    """None: not known, for the job has no field, or has hardly started."""
 
     area_ha: float | None = None
     product_kg: float | None = None

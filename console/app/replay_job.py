@@ -1,4 +1,4 @@
-"""What the Replay screen is given beside the frames: findings about the log, and how a what-if is computed."""
+"""What the Replay screen is given along with the frames: findings about the log, and how a what-if is computed."""
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence

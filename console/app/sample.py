@@ -110,7 +110,7 @@ def sample_field() -> FieldPicture:
 
 
 class SampleLayers:
-    """`console.app.pages.map.layer_files.LayerFiles`: one file that was applied crosswise, and one that is none."""
+    """`console.app.pages.map.laid_files.LayerFiles`: one file that was applied crosswise, and one that is none."""
 
     def files(self, running_log: str) -> tuple[LogFile, ...]:
         return (LogFile("/logs/autumn.geojson", "autumn.geojson", "2025-10-02 17:20", "0.4 MB"),

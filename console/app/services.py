@@ -9,7 +9,7 @@ from console.app.kept_lines import LineFiles
 from console.app.pages.calibrate.job import CalibrateJob
 from console.app.pages.diagnosis.data import DiagnosisService
 from console.app.pages.job.service import Earlier, JobService
-from console.app.pages.map.layer_files import LayerFiles
+from console.app.pages.map.laid_files import LayerFiles
 from console.app.pages.replay.log_files import LogFiles
 from console.app.settings import SettingsStore
 from console.frame import Frame

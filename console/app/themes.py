@@ -1,4 +1,5 @@
-"""Day, night and high contrast. Beside Textual's own names each theme says what target, applied, alarms and states are.
+"""Day, night and high contrast. Next to Textual's own names each theme says what target, applied, alarms and states
+are.
 
 Alarms are orange (red severity) and blue (amber severity): the pair that colour-blind eyes keep apart. STOP is red,
 work is green, what is chosen is yellow: none of them looks like an alarm. All pairs stay apart in 16 colours too (a

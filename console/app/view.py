@@ -21,7 +21,7 @@ RATE_FLOOR_KG_HA = 50.0       # rate errors are relative to the target, but neve
 ERROR_AMBER = 0.10
 ERROR_RED = 0.20
 LAG_NOTE = "lag_out_of_range"
-# Of the ground ahead, and of the flow that is owed: told while working only, else nothing is owed.
+# Of the ground ahead, and of the flow that is owed: reported while working only, else nothing is owed.
 WORK_NOTES = ("already_spread", "on_headland", "zero_", "limited_")
 ERROR_SPAN = 0.30             # the error bar's end
 
@@ -65,6 +65,7 @@ class AlarmsView(NamedTuple):
     calm: str                 # what stands there where there is no alarm
     fault: str = ""           # id of the alarm that made the machine faulty; empty: no fault
     urgent: bool = False      # `calm` is not: somebody has to do something, or nothing is known
+    about: tuple[str, ...] = ()       # what works on what, behind `calm`
 
 
 class RatesView(NamedTuple):

@@ -52,7 +52,7 @@ ANSWERS: Mapping[str, str] = dict(REFUSALS) | {
     "no_such_device": N_("There is no device {device}."),
     "device_in_use": N_("Not possible in state {state}."),
     "device_disconnected": N_("The device {device} is disconnected."),
-    "no_log": N_("There is no log to put the file beside."),
+    "no_log": N_("There is no log to put the file next to."),
     "no_machine": N_("no machine is connected"),
     "no_answer": N_("No answer from the control worker yet: watch the state."),
     "replay": N_("This is a replay: the log cannot be changed."),
@@ -140,7 +140,7 @@ def note_word(note: str) -> str:
 
 
 def allowed_words(allow: Allowances) -> tuple[str, ...]:
-    """What the operator told safety to put up with, a mark each."""
+    """What the operator allows, a mark each."""
     return tuple(_(word) for name, word in ALLOWANCES.items() if getattr(allow, name))
 
 

@@ -61,8 +61,8 @@ def spot_of(frame: Frame) -> Spot | None:
 
 
 def _turns_though_stopped(row: LogRow) -> bool:
-    """Out of work, told to stand, and the shaft turns: what it gives lies there all the same. What a calibrating run
-    gives lies in a tray."""
+    """Out of work, commanded to stop, and the shaft turns: what it gives lies there all the same. What a calibrating
+    run gives lies in a tray."""
     return (row.state != "calibrating" and row.shaft_rpm_cmd == 0.0 and row.shaft_rpm is not None
             and row.shaft_rpm > TURNING_RPM)
 
@@ -71,7 +71,7 @@ def open_bits(sections_cmd: str | None) -> float:
     """The log's column of the valves as a number; all open where it tells nothing."""
     if not sections_cmd:
         return ALL_OPEN
-    return float(sum(1 << k for k, told in enumerate(sections_cmd.split(";")[:MOST_BITS]) if told == "1"))
+    return float(sum(1 << k for k, command in enumerate(sections_cmd.split(";")[:MOST_BITS]) if command == "1"))
 
 
 class Box(NamedTuple):

@@ -24,7 +24,7 @@ def _app() -> typer.Typer:
                        context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
 
 
-COMMANDS = {                    # by name: the file beside this one, and its function
+COMMANDS = {                    # by name: the file next to this one, and its function
     "run": "run.run", "replay": "replay.replay", "simulate": "simulate.simulate", "diagnose": "diagnose.diagnose",
     "compare": "compare.compare", "watch": "watch.watch", "fleet": "fleet.fleet", "history": "history.history",
     "machine": "machine.machine",

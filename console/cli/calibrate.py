@@ -71,7 +71,7 @@ def _day(text: str | None) -> dt.date:
 
 def _save_test(product: str, machine: Machine, flow: FlowFit, day: dt.date, data: Path, out: Path) -> None:
     """The product with this test added to its earlier ones."""
-    from control.calibration.product import catch_test
+    from control.calibration.flow_fit import catch_test
     from drivers.files.config import load, save, sha256_of
     from drivers.files.kinds import PRODUCT
     read = load(product, PRODUCT)

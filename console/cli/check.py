@@ -75,7 +75,7 @@ def _check(files: list[str]) -> None:
     read: list[tuple[Any, Any]] = []
     for file in files:
         _refuse_other(Path(file))
-        if _is_told(Path(file)):
+        if _is_reported(Path(file)):
             continue
         try:
             kind, loaded = load_any(file, KINDS)
@@ -112,7 +112,7 @@ def _refuse_other(path: Path) -> None:
                            f"{CHECKED.words}")
 
 
-def _is_told(path: Path) -> bool:
+def _is_reported(path: Path) -> bool:
     """Says what a task file, its folder or a zip of it holds, a line each; False for any other file."""
     if not path.is_dir() and not (path.suffix.lower() in (".xml", ".zip") and path.is_file()):
         return False
@@ -133,7 +133,7 @@ def _of_job(loaded: Any) -> list[str]:
 
 def _map_of(loaded: Any) -> list[str]:
     """Says what of a job's map will not be applied as it stands. Returns what is wrong, a line each."""
-    from console.cli.map_notes import told_map
+    from console.cli.map_notes import print_map_notes
     from drivers.files.config import ConfigError, load
     from drivers.files.kinds import CROP
     from drivers.files.prescriptions.for_job import check_of_job, plants_of_job
@@ -141,7 +141,7 @@ def _map_of(loaded: Any) -> list[str]:
     folder = loaded.path.parent
     try:
         crop = load(loaded.model.crop, CROP, beside=folder).model
-        told_map(check_of_job(loaded.model, crop.max_rate_kg_ha, folder), str(loaded.path))
+        print_map_notes(check_of_job(loaded.model, crop.max_rate_kg_ha, folder), str(loaded.path))
         plants_of_job(loaded.model, folder)
     except ConfigError as error:
         return list(error.lines)
@@ -159,7 +159,7 @@ def _notes_of(loaded: Any) -> list[str]:
     from drivers.files.setup import growth_note, load_setup
     try:
         setup = load_setup("huanghai", loaded.path, dt.date.today())
-    except ConfigError:                     # told with the crop, or when the job is begun
+    except ConfigError:                     # reported with the crop, or when the job is started
         return []
     found = [growth_note(setup.growth)]
     rule = setup.rule
@@ -185,7 +185,7 @@ def _heads_of(job: Any, cabs: list[Any]) -> list[str]:
     from drivers.files.setup import index_disagreements
     try:
         crop = load(job.model.crop, CROP, beside=job.path.parent).model
-    except ConfigError:                     # told with the job
+    except ConfigError:                     # reported with the job
         return []
     return [line for cab in cabs or [None] for line in index_disagreements(cab, crop, job.model)]
 
@@ -209,7 +209,7 @@ def _products_on(machine: Any, jobs: list[Any]) -> list[str]:
     for job in jobs:
         try:
             product = product_of(job.model, job.path.parent)
-        except ConfigError:                 # told with the job
+        except ConfigError:                 # reported with the job
             continue
         note = "" if product is None else product_note(product.model, machine)
         found += [f"{job.path}: note: {note}"] if note else []

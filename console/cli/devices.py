@@ -24,8 +24,8 @@ def devices(
 
     from drivers.cab_config import CONSOLE_PORT
     from drivers.devices.probe import BAUDS
-    told = {one.device: one.description or "" for one in sorted(comports())}
-    urls = list(ports) if ports else list(told)
+    descriptions = {one.device: one.description or "" for one in sorted(comports())}
+    urls = list(ports) if ports else list(descriptions)
     failed = []
     if not urls:
         typer.echo("no serial port on this computer")
@@ -34,7 +34,7 @@ def devices(
             url, [baud] if baud else [115200] if url.startswith("socket://") else list(BAUDS), seconds)
         if ports and not opened:
             failed.append(url)
-        typer.echo("  ".join(part for part in (f"{url:32}", told.get(url, ""), said) if part).rstrip())
+        typer.echo("  ".join(part for part in (f"{url:32}", descriptions.get(url, ""), said) if part).rstrip())
     if not ports and not no_probe:
         typer.echo(f"{'rate modules on the network':32}  {_modules(f'udp://0.0.0.0:{CONSOLE_PORT}', seconds)[0]}")
     if failed:

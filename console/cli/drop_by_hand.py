@@ -21,7 +21,7 @@ def measure_drop(rig: str, out: Path, runs: int) -> None:
     from drivers.devices.drop_test import DropTest, drop_table
     from drivers.files.atomic import write_atomically
     cab = Cab(CabConfig.model_validate({"lag_rig": {"port": rig}}), time.monotonic)
-    test, begun_s, told, kept = DropTest(), time.monotonic(), "", 0
+    test, begun_s, phase, kept = DropTest(), time.monotonic(), "", 0
     typer.echo("no board: this program turns nothing; only drop times are measured (Ctrl-C ends)")
     try:
         while len(test.runs) < runs:
@@ -38,9 +38,9 @@ def measure_drop(rig: str, out: Path, runs: int) -> None:
                 kept = len(test.runs)
                 write_atomically(out, drop_table(test.runs))
                 typer.echo(f"{kept} of {runs}: {test.runs[-1].shaft_rpm:.1f} r/min, {test.runs[-1].drop_s:.3f} s")
-            if cab.rig is not None and wish.phase != told:
-                told = wish.phase
-                sys.stderr.write(f"{WORDS[told]}\n")
+            if cab.rig is not None and wish.phase != phase:
+                phase = wish.phase
+                sys.stderr.write(f"{WORDS[phase]}\n")
             time.sleep(TICK_S)
     finally:
         cab.order_rig(0, False)

@@ -86,11 +86,11 @@ def machine(
     except ValueError as error:
         raise CommandError(f"{log}: {error}") from None
     answers = Answers(not yes)
-    told = _asked(found, answers, full_speed, settled, both_ways, noise)
-    text = machine_text(told, kind, f"{HEAD} {log.name}")
+    made = _asked(found, answers, full_speed, settled, both_ways, noise)
+    text = machine_text(made, kind, f"{HEAD} {log.name}")
     write_atomically(out, text)
     load(str(out), MACHINE)                 # what is written is what is read
-    typer.echo(f"{out}: a {kind.value}, {told.full_rpm:g} r/min; {answers.count} questions; next: topdress diagnose "
+    typer.echo(f"{out}: a {kind.value}, {made.full_rpm:g} r/min; {answers.count} questions; next: topdress diagnose "
                f"{log} --machine {out}")
 
 
@@ -104,20 +104,20 @@ def _asked(found: Suggested, answers: Answers, full_speed: float | None, settled
     return found._replace(full_rpm=full, settled=rows, both_ways=both, noise_rpm=sd)
 
 
-def machine_text(told: Suggested, kind: Driven, head: str) -> str:
+def machine_text(made: Suggested, kind: Driven, head: str) -> str:
     """The file: what it is, what it has, what it can, what is read of it. Neutral figures are left out."""
-    shaft = [f"full_rpm: {told.full_rpm:g}", "acceleration_rpm_s: 1.0e+6"]
-    if not told.settled:
-        shaft += [f"dead_time_s: {told.dead_s:.3g}", f"time_constant_s: {max(told.tau_s, 1e-3):.3g}"]
+    shaft = [f"full_rpm: {made.full_rpm:g}", "acceleration_rpm_s: 1.0e+6"]
+    if not made.settled:
+        shaft += [f"dead_time_s: {made.dead_s:.3g}", f"time_constant_s: {max(made.tau_s, 1e-3):.3g}"]
     else:
         shaft += ["dead_time_s: 0", "time_constant_s: 0.001"]
-    if not told.both_ways:
+    if not made.both_ways:
         shaft.append("one_way: 1")
-    if told.supply_v is not None and 1.0 <= told.supply_v <= 60.0:
-        shaft.append(f"nominal_supply_v: {told.supply_v:.3g}")
+    if made.supply_v is not None and 1.0 <= made.supply_v <= 60.0:
+        shaft.append(f"nominal_supply_v: {made.supply_v:.3g}")
     lines = [f"# {head}: what was answered, and what the log itself shows of the times.",
              "format: topdress-machine/1", f"id: {kind.value}", "stages: [shaft]",
-             f"shaft: {{{', '.join(shaft)}}}", f"limits: {{shaft_low_rpm: 0, shaft_high_rpm: {told.full_rpm:g}}}",
-             f"noise: {{shaft_rpm: {told.noise_rpm:.3g}}}",
+             f"shaft: {{{', '.join(shaft)}}}", f"limits: {{shaft_low_rpm: 0, shaft_high_rpm: {made.full_rpm:g}}}",
+             f"noise: {{shaft_rpm: {made.noise_rpm:.3g}}}",
              "tolerance: {shaft_percent: 0.5, dead_time_s: 0.01, time_constant_s: 0.015}     # of a first file"]
     return "\n".join(lines) + "\n"

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from control.targets.map_check import MapCheck
 
 
-def told_map(check: MapCheck | None, label: str) -> None:
+def print_map_notes(check: MapCheck | None, label: str) -> None:
     """Nothing where the job names no map."""
     from console.app.pages.job.map_words import map_words
     from console.app.units import METRIC

@@ -19,7 +19,7 @@ class Output(NamedTuple):
     """Files that are written together.
 
     `earlier`: whether those that are there are an earlier output of the same command, which can be made again: it is
-    replaced without being told.
+    replaced without a word.
     """
 
     files: tuple[Path, ...]
@@ -56,12 +56,13 @@ def refuse_collisions(reads: Iterable[Path], writes: Iterable[Output], force: bo
 
 
 def log_files(log: Path) -> tuple[Path, Path]:
-    """A run log and what stands beside it."""
+    """A run log and what stands next to it."""
     return log, log.with_suffix(".yaml")
 
 
 def new_log_files(log: Path) -> tuple[Path, Path]:
-    """A run log about to be written, and what comes beside it. Raises CommandError for a name that is none of a log."""
+    """A run log about to be written, and what comes next to it. Raises CommandError for a name that is none of a
+    log."""
     if log.suffix != ".csv":
         raise CommandError(f"--out {log}: allowed is a name that ends in .csv")
     return log_files(log)

@@ -1,4 +1,4 @@
-"""`topdress reproduce`: the papers' tables and figures, published beside obtained, on one page."""
+"""`topdress reproduce`: the papers' tables and figures, published next to obtained, on one page."""
 from __future__ import annotations
 
 import csv

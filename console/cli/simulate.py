@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from console.cli.map_notes import told_map
+from console.cli.map_notes import print_map_notes
 from console.cli.outputs import Force, new_log_files, refuse_collisions
 from console.cli.plain_errors import CommandError
 from console.cli.progress import progress
@@ -90,9 +90,9 @@ def simulate(
     planted = [parse_planted(text) for text in effect or ()]
     true = setup.machine if plant is None else plausible(setup.machine, plant)
     terms = parse_terms(term or ())
-    told = [*([] if plant is None else [f"machine {plant}"]), *(effect or ()), *(term or ())]
+    plants_shown = [*([] if plant is None else [f"machine {plant}"]), *(effect or ()), *(term or ())]
     placed = placed_of_job(resolved, setup.folder, setup.machine, setup.crop.index)
-    told_map(check_of_job(resolved, setup.crop.max_rate_kg_ha, setup.folder), job)
+    print_map_notes(check_of_job(resolved, setup.crop.max_rate_kg_ha, setup.folder), job)
     with nullcontext() if out is None else whole_log(out, _meta(setup, resolved, seed)) as log:
         run = _run(setup, true, resolved, seed=seed, planted=planted, terms=terms, seconds=seconds, placed=placed,
                    log=log)
@@ -104,13 +104,13 @@ def simulate(
     if not (summary or as_json or out is None):
         return
     if run.doses is None:
-        _tell(run, setup, resolved, seconds, told, as_json)
+        _tell(run, setup, resolved, seconds, plants_shown, as_json)
         return
     other = resolved.target.model_copy(update={"learn_threshold": not resolved.target.learn_threshold})
     compared = _run(setup, true, resolved.model_copy(update={"target": other}), seed=seed, planted=planted, terms=terms,
                     seconds=seconds, placed=placed, log=None)
     learned, fixed = (run, compared) if resolved.target.learn_threshold else (compared, run)
-    _tell_points(run, learned, fixed, resolved, seconds, told, as_json)
+    _tell_points(run, learned, fixed, resolved, seconds, plants_shown, as_json)
 
 
 class _Ran(NamedTuple):
@@ -141,9 +141,9 @@ def _run(setup: Setup, true: Machine, job: Job, *, seed: int, planted: list[Plan
     steps = simulated_run(plant, loop, seconds, doses=doses)
     for step in progress(steps, round(seconds / DT_S), "simulating"):
         record.add(step)
-        told = step.tick.head_ndvi
-        if step.tick.row.applied_rate_kg_ha and told and None not in told and (not heads or heads[-1] != told):
-            heads.append(tuple(value for value in told if value is not None))
+        ndvi = step.tick.head_ndvi
+        if step.tick.row.applied_rate_kg_ha and ndvi and None not in ndvi and (not heads or heads[-1] != ndvi):
+            heads.append(tuple(value for value in ndvi if value is not None))
         for name in (step.tick.row.alarms or "").split(";"):
             if name:
                 alarms[name] = alarms.get(name, 0) + 1
@@ -196,11 +196,11 @@ def _tell(run: _Ran, setup: Setup, job: Job, seconds: float, effects: list[str],
                    rule=setup.rule if by_canopy else None)
     one_rate = across(setup.rule, setup.machine, run.heads) if by_canopy and len(run.heads) > 1 else None
     if as_json:
-        told = {"seconds": seconds, "strategy": job.strategy.value, "look_ahead": job.look_ahead,
+        summary = {"seconds": seconds, "strategy": job.strategy.value, "look_ahead": job.look_ahead,
                 "flow_trim": job.flow_trim, "effects": list(effects), **found._asdict(),
                 "one_rate": None if one_rate is None else one_rate._asdict(),
                 "alarm_ticks": alarms, "realtime_factor": round(seconds / took_s, 1)}
-        sys.stdout.write(json.dumps(told) + "\n")
+        sys.stdout.write(json.dumps(summary) + "\n")
         return
     typer.echo(f"{seconds:g} s, {job.strategy.value}, look-ahead {'on' if job.look_ahead else 'off'}, flow trim "
                f"{'on' if job.flow_trim else 'off'}" + (f", planted {', '.join(effects)}" if effects else ""))
@@ -229,10 +229,10 @@ def _tell_points(run: _Ran, learned: _Ran, fixed: _Ran, job: Job, seconds: float
     assert learned.doses is not None and fixed.doses is not None
     with_it, without = learned.doses.errors(SETTLE_DOSES), fixed.doses.errors(SETTLE_DOSES)
     if as_json:
-        told = {"seconds": seconds, "effects": list(effects), "learn_threshold": job.target.learn_threshold,
+        summary = {"seconds": seconds, "effects": list(effects), "learn_threshold": job.target.learn_threshold,
                 "with_threshold": with_it._asdict(), "without_threshold": without._asdict(),
                 "alarm_ticks": run.alarms, "realtime_factor": round(seconds / run.took_s, 1)}
-        sys.stdout.write(json.dumps(told) + "\n")
+        sys.stdout.write(json.dumps(summary) + "\n")
         return
     typer.echo(f"{seconds:g} s, point mode, doses of {job.target.dose_angle_deg:g} degrees"
                + (f", planted {', '.join(effects)}" if effects else ""))

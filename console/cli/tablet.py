@@ -115,8 +115,8 @@ def end_with(server: int) -> None:
 
 def tab_app(where: Where | None, token: str | None) -> TabletApp:
     """The app of one tab, looking."""
+    from console.services.at_work import earlier
     from console.services.diagnosis import DiagnosisFiles
-    from console.services.earlier import earlier
     from console.services.field import field_picture
     from console.services.line_files import LinesSeen
     waits = SharedWaits(default_run_file().with_name("tablet-waits.json"))

@@ -32,8 +32,8 @@ def compare_page(logs: Logs, old: str, new: str) -> str:
     for place, (path, found) in enumerate(logs):
         rows = [(one.channel, one.unit, number(one.old), number(one.new), interval(one), verdict(one))
                 for one in found.channels]
-        told = table(("channel", "unit", "old", "new", "old less new, 90 %", ""), rows, frozenset({2, 3, 4}))
-        parts.append(section(path, told if rows else paragraph("No channel could be held against both."),
+        shown = table(("channel", "unit", "old", "new", "old less new, 90 %", ""), rows, frozenset({2, 3, 4}))
+        parts.append(section(path, shown if rows else paragraph("No channel could be held against both."),
                              *(figure(picture_of(one, f"compare-{place}-{one.channel}")) for one in found.channels),
                              items(found.findings) if found.findings else ""))
     return page(f"{old} against {new}", STYLE, "\n".join(parts))

@@ -28,7 +28,7 @@ def diagnosis_page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
     """The page.
 
     `tools`: {"columns": the run log's columns, "machine": Machine} or {"tables": [BenchTable], "machine": Machine};
-    besides, where known, "date" (text), "sha256" (path -> checksum) and "version" (of this program). Checksums that are
+    also, where known, "date" (text), "sha256" (path -> checksum) and "version" (of this program). Checksums that are
     not given are taken from the files where they can be read. Raises NoPictures, a ValueError with one line, without
     matplotlib.
     """

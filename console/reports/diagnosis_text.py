@@ -112,10 +112,10 @@ def _not_shown(found: Diagnosis) -> list[str]:
     blind = [one.id for one in found.not_shown if one.smallest_detectable.value is None and _meant(one.id, found)]
     lines = []
     if seen:
-        told = [f"{one.id} {abs(one.smallest_detectable.value or 0.0):.2g} {one.smallest_detectable.unit}"
+        detectable = [f"{one.id} {abs(one.smallest_detectable.value or 0.0):.2g} {one.smallest_detectable.unit}"
                 for one in seen[:SHOWN_LIMIT]]
         more = f" and {len(seen) - SHOWN_LIMIT} more (--json)" if len(seen) > SHOWN_LIMIT else ""
-        lines.append(f"would have been seen from: {'; '.join(told)}{more}")
+        lines.append(f"would have been seen from: {'; '.join(detectable)}{more}")
     if blind:
         lines.append(f"cannot be seen in this data: {', '.join(blind)}")
     return lines

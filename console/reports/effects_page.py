@@ -48,7 +48,7 @@ def _effect(entry: Entry, machine: Machine) -> list[str]:
             f"- Seen in: {', '.join(effect.seen_in)}",
             f"- For the owner: {' '.join(effect.says).format(size='(size)')}",
             f"- What to do: {effect.advice}",
-            f"- Told from its look-alikes by: {effect.separate}",
+            f"- Separated from its look-alikes by: {effect.separate}",
             f"- Source: {effect.source}"]
 
 

@@ -64,7 +64,7 @@ def _between(low: float, high: float, digits: int = 0) -> str:
 
 
 def _level_tables(fit: Fit, units: Mapping[str, str]) -> Iterator[str]:
-    """Every operator and product of each effect that is told, the commonest among them, with its interval."""
+    """Every operator and product of each effect that is reported, the commonest among them, with its interval."""
     for effect in sorted({one.effect for one in fit.levels}):
         rows = [[_factor(one), str(one.logs), f"{one.size:+.2f} +- {fixed(one.half, 2)}",
                  f"{100.0 * one.probability:.0f}", "" if one.apart else _("these logs cannot part it from others")]
@@ -189,7 +189,7 @@ def low_words(one: Low) -> str:
 
 def aside_words(one: tuple[str, str]) -> str:
     path, date = one
-    return _("{path}: its clock said {date}: left out of the courses and sums; its true time may be told "
+    return _("{path}: its clock said {date}: left out of the courses and sums; its true time may be given "
              "(--about, column time)").format(path=path, date=date)
 
 

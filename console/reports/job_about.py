@@ -1,4 +1,5 @@
-"""What a handover sheet tells beside the figures: whose job, of what, by whom, simulated or not; alarms and refills."""
+"""What a handover sheet tells next to the figures: whose job, of what, by whom, simulated or not; alarms and
+refills."""
 from __future__ import annotations
 
 from math import isfinite
@@ -120,24 +121,24 @@ def named(about: About, product: str) -> str:
 
 
 def time_line(about: About) -> Picture | None:
-    """Work, refills and each kind of alarm over the job's time; None where nothing happened beside the work."""
-    told = about.happened
-    if not told.alarms and not told.refills:
+    """Work, refills and each kind of alarm over the job's time; None where nothing happened along with the work."""
+    happened = about.happened
+    if not happened.alarms and not happened.refills:
         return None
     longest: dict[str, float] = {}
-    for span in told.alarms:
+    for span in happened.alarms:
         longest[span.id] = longest.get(span.id, 0.0) + span.to_s - span.from_s
     kinds = sorted(longest, key=lambda name: -longest[name])[:MOST_ALARMS]
     with drawn(6.6, 0.9 + 0.28 * (2 + len(kinds))) as (canvas, axes):
         ax = axes[0][0]
-        ax.broken_barh([(a / 60.0, (b - a) / 60.0) for a, b in told.working], (-0.35, 0.7), color=AFTER)
-        ax.plot([at / 60.0 for at, _kg in told.refills], [1.0] * len(told.refills), linestyle="", marker="v",
+        ax.broken_barh([(a / 60.0, (b - a) / 60.0) for a, b in happened.working], (-0.35, 0.7), color=AFTER)
+        ax.plot([at / 60.0 for at, _kg in happened.refills], [1.0] * len(happened.refills), linestyle="", marker="v",
                 color=THIRD)
-        for at_s, kg in told.refills:
+        for at_s, kg in happened.refills:
             ax.annotate(f"{kg:.0f} kg", (at_s / 60.0, 1.0), textcoords="offset points", xytext=(6, -3), fontsize=8.0)
         for row, name in enumerate(kinds, 2):
             red = name in ALARMS and ALARMS[name].severity is Severity.RED
-            ax.broken_barh([(one.from_s / 60.0, max(one.to_s - one.from_s, 1.0) / 60.0) for one in told.alarms
+            ax.broken_barh([(one.from_s / 60.0, max(one.to_s - one.from_s, 1.0) / 60.0) for one in happened.alarms
                             if one.id == name], (row - 0.35, 0.7), color=BEFORE if red else THIRD)
         ax.set_yticks(range(2 + len(kinds)), ["at work", "refills", *(name.replace("_", " ") for name in kinds)])
         ax.invert_yaxis()

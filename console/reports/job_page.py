@@ -87,7 +87,7 @@ def evenness_against_plan(applied: AsApplied) -> list[tuple[str, str]]:
 
 
 def applied_map(applied: AsApplied) -> Picture:
-    """The ground covered, coloured by what was wanted there and, beside it on the same scale, by what it got."""
+    """The ground covered, coloured by what was wanted there and, next to it on the same scale, by what it got."""
     from matplotlib.collections import PolyCollection
     s = applied.stretches
     plane = TangentPlane(float(s.lat_deg.mean()), float(s.lon_deg.mean()))

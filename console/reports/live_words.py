@@ -7,7 +7,7 @@ from control.machine.machine import CATALOGUE
 
 CHANNELS = {"shaft": N_("shaft"), "gate": N_("gate"), "flow": N_("flow"), "scale": N_("scale"), "speed": N_("speed"),
             "heads": N_("heads")}
-LEAST_PERCENT = 0.5         # of the dose: less is not told as a number
+LEAST_PERCENT = 0.5         # of the dose: less is not given as a number
 
 
 def departure_line(found: Departure, since: str, why: bool = True) -> str:

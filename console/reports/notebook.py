@@ -57,12 +57,12 @@ def html_of(found: Diagnosis) -> str:
             cause.size.value, cause.size.low, cause.size.high)
         rows.append((title_of(cause.id), cause.id, f"{value} {cause.size.unit}", interval,
                      f"{100.0 * cause.probability:.0f} %", cause.advice))
-    told = table(("cause", "id", "size", "90 % interval", "probability", "what to do"), rows) if rows else ""
+    causes_html = table(("cause", "id", "size", "90 % interval", "probability", "what to do"), rows) if rows else ""
     channels = table(("channel", "rows", "error (r.m.s.)", "noise", "unit"), [
         (one.channel, str(one.n), number(one.rmse), number(one.noise_floor), one.unit) for one in found.channels],
         frozenset({1, 2, 3}))
     notes = "".join(f"<li>{escape(one)}</li>" for one in found.findings)
-    return framed(f"<p><b>{escape(WORDS[found.verdict])}</b>: {escape(sentence(found))}</p>{told}{channels}"
+    return framed(f"<p><b>{escape(WORDS[found.verdict])}</b>: {escape(sentence(found))}</p>{causes_html}{channels}"
                   f"{f'<ul>{notes}</ul>' if notes else ''}")
 
 

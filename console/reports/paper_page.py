@@ -1,4 +1,4 @@
-"""The page of `topdress reproduce`: what the papers print beside what this program obtains."""
+"""The page of `topdress reproduce`: what the papers print next to what this program obtains."""
 from __future__ import annotations
 
 from collections.abc import Sequence

@@ -57,15 +57,15 @@ def cause_pictures(views: Sequence[View], parts: Sequence[Part], part: Part, nam
         legend_below(figure, grid)
         said = f"{CATALOGUE[part.id].effect.title}: {view.title}, before and after"
         text = svg(figure, name, escape(said))
-    told = []
+    sentences = []
     if "means" in panels:
         where = axis.label or " / ".join(axis.names)
-        told.append(f"{_sentence(view.title)}, against {where}, with the nominal machine and with the causes in it. "
-                    + BAND)
+        sentences.append(f"{_sentence(view.title)}, against {where}, with the nominal machine and with the causes in "
+                         f"it. {BAND}")
     if "stretch" in panels:
-        told.append("The stretch is the one in which the effect does most." if part.onset_s is None else
+        sentences.append("The stretch is the one in which the effect does most." if part.onset_s is None else
                     "The stretch is the one about the onset.")
-    return [Picture(text, " ".join(told))]
+    return [Picture(text, " ".join(sentences))]
 
 
 def _panels(view: View, axis: Axis, share: float, part: Part) -> list[str]:
@@ -107,7 +107,7 @@ def _stretch(axes: Any, view: View, own: tuple[Part, ...], effect: Array, part: 
     axes.plot(at, view.predict(())[rows], color=BEFORE, linestyle="--", linewidth=1.5, label=NOMINAL)
     axes.plot(at, view.predict(own)[rows], color=AFTER, linewidth=1.5, label=EXTENDED)
     axes.set_xlabel("time, s")
-    axes.set_ylabel(f"{view.title.split(':')[0]}, {view.unit}")
+    axes.set_ylabel(f"{view.quantity}, {view.unit}")
     axes.set_title("a stretch of the log")
     if part.onset_s is not None:
         axes.axvline(part.onset_s, color=INK, linestyle=":", linewidth=1.4, label="onset")
@@ -202,7 +202,7 @@ def time_lines(views: Sequence[View], parts: Sequence[Part], name: str) -> Pictu
 def _rows_for_time(view: View, own: Sequence[Part]) -> tuple[npt.NDArray[np.bool_], str]:
     """All rows; of the heads, those of the head that is named or stands off most."""
     if view.member is None:
-        return np.ones(len(view.measured), bool), view.title.split(":")[0]
+        return np.ones(len(view.measured), bool), view.quantity
     heads = np.unique(view.member).tolist()
     named = [part.member for part in own if part.member in heads]
     off = view.residual(())

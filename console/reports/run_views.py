@@ -34,7 +34,7 @@ class View(NamedTuple):
     """One channel. `predict(parts)` is what the machine with these effects would have read, (n,) in `unit`."""
 
     name: str
-    title: str                          # "shaft speed: measured less predicted"
+    quantity: str                       # "shaft speed"
     unit: str
     time_s: Array
     measured: Array
@@ -43,11 +43,15 @@ class View(NamedTuple):
     member: npt.NDArray[np.int64] | None = None         # head of each row
     segments: npt.NDArray[np.int64] | None = None       # rows between refills: kg are kept, their rate is shown
 
+    @property
+    def title(self) -> str:
+        return f"{self.quantity}: measured less predicted"
+
     def residual(self, parts: Sequence[Part]) -> Array:
         return self.measured - self.predict(self.own(parts))
 
     def effect(self, parts: Sequence[Part], part: Part) -> Array:
-        """What one of the effects does to the rows beside the others, (n,)."""
+        """What one of the effects does to the rows along with the others, (n,)."""
         own = self.own(parts)
         more = self.predict(own) - self.predict(tuple(one for one in own if one != part))
         return more if self.segments is None else np.diff(more, prepend=more[0])
@@ -151,7 +155,7 @@ def _view(name: str, channel: ChannelSeries, data: RunData, machine: Machine) ->
         heads = tuple(str(k + 1) for k in range(used.max() + 1))
         axes = {"head": Axis("head", member.astype(float) - 1.0, names=heads),
                 "ndvi": Axis("NDVI, mean of all heads", np.tile(channel.grid.of(data.heads.mean), copies)), **axes}
-    return View(name, f"{titles[name]}: measured less predicted", channel.unit, time_s, channel.measured,
+    return View(name, titles[name], channel.unit, time_s, channel.measured,
                 _predictor(channel, machine), _ordered(axes, name), member)
 
 
@@ -197,5 +201,5 @@ def _flow(channel: ChannelSeries, data: RunData, machine: Machine) -> View:
     jumps = data.hopper.jumps if data.hopper is not None else ()
     starts = [data.hopper.time_s[jump] for jump in jumps] if data.hopper is not None else []
     segments = np.searchsorted(np.array(starts), time_s, side="right").astype(np.int64)
-    return View("flow", "flow, read off the scale: measured less predicted", "g/s", time_s, channel.measured,
+    return View("flow", "flow, read off the scale", "g/s", time_s, channel.measured,
                 _predictor(channel, machine), _ordered(_recorded(data, time_s), "flow"), None, segments)

@@ -1,4 +1,4 @@
-"""A bench table's measured columns as a report shows them: rows beside the nominal and the extended machine."""
+"""A bench table's measured columns as a report shows them: rows next to the nominal and the extended machine."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -100,7 +100,7 @@ def _main(variables: dict[str, Array], effect: Array, nominal: Array) -> str:
         return ""
     series = effect if np.ptp(effect) > 1e-9 * (1.0 + float(np.abs(effect).max())) else nominal
 
-    def told(name: str) -> float:
+    def spread(name: str) -> float:
         kinds, index = np.unique(variables[name], return_inverse=True)
         if len(kinds) > 0.6 * len(series) and len(kinds) > 3:
             rank = np.argsort(np.argsort(variables[name]))
@@ -108,4 +108,4 @@ def _main(variables: dict[str, Array], effect: Array, nominal: Array) -> str:
         counts = np.maximum(np.bincount(index), 1)
         means = np.bincount(index, series - series.mean()) / counts
         return round(float(np.sum(counts * means ** 2)), 12)
-    return max(names, key=told)
+    return max(names, key=spread)

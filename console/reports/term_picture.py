@@ -1,4 +1,4 @@
-"""A term beside what the data themselves say, class by class of its variable."""
+"""A term next to what the data themselves say, class by class of its variable."""
 from __future__ import annotations
 
 import numpy as np
@@ -15,7 +15,7 @@ def term_picture(found: TermFound, name: str) -> Picture | None:
     """None where the data hold no means to show."""
     if not found.seen:
         return None
-    at, seen, told = np.array(found.seen).T
+    at, seen, by_term = np.array(found.seen).T
     over = found.term["over"]
     product = len(over) > 1
     label = f"what the term says, {found.unit}" if product else variable_name(over[0]["name"])
@@ -23,7 +23,7 @@ def term_picture(found: TermFound, name: str) -> Picture | None:
         axes = grid[0, 0]
         zero_line(axes)
         order = np.argsort(at)
-        axes.plot(at[order], told[order], color=THIRD, linewidth=2.0, label="the term")
+        axes.plot(at[order], by_term[order], color=THIRD, linewidth=2.0, label="the term")
         axes.plot(at, seen, color=AFTER, marker="s", linestyle="none", markerfacecolor=PAPER, label="means of the data")
         axes.set_xlabel(label)
         axes.set_ylabel(f"{found.stage} beside nominal, {found.unit}", color=INK)

@@ -99,7 +99,7 @@ def _saturation(term: Term) -> str:
     c = term.coefficients
     whole = c["slope"] * (c["high_end"] - c["low_end"])
     if c["low_end"] == 0.0 and term.acts_on is Acts.SHAFT_RPM and term.variables == ("shaft_rpm",):
-        return _("{what} is off by {size} whatever it is told").format(size=_signed(whole, term.unit), **_words(term))
+        return _("{what} is off by {size} whatever the command").format(size=_signed(whole, term.unit), **_words(term))
     return _("{what} changes by {size} for each {per} of {x} from {low} to {high} {per}, and no further").format(
         size=_signed(c["slope"], term.unit), low=_n(c["low_end"]), high=_n(c["high_end"]), **_words(term))
 

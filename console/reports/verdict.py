@@ -34,21 +34,21 @@ def sentence(found: Diagnosis) -> str:
 
 
 def _verdict(found: Diagnosis) -> str:
-    told = [cause for cause in found.causes if headlined(cause)]
-    titles = [_small(title_of(cause.id)) for cause in told]
+    clear = [cause for cause in found.causes if headlined(cause)]
+    titles = [_small(title_of(cause.id)) for cause in clear]
     named = f"{_count(len(titles))}: {'; '.join(titles)}"
-    suspected = len(found.causes) - len(told)
+    suspected = len(found.causes) - len(clear)
     more = f" {suspected} more {'is' if suspected == 1 else 'are'} only suspected." if suspected else ""
     if found.verdict == "none":
         return "Nothing beyond noise: the machine model predicts this data as well as its sensors allow."
     if found.verdict == "not_judged":
         return "Nothing was judged: no channel of this data could be held against the machine model."
-    if found.verdict in ("named", "ambiguous") and not told:
+    if found.verdict in ("named", "ambiguous") and not clear:
         return f"Something is there, but no cause is likely enough to be named: {suspected} suspected."
     if found.verdict == "named":
         return f"{named}.{more}"
     if found.verdict == "ambiguous":
-        doubtful = sum(1 for cause in told if others(cause))
+        doubtful = sum(1 for cause in clear if others(cause))
         which = "It" if len(titles) == 1 else "One of them" if doubtful == 1 else "Some of them"
         doubt = f" {which} could also be something else: this data does not tell." if doubtful else ""
         return f"{named}.{doubt}{more}"
@@ -59,7 +59,7 @@ def _verdict(found: Diagnosis) -> str:
 
 
 def others(cause: Cause) -> tuple[tuple[str, float], ...]:
-    """Rivals of a cause beside itself, likeliest first."""
+    """Rivals of a cause along with itself, likeliest first."""
     return tuple(sorted(((r.id, r.probability) for r in cause.rivals if r.id != cause.id), key=lambda r: -r[1]))
 
 

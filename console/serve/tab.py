@@ -56,7 +56,7 @@ class TabConsole(AppService):
         process = self._process
         if process is None:
             return
-        await self._told_to_quit(process)
+        await self._asked_to_quit(process)
         if self._task is not None:              # else it would say that a console that is ended failed to start
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)
@@ -66,7 +66,7 @@ class TabConsole(AppService):
         _signal_group(process, "SIGKILL")
         await process.wait()
 
-    async def _told_to_quit(self, process: asyncio.subprocess.Process) -> None:
+    async def _asked_to_quit(self, process: asyncio.subprocess.Process) -> None:
         with contextlib.suppress(TimeoutError, OSError, RuntimeError):
             async with asyncio.timeout(QUIT_S):
                 await self._download_manager.cancel_app_downloads(app_service_id=self.app_service_id)

@@ -1,9 +1,10 @@
-"""What a machine that runs goes by, as its log's sidecar has it: not the files of the console."""
+"""What a running machine goes by, as its log's sidecar has it; what its run did before, as its snapshot has it."""
 from __future__ import annotations
 
 from pathlib import Path
 
-from console.app.pages.job.service import AtWork
+from console.app.pages.job.service import AtWork, Earlier
+from console.worker import resume
 from drivers.files.run_meta import meta_from_yaml
 
 
@@ -15,3 +16,12 @@ def at_work(log_path: str) -> AtWork | None:
         return AtWork(float(crop["max_rate_kg_ha"]), float(machine["flow"]["full_kg"]))
     except (OSError, ValueError, KeyError, TypeError):
         return None
+
+
+def earlier(log_path: str) -> Earlier | None:
+    """None where there is no snapshot, or none that can be read."""
+    try:
+        kept = resume.read(resume.beside(log_path))
+    except (OSError, ValueError):
+        return None
+    return Earlier(kept.alarms, kept.track)

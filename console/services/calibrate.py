@@ -32,7 +32,7 @@ def calibrate_job(machine: Machine, wheel_circumference_m: float | None = None, 
     """The calibrations of this machine.
 
     wheel_circumference_m: what the wheel is counted by, where a cab file says so. folder: where new machine files go;
-    the run logs' folder is beside it. tables: further folders in which lag tables are looked for.
+    the run logs' folder is next to it. tables: further folders in which lag tables are looked for.
     """
     place = folder or Path(platformdirs.user_data_dir("topdress", appauthor=False)) / "machines"
     look_in = (place.parent / "logs", place, Path.cwd(), *tables)
@@ -213,7 +213,7 @@ def free_name(machine: Machine, kind: str, folder: Path) -> str:
 
 
 def save(machine: Machine, fitted: Fitted, name: str, folder: Path, counted_m: float) -> str:
-    """Writes the new machine file, and beside it the table it comes from; returns its path.
+    """Writes the new machine file, and next to it the table it comes from; returns its path.
 
     Raises ValueError in one line where the name is taken, OSError where it cannot be written.
     """

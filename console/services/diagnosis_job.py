@@ -200,7 +200,7 @@ def _extended(found: Diagnosis, adoptable: tuple[str, ...], machine: Machine, da
     return tuple(side_by_side(extended.history[-1]))
 
 
-def told() -> Tell:
+def teller() -> Tell:
     """Progress lines on stdout, not more often than somebody can see."""
     last = -1.0
 
@@ -224,7 +224,7 @@ def main(path: str) -> int:
         os.nice(NICE)
     try:
         said = json.loads(Path(path).read_text(encoding="utf-8"))
-        work(typed(Order, said), told())
+        work(typed(Order, said), teller())
     except OpenQuestions as asked:
         _say({"questions": asked.questions, "import_file": asked.import_file})
     except ConfigError as error:

@@ -1,4 +1,4 @@
-"""The picture of a frame's field for the maps: outline and planned rates, from what stands beside its run log."""
+"""The picture of a frame's field for the maps: outline and planned rates, from what stands next to its run log."""
 from __future__ import annotations
 
 import math
@@ -91,7 +91,7 @@ def picture_of(job: Job, folder: Path, width_m: float) -> FieldPicture:
 
 
 def _folder(meta: RunMeta, job: Job, beside: Path) -> Path:
-    """Beside the log where the job's files lie there, else beside the job file of the run."""
+    """Next to the log where the job's files lie there, else next to the job file of the run."""
     names = job.named_files
     written = meta.extra.get("job_folder")
     if not isinstance(written, str) or (names and all((beside / name).exists() for name in names)):

@@ -31,7 +31,7 @@ MOST_LOOKED_AT = 100            # folders of which every worker reads a log's fi
 CONNECT_S, JOIN_S = 10.0, 30.0  # how long a scheduler, and the first of its workers, are waited for
 
 GONE = "the scheduler is gone: what is done is kept; the same command goes on"
-LOUD = ("distributed", "tornado", "asyncio")    # loggers: they tell in traces what is told here in a line
+LOUD = ("distributed", "tornado", "asyncio")    # loggers: they tell in traces what is reported here in a line
 
 Tell = Callable[[int, int, str], None]      # done, of how many, what
 
@@ -127,11 +127,11 @@ def _of(scheduler: str, make: Callable[..., Any]) -> Iterator[Any]:
 def _formats(client: Any) -> dict[str, Any]:
     """By scheduler and worker the format of records that its topdress makes; what was raised where it has none."""
     asked = (pkgutil.resolve_name, f"{record.__module__}:FORMAT")
-    told = {f"worker {name}": said for name, said in client.run(*asked, on_error="return").items()}
+    answers = {f"worker {name}": said for name, said in client.run(*asked, on_error="return").items()}
     try:
-        return {"the scheduler": client.run_on_scheduler(*asked), **told}
+        return {"the scheduler": client.run_on_scheduler(*asked), **answers}
     except ImportError as error:
-        return {"the scheduler": error, **told}
+        return {"the scheduler": error, **answers}
 
 
 def without_us(formats: Mapping[str, Any]) -> Iterator[str]:
@@ -147,17 +147,17 @@ def unlike(versions: Mapping[str, Any]) -> Iterator[str]:
     """What makes a scheduler or worker unable to work with this program, a line each. versions: as Dask tells them."""
     here = versions["client"]
     others = {"the scheduler": versions["scheduler"],
-              **{f"worker {name}": told for name, told in versions["workers"].items()}}
-    for who, told in others.items():
-        if not told:
+              **{f"worker {name}": said for name, said in versions["workers"].items()}}
+    for who, said in others.items():
+        if not said:
             yield f"{who} does not tell its versions"
             continue
         for package in ("distributed", "cloudpickle"):
-            if told["packages"].get(package) != here["packages"].get(package):
-                yield (f"{who} has {package} {told['packages'].get(package)}, here is {here['packages'].get(package)}: "
+            if said["packages"].get(package) != here["packages"].get(package):
+                yield (f"{who} has {package} {said['packages'].get(package)}, here is {here['packages'].get(package)}: "
                        "allowed is the same")
-        if told["host"]["python"].split(".")[:2] != here["host"]["python"].split(".")[:2]:
-            yield (f"{who} runs Python {told['host']['python']}, here is {here['host']['python']}: allowed is the same "
+        if said["host"]["python"].split(".")[:2] != here["host"]["python"].split(".")[:2]:
+            yield (f"{who} runs Python {said['host']['python']}, here is {here['host']['python']}: allowed is the same "
                    "but for its last number")
 
 
@@ -272,12 +272,12 @@ def _blind(client: Any, paths: Sequence[str], options: Options) -> dict[str, str
     blind: dict[str, str] = {}
     for path in list(one_of_each.values())[:MOST_LOOKED_AT]:
         here = first_bytes(_whole(path), options)
-        if here.startswith("no: "):             # gone, or broken: it is listed as such
+        if here[1]:             # gone, or broken: it is listed as such
             continue
         for who, said in client.run(first_bytes, _whole(path), options, on_error="return").items():
             if said != here:
-                blind.setdefault(f"worker {who}", str(said).removeprefix("no: ") if str(said).startswith("no: ")
-                                 else f"{path} holds other bytes there")
+                why = said[1] if isinstance(said, tuple) else str(said)         # else the worker's own error
+                blind.setdefault(f"worker {who}", why or f"{path} holds other bytes there")
     if blind and len(blind) >= len(client.nthreads()):
         who, why = min(blind.items())
         raise OSError(f"no worker sees the logs: {who}: {why}: allowed are paths and URLs that every worker reads")
@@ -366,14 +366,14 @@ def _place(out: Path, key: str) -> Path:
 
 def _seen(out: Path) -> dict[str, tuple[str, str]]:
     try:
-        told = json.loads((out / SEEN).read_text(encoding="utf-8"))
-        return {path: (mark, key) for path, (mark, key) in told.items()}
+        answers = json.loads((out / SEEN).read_text(encoding="utf-8"))
+        return {path: (mark, key) for path, (mark, key) in answers.items()}
     except (OSError, ValueError, TypeError, AttributeError):
         return {}
 
 
 def _mark(path: str, asked: Asked) -> str:
-    """Tells whether a file is as it was without reading it; "" where that cannot be told."""
+    """Tells whether a file is as it was without reading it; "" where that is not known."""
     from drivers.files.imports.beside import import_file
     try:
         if "://" in path:

@@ -23,17 +23,17 @@ SHARED = ("product", "operator", "field")
 Options = Mapping[str, str]             # of fsspec, for logs at URLs
 
 
-def first_bytes(where: str, options: Options) -> str:
-    """SHA-256 of a log's first bytes, "no: why" where they cannot be read: whether a worker sees the logs."""
+def first_bytes(where: str, options: Options) -> tuple[str, str]:
+    """SHA-256 of a log's first bytes, and why they cannot be read; one of the two is empty."""
     try:
         if "://" in where:
             import fsspec
             with fsspec.open(where, "rb", **options) as opened:
-                return hashlib.sha256(opened.read(FIRST_BYTES)).hexdigest()
+                return hashlib.sha256(opened.read(FIRST_BYTES)).hexdigest(), ""
         with Path(where).open("rb") as opened:
-            return hashlib.sha256(opened.read(FIRST_BYTES)).hexdigest()
+            return hashlib.sha256(opened.read(FIRST_BYTES)).hexdigest(), ""
     except Exception as error:      # a store's own error of any kind
-        return f"no: {_first_line(error)}"
+        return "", _first_line(error)
 
 
 def checksum(where: str, options: Options, salt: str) -> str:
@@ -146,7 +146,7 @@ def _time(log: RunLog, path: Path, about: Mapping[str, str]) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def local(where: str, options: Options) -> Iterator[Path]:
-    """The file at a path or fsspec URL as a file of this computer, its sidecar and import file beside it. Raises
+    """The file at a path or fsspec URL as a file of this computer, its sidecar and import file next to it. Raises
     OSError."""
     if "://" not in where:
         yield Path(where)

@@ -43,8 +43,8 @@ def may_be_brought_in(path: Path) -> bool:
 def brought_in(path: Path, folder: Path) -> tuple[Path, tuple[str, ...]]:
     """The file at `path` (or that of the import file there) as a new run log in `folder`; its path, and what was odd.
 
-    The import file beside it is used where there is one, else a guess of which nothing is unsure. Raises OpenQuestions
-    where something is, once the guess is written beside the file; ImportTrouble, ConfigError and OSError.
+    The import file next to it is used where there is one, else a guess of which nothing is unsure. Raises OpenQuestions
+    where something is, once the guess is written next to the file; ImportTrouble, ConfigError and OSError.
     """
     from drivers.files.config import load
     from drivers.files.imports.convert import convert
@@ -86,7 +86,7 @@ def _is_import_file(path: Path) -> bool:
 
 
 def _pair(path: Path) -> tuple[Path, Path]:
-    """A file and its import file, given either: they stand beside each other and have one stem."""
+    """A file and its import file, given either: they stand next to each other and have one stem."""
     if path.suffix.lower() not in YAML:
         return path, path.with_name(f"{path.stem}{IMPORT_FILE}")
     stem = path.stem.removesuffix(Path(IMPORT_FILE).stem)

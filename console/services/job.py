@@ -28,7 +28,7 @@ from console.app.pages.job.service import (
     Recent,
 )
 from console.locale import _
-from console.services.earlier import earlier
+from console.services.at_work import earlier
 from console.services.launcher import Launcher, data_folder
 from console.worker import resume
 from control.orders import BY_MAP, TargetSource
@@ -126,9 +126,9 @@ class JobFiles:
                 self._checked = key, check
             except (PrescriptionError, OSError) as error:
                 self._checked = key, str(error).splitlines()[0]
-        told = self._checked[1]
-        return _MapFacts(map_file=str(path), map_check=None if isinstance(told, str) else told,
-                         map_trouble=told if isinstance(told, str) else "")
+        checked = self._checked[1]
+        return _MapFacts(map_file=str(path), map_check=None if isinstance(checked, str) else checked,
+                         map_trouble=checked if isinstance(checked, str) else "")
 
     def _files(self, folder: str, now: Path | None) -> tuple[File, ...]:
         """The one in use, the user's own, the newest first, and those that are shipped."""

@@ -25,14 +25,14 @@ if TYPE_CHECKING:
     from drivers.files.run_meta import RunMeta
 
 SHOWN = 8                     # with the choice of none as many as one digit chooses
-OUTLET_M = 2.0                # behind the antenna, where the machine of the frame is not told
+OUTLET_M = 2.0                # behind the antenna, where the machine of the frame is not given
 STALE_FIX_M = 30.0            # a fix may be some seconds older than the place: no sign of another plane
 WIDTH_M = 2.4
 HARVESTS = ("yield", "ertrag", "产量", "crop_flow", "grain")     # the first that a column is named by is shown
 
 
 class MapLayers:
-    """`console.app.pages.map.layer_files.LayerFiles` on real files."""
+    """`console.app.pages.map.laid_files.LayerFiles` on real files."""
 
     def __init__(self, files: DiagnosisFiles | None = None) -> None:
         self._files = files or DiagnosisFiles()
@@ -55,7 +55,7 @@ class MapLayers:
 
 
 def _opened(path: Path) -> RunLog:
-    """By its import file where one stands beside it. Raises ValueError, OSError."""
+    """By its import file where one stands next to it. Raises ValueError, OSError."""
     from drivers.files.any_log import open_log
     from drivers.files.imports.trouble import ImportTrouble
     from drivers.files.read_log import read_rows
@@ -72,7 +72,7 @@ def _opened(path: Path) -> RunLog:
 
 
 def _asked(path: Path, question: str) -> str:
-    """The Diagnosis page asks, and keeps the answer beside the file, where it is found here too."""
+    """The Diagnosis page asks, and keeps the answer next to the file, where it is found here too."""
     return f"{path.name}: Diagnosis asks about it first: {question.removeprefix(f'{path}: ')}"
 
 
@@ -102,7 +102,8 @@ def laid(log: RunLog, plane: TangentPlane, width_m: float, frame: Frame) -> Laid
 
 
 def plane_of(frame: Frame, meta: RunMeta | None) -> TangentPlane:
-    """The plane that a frame's place is told on: its job's, if the frame's fix lies there, else by fix and place."""
+    """The plane that a frame's place is reported on: its job's, if the frame's fix lies there, else by fix and
+    place."""
     from control.geodesy import TangentPlane, apart_m, offset
     row, place = frame.row, frame.place_m
     if place is None or row.lat_deg is None or row.lon_deg is None:

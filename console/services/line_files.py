@@ -1,4 +1,4 @@
-"""The A-B line and a boundary that is being driven, kept beside the log as NAME.lines.jsonl."""
+"""The A-B line and a boundary that is being driven, kept next to the log as NAME.lines.jsonl."""
 from __future__ import annotations
 
 from pathlib import Path

@@ -80,6 +80,6 @@ class _Run:
             assert child.stdout is not None
             for said in child.stdout:
                 with contextlib.suppress(ValueError, TypeError):
-                    told = json.loads(said)
-                    if "departure" in told:
-                        self.departure = None if told["departure"] is None else Departure(**told["departure"])
+                    report = json.loads(said)
+                    if "departure" in report:
+                        self.departure = None if report["departure"] is None else Departure(**report["departure"])

@@ -98,7 +98,7 @@ def _decided_anew(recorded: RunLog, options: WhatIf, cancelled: Cancelled, tell:
 
 
 def _watched(rows: Iterator[LogRow], count: int, cancelled: Cancelled, tell: Tell) -> Iterator[LogRow]:
-    """The rows, up to where it is cancelled; what is done is told now and then."""
+    """The rows, up to where it is cancelled; what is done is reported now and then."""
     for number, row in enumerate(rows):
         if cancelled():
             return

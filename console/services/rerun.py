@@ -67,8 +67,8 @@ def _operator(state: str, speed_mps: float) -> list[Order]:
 
 
 def _folder(recorded: RunLog, job: Job) -> Path:
-    """Where the map and the plants of a recorded job are looked for: beside the log if they lie there, else beside the
-    job file of the run."""
+    """Where the map and the plants of a recorded job are looked for: next to the log if they lie there, else next to
+    the job file of the run."""
     names = job.named_files
     beside_log = recorded.path.parent
     written = recorded.meta.extra.get("job_folder") if recorded.meta is not None else None

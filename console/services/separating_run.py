@@ -11,8 +11,8 @@ from control.orders import Do, Order, TargetSource
 
 Orders = tuple[tuple[float, Order], ...]
 
-CONFIRM_S = 0.2             # the calibration button is told to be down this often
-AGAIN = 10                  # times that a setting is told, so often apart
+CONFIRM_S = 0.2             # the calibration button is reported down this often
+AGAIN = 10                  # times that a setting is commanded, so often apart
 RUN_S = 118.0               # safety ends a calibrating run at 120 s
 RATE_KG_HA = 300.0          # of the runs that are driven
 BEGIN_S = 4.0               # the tractor moves by then

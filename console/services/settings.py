@@ -7,7 +7,7 @@ from drivers.files.settings_theme import read_themes
 
 
 def settings_store() -> SettingsStore:
-    """Never raises: a broken file is told by the store, and left as it is."""
+    """Never raises: a broken file is reported by the store, and left as it is."""
     path = settings_path()
     read = read_settings(path)
     themes, wrong = read_themes(path.parent / "themes")

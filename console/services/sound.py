@@ -1,4 +1,4 @@
-"""Sounds of alarms: a command of the user's own, begun and left to itself."""
+"""Sounds of alarms: a command of the user's own, started and left to itself."""
 from __future__ import annotations
 
 import shlex
@@ -12,7 +12,8 @@ class Player:
         self._playing: subprocess.Popen[bytes] | None = None
 
     def __call__(self, command: str) -> str:
-        """Why it could not be begun, one line; empty where it plays, or one plays still. Does not wait for its end."""
+        """Why it could not be started, one line; empty where it plays, or one plays still. Does not wait for its
+        end."""
         if self._playing is not None and self._playing.poll() is None:
             return ""
         try:

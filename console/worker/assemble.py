@@ -148,7 +148,7 @@ def _log_path(wanted: str | None) -> Path:
             raise ValueError(f"--log {wanted}: allowed is a name that ends in .csv")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:                    # a loop of links is told as a file that is there
+    except OSError as error:                    # a loop of links is reported as a file that is there
         raise ValueError(f"--log {path}: its folder cannot be made: {error.strerror or error}") from None
     return path
 

@@ -23,7 +23,7 @@ class LagBench:
         self._written = 0
         self._said = ""
         self._phase = ""
-        self._sent_rpm: float | None = None         # as accepted; None: this calibrating run was told nothing yet
+        self._sent_rpm: float | None = None         # as accepted; None: this calibrating run has no command yet
 
     @property
     def test(self) -> LagTest | None:

@@ -1,4 +1,4 @@
-"""What is kept beside the log, so that a job goes on after a power cut: NAME.resume.json. Read here, written whole."""
+"""What is kept next to the log, so that a job goes on after a power cut: NAME.resume.json. Read here, written whole."""
 from __future__ import annotations
 
 import json
@@ -39,9 +39,9 @@ class Snapshot:
     effects: tuple[str, ...] = ()
     hz: float = 20.0
     finished: bool = False                          # by the operator: nothing is offered any more
-    quit: bool = False                              # the worker was told to end: nothing was cut off
+    quit: bool = False                              # the worker was asked to end: nothing was cut off
     logs_before: tuple[str, ...] = ()               # the job's earlier parts, oldest first
-    worked: bool = False                            # flow was told: what the snapshot lacks is in the log
+    worked: bool = False                            # flow was commanded: what the snapshot lacks is in the log
     time_s: float = 0.0                             # of the last row that is in here
     sums: Sums = NOTHING
     sums_s: float = 0.0                             # of the last row that is in the sums
@@ -73,7 +73,7 @@ class Snapshot:
         return not self.finished and (self.worked or self.area_ha >= WORTH_HA)
 
 
-REFILL_ALIKE_KG = 0.05       # refills are told to 0.1 kg
+REFILL_ALIKE_KG = 0.05       # refills are reported to 0.1 kg
 
 
 def without_last(refills: tuple[Refill, ...], kg: float) -> tuple[Refill, ...]:

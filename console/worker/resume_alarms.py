@@ -61,7 +61,7 @@ class AlarmBook:
         return tuple(came)
 
     def add_before(self, records: Iterable[AlarmRecord]) -> None:
-        """Records of the time before this book was begun, learned later."""
+        """Records of the time before this book was started, learned later."""
         for earlier in records:
             known = self._records.get(earlier.id)
             if known is None:

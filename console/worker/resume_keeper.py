@@ -90,7 +90,7 @@ class Keeper:
         self._handed.put(_Handed(seen, sums, self._loop.flow_trim, self._loop.plane))
 
     def quit(self) -> None:
-        """The worker was told to end: nothing is cut off. Before the last `work`."""
+        """The worker was asked to end: nothing is cut off. Before the last `work`."""
         self._quit = True
 
     # --- the log writer's thread -------------------------------------------------------------------------------------

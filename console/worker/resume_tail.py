@@ -37,7 +37,7 @@ class _Row(NamedTuple):
     state: str
     refill_kg: float
     refill_back_kg: float
-    stopped_kg: float = 0.0         # entered as released while told to stand
+    stopped_kg: float = 0.0         # entered as released while commanded to stop
     sections_cmd: str = ""
     open_share: float = 1.0         # of the working width
 
@@ -120,15 +120,15 @@ def _with_shares(rows: Iterator[_Row], machine: Machine) -> Iterator[_Row]:
 
 def _hopper_kg(rows: list[_Row], width_m: float) -> float | None:
     """The scale at the last row: the mean of the last readings, each less what was released after it."""
-    released_kg, told = 0.0, []
+    released_kg, before_kg = 0.0, []
     for row, step_s in _backwards(rows):
         if rows[-1].time_s - row.time_s > SCALE_S or row.refill_kg > 0.0:
             break
         if row.hopper_kg is not None:
-            told.append(row.hopper_kg - released_kg)
+            before_kg.append(row.hopper_kg - released_kg)
         wide_m = row.open_share * width_m
         released_kg += row.applied_rate_kg_ha * row.flow_trim * wide_m * row.speed_used_mps * step_s / 10_000.0
-    return sum(told) / len(told) if told else None
+    return sum(before_kg) / len(before_kg) if before_kg else None
 
 
 def _backwards(rows: list[_Row]) -> Iterator[tuple[_Row, float]]:
@@ -156,8 +156,8 @@ def _row(cells: dict[str, str]) -> _Row | None:
         return float(cells.get(name) or otherwise)
 
     try:
-        told = cells.get("events") or ""
-        refills, stopped, back = (_told(told, word) for word in ("refill", "released_stopped", "refill_back"))
+        events = cells.get("events") or ""
+        refills, stopped, back = (_sum_of(events, word) for word in ("refill", "released_stopped", "refill_back"))
         return _Row(
             time_s=float(cells["time_s"]), lat_deg=float(cells["lat_deg"]), lon_deg=float(cells["lon_deg"]),
             heading_deg=float(cells["heading_deg"]), speed_used_mps=known("speed_used_mps"),
@@ -170,6 +170,6 @@ def _row(cells: dict[str, str]) -> _Row | None:
         return None
 
 
-def _told(events: str, word: str) -> float:
+def _sum_of(events: str, word: str) -> float:
     """Sum of what a row's events tell by this word. Raises ValueError."""
     return sum(float(event.partition(" ")[2]) for event in events.split(";") if event.startswith(f"{word} "))

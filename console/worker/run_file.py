@@ -1,6 +1,6 @@
 """The run file says where a worker listens and what opens it, for its own user only; `console.link` reads it.
 
-It is information. That one worker runs at a time is kept by the lock beside it (`NAME.lock`), which the system gives
+It is information. That one worker runs at a time is kept by the lock next to it (`NAME.lock`), which the system gives
 back when the process ends, however it ends. Somebody may remove the lock's file: then the worker that runs makes and
 locks it anew, and one that starts asks the port of the run file before it believes the lock.
 """

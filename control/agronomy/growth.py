@@ -2,7 +2,7 @@
 
 A yield curve over NDVI was fitted at certain stages: OSU's wheat curves at Feekes 4 to 6 (nue.okstate.edu/NLS/
 NLS_Non_N_Limiting_Strip.htm), best between 87 and 112 days above 4.4 degC (nue.okstate.edu/GSchart.htm). Earlier the
-crop has not yet told what it will be, later it has closed and NDVI says little.
+crop has not yet shown what it will be, later it has closed and NDVI says little.
 """
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class Growth(NamedTuple):
 
 
 def growth_of(window: GrowthWindow | None, seen: GrowthStage | None, days: int | None) -> Growth | None:
-    """The stage in the terms of the window; None where the crop file has no window. A stage told on another scale is
+    """The stage in the terms of the window; None where the crop file has no window. A stage given on another scale is
     not known on this one. days: of the rule."""
     if window is None:
         return None

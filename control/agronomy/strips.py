@@ -1,4 +1,4 @@
-"""The two strips of a field, N-rich and farmer check: how they are told, and what of their ratio can be believed."""
+"""The two strips of a field, N-rich and farmer check: how they are given, and what of their ratio can be believed."""
 from __future__ import annotations
 
 import math

@@ -100,9 +100,9 @@ def times_of(time_s: Array, command: Array, reading: Array) -> tuple[float, floa
     time_s, command, reading = time_s[:MOST_ROWS], command[:MOST_ROWS], reading[:MOST_ROWS]
     best = (np.inf, 0.0, 0.0)
     for dead_s in DEADS_S:
-        told = command[np.clip(np.searchsorted(time_s, time_s - dead_s, side="right") - 1, 0, len(time_s) - 1)]
+        commanded = command[np.clip(np.searchsorted(time_s, time_s - dead_s, side="right") - 1, 0, len(time_s) - 1)]
         for tau_s in TAUS_S:
-            x = _followed(told, time_s, float(tau_s))
+            x = _followed(commanded, time_s, float(tau_s))
             basis = np.column_stack((x, np.sign(x) * np.minimum(np.abs(x), 0.1 * np.max(np.abs(x)) + 1e-9),
                                      np.ones(len(x))))
             left = reading - basis @ np.linalg.lstsq(basis, reading, rcond=None)[0]
@@ -112,12 +112,12 @@ def times_of(time_s: Array, command: Array, reading: Array) -> tuple[float, floa
     return best[1], best[2]
 
 
-def _followed(told: Array, time_s: Array, tau_s: float) -> Array:
+def _followed(commanded: Array, time_s: Array, tau_s: float) -> Array:
     """First order behind a held signal: (n,)."""
     if tau_s <= 0.0:
-        return told
-    keep, found = np.exp(-np.diff(time_s, prepend=time_s[0]) / tau_s), np.empty(len(told))
-    found[0] = told[0]
-    for row in range(1, len(told)):
-        found[row] = told[row - 1] + (found[row - 1] - told[row - 1]) * keep[row]
+        return commanded
+    keep, found = np.exp(-np.diff(time_s, prepend=time_s[0]) / tau_s), np.empty(len(commanded))
+    found[0] = commanded[0]
+    for row in range(1, len(commanded)):
+        found[row] = commanded[row - 1] + (found[row - 1] - commanded[row - 1]) * keep[row]
     return found

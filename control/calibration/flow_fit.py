@@ -1,11 +1,13 @@
-"""Catch test to flow model: grams per revolution and mm, and what the test shows beside it."""
+"""Catch test to flow model: grams per revolution and mm, and what the test shows next to it."""
 from __future__ import annotations
 
+import datetime as dt
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from control.agronomy.product import CatchTest
 from control.machine.machine import Machine, unit_of
 
 from .adopt import record, retitled, with_records
@@ -66,7 +68,7 @@ def fit_flow(table: BenchTable, machine: Machine, *, date: str = "") -> tuple[Ma
 class _Rows(NamedTuple):
     mass_per_rev: Array         # of all outlets, g, (n,)
     opening_mm: Array
-    share: Array                # of the shaft speed at which the fall-off is told
+    share: Array                # of the shaft speed at which the fall-off is given
     shaft_rpm: Array
 
 
@@ -111,7 +113,7 @@ def _chosen(rows: _Rows) -> tuple[tuple[str, ...], Fit, list[str]]:
     if len(np.unique(rows.opening_mm)) > 1:
         terms += ("zero_offset",)
     else:
-        notes.append("one opening only: a zero offset cannot be told from the flow per mm")
+        notes.append("one opening only: a zero offset cannot be distinguished from the flow per mm")
     if len(np.unique(rows.shaft_rpm)) > 1:
         terms += ("fill_falloff",)
     else:
@@ -154,3 +156,13 @@ def _calibrated(machine: Machine, flow: FlowFit, table: BenchTable, date: str) -
     return checked.model_copy(update={
         "adopted": with_records(machine, tuple(records), ("flow.gain", "flow.zero_offset", "flow.fill_falloff")),
         "title": retitled(machine, "flow", table.path, date)})
+
+
+def catch_test(machine: Machine, fit: FlowFit, date: dt.date, data: str, sha256: str = "") -> CatchTest:
+    """The test as the product's file keeps it. machine: it was done with. data, sha256: of the table."""
+    grams = fit.grams_per_rev_mm
+    return CatchTest(
+        date=date, machine=machine.id, grams_per_rev_mm=grams.value, low=grams.low, high=grams.high,
+        zero_offset_g_rev=fit.zero_offset_g_rev.value if fit.zero_offset_g_rev else 0.0,
+        fill_falloff_percent=fit.fill_falloff_percent.value if fit.fill_falloff_percent else 0.0,
+        rows=fit.rows_used, data=data, sha256=sha256)

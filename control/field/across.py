@@ -1,9 +1,9 @@
 """What one rate across the width costs: the need under each head, or section, against the one rate for all.
 
 A machine meters by side only where each side has a metering unit of its own; with one roller for all outlets the rate
-is that of the fused canopy, and what the crop needs beside it is missed. Told as the r.m.s. of need less rate, kg/ha,
-by the rule without grades. The heads' own noise is part of it; how much of it that noise alone would make is told
-beside it.
+is that of the fused canopy, and what the crop needs next to it is missed. Reported as the r.m.s. of need less rate,
+kg/ha, by the rule without grades. The heads' own noise is part of it; how much of it that noise alone would make is
+reported next to it.
 """
 from __future__ import annotations
 

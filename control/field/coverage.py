@@ -1,10 +1,10 @@
 """What of the field is done: a bitmap under the outlets, so that nothing is counted twice.
 
-Resolution: a cell (0.2 m unless told otherwise) counts when its centre was passed over. Over whole passes the area
+Resolution: a cell (0.2 m unless stated otherwise) counts when its centre was passed over. Over whole passes the area
 is right to about a cell in width, in the mean over headings far better; see the tests. Bitmap tiles come into being
 where work is done: 100 MB hold 100 ha.
 
-Whatever places are told, a call's work is bounded: a stretch longer than `longest_m` is a jump and not swept, places
+Whatever places are given, a call's work is bounded: a stretch longer than `longest_m` is a jump and not swept, places
 without business on a field's plane are left out, and a picture has at most `MOST_CELLS`.
 """
 from __future__ import annotations
@@ -69,9 +69,9 @@ class Coverage:
     """Fed with the middle of the outlets, tick by tick.
 
     A cell passed over again counts as overlap when the machine has travelled more than `revisit_m` since (three
-    widths unless told otherwise), so that a tight turn is not its own overlap.
+    widths unless stated otherwise), so that a tight turn is not its own overlap.
     Two calls farther apart than `longest_m` are a jump of the position: no ground is passed over between them.
-    strips: outlets that flow together, by their edges, m to the right of the middle; the whole width unless told
+    strips: outlets that flow together, by their edges, m to the right of the middle; the whole width unless given
     otherwise.
     Raises ValueError for a width or a cell that is not above 0, or a cell larger than half the width.
     """
@@ -146,7 +146,7 @@ class Coverage:
 
     @property
     def nothing(self) -> bool | Sequence[bool]:
-        """What `lay` is told where nothing flows."""
+        """What `lay` is given where nothing flows."""
         return False if len(self._strips) == 1 else (False,) * len(self._strips)
 
     @property

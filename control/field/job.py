@@ -39,9 +39,9 @@ class Wanted(Part):
     around_percent: Annotated[float, Field(ge=0, le=100)] = 20.0        # map_and_canopy: how far the heads may move
     around_kg_ha: Rate | None = None            # the same in kg/ha; None: by percent
     decision_hz: Hz = 1.0
-    map: str | None = None                      # a prescription, beside the job file
-    plants: str | None = None                   # a plant list, beside the job file
-    # canopy: a raster or zones of the crop's index, beside the job file, for where the heads say nothing
+    map: str | None = None                      # a prescription, next to the job file
+    plants: str | None = None                   # a plant list, next to the job file
+    # canopy: a raster or zones of the crop's index, next to the job file, for where the heads say nothing
     index_map: str | None = None
     dose_angle_deg: Annotated[float, Field(ge=0.01, le=3600)] = 120.0      # point mode: one dose, as the paper's
     dose_rest_s: Annotated[float, Field(ge=0, le=5)] = 0.04     # the drive's pause between doses, for its report
@@ -79,7 +79,7 @@ class Ground(Part):
     pass_heading_deg: Annotated[float, Field(ge=0, lt=360)] = 0.0
     headland_m: Annotated[float, Field(ge=0, le=200)] = 0.0         # along every edge of the boundary
     headland_rate_kg_ha: Rate | None = None     # there; 0: nothing; None: as everywhere
-    done: str | None = None                     # ground that others have covered, beside the job: gets no more
+    done: str | None = None                     # ground that others have covered, next to the job: gets no more
 
     @model_validator(mode="after")
     def _polygon(self) -> Ground:
@@ -203,7 +203,7 @@ class Job(Part):
 
     @property
     def named_files(self) -> tuple[str, ...]:
-        """Map, plants, index map and done ground, as the job names them, beside its file."""
+        """Map, plants, index map and done ground, as the job names them, next to its file."""
         target = self.target
         return tuple(name for name in (target.map, target.plants, target.index_map, self.field.done)
                      if name is not None)

@@ -25,7 +25,7 @@ class Totals(NamedTuple):
     metres_left_m: float | None = None   # with what the hopper holds, at the present rate
     doses: int | None = None             # of point mode
     doses_missed: int | None = None
-    stopped_kg: float = 0.0              # of applied_kg: released while told to stand, on no area
+    stopped_kg: float = 0.0              # of applied_kg: released while commanded to stop, on no area
 
 
 class Sums(NamedTuple):
@@ -38,7 +38,7 @@ class Sums(NamedTuple):
     known_kg: float = 0.0
     target_kg: float = 0.0
     bins: tuple[tuple[int, float, float], ...] = ()     # rate bin, ha, kg
-    stopped_kg: float = 0.0                             # released while told to stand
+    stopped_kg: float = 0.0                             # released while commanded to stop
 
 
 NOTHING = Sums()
@@ -47,7 +47,7 @@ NOTHING = Sums()
 class Arrival:
     """Has material come since work began, or is none wanted? Until then no ground gets any: at a pass's begin the
     drives take their dead time before anything leaves, and the last of the pass runs out as much later. Way in which
-    nothing leaves yet, counted beside the way in which the last runs out, makes each pass longer than it is."""
+    nothing leaves yet, counted along with the way in which the last runs out, makes each pass longer than it is."""
 
     def __init__(self) -> None:
         self._here = False
@@ -120,8 +120,8 @@ class Totaliser:
         self._arrival.rest()
 
     def add_stopped(self, kg: float) -> None:
-        """What left the machine while it was told to stand: mass that no area and no mean rate answer for. Not finite
-        or negative adds nothing."""
+        """What left the machine while it was commanded to stop: mass that no area and no mean rate answer for. Not
+        finite or negative adds nothing."""
         if 0.0 < kg < math.inf:
             self._stopped_kg += kg
 
@@ -131,7 +131,7 @@ class Totaliser:
 
     @property
     def applied_kg(self) -> float:
-        """All that left the machine, what was released while told to stand included."""
+        """All that left the machine, what was released while commanded to stop included."""
         return self._kg + self._stopped_kg
 
     def snapshot(self) -> Totals:

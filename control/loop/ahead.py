@@ -25,9 +25,8 @@ from control.targets.index_map import IndexMap
 from control.targets.map_and_canopy import Around, MapAndCanopy
 from control.targets.map_profile import MapProfile
 from control.targets.overlap import LONGEST_M, Overlap
-from control.targets.profile import Everywhere, Profile, Stretches, Target
+from control.targets.profile import Everywhere, Profile, Stretches, Target, Unspread
 from control.targets.section_ground import Ground
-from control.targets.unspread import Unspread
 
 CELL_M = 0.2                    # of the bitmap of ground that is done
 DOSES_ONLY = Everywhere(Target(0.0, TargetSource.POINT))

@@ -24,7 +24,7 @@ class Backing:
         self._landed_to_m = self.spread_to_m = -inf
 
     def look(self, sensed: Sensed, may_reverse: bool) -> bool:
-        """True where the machine has begun to back up or to go on, and may not spread while it backs up."""
+        """True where the machine has started to back up or to go on, and may not spread while it backs up."""
         if abs(sensed.turn_deg_s) > STRAIGHT_DEG_S:
             self.forget()
         turned_round = sensed.backwards != self._backed and not may_reverse

@@ -1,4 +1,4 @@
-"""Where shaft and gate should be by now: the drives as the model knows them, told the untrimmed set-points."""
+"""Where shaft and gate should be by now: the drives as the model knows them, given the untrimmed set-points."""
 from __future__ import annotations
 
 from control.machine.elements import in_lists

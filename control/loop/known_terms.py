@@ -21,8 +21,8 @@ class KnownTerms:
         self._ran_away_kg = 0.0
         self.now: StandingTerms | None = None
 
-    def step(self, m: Measurements, sensed: Sensed, since_s: float, told: DriveCommand | None, dt_s: float) -> None:
-        """`told`: the command that was in force until now; `since_s`: since the run began."""
+    def step(self, m: Measurements, sensed: Sensed, since_s: float, command: DriveCommand | None, dt_s: float) -> None:
+        """`command`: the one that was in force until now; `since_s`: since the run began."""
         if not self._terms:
             return
         values = {name: reading.value for name, reading in (
@@ -31,15 +31,15 @@ class KnownTerms:
         values |= {name: value for name, value in (
             ("speed_mps", sensed.speed_mps), ("heading_deg", sensed.heading_deg), ("time_s", since_s))
             if value is not None}
-        if told is not None and dt_s > 0.0:
-            values |= self._told.step(m.time_s - dt_s, told.shaft_rpm, told.opening_mm, dt_s)
+        if command is not None and dt_s > 0.0:
+            values |= self._told.step(m.time_s - dt_s, command.shaft_rpm, command.opening_mm, dt_s)
         more = self._terms.step(values, dt_s)
         self._ran_away_kg += more.scale_kg_min / 60.0 * dt_s
         self.now = self._terms.frozen(values)
 
     @property
     def drives(self) -> More:
-        """What shaft and gate are off by with what they have been told."""
+        """What shaft and gate are off by with what they have been commanded."""
         return NOTHING if self.now is None else self.now.at(DRIVES)
 
     def weighed(self, scale: Reading | None) -> Reading | None:

@@ -38,7 +38,7 @@ from control.metering.setting import Setting
 from control.metering.strategies import Pair
 from control.metering.trims import DriveTrim, TrimLimits
 from control.orders import BY_CANOPY, Answer, Do, Order, State, Strategy, TargetSource
-from control.readings import DriveCommand, Measurements, Reading, SpeedTold, possible, told_text
+from control.readings import DriveCommand, Measurements, Reading, SpeedPlan, announced_text, possible
 from control.safety import BenchRun, DriveLimits, Safety, SafetyLimits, Verdict, limited, limited_valves, refusal
 from control.sensing import Forecaster, Sensed, Sensing
 from control.targets.fence import OUTSIDE, Fence
@@ -213,7 +213,7 @@ class ControlLoop:
         between = decision.by_point and self._doses.may_turn(moment.m.time_s)
         verdict = self.safety.check(moment.m.time_s, situation(moment, decision, metered, choices,
             heads=self._ahead.heads, between_doses=between, console_age_s=console_age_s, log_ok=log_ok,
-            told=self._stopped.told, map_elsewhere=self._near.elsewhere_m is not None))
+            commanded=self._stopped.commanded, map_elsewhere=self._near.elsewhere_m is not None))
         command = self._command_of(moment, decision, verdict)
         self._follow(moment, decision, metered, verdict, command)
         return self._told(moment, decision, metered, verdict, command)
@@ -457,18 +457,18 @@ class ControlLoop:
 
     # -- parts of the steps ----------------------------------------------------------------------------------------
 
-    def _planned_speed(self, now_s: float, sensed: Sensed) -> SpeedTold | None:
+    def _planned_speed(self, now_s: float, sensed: Sensed) -> SpeedPlan | None:
         """The job's, for the pass the machine is on, where the tractor tells none."""
         place = None if sensed.east_m is None or sensed.north_m is None else (sensed.east_m, sensed.north_m)
         mps = planned_mps(self.job, self.machine.geometry.working_width_m, place, sensed.heading_deg)
-        return None if mps is None else SpeedTold(now_s, ((0.0, mps),))
+        return None if mps is None else SpeedPlan(now_s, ((0.0, mps),))
 
     def _newly_told(self, m: Measurements) -> str | None:
         """What the tractor told since the row before, as the row says it."""
         if m.speed_told is None or m.speed_told.time_s == self._told_s:
             return None
         self._told_s = m.speed_told.time_s
-        return told_text(m.speed_told, m.time_s)
+        return announced_text(m.speed_told, m.time_s)
 
     def _conditions(self, m: Measurements) -> Conditions:
         return Conditions(m.time_s - self._begun_s,

@@ -12,7 +12,7 @@ from control.orders import BY_MAP, State, TargetSource
 from control.sensing import Sensed
 from control.targets.prescription import Prescription
 
-NEAR_M = 50.0           # a machine that stands beside its field, or on a headland that the map leaves out
+NEAR_M = 50.0           # a machine that stands next to its field, or on a headland that the map leaves out
 
 
 class MapNear:

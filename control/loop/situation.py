@@ -1,16 +1,16 @@
-"""What safety is told of a tick."""
+"""What safety is given of a tick."""
 from __future__ import annotations
 
 from control.loop.canopy_heads import CanopyHeads
 from control.loop.moment import Choices, Decision, Metered, Moment
 from control.orders import BY_CANOPY
-from control.safety import Situation, Told
+from control.safety import Commanded, Situation
 
 
 def situation(moment: Moment, decision: Decision, metered: Metered, choices: Choices, *, heads: CanopyHeads,
               between_doses: bool, console_age_s: float | None,
-              log_ok: bool, told: Told, map_elsewhere: bool) -> Situation:
-    """`between_doses`: a rate means nothing there, and is not told."""
+              log_ok: bool, commanded: Commanded, map_elsewhere: bool) -> Situation:
+    """`between_doses`: a rate means nothing there, and is not given."""
     m, sensed = moment.m, moment.sensed
     needs_heads = choices.source in BY_CANOPY
     heard = [r.time_s for r in m.ndvi if r is not None] if needs_heads else []
@@ -30,4 +30,4 @@ def situation(moment: Moment, decision: Decision, metered: Metered, choices: Cho
         console_age_s=console_age_s, log_ok=log_ok, position_refused_m=sensed.refused_m,
         position_walks=sensed.walks,
         cut_from_kg_ha=decision.planned_kg_ha if decision.planned_kg_ha > decision.rate_kg_ha and not decision.by_point
-        else None, told=told, map_elsewhere=map_elsewhere)
+        else None, commanded=commanded, map_elsewhere=map_elsewhere)

@@ -1,4 +1,4 @@
-"""What the drives were told, and what leaves the machine though its shaft is told to stand.
+"""What the drives were commanded, and what leaves the machine though its shaft is commanded to stop.
 
 A stop takes a second to come to a stand, and a drive that has gone wrong none at all: what the measured shaft gives
 meanwhile lies on the ground and is missing in the hopper. It is counted here in every state, and entered in the log.
@@ -13,7 +13,7 @@ from control.machine.machine import Machine
 from control.machine.sections import Strip
 from control.orders import State
 from control.readings import DriveCommand, Measurements, is_fresh
-from control.safety import POWERED, SafetyLimits, Told, Verdict
+from control.safety import POWERED, Commanded, SafetyLimits, Verdict
 
 EVERY_S = 1.0               # while it goes on, the log tells as often: a power cut loses no more
 SHAFT_HOLDS_S = 0.5         # as long as safety believes a reading of the shaft
@@ -40,14 +40,15 @@ def open_share(strips: Sequence[Strip], m: Measurements) -> float:
 
 
 class Stopped:
-    """`told`: what the drives were told in the tick before. Once a tick `update`, then `command`."""
+    """`commanded`: what the drives were commanded in the tick before. Once a tick `update`, then `command`."""
 
     def __init__(self, machine: Machine, limits: SafetyLimits, obeyed: bool = True) -> None:
         """obeyed: False where the drives follow other commands, as in a log that is gone through again."""
-        self.told = Told(turn=not obeyed, flow=not obeyed, enabled=False, opening_mm=machine.set_points.opening_mm)
+        self.commanded = Commanded(turn=not obeyed, flow=not obeyed, enabled=False,
+                                   opening_mm=machine.set_points.opening_mm)
         self._shaft, self._stands_rpm, self._obeyed = machine.shaft, limits.shaft_stands_rpm, obeyed
         self._dose_until_s = -inf
-        self._spell_kg = 0.0            # released since it was told to stand
+        self._spell_kg = 0.0            # released since it was commanded to stop
         self._to_tray = False           # since a calibrating run: what runs down falls into its tray
         self._tray_kg = 0.0
         self._owed_kg = 0.0             # to be entered in the log
@@ -57,12 +58,12 @@ class Stopped:
                worked: bool) -> tuple[float, str | None]:
         """Kilograms to be counted of this tick, and the row's event where one is due. worked: counted as work."""
         kg = self._released_kg(m, dt_s, flow_kg_s)
-        self._spell_kg = 0.0 if self.told.turn else self._spell_kg + kg
+        self._spell_kg = 0.0 if self.commanded.turn else self._spell_kg + kg
         counted_kg = 0.0 if worked else self._counted_kg(kg, verdict)
         return counted_kg, self._event(m.time_s, counted_kg)
 
     def command(self, now_s: float, command: DriveCommand, verdict: Verdict, expected_rpm: float) -> None:
-        """What the drives are told from now on. expected_rpm: of the shaft by now, by the machine model."""
+        """What the drives are commanded from now on. expected_rpm: of the shaft by now, by the machine model."""
         if not self._obeyed:
             return
         if command.dose is not None:
@@ -70,12 +71,12 @@ class Stopped:
             answers_s = self._shaft.dead_time_s + self._shaft.extra_dead_time_s
             self._dose_until_s = max(self._dose_until_s, now_s) + answers_s + turns_s
         turn = command.shaft_rpm > 0.0 or now_s < self._dose_until_s
-        self.told = Told(turn, verdict.flow_allowed, verdict.state in POWERED, command.opening_mm, command.valves,
-                         expected_rpm, self._spell_kg)
+        self.commanded = Commanded(turn, verdict.flow_allowed, verdict.state in POWERED, command.opening_mm,
+                                   command.valves, expected_rpm, self._spell_kg)
 
     def _released_kg(self, m: Measurements, dt_s: float, flow_kg_s: float | None) -> float:
-        """By the measured shaft; 0 unless it is told to stand, and turns."""
-        if self.told.turn or flow_kg_s is None or m.shaft_rpm is None:
+        """By the measured shaft; 0 unless it is commanded to stop, and turns."""
+        if self.commanded.turn or flow_kg_s is None or m.shaft_rpm is None:
             return 0.0
         turns = m.shaft_rpm.value >= self._stands_rpm and is_fresh(m.shaft_rpm.time_s, m.time_s, SHAFT_HOLDS_S)
         kg = flow_kg_s * dt_s
@@ -90,7 +91,7 @@ class Stopped:
         self._tray_kg += kg
         goes_on = any(alarm.id == "shaft_turns" and alarm.gone_s is None for alarm in verdict.alarms)
         counted_kg = self._tray_kg if goes_on else 0.0
-        if goes_on or (kg <= 0.0 and verdict.state is not State.CALIBRATING and not self.told.turn):
+        if goes_on or (kg <= 0.0 and verdict.state is not State.CALIBRATING and not self.commanded.turn):
             self._to_tray, self._tray_kg = False, 0.0
         return counted_kg
 
@@ -101,6 +102,6 @@ class Stopped:
         self._owed_kg += kg
         if (kg > 0.0 and now_s - self._entered_s < EVERY_S) or self._owed_kg < LEAST_KG:
             return None
-        told_kg, self._entered_s = round(self._owed_kg, 4), now_s
-        self._owed_kg = max(0.0, self._owed_kg - told_kg)
-        return f"released_stopped {told_kg:.4f}"
+        event_kg, self._entered_s = round(self._owed_kg, 4), now_s
+        self._owed_kg = max(0.0, self._owed_kg - event_kg)
+        return f"released_stopped {event_kg:.4f}"

@@ -30,7 +30,7 @@ class Fall(NamedTuple):
     carried_share: Annotated[float, Field(ge=0, le=1)] = 1.0                    # of the pace, that the stream sets
     valid_from_rpm: Annotated[float, Field(ge=0, le=1e4)] = 10.0
     valid_to_rpm: Annotated[float, Field(ge=0, le=1e4)] = 70.0
-    full_rpm: Annotated[float, Field(ge=0.1, le=1e4)] = 100.0         # shaft speed at which the rebound is told
+    full_rpm: Annotated[float, Field(ge=0.1, le=1e4)] = 100.0         # shaft speed at which the rebound is given
     offset_s: Annotated[float, Field(ge=-2, le=3), Effect(
         "lag.offset", "s", "Constant extra lag",
         "A longer tube or a later detection adds the same time at every speed.",

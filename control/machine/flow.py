@@ -17,7 +17,7 @@ class Flow(NamedTuple):
     flutes: Annotated[float, Field(ge=1, le=100)] = 6.0
     outlets: Annotated[float, Field(ge=1, le=100)] = 6.0
     full_kg: Annotated[float, Field(ge=0.01, le=20000)] = 300.0
-    full_rpm: Annotated[float, Field(ge=0.1, le=1e4)] = 100.0         # shaft speed at which the fall-off is told
+    full_rpm: Annotated[float, Field(ge=0.1, le=1e4)] = 100.0         # shaft speed at which the fall-off is given
     gain_percent: Annotated[float, Field(ge=-60, le=100), Effect(
         "flow.gain", "%", "Kilograms per revolution off by a factor",
         "Another bulk density or product fills the flutes with another mass.",

@@ -183,7 +183,7 @@ class Machine(Part):
         return self
 
     def has(self, stage: str) -> bool:
-        """Whether it has a stage: what it has not is neither asked for nor told of."""
+        """Whether it has a stage: what it has not is neither asked for nor reported."""
         return not self.stages or stage in self.stages
 
     @property

@@ -13,7 +13,7 @@ class Scale(NamedTuple):
     gain_percent: Annotated[float, Field(ge=-30, le=30), Effect(
         "scale.gain", "%", "Scale reads off by a factor",
         "A wrong calibration weight or a cell under side load scales every reading.",
-        "load cell calibration; usual 0.5-5 %", ("static weigh", "run beside a known fill"),
+        "load cell calibration; usual 0.5-5 %", ("static weigh", "run with a known fill"),
         "Calibrate the scale with a known weight.",
         "A static weigh of a known fill.",
         says=("The hopper scale reads {size} % too much.",

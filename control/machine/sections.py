@@ -15,7 +15,7 @@ MOST_SECTIONS = 16          # as many relays as a rate module has, and bits a bo
 
 
 class Valve(BaseModel):
-    """Opens and closes at once, so long after it was told to. Without power it closes."""
+    """Opens and closes at once, so long after its command. Without power it closes."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 

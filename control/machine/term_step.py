@@ -45,7 +45,7 @@ class TermParams(NamedTuple):
 
 
 class TermState(NamedTuple):
-    """What a term remembers: its variable's first-order memory, the value that has been held since, 1 once begun."""
+    """What a term remembers: its variable's first-order memory, the value that has been held since, 1 once started."""
 
     slow: float = 0.0
     last: float = 0.0

@@ -20,8 +20,8 @@ from .term_step import TermParams
 class Acts(StrEnum):
     """What a term acts on: a quantity of one stage, the unit in its name."""
 
-    SHAFT_PERCENT = "shaft_percent"         # of the speed that the shaft was told
-    SHAFT_RPM = "shaft_rpm"                 # added to it while the shaft is told to turn
+    SHAFT_PERCENT = "shaft_percent"         # of the speed that the shaft was commanded
+    SHAFT_RPM = "shaft_rpm"                 # added to it while the shaft is commanded to turn
     GATE_MM = "gate_mm"                     # added to the true opening
     FLOW_PERCENT = "flow_percent"
     FLOW_KG_MIN = "flow_kg_min"             # added while the shaft turns

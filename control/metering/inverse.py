@@ -20,7 +20,7 @@ LEAST_SHARE = 0.2           # of a drive's command or of the flow that known err
 
 
 class Conditions(NamedTuple):
-    """What the extended model's steady state depends on besides the set-points."""
+    """What the extended model's steady state depends on along with the set-points."""
 
     elapsed_s: float = 0.0
     hopper_kg: float | None = None

@@ -45,7 +45,7 @@ class Tube:
         self._parcels: deque[Parcel] = deque()
 
     def command(self, now_s: float, rpm: float) -> None:
-        """The shaft is told a true speed at `now_s`; times rise."""
+        """The shaft is commanded a true speed at `now_s`; times rise."""
         last = self._pieces[-1]
         if rpm == last.rpm:
             return

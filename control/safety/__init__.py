@@ -8,10 +8,10 @@ from control.safety.interlocks import INTERLOCKS
 from control.safety.limits import DriveLimits, SafetyLimits
 from control.safety.memory import Allowances
 from control.safety.watchdog import Safety
-from control.safety.words import POWERED, REFUSALS, STATE_REASONS, Situation, Told, Verdict, read_refusal, refusal
+from control.safety.words import POWERED, REFUSALS, STATE_REASONS, Commanded, Situation, Verdict, read_refusal, refusal
 
 __all__ = [
     "ALARMS", "INTERLOCKS", "POWERED", "REFUSALS", "SETTINGS", "STATE_REASONS", "AlarmKind", "Allowances", "BenchRun",
-    "BenchSetting", "DriveLimits", "Safety", "SafetyLimits", "Situation", "Told", "Verdict", "after_setting", "limited",
-    "limited_dose", "limited_valves", "read_refusal", "refusal",
+    "BenchSetting", "Commanded", "DriveLimits", "Safety", "SafetyLimits", "Situation", "Verdict", "after_setting",
+    "limited", "limited_dose", "limited_valves", "read_refusal", "refusal",
 ]

@@ -23,16 +23,16 @@ class AlarmKind(NamedTuple):
 _AMBER, _RED = Severity.AMBER, Severity.RED
 
 _KINDS = (
-    AlarmKind("shaft_turns", _RED, N_("Shaft turns though told to stand: use the hard-wired stop. {shaft_rpm} r/min, "
-                                      "{released_kg} kg since it was told."),
+    AlarmKind("shaft_turns", _RED, N_("Shaft turns though commanded to stop: use the hard-wired stop. "
+                                      "{shaft_rpm} r/min, {released_kg} kg since that command."),
               N_("Keep away from the machine. Use the hard-wired stop, then look at the drive board."),
               N_("drive board"), State.FAULT),
-    AlarmKind("gate_opens", _RED, N_("Gate opens though told to stand: use the hard-wired stop. It is at {opening_mm} "
-                                     "mm, told {told_mm} mm."),
+    AlarmKind("gate_opens", _RED, N_("Gate opens though commanded to stop: use the hard-wired stop. "
+                                     "It is at {opening_mm} mm, commanded {told_mm} mm."),
               N_("Keep away from the machine. Use the hard-wired stop, then look at the drive board."),
               N_("drive board"), State.FAULT),
-    AlarmKind("valve_open", _RED, N_("Valve of section {sections} stays open though told to close: use the hard-wired "
-                                     "stop."),
+    AlarmKind("valve_open", _RED, N_("Valve of section {sections} stays open though commanded to close: "
+                                     "use the hard-wired stop."),
               N_("Use the hard-wired stop, then look at the valve, its air and its cable."), N_("section valves"),
               State.HELD),
     AlarmKind("shaft_silent", _RED, N_("The metering shaft does not answer."),

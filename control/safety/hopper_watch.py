@@ -56,7 +56,7 @@ def watched(before: HopperWatch, now_s: float, hopper_kg: float | None, expected
 
 
 def refilled(before: HopperWatch) -> HopperWatch:
-    """The watch begun anew, as after a refill."""
+    """The watch started anew, as after a refill."""
     return HopperWatch(last_s=before.last_s, low=before.low, low_since_s=before.low_since_s)
 
 

@@ -44,13 +44,13 @@ class SafetyLimits:
     scale_silent_s: float = 2.0
     console_hold_s: float = 2.0
     console_off_s: float = 60.0
-    # told to stand (`stand_watch`)
+    # commanded to stop (`stand_watch`)
     shaft_stands_rpm: float = 2.0           # slower: standing. Six s.d. of the nominal encoder's 0.3 r/min
     stand_settle_s: float = 1.0             # the machine model says that it stands so long, and it does not slow down
     run_down_max_s: float = 5.0             # after this also a shaft that slows down turns on
     stand_confirm_s: float = 0.5            # the reading goes on so long, without a break
     gate_stands_mm: float = 3.0             # a gate within this of where it was stands; 30 times the sensor's noise
-    valve_closes_s: float = 3.0             # told to close: 2 s is the most of a machine file, and the board's line
+    valve_closes_s: float = 3.0             # commanded to close: 2 s is most of a machine file, and the board's line
     # rate
     rate_floor_kg_ha: float = 50.0          # errors are relative to the larger of target and this
     rate_amber_percent: float = 10.0

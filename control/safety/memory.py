@@ -13,7 +13,7 @@ from control.safety.stand_watch import Stand
 
 
 class Allowances(NamedTuple):
-    """What the operator told safety to put up with; all end with a stop."""
+    """What the operator allows; all end with a stop."""
 
     reverse: bool = False
     outside: bool = False
@@ -26,9 +26,9 @@ class Memory(NamedTuple):
     why_state: str = ""
     entered_s: float = -inf                 # the state was entered
     left_off_s: float = -inf                # off was last left
-    calibrate_s: float = -inf               # last time the calibrate button was told to be down
+    calibrate_s: float = -inf               # last time the calibrate button was reported down
     calibrate_until_s: float = -inf
-    start_held_s: float = -inf              # last time START was told to be held down
+    start_held_s: float = -inf              # last time START was reported held down
     allow: Allowances = Allowances()
     flowing: bool = False                   # flow was allowed at the last tick
     motion: Motion = Motion()

@@ -81,8 +81,8 @@ def _is_moving(was: bool, may_start: bool, seen: Senses, wheel_standstill: bool,
 def _creeps(seen: Senses, wheel_standstill: bool, limits: SafetyLimits) -> bool:
     """Whether the speed in use and both speed sensors say that it has set off; one of them where only one is fitted."""
     least = limits.launch_speed_mps
-    told = [v is not None and v >= least for v in (seen.wheel_speed_mps, seen.gnss_speed_mps)]
-    both = all(told) if limits.both_speeds_to_start else any(told)
+    moving = [v is not None and v >= least for v in (seen.wheel_speed_mps, seen.gnss_speed_mps)]
+    both = all(moving) if limits.both_speeds_to_start else any(moving)
     return not wheel_standstill and seen.speed_mps is not None and both
 
 

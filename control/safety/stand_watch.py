@@ -1,4 +1,4 @@
-"""Do the drives stand while they are told to? Shaft, gate and valves, in every state. Pure.
+"""Do the drives stand while they are commanded to? Shaft, gate and valves, in every state. Pure.
 
 A stop is an order to a drive, not a fact. A shaft that runs down is no trouble: it must turn on although the machine
 model says that it stands, and not be slowing down. A gate may travel to its set-point first. A valve may take its time.
@@ -16,30 +16,30 @@ SLOWING_SHARE = 0.9         # of its lowest speed so far: a shaft below that is 
 
 
 class ShaftStand(NamedTuple):
-    """The metering shaft while it is told to stand."""
+    """The metering shaft while it is commanded to stop."""
 
-    told_since_s: float | None = None       # without a break; None: it is told to turn
+    commanded_since_s: float | None = None       # without a break; None: it is commanded to turn
     settled_since_s: float | None = None    # by the machine model it stands since then
-    lowest_rpm: float | None = None         # read since it was told
+    lowest_rpm: float | None = None         # read since its command
     slowed_s: float = 0.0                   # when it was last seen slowing down
     turning_since_s: float | None = None
-    turns: bool = False                     # though told to stand
+    turns: bool = False                     # though commanded to stop
 
 
 class GateStand(NamedTuple):
     """The gate while nothing may flow: its set-point stays, so must the gate."""
 
-    told_mm: float | None = None            # the newest set-point that it was to follow; None: none yet
+    commanded_mm: float | None = None            # the newest set-point that it was to follow; None: none yet
     lowest_mm: float | None = None          # read since flow was forbidden: on its way down it may be higher before
     opening_since_s: float | None = None
     opens: bool = False
 
 
 class ValveStand(NamedTuple):
-    """The sections' valves that are told to be closed; of machines whose board tells how they stand."""
+    """The sections' valves that are commanded closed; of machines whose board tells how they stand."""
 
-    open_since_s: tuple[float | None, ...] = ()     # told closed for long enough, and read open since
-    closed_since_s: tuple[float | None, ...] = ()   # told to be closed since
+    open_since_s: tuple[float | None, ...] = ()     # commanded closed for long enough, and read open since
+    closed_since_s: tuple[float | None, ...] = ()   # commanded closed since
     stuck: tuple[int, ...] = ()                     # sections, from 1, that stay open
 
 
@@ -59,18 +59,19 @@ def stood(before: Stand, now_s: float, s: Situation, seen: Senses, limits: Safet
 
 
 def _shaft(before: ShaftStand, now_s: float, s: Situation, seen: Senses, limits: SafetyLimits) -> ShaftStand:
-    if s.told.turn:
+    if s.commanded.turn:
         return TURNS
     rpm = seen.shaft_rpm
     turning = rpm is not None and rpm >= limits.shaft_stands_rpm
     lowest, slowed_s = before.lowest_rpm, before.slowed_s
     if rpm is not None and (lowest is None or rpm < SLOWING_SHARE * lowest):
         lowest, slowed_s = rpm, now_s
-    settled = since(before.settled_since_s, now_s, s.told.expected_rpm < limits.shaft_stands_rpm)
+    settled = since(before.settled_since_s, now_s, s.commanded.expected_rpm < limits.shaft_stands_rpm)
     turning_since = since(before.turning_since_s, now_s, turning)
     runs_down = not lasted(slowed_s, now_s, limits.stand_settle_s) and not lasted(settled, now_s, limits.run_down_max_s)
     return ShaftStand(
-        now_s if before.told_since_s is None else before.told_since_s, settled, lowest, slowed_s, turning_since,
+        now_s if before.commanded_since_s is None else before.commanded_since_s, settled, lowest, slowed_s,
+        turning_since,
         lasted(turning_since, now_s, limits.stand_confirm_s) and lasted(settled, now_s, limits.stand_settle_s)
         and not runs_down)
 
@@ -78,26 +79,26 @@ def _shaft(before: ShaftStand, now_s: float, s: Situation, seen: Senses, limits:
 def _gate(before: GateStand, now_s: float, s: Situation, seen: Senses, limits: SafetyLimits) -> GateStand:
     """Neither above its set-point nor above where it came from: a board without enable keeps the last set-point that it
     followed, and at power-on where the gate stands."""
-    told_mm = s.told.opening_mm if s.told.enabled else before.told_mm
-    if s.told.flow:
-        return GateStand(told_mm)
+    commanded_mm = s.commanded.opening_mm if s.commanded.enabled else before.commanded_mm
+    if s.commanded.flow:
+        return GateStand(commanded_mm)
     read = seen.opening_mm
     if read is None:
-        return GateStand(told_mm, before.lowest_mm)
+        return GateStand(commanded_mm, before.lowest_mm)
     lowest = read if before.lowest_mm is None else min(before.lowest_mm, read)
-    most_mm = lowest if told_mm is None else max(lowest, told_mm)
+    most_mm = lowest if commanded_mm is None else max(lowest, commanded_mm)
     opening = since(before.opening_since_s, now_s, read > most_mm + limits.gate_stands_mm)
-    return GateStand(told_mm, lowest, opening, lasted(opening, now_s, limits.stand_confirm_s))
+    return GateStand(commanded_mm, lowest, opening, lasted(opening, now_s, limits.stand_confirm_s))
 
 
 def _valves(before: ValveStand, now_s: float, s: Situation, limits: SafetyLimits) -> ValveStand:
-    told, seen = s.told.valves, s.measurements.valves
-    if not told or seen is None or not is_fresh(seen.time_s, now_s, limits.drive_silent_s):
+    commanded, seen = s.commanded.valves, s.measurements.valves
+    if not commanded or seen is None or not is_fresh(seen.time_s, now_s, limits.drive_silent_s):
         return NO_VALVES
-    count = min(len(told), len(seen.open))
+    count = min(len(commanded), len(seen.open))
     closed = _each(before.closed_since_s, count)
     opened = _each(before.open_since_s, count)
-    closed_since = tuple([since(closed[k], now_s, not told[k]) for k in range(count)])
+    closed_since = tuple([since(closed[k], now_s, not commanded[k]) for k in range(count)])
     open_since = tuple([since(opened[k], now_s, seen.open[k] and lasted(
         closed_since[k], now_s, limits.valve_closes_s)) for k in range(count)])
     return ValveStand(open_since, closed_since, tuple(

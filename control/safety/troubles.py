@@ -27,7 +27,7 @@ def troubles(m: Memory, now_s: float, s: Situation, *, seen: Senses, motion: Mot
         found["control_failed"] = ()
     if s.measurements.put_aside:
         found["device_aside"] = (("devices", ", ".join(s.measurements.put_aside)),)
-    _told_to_stand(found, s, seen, stand)
+    _commanded_to_stop(found, s, seen, stand)
     if m.state is State.OFF:
         return found
     _drives(found, m, now_s, s, seen, limits)
@@ -43,13 +43,13 @@ def troubles(m: Memory, now_s: float, s: Situation, *, seen: Senses, motion: Mot
     return found
 
 
-def _told_to_stand(found: dict[str, Details], s: Situation, seen: Senses, stand: Stand) -> None:
+def _commanded_to_stop(found: dict[str, Details], s: Situation, seen: Senses, stand: Stand) -> None:
     """In every state, also off: an order to stand is no proof that anything stands."""
     if stand.shaft.turns:
         found["shaft_turns"] = (("shaft_rpm", _rounded(seen.shaft_rpm)),
-                                ("released_kg", _rounded(s.told.stopped_kg, 1)))
+                                ("released_kg", _rounded(s.commanded.stopped_kg, 1)))
     if stand.gate.opens:
-        found["gate_opens"] = (("opening_mm", _rounded(seen.opening_mm)), ("told_mm", _rounded(s.told.opening_mm)))
+        found["gate_opens"] = (("opening_mm", _rounded(seen.opening_mm)), ("told_mm", _rounded(s.commanded.opening_mm)))
     if stand.valves.stuck:
         found["valve_open"] = (("sections", ", ".join(map(str, stand.valves.stuck))),)
 

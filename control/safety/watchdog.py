@@ -38,7 +38,7 @@ class Safety:
         return self._memory.state
 
     def start_is_held(self, now_s: float) -> bool:
-        """Whether START was told to be held down so lately that it still is."""
+        """Whether START was reported held down so lately that it still is."""
         return now_s - self._memory.start_held_s < self._limits.launch_confirm_s
 
     def order(self, order: Order, now_s: float) -> Answer:

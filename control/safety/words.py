@@ -1,4 +1,4 @@
-"""The words of this package: what safety is told each tick, what it answers; texts for translation."""
+"""The words of this package: what safety is given each tick, what it answers; texts for translation."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -18,8 +18,8 @@ def N_(message: str) -> str:
 POWERED = (State.WORKING, State.HELD, State.CALIBRATING)      # states in which the drives have power
 
 
-class Told(NamedTuple):
-    """What the drives were told in the tick before, so what the readings of this one must answer to."""
+class Commanded(NamedTuple):
+    """What the drives were commanded in the tick before, so what the readings of this one must answer to."""
 
     turn: bool = True                   # the shaft: a speed, or a dose that is not over yet
     flow: bool = True                   # material was allowed to flow
@@ -53,7 +53,7 @@ class Situation(NamedTuple):
     position_refused_m: float | None = None     # the newest epoch was ruled out: how far off it lies
     position_walks: bool = False                # it has walked off, each epoch near the one before
     cut_from_kg_ha: float | None = None         # the rate that was wanted, where it is above the crop's limit
-    told: Told = Told()
+    commanded: Commanded = Commanded()
     map_elsewhere: bool = False         # the map does not lie where work was started
     by_index_map: bool = False          # the index map stands in for silent heads
     course_awaited: bool = False                # the position is known, but it never moved: where it points is not

@@ -41,7 +41,7 @@ class Judged(NamedTuple):
 
 
 class _Mark(NamedTuple):
-    """A place told by GNSS, and what the reckoning had counted then."""
+    """A place reported by GNSS, and what the reckoning had counted then."""
 
     place: Place
     spread_m: float
@@ -53,7 +53,7 @@ class _Mark(NamedTuple):
 
 
 class PositionGate:
-    """`moved` or `lost` once a tick, then `judge` where a new epoch came. Works in O(1) whatever is told."""
+    """`moved` or `lost` once a tick, then `judge` where a new epoch came. Works in O(1) whatever is reported."""
 
     def __init__(self) -> None:
         self._taken: _Mark | None = None

@@ -80,7 +80,7 @@ class Sensing:
         self._north: float | None = None
         self._heard_s: float | None = None
         self._wheel_s: float | None = None
-        self._turned_s: float | None = None         # newest time that the wheel told anything
+        self._turned_s: float | None = None         # newest time that the wheel reported anything
         self._direction = _Direction()
         self._gate = PositionGate()
         self._placed_s: float | None = None         # epoch of the place last taken

@@ -4,8 +4,9 @@ Without news from the tractor a change of speed can only be seen when it is ther
 that follows an acceleration without delay, and a slow one that is quieter. While both agree the speed is steady, and
 the quiet one is believed; where they part by more than noise explains, the quick one is.
 
-With news the told speeds are driven along with the acceleration that was told (the reference). What the machine does
-beside the reference (throttle, slope, slip) goes on as it would without news. How far the reference is believed is
+With news the announced speeds are driven along with the acceleration that was announced (the reference). What the
+machine does next to the reference (throttle, slope, slip) goes on as it would without news. How far the reference is
+believed is
 learned: where the two forecasts differ, both are kept until their time has come, and the one that came true weighs.
 """
 from __future__ import annotations
@@ -14,7 +15,7 @@ from collections import deque
 from math import exp
 from typing import NamedTuple
 
-from control.readings import SpeedTold, is_fresh
+from control.readings import SpeedPlan, is_fresh
 from control.sensing.speed_filter import QUICK_TAU_S, STANDS_MPS, Moving
 
 DIES_OUT_S = 0.8                # an acceleration is expected to die out this fast: drivers change from one speed to
@@ -29,7 +30,7 @@ STEADY_TAU_S = 0.35             # filter `steady`, first order, behind `quick`
 STEADY_MPS = 0.03               # apart by less: noise; by twice as much: a change of speed
 
 
-TOLD_HOLDS_S = 2.0              # a told speed
+ANNOUNCED_HOLDS_S = 2.0              # an announced speed
 TABLE_S, TABLE_STEP_S = 6.0, 0.1        # how far the reference is driven ahead, and in which steps
 JUDGED_S = 1.3                  # how far ahead a forecast was made that is judged: a lag
 DIFFER_MPS = 0.05               # forecasts nearer to each other than this say nothing about which one is right
@@ -39,13 +40,13 @@ AT_FIRST_MPS2 = 0.1 ** 2        # squared error that both have at first: believe
 
 
 class SpeedAhead(NamedTuple):
-    """The forecast made at one tick: a speed, and an acceleration that dies out; beside it, where somebody told, the
-    reference in steps of `TABLE_STEP_S`, what is driven on top of it, and how far all that is believed."""
+    """The forecast made at one tick: a speed, and an acceleration that dies out; next to it, where somebody announced,
+    the reference in steps of `TABLE_STEP_S`, what is driven on top of it, and how far all that is believed."""
 
     now_mps: float
     acceleration_mps2: float
-    told_mps: tuple[float, ...] = ()        # the reference
-    told_way_m: tuple[float, ...] = ()      # its way from now on
+    announced_mps: tuple[float, ...] = ()        # the reference
+    announced_way_m: tuple[float, ...] = ()      # its way from now on
     beside_mps: float = 0.0                 # faster than the reference, now
     beside_mps2: float = 0.0
     believed: float = 0.0                   # 0 to 1
@@ -54,17 +55,17 @@ class SpeedAhead(NamedTuple):
     def mps(self, in_s: float) -> float:
         """Speed so many seconds ahead, m/s; never below 0."""
         own = speed_ahead_mps(self.now_mps, self.acceleration_mps2, in_s, self.cruise_mps)
-        if not self.told_mps:
+        if not self.announced_mps:
             return own
-        known = _at(self.told_mps, in_s) + self.beside_mps + _more_mps(self.beside_mps2, in_s)
+        known = _at(self.announced_mps, in_s) + self.beside_mps + _more_mps(self.beside_mps2, in_s)
         return max(0.0, own + self.believed * (known - own))
 
     def way_m(self, in_s: float) -> float:
         """Distance covered until then, m."""
         own = travelled_ahead_m(self.now_mps, self.acceleration_mps2, in_s, self.cruise_mps)
-        if not self.told_mps:
+        if not self.announced_mps:
             return own
-        known = _at(self.told_way_m, in_s) + self.beside_mps * in_s + _more_m(self.beside_mps2, in_s)
+        known = _at(self.announced_way_m, in_s) + self.beside_mps * in_s + _more_m(self.beside_mps2, in_s)
         return max(0.0, own + self.believed * (known - own))
 
 
@@ -98,11 +99,11 @@ class Forecaster:
 
     @property
     def believed(self) -> float:
-        """How far what is told is believed, 0 to 1."""
+        """How far what is reported is believed, 0 to 1."""
         return self._errors_mps2[1] / sum(self._errors_mps2)
 
     def update(self, now_s: float, speed_mps: float | None, acceleration_mps2: float, dt_s: float,
-               told: SpeedTold | None = None) -> SpeedAhead:
+               announced: SpeedPlan | None = None) -> SpeedAhead:
         """speed_mps, acceleration_mps2: of the filter `quick`; None: not known, which counts as standing."""
         if speed_mps is None:
             self._forget()
@@ -111,28 +112,28 @@ class Forecaster:
         if own.acceleration_mps2 == 0.0 and own.speed_mps > CRUISE_FROM_MPS:
             share = 1.0 if self._cruise_mps == 0.0 else 1.0 - exp(-dt_s / CRUISE_TAU_S)
             self._cruise_mps += share * (own.speed_mps - self._cruise_mps)
-        if told is None or not is_fresh(told.time_s, now_s, TOLD_HOLDS_S):
+        if announced is None or not is_fresh(announced.time_s, now_s, ANNOUNCED_HOLDS_S):
             self._reference_mps = None
             self._waiting.clear()
             return SpeedAhead(*own, cruise_mps=self._cruise_mps)
         self._judge(now_s, speed_mps)
-        self._drive_reference(told, now_s, speed_mps, dt_s)
+        self._drive_reference(announced, now_s, speed_mps, dt_s)
         beside = self._beside.update(Moving(speed_mps - self._reference.speed_mps,
                                             acceleration_mps2 - self._reference.acceleration_mps2), dt_s)
-        table, way = _driven(told, now_s - told.time_s, self._reference_mps or 0.0)
+        table, way = _driven(announced, now_s - announced.time_s, self._reference_mps or 0.0)
         ahead = SpeedAhead(*own, table, way, *beside, self.believed, self._cruise_mps)
         if speed_mps >= STANDS_MPS and (not self._waiting or now_s + JUDGED_S - self._waiting[-1][0] >= JUDGED_EVERY_S):
             self._waiting.append((now_s + JUDGED_S, ahead._replace(believed=1.0).mps(JUDGED_S),
                                   ahead._replace(believed=0.0).mps(JUDGED_S)))
         return ahead
 
-    def _drive_reference(self, told: SpeedTold, now_s: float, speed_mps: float, dt_s: float) -> None:
+    def _drive_reference(self, announced: SpeedPlan, now_s: float, speed_mps: float, dt_s: float) -> None:
         """One tick on; it begins at the speed of the machine, and anew where that stands: when it sets off nobody can
         tell."""
         if self._reference_mps is None or speed_mps < STANDS_MPS:
             self._reference_mps, self._reference, self._beside = speed_mps, Moving(speed_mps, 0.0), _Quieted()
-        aim = _aimed(told, max(0.0, now_s - told.time_s))
-        self._reference_mps = _towards(self._reference_mps, aim, told.acceleration_mps2 * dt_s)
+        aim = _aimed(announced, max(0.0, now_s - announced.time_s))
+        self._reference_mps = _towards(self._reference_mps, aim, announced.acceleration_mps2 * dt_s)
         if dt_s > 0.0:
             self._reference = self._reference.on(dt_s).taking(self._reference_mps, dt_s, QUICK_TAU_S)
 
@@ -144,21 +145,22 @@ class Forecaster:
                 self._errors_mps2 = [FORGETS * kept + new for kept, new in zip(self._errors_mps2, both, strict=True)]
 
 
-def _aimed(told: SpeedTold, in_s: float) -> float:
-    """The speed that is aimed at so many seconds after it was told, m/s, whichever way: `speed_used` has no sign."""
-    return next(abs(mps) for since, mps in reversed(told.points) if since <= in_s + 1e-9 or since == 0.0)
+def _aimed(announced: SpeedPlan, in_s: float) -> float:
+    """The speed that is aimed at so many seconds after its announcement, m/s, whichever way: `speed_used` has no
+    sign."""
+    return next(abs(mps) for since, mps in reversed(announced.points) if since <= in_s + 1e-9 or since == 0.0)
 
 
 def _towards(mps: float, aimed: float, most: float) -> float:
     return mps + min(most, max(-most, aimed - mps))
 
 
-def _driven(told: SpeedTold, since_s: float, reference_mps: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _driven(announced: SpeedPlan, since_s: float, reference_mps: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """The reference ahead, m/s, and its way, m, in steps of `TABLE_STEP_S`."""
     mps, way, table, ways = reference_mps, 0.0, [reference_mps], [0.0]
-    most = told.acceleration_mps2 * TABLE_STEP_S
+    most = announced.acceleration_mps2 * TABLE_STEP_S
     for k in range(round(TABLE_S / TABLE_STEP_S)):
-        following = _towards(mps, _aimed(told, max(0.0, since_s) + (k + 0.5) * TABLE_STEP_S), most)
+        following = _towards(mps, _aimed(announced, max(0.0, since_s) + (k + 0.5) * TABLE_STEP_S), most)
         way += 0.5 * (mps + following) * TABLE_STEP_S
         mps = following
         table.append(mps)

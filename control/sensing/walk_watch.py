@@ -29,7 +29,7 @@ LONGEST_S = WINDOWS_S[-1] + 1.0     # ... for this long
 SPEED_SHARE = 0.01
 SPEED_STEP_MPS = 0.03   # a tenth of a knot is a step of 0.05 m/s; its s.d. 0.015, and as much again for a bias
 LATE_S = 1.0            # GNSS speeds come 0.1 to 1 s late
-CREEP_MPS = 0.05        # told as standing: receivers cut speeds below some 0.1 to 0.2 m/s to 0
+CREEP_MPS = 0.05        # reported as standing: receivers cut speeds below some 0.1 to 0.2 m/s to 0
 STANDS_MPS = 0.2
 GAP_S = 2.0             # epochs farther apart: the course in between is not known, nor where the way led
 GAP_SHARE = 0.25        # of the way reckoned where epochs tell no speed, as `position_gate.WAY_SHARE`
@@ -48,7 +48,7 @@ class Reckoned(NamedTuple):
 
 
 class Mark(NamedTuple):
-    """A place told by GNSS, and what had been added up until then."""
+    """A place reported by GNSS, and what had been added up until then."""
 
     time_s: float
     place: Place

@@ -74,7 +74,7 @@ def simulated_machine(machine: Machine, job: Job, seed: int, dt_s: float, plante
                       *,
                       keep: Callable[[Truth], None] | None = None, plants: PlantList | None = None,
                       terms: Sequence[Term] = ()) -> Plant:
-    """The plant of a job. `plants`: of its plant list; `terms`: beside those of the machine's file. Raises ValueError
-    where an effect does not fit the machine."""
+    """The plant of a job. `plants`: of its plant list; `terms`: along with those of the machine's file. Raises
+    ValueError where an effect does not fit the machine."""
     return Plant(machine, job, seed, dt_s, planted, keep=keep, plants=None if plants is None else plants.places_m,
                  terms=terms)

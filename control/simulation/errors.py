@@ -4,9 +4,9 @@ Rate error: the area mean of |landed - target|. Place error: the distance betwee
 point of the landed step.
 
 The target is a staircase: what control held for a decision period, seen by noisy heads. Held against it, the rate error
-tells how well the machine does what it was told, and not how well the crop is served. For that it is held against what
-the crop needs where the canopy is the source: the graded need, the crop's rule at the true canopy of every place, and
-the smooth need, the same rule without grades.
+tells how well the machine does what it was commanded, and not how well the crop is served. For that it is held against
+what the crop needs where the canopy is the source: the graded need, the crop's rule at the true canopy of every place,
+and the smooth need, the same rule without grades.
 """
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What strategies are compared by besides rate and place error: time to reach a new rate, moves an hour."""
+"""What strategies are compared by along with rate and place error: time to reach a new rate, moves an hour."""
 from __future__ import annotations
 
 from collections.abc import Sequence

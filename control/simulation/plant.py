@@ -21,7 +21,7 @@ from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start, shaft_st
 from control.machine.speed import SpeedInput, speed_start, speed_step
 from control.machine.term_sums import NOTHING, More, TermSums, Told
 from control.machine.terms import SHAFT_ANGLE, Term
-from control.readings import DoseOrder, DriveCommand, GnssFix, PlantSeen, SpeedTold
+from control.readings import DoseOrder, DriveCommand, GnssFix, PlantSeen, SpeedPlan
 
 from .canopy import AcrossWidth, CanopyField
 from .noise import Normals, Slow
@@ -54,8 +54,8 @@ class Sensed(NamedTuple):
     roll_deg: float
     work_switch: bool | None
     wheel_pulse_s: float | None = None      # when the newest pulse came
-    plants: tuple[PlantSeen, ...] = ()      # told by the camera in this step
-    speed_told: SpeedTold | None = None     # by the tractor in this step
+    plants: tuple[PlantSeen, ...] = ()      # reported by the camera in this step
+    speed_told: SpeedPlan | None = None     # by the tractor in this step
     canopy_index: str = "ndvi"              # that the heads give
     valves_open: tuple[bool, ...] | None = None     # of the sections, by their own switches; None: no valves
 
@@ -76,7 +76,7 @@ class Truth(NamedTuple):
     north_m: float
     in_pass: bool
     refill_kg: float
-    doses: int = 0              # of point mode that the shaft has begun
+    doses: int = 0              # of point mode that the shaft has started
     canopy: AcrossWidth | None = None       # that the outlets pass
     heading_deg: float = 0.0
     section_kg: tuple[float, ...] = ()      # released in the step by each section; none: no valves
@@ -92,7 +92,7 @@ class Plant:
                  path: Path | None = None, keep: Callable[[Truth], None] | None = None,
                  plants: Array | None = None, terms: Sequence[Term] = ()) -> None:
         """`plants`: places (n, 2) of the plants of point mode, east and north, m; None: those of the job. `terms`: what
-        the machine does beside those of its file."""
+        the machine does along with those of its file."""
         sim = job.simulated
         self.machine = machine
         self.dt_s = dt_s
@@ -290,7 +290,7 @@ class Plant:
             max(0.0, self._shaft_out[1] + noise.shaft_rpm * normal()), self._gate_out[1] + noise.opening_mm * normal(),
             stepped(scale, true.scale.resolution_kg), supply + noise.supply_v * normal(),
             pitch + noise.pitch_deg * normal(), self._roll.step(dt), None, self._pulse_s,
-            () if self._vision is None else self._vision.look(now, self._driven_m), self._driver.told(),
+            () if self._vision is None else self._vision.look(now, self._driven_m), self._driver.announced(),
             self._sim.heads_index, None if self.valves is None else self.valves.open_now)
 
     def _roll_wheel(self, wheel_mps: float, dt: float) -> None:

@@ -29,7 +29,7 @@ def simulated_plants(job: Job, width_m: float, seed: int) -> Array:
 
 
 def along_way(path: Path, places: Array, half_width_m: float) -> Array:
-    """Distances driven (k,), rising, at which the outlet passes the plants (n, 2) within `half_width_m` beside it, on
+    """Distances driven (k,), rising, at which the outlet passes the plants (n, 2) within `half_width_m` next to it, on
     the straight legs of its way."""
     found = []
     for begin_m, leg in path.straight_legs():

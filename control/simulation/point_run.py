@@ -74,8 +74,8 @@ def point_run(lag: PointLag, spacing_m: float, speed_mps: float, plants: int, se
         while waiting and waiting[0][0] <= now:
             row.look(waiting.pop(0)[1], mode.fixed_to_m)
         off += -off * tick_s / 0.25 + really.speed_sd_mps * (2.0 * tick_s / 0.25) ** 0.5 * rng.standard_normal()
-        told = max(0.0, speed + off)
-        doses, _ = mode.tick(now, odometer, told, tick_s)
+        measured_mps = max(0.0, speed + off)
+        doses, _ = mode.tick(now, odometer, measured_mps, tick_s)
         for dose in doses:
             begins = now + (dose.in_s if within_tick else 0.0)
             lands = (begins + lag.link_s + really.link_sd_s * rng.standard_normal() + really.extra_delay_s

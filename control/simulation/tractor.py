@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from control.field.job import Simulated
-from control.readings import SpeedTold
+from control.readings import SpeedPlan
 
 BLOCK = 8               # passes are taken in blocks, four apart, so that the turns are wide enough to drive
 
@@ -110,7 +110,7 @@ def field_boundary(sim: Simulated, width_m: float, heading_deg: float) -> tuple[
     return tuple((a * sin(north) + c * cos(north), a * cos(north) - c * sin(north)) for a, c in corners)
 
 
-TOLD_AHEAD_S, TOLD_STEP_S = 5.0, 0.1        # of what a tractor tells of its speeds to come
+ANNOUNCED_AHEAD_S, ANNOUNCED_STEP_S = 5.0, 0.1        # of what a tractor tells of its speeds to come
 WANDER_S = 8.0                              # correlation of the throttle's wander
 
 
@@ -144,19 +144,19 @@ class Driver:
         self.speed_mps += step
         return self.speed_mps
 
-    def told(self) -> SpeedTold | None:
+    def announced(self) -> SpeedPlan | None:
         """What the tractor says now of its speeds to come."""
         how = self._sim.speed_told
         if how == "none":
             return None
         now, most = self._wanted(self._time_s)
         if self._stopped or how == "set":
-            return SpeedTold(self._time_s, ((0.0, 0.0 if self._stopped else now),), most)
-        steps = [round(k * TOLD_STEP_S, 3) for k in range(round(TOLD_AHEAD_S / TOLD_STEP_S))]
+            return SpeedPlan(self._time_s, ((0.0, 0.0 if self._stopped else now),), most)
+        steps = [round(k * ANNOUNCED_STEP_S, 3) for k in range(round(ANNOUNCED_AHEAD_S / ANNOUNCED_STEP_S))]
         aims = [self._wanted(self._time_s + in_s) for in_s in steps]
         wander = [0.0 if how == "plan" else self._to_come[min(len(self._to_come) - 1, round(in_s / self._dt_s))]
                   for in_s in steps]
-        return SpeedTold(self._time_s, tuple((in_s, aim * (1.0 + more)) for in_s, (aim, _), more
+        return SpeedPlan(self._time_s, tuple((in_s, aim * (1.0 + more)) for in_s, (aim, _), more
                                              in zip(steps, aims, wander, strict=True)), max(a for _, a in aims))
 
     def _wanted(self, time_s: float) -> tuple[float, float]:
@@ -172,7 +172,7 @@ class Driver:
         return float((1.0 - dt_s / WANDER_S) * before + share * (2.0 * dt_s / WANDER_S) ** 0.5 * kick)
 
     def _drawn_ahead(self, dt_s: float) -> float:
-        while len(self._to_come) * dt_s <= TOLD_AHEAD_S:
+        while len(self._to_come) * dt_s <= ANNOUNCED_AHEAD_S:
             last = self._to_come[-1] if self._to_come else 0.0
             self._to_come.append(self._wandered(last, float(self._rng.standard_normal()), dt_s))
         return self._to_come.popleft()

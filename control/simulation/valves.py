@@ -22,7 +22,7 @@ class Valves:
         self._step_shares: list[float] = []
 
     def tell(self, now_s: float, valves: Sequence[bool]) -> None:
-        """What they are told from now on; none: no power, and they close."""
+        """What they are commanded from now on; none: no power, and they close."""
         for k, valve in enumerate(self._valves):
             on = k < len(valves) and valves[k]
             if on is not self._told[k]:

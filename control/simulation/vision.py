@@ -1,4 +1,4 @@
-"""A simulated camera over a row of plants: pictures, each told when its computer is done with it."""
+"""A simulated camera over a row of plants: pictures, each reported when its computer is done with it."""
 from __future__ import annotations
 
 from collections import deque
@@ -21,7 +21,7 @@ class Vision:
         self._pictures: deque[tuple[float, list[PlantSeen]]] = deque()
 
     def look(self, now_s: float, driven_m: float) -> tuple[PlantSeen, ...]:
-        """What is told at `now_s`; a new picture is taken where one is due."""
+        """What is reported at `now_s`; a new picture is taken where one is due."""
         camera = self._camera
         if now_s >= self._next_s - 1e-9:
             self._next_s += 1.0 / camera.hz
@@ -30,7 +30,7 @@ class Vision:
             ahead = self._plants_m[first:last] - driven_m
             ahead = ahead + camera.seen_sd_m * self._rng.standard_normal(len(ahead))
             self._pictures.append((now_s + camera.computing_s, [PlantSeen(now_s, float(d)) for d in ahead]))
-        told: list[PlantSeen] = []
+        reported: list[PlantSeen] = []
         while self._pictures and self._pictures[0][0] <= now_s + 1e-9:
-            told += self._pictures.popleft()[1]
-        return tuple(told)
+            reported += self._pictures.popleft()[1]
+        return tuple(reported)

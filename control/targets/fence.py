@@ -71,7 +71,7 @@ class Inside(Protocol):
 
 
 class Fenced:
-    """A profile that is another target outside the fence; nothing, unless told otherwise."""
+    """A profile that is another target outside the fence; nothing, unless stated otherwise."""
 
     def __init__(self, inner: Profile, fence: Inside, outside: Target = OUTSIDE) -> None:
         self._inner = inner

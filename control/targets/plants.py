@@ -24,7 +24,7 @@ class PlantList:
         self._tree = shapely.STRtree(shapely.points(self.places_m))
 
     def ahead_m(self, place: Place, heading_deg: float, farthest_m: float, half_width_m: float) -> list[float]:
-        """Distances along the heading of the plants in a strip ahead, rising; those beside the strip are not ours."""
+        """Distances along the heading of the plants in a strip ahead, rising; those next to the strip are not ours."""
         east, north = direction(heading_deg)
         far = (place[0] + farthest_m * east, place[1] + farthest_m * north)
         reach = shapely.box(min(place[0], far[0]) - half_width_m, min(place[1], far[1]) - half_width_m,
@@ -46,7 +46,7 @@ class Seen(NamedTuple):
 
 
 class Row:
-    """Plants along the track, each once, rising; told again and again by a list or a camera, ever more exactly."""
+    """Plants along the track, each once, rising; reported again and again by a list or a camera, ever more exactly."""
 
     SAME_M = 0.08           # nearer than this is the same plant seen again
     NEWER = 0.3             # weight of a new look at the place of a plant known already
@@ -70,9 +70,9 @@ class Row:
 
     def only(self, seen: Sequence[Seen], from_m: float, to_m: float) -> None:
         """Forget the plants between two places of the track that a look which tells them all did not tell."""
-        told = sorted(plant.track_m + plant.ahead_m for plant in seen)
+        reported = sorted(plant.track_m + plant.ahead_m for plant in seen)
         self.places_m = [place for place in self.places_m
-                         if not from_m < place <= to_m or _is_near(told, place, self.SAME_M)]
+                         if not from_m < place <= to_m or _is_near(reported, place, self.SAME_M)]
 
     def after(self, place_m: float) -> float | None:
         """The first plant beyond a place of the track."""

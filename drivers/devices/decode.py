@@ -92,9 +92,9 @@ def _agopengps(data: bytes) -> tuple[list[Record], Counts]:
 
 
 def _tractor(data: bytes) -> tuple[list[Record], Counts]:
-    return _through(TractorSpeedDecoder(), lambda told: {
-        "acceleration_mps2": told.acceleration_mps2,
-        **{f"speed_mps_in_{in_s:g}_s": mps for in_s, mps in told.points}}, data)
+    return _through(TractorSpeedDecoder(), lambda announced: {
+        "acceleration_mps2": announced.acceleration_mps2,
+        **{f"speed_mps_in_{in_s:g}_s": mps for in_s, mps in announced.points}}, data)
 
 
 PROTOCOLS: dict[str, Callable[[bytes], tuple[list[Record], Counts]]] = {

@@ -1,8 +1,8 @@
 """Drop times with the lag rig alone: the machine's own drive turns the shaft, which this program does not command.
 
 Each run: the shaft stands and the tubes are empty; the rig is armed; somebody starts the shaft; the rig times from 2
-r/min to the first granule on the plate (lag paper, 1.2). Nothing is known of the response: nobody told when the start
-was wanted. Pure: readings and times in, orders to the rig out.
+r/min to the first granule on the plate (lag paper, 1.2). Nothing is known of the response: nobody announced when the
+start was wanted. Pure: readings and times in, orders to the rig out.
 """
 from __future__ import annotations
 

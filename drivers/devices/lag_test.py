@@ -125,15 +125,15 @@ class LagTest:
             response_s = rig.start_s - self._sent_s
             if rig.plate_before or rig.turned_before:
                 return self._fail("the plate was touched before the shaft turned" if rig.plate_before
-                                  else "the shaft turned before it was told to")
+                                  else "the shaft turned before its command")
             if response_s <= 0.0:
-                return self._fail(f"the shaft turned {-response_s:.3f} s before it was told to")
+                return self._fail(f"the shaft turned {-response_s:.3f} s before its command")
             self.runs.append(LagRun(rpm, repeat, response_s, rig.drop_s))
             self._next()
             return ""
         if now_s - self._sent_s > self._plan.longest_s:
-            told = rig.state if rig is not None and rig.run == self._number else IDLE
-            return self._fail("nothing landed" if told > ARMED else "the shaft did not turn")
+            state = rig.state if rig is not None and rig.run == self._number else IDLE
+            return self._fail("nothing landed" if state > ARMED else "the shaft did not turn")
         return ""
 
     def _fail(self, why: str) -> str:

@@ -175,12 +175,12 @@ def _zda(talker: str, fields: Any) -> Sentence:
     if not (fields.data[0] and day and month and year):
         raise Ignored("ZDA")
     try:
-        told = date(*(_whole(text, 0, 9999) or 0 for text in (year, month, day)))
+        utc_date = date(*(_whole(text, 0, 9999) or 0 for text in (year, month, day)))
     except ValueError:
         raise Rejected("impossible_value") from None
-    if not FIRST_YEAR <= told.year <= LAST_YEAR:
+    if not FIRST_YEAR <= utc_date.year <= LAST_YEAR:
         raise Rejected("impossible_value")
-    return Sentence("ZDA", talker, time_of_day_ms=_time_of_day_ms(fields), date=told)
+    return Sentence("ZDA", talker, time_of_day_ms=_time_of_day_ms(fields), date=utc_date)
 
 
 _READERS = {"GGA": _gga, "RMC": _rmc, "VTG": _vtg, "GNS": _gns, "GLL": _gll, "ZDA": _zda}

@@ -81,7 +81,8 @@ def decode_report(frame: bytes) -> DoseReport:
 class PointDose:
     """One dose after the other. The sequence numbers are the board driver's: every frame to the board counts.
 
-    A dose is never sent twice: a plant that was missed is told (LOST), one that was dosed twice could not be mended.
+    A dose is never sent twice: a plant that was missed is reported (LOST), one that was dosed twice could not be
+    mended.
     """
 
     def __init__(self, max_shaft_rpm: float = 201.0) -> None:

@@ -83,7 +83,7 @@ class RateModule:
         self._relays: int | None = None
         self._relays_s = -math.inf
         self._run_until_s = -math.inf
-        self._turns_rpm = 0.0                   # as it told last
+        self._turns_rpm = 0.0                   # as it reported last
 
     def feed(self, datagrams: Iterable[bytes], time_s: float) -> list[ModuleReadings]:
         """Readings from the datagrams that arrived at `time_s`, oldest first."""
@@ -153,7 +153,7 @@ class RateModule:
     def _due(self, wanted: tuple[float, bool], now_s: float) -> bool:
         waited_s = now_s - self._sent_s
         if wanted == self._sent:
-            disobeys = wanted[0] == 0.0 and self._turns_rpm > 0.0       # told to stand, again and again
+            disobeys = wanted[0] == 0.0 and self._turns_rpm > 0.0       # commanded to stop, again and again
             return waited_s >= (TARGET_EVERY_S if disobeys else TARGET_AT_LEAST_S)
         stops = wanted[0] == 0.0 or self._sent is None or wanted[1] != self._sent[1]
         return stops or waited_s >= TARGET_EVERY_S

@@ -193,7 +193,7 @@ def decode_heard(data: bytes) -> Heard:
     raise BadDatagram("unknown_message")
 
 
-def decode_told(data: bytes) -> Target | Relays:
+def decode_command(data: bytes) -> Target | Relays:
     """A datagram to a module, as the virtual one reads it. Raises BadDatagram."""
     message, body = _open(data)
     if message == TARGET:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 
-from control.readings import MOST_TOLD, SpeedTold, can_be_told
+from control.readings import MOST_ANNOUNCED, SpeedPlan, can_be_announced
 from drivers.devices.lines import Counts, LineCutter
 from drivers.devices.nmea import checksum
 
@@ -20,22 +20,22 @@ _NUMBER = re.compile(rb"-?\d{1,4}(\.\d{1,6})?")
 
 
 class TractorSpeedDecoder:
-    """Bytes to told speeds. Rejected: `bad_checksum`, `wrong_fields`, `impossible_value`, `overlong`, `garbage`;
+    """Bytes to announced speeds. Rejected: `bad_checksum`, `wrong_fields`, `impossible_value`, `overlong`, `garbage`;
     ignored: sentences of another name."""
 
     def __init__(self) -> None:
         self.counts = Counts()
         self._lines = LineCutter(self.counts, LONGEST)
 
-    def feed(self, data: bytes, time_s: float) -> list[SpeedTold]:
+    def feed(self, data: bytes, time_s: float) -> list[SpeedPlan]:
         """What `data`, which arrived at `time_s`, completes; oldest first."""
-        return [told for line in self._lines.feed(data) if (told := self._take(line, time_s)) is not None]
+        return [announced for line in self._lines.feed(data) if (announced := self._take(line, time_s)) is not None]
 
-    def flush(self, time_s: float) -> list[SpeedTold]:
+    def flush(self, time_s: float) -> list[SpeedPlan]:
         """At the end of a recording."""
-        return [told for line in self._lines.flush() if (told := self._take(line, time_s)) is not None]
+        return [announced for line in self._lines.flush() if (announced := self._take(line, time_s)) is not None]
 
-    def _take(self, line: bytes, time_s: float) -> SpeedTold | None:
+    def _take(self, line: bytes, time_s: float) -> SpeedPlan | None:
         found = _SENTENCE.fullmatch(line.strip())
         if found is None:
             self.counts.reject("garbage")
@@ -48,21 +48,22 @@ class TractorSpeedDecoder:
             self.counts.ignore("other_sentence")
             return None
         fields = body[len(HEAD):].split(b",")
-        if len(fields) % 2 == 0 or not 3 <= len(fields) <= 1 + 2 * MOST_TOLD or not all(map(_NUMBER.fullmatch, fields)):
+        if len(fields) % 2 == 0 or not 3 <= len(fields) <= 1 + 2 * MOST_ANNOUNCED or not all(
+                map(_NUMBER.fullmatch, fields)):
             self.counts.reject("wrong_fields")
             return None
         values = [float(field) for field in fields]
-        told = SpeedTold(time_s, tuple((in_s, kmh / 3.6) for in_s, kmh in zip(values[1::2], values[2::2], strict=True)),
-                         values[0])
-        if not can_be_told(told):
+        announced = SpeedPlan(time_s, tuple(
+            (in_s, kmh / 3.6) for in_s, kmh in zip(values[1::2], values[2::2], strict=True)), values[0])
+        if not can_be_announced(announced):
             self.counts.reject("impossible_value")
             return None
         self.counts.accept()
-        return told
+        return announced
 
 
-def sentence(told: SpeedTold) -> bytes:
+def sentence(announced: SpeedPlan) -> bytes:
     """The same as bytes, for a gateway or a virtual tractor."""
-    pairs = ",".join(f"{in_s:.2f},{3.6 * mps:.3f}" for in_s, mps in told.points)
-    body = f"PTDSP,{told.acceleration_mps2:.2f},{pairs}".encode()
+    pairs = ",".join(f"{in_s:.2f},{3.6 * mps:.3f}" for in_s, mps in announced.points)
+    body = f"PTDSP,{announced.acceleration_mps2:.2f},{pairs}".encode()
     return b"$%s*%02X\r\n" % (body, checksum(body))

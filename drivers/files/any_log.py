@@ -1,4 +1,4 @@
-"""A log of any program, opened as a run log: its own as it is, another's through the import: by the import file beside
+"""A log of any program, opened as a run log: its own as it is, another's through the import: by the import file next to
 it, else where nothing is unsure."""
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def by_import(path: Path, raw: RawTable, mapping: ImportFile, said_by: Path | No
 
 
 def raw_and_mapping(path: Path, called: Path | None = None) -> tuple[RawTable, ImportFile, Path | None]:
-    """What is read, by the import file beside it or, without one, by a guess in which nothing is unsure.
+    """What is read, by the import file next to it or, without one, by a guess in which nothing is unsure.
 
     called: the file of which `path` holds a copy. Raises ImportTrouble, ConfigError, OSError.
     """

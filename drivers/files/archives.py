@@ -1,4 +1,4 @@
-"""The files of a folder or a zip, by their names, without what operating systems put beside them."""
+"""The files of a folder or a zip, by their names, without what operating systems put next to them."""
 from __future__ import annotations
 
 import os

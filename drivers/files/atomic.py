@@ -1,4 +1,4 @@
-"""Files that are either whole or not there: write beside the place, then rename; never take a name that is taken."""
+"""Files that are either whole or not there: write next to the place, then rename; never take a name that is taken."""
 from __future__ import annotations
 
 import contextlib
@@ -126,7 +126,7 @@ def create(path: Path, overwrite: bool = False) -> NewFile:
 
 
 def sidecar(log: Path) -> Path:
-    """Where the description of a run log stands: NAME.yaml beside NAME.csv."""
+    """Where the description of a run log stands: NAME.yaml next to NAME.csv."""
     return log.with_suffix(".yaml")
 
 

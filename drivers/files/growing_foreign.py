@@ -22,7 +22,7 @@ ONE_BYTE = ("utf-8", "ascii", "latin", "iso-8859", "iso8859", "cp125", "windows-
 
 
 class ForeignText:
-    """`read` gives the rows of the new lines, or of the whole file where they cannot be told without it."""
+    """`read` gives the rows of the new lines, or of the whole file where they cannot be known without it."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.damaged = path, 0

@@ -41,7 +41,7 @@ ENTRIES = Limit("entries of a zip", 5_000, "entries")
 UNPACKED = Limit("zip, unpacked altogether", 1024 * MB, "bytes")
 WORKBOOK = Limit("Excel workbook, unpacked altogether", 256 * MB, "bytes")
 CELLS = Limit("cells of a sheet, empty ones between others included", 16_777_216, "cells")
-RESUME = Limit("what is kept of a job beside its log (.resume.json)", 128 * MB, "bytes")
+RESUME = Limit("what is kept of a job next to its log (.resume.json)", 128 * MB, "bytes")
 OTHER = Limit("any other file (Parquet, recordings of devices, ...)", 1024 * MB, "bytes")
 
 LIMITS = (CONFIG, TEXT, COLUMNS, LINE, JSON, DIGITS, XML, REFERENCES, SHAPES, SIDE, ENTRIES, UNPACKED, WORKBOOK, CELLS,
@@ -73,7 +73,8 @@ def held_to(limit: Limit, found: int, label: str) -> None:
 
 
 def check_file(path: Path) -> None:
-    """Hold a file, a folder of a task or a zip against the table, the files beside it that a reader opens too included.
+    """Hold a file, a folder of a task or a zip against the table, the files next to it that a reader opens too
+    included.
 
     Raises BeyondLimits, OSError. What is not there is the reader's to say.
     """

@@ -91,7 +91,7 @@ def read_store(path: Path, only: Collection[str] | None = None) -> Stored:
 
 
 class About(NamedTuple):
-    """What a store says of its log beside the columns."""
+    """What a store says of its log along with the columns."""
 
     meta: RunMeta | None
     findings: tuple[Finding, ...]
@@ -101,11 +101,11 @@ def stored_about(path: Path) -> About:
     """Without reading the columns. Raises StoreError, OSError."""
     import polars as pl
     try:
-        told = json.loads(pl.read_parquet_metadata(path)[_KEY])
-        if told["format"] != FORMAT:
-            raise StoreError(f"{path}: key format: value {told['format']}: allowed {FORMAT}")
-        meta = None if told["meta"] is None else meta_from_yaml(told["meta"])
-        return About(meta, tuple(Finding(*one) for one in told["findings"]))
+        stated = json.loads(pl.read_parquet_metadata(path)[_KEY])
+        if stated["format"] != FORMAT:
+            raise StoreError(f"{path}: key format: value {stated['format']}: allowed {FORMAT}")
+        meta = None if stated["meta"] is None else meta_from_yaml(stated["meta"])
+        return About(meta, tuple(Finding(*one) for one in stated["findings"]))
     except pl.exceptions.PolarsError as error:
         raise StoreError(f"{path}: not readable as Parquet: {_first_line(error)}") from None
     except StoreError:

@@ -63,7 +63,7 @@ def _without_sentinels(name: str, values: Floats, limits: tuple[float, float], f
                        inside: NDArray[np.bool_] | None) -> Floats:
     """A number inside the limits is one where it is far larger than all others; or in the rows `inside`, where given.
 
-    For longitudes those in which the latitude is one: -99 degrees beside a latitude is a place in Mexico.
+    For longitudes those in which the latitude is one: -99 degrees next to a latitude is a place in Mexico.
     """
     if not values.size or not _reaches_a_sentinel(values, limits):
         return values

@@ -163,7 +163,7 @@ def _array(values: Sequence[Any]) -> Any:
     return np.array(["" if value is None else str(value) for value in values], dtype=object)
 
 
-def told(row: Mapping[str, Any]) -> dict[str, Any]:
+def stated(row: Mapping[str, Any]) -> dict[str, Any]:
     """Attributes without those that every KML has."""
     return {name: value for name, value in row.items() if name not in _OF_KML}
 

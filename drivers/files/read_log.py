@@ -33,7 +33,7 @@ class RunLog:
 
     `columns`: those of the file, ours under their published names, unknown ones kept; arrays of length n, float64
     (NaN: not known) or object (texts, "": not known). `time_s` is always there and strictly increasing.
-    `meta` is None where no sidecar stands beside the log. `findings`: what was odd, and what was done about it.
+    `meta` is None where no sidecar stands next to the log. `findings`: what was odd, and what was done about it.
     """
 
     path: Path
@@ -134,7 +134,7 @@ def read_rows(path: str | Path) -> RunLog:
 
 
 def meta_of(path: Path) -> RunMeta | None:
-    """What is told of a run log beside its rows, which are not read; None: nothing that can be used."""
+    """What is given of a run log along with its rows, which are not read; None: nothing that can be used."""
     if not is_store(path):
         return _meta_beside(path)[0]
     try:
@@ -144,7 +144,7 @@ def meta_of(path: Path) -> RunMeta | None:
 
 
 def _is_cut_in_header(path: Path, meta: RunMeta | None) -> bool:
-    """Whether the file is no more than a beginning of our header line (nothing at all: only beside our sidecar)."""
+    """Whether the file is no more than a beginning of our header line (nothing at all: only next to our sidecar)."""
     header = header_of(_own_columns(meta)).encode()
     try:
         with path.open("rb") as file:
@@ -166,4 +166,4 @@ def _meta_beside(path: Path) -> tuple[RunMeta | None, tuple[Finding, ...]]:
     except FileNotFoundError:
         return None, ()
     except (OSError, ValueError) as error:
-        return None, (Finding("sidecar", f"{place.name} beside the log was not used: {error}"),)
+        return None, (Finding("sidecar", f"{place.name} next to the log was not used: {error}"),)

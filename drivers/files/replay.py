@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from control.log_row import GNSS_HOLDS_S, HEAD_COLUMNS, HOLDS_S, NDRE_COLUMNS
-from control.readings import GnssFix, Measurements, Reading, SpeedTold, told_of
+from control.readings import GnssFix, Measurements, Reading, SpeedPlan, announced_of
 from drivers.files.findings import Finding
 from drivers.files.read_log import RunLog
 
@@ -52,13 +52,13 @@ def measurements(log: RunLog) -> Iterator[Measurements]:
     wheel = "speed_mps" if _speed_stands_for_wheel(log) else "wheel_speed_mps"
     sensors = [_readings(log, wheel if name == "wheel_speed_mps" else name, name) for name in SENSORS]
     switch = [None if value != value else value != 0.0 for value in log.numbers("work_switch").tolist()]
-    told: SpeedTold | None = None
+    announced: SpeedPlan | None = None
     for at_s, fix, ndvi, held, work, text in zip(time_s, fixes, zip(*heads, strict=True), zip(*sensors, strict=True),
                                                  switch, log.texts("speed_told").tolist(), strict=True):
         wheel_mps, shaft, opening, hopper, supply, pitch, roll = held
-        told = (told_of(text, at_s) if text else None) or told
+        announced = (announced_of(text, at_s) if text else None) or announced
         yield Measurements(at_s, fix, wheel_mps, ndvi, shaft, opening, hopper, supply, pitch, roll, work,
-                           speed_told=told, canopy_index=index)
+                           speed_told=announced, canopy_index=index)
 
 
 def replay_findings(log: RunLog) -> tuple[Finding, ...]:

@@ -1,4 +1,4 @@
-"""What stands beside a run log in NAME.yaml: with which software, machine, crop, job and files the run was made."""
+"""What stands next to a run log in NAME.yaml: with which software, machine, crop, job and files the run was made."""
 from __future__ import annotations
 
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""The console's settings: what one user wants, in one file. A broken file is told and left as it is."""
+"""The console's settings: what one user wants, in one file. A broken file is reported and left as it is."""
 from __future__ import annotations
 
 from pathlib import Path

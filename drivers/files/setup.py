@@ -23,7 +23,7 @@ from drivers.files.kinds import CROP, JOB, KINDS, MACHINE, PRODUCT
 from drivers.files.prescriptions.for_job import files_of_job
 from drivers.files.weather import WeatherError, growing_days
 
-MODULE_VALVES = 15          # relays of a rate module beside the drive's own
+MODULE_VALVES = 15          # relays of a rate module along with the drive's own
 SAME_SHARE = 1e-4           # two figures for one wheel that differ by less are the same
 
 
@@ -34,7 +34,7 @@ class Setup:
     rule: Rule
     job: Job
     sha256: dict[str, str]      # configuration file -> checksum; the job's map and plant list too
-    folder: Path                # of the job file: what the job names lies beside it
+    folder: Path                # of the job file: what the job names lies next to it
     weather: Path | None        # from which the growing days were counted
     product: Product | None = None      # whose N share and flow crop and machine have; None: their own
 
@@ -96,8 +96,8 @@ def load_setup(machine: str | Path, job: str | Path, today: dt.date) -> Setup:
         raise ConfigError([str(error)]) from error
     folder = got_job.path.parent
     sums = {str(got.path): got.sha256 for got in (got_machine, got_job, got_crop, got_product) if got is not None}
-    told = None if crop.days is None else crop.days.weather
-    weather = None if told is None else got_crop.path.parent / told
+    stated = None if crop.days is None else crop.days.weather
+    weather = None if stated is None else got_crop.path.parent / stated
     return Setup(spreader, crop, rule, got_job.model, sums | _sums_beside(got_job.model, folder), folder, weather,
                  product)
 
@@ -121,7 +121,7 @@ def growth_note(growth: Growth | None) -> str:
 
 
 def product_of(job: Job, folder: Path) -> Loaded[Product] | None:
-    """The product file that a job names, a path beside it or a shipped one; None where it names none.
+    """The product file that a job names, a path next to it or a shipped one; None where it names none.
 
     Raises ConfigError.
     """

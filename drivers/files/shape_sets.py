@@ -73,8 +73,8 @@ class ShapeSet:
     def encoding(self, dbf: bytes) -> str:
         """By the bytes where they are UTF-8, else by the .cpg or the language driver unless the texts rule it out, else
         by the bytes."""
-        told = self.part(".cpg") or self.part(".cst") or b""
-        spelled = re.sub(r"[^a-z0-9]", "", told.decode("ascii", "ignore").lower())
+        stated = self.part(".cpg") or self.part(".cst") or b""
+        spelled = re.sub(r"[^a-z0-9]", "", stated.decode("ascii", "ignore").lower())
         bare = spelled.removeprefix("cp").removeprefix("ansi").removeprefix("ms")
         names = (SPELLED.get(spelled) or SPELLED.get(bare),
                  DRIVERS.get(dbf[29]) if len(dbf) > 29 else None)
@@ -85,7 +85,7 @@ class ShapeSet:
         return encoding_of(b" ".join(texts))
 
     def units(self) -> dict[str, Unit]:
-        """Column in small letters -> its unit, as the files of a maker beside it say."""
+        """Column in small letters -> its unit, as the files of a maker next to it say."""
         found: dict[str, Unit] = {}
         stem = self.name[:-len(".shp")].casefold()
         for name in self.files.names():
@@ -174,7 +174,7 @@ def _texts_of(dbf: bytes) -> list[bytes]:
 
 
 def _deere(data: bytes, source: str) -> dict[str, Unit]:
-    """`DataAttributes` of the metadata that John Deere puts beside a shapefile: units such as lb1ac-1."""
+    """`DataAttributes` of the metadata that John Deere puts next to a shapefile: units such as lb1ac-1."""
     try:
         root = json.loads(data)
     except (ValueError, RecursionError):
@@ -192,7 +192,7 @@ def _with_slash(unit: str) -> str:
 
 
 def _esri(data: bytes, source: str) -> dict[str, Unit]:
-    """`attrunit` of the metadata that Esri's programs put beside a shapefile (FGDC)."""
+    """`attrunit` of the metadata that Esri's programs put next to a shapefile (FGDC)."""
     try:
         root = ElementTree.fromstring(data)
     except ElementTree.ParseError:

@@ -64,15 +64,15 @@ def cells_of(sheet: Sheet, label: str) -> list[list[Any]]:
 
 def _unpacked(archive: zipfile.ZipFile, info: zipfile.ZipInfo, label: str) -> Iterator[bytes]:
     """An entry's bytes, and at its end whether they are as many as the directory says: calamine takes all there are."""
-    told = info.file_size
+    stated = info.file_size
     longer = copy.copy(info)
     longer.file_size += 1
     found = 0
     with archive.open(longer) as entry:
         for chunk in _chunks(entry):
             found += len(chunk)
-            if found > told:
-                raise BeyondLimits(f"{label}: unpacks to more than the {told} bytes that its directory says")
+            if found > stated:
+                raise BeyondLimits(f"{label}: unpacks to more than the {stated} bytes that its directory says")
             yield chunk
 
 
@@ -92,8 +92,8 @@ def _of_markup(chunks: Iterator[bytes]) -> Iterator[int]:
         text = rest + chunk
         references = _COLUMN.findall(text)
         columns.update(references)
-        told = [*_ROW.findall(text), *_FAR_DOWN.findall(text)]
-        last_row = max(last_row, max(map(int, told), default=0))
+        stated = [*_ROW.findall(text), *_FAR_DOWN.findall(text)]
+        last_row = max(last_row, max(map(int, stated), default=0))
         here = _tags(text, b"c")
         if here > len(references):              # some name no column
             first, *others = text.replace(b":row", b"<row").split(b"<row")

@@ -1,4 +1,4 @@
-"""What else a virtual machine may be plugged into: programs and modules beside receiver, heads and board."""
+"""What else a virtual machine may be plugged into: programs and modules along with receiver, heads and board."""
 from __future__ import annotations
 
 import struct
@@ -16,7 +16,7 @@ from drivers.devices.rate_module_frames import (
     Status,
     Target,
     Trace,
-    decode_told,
+    decode_command,
     encode_board,
     encode_label,
     encode_status,
@@ -31,7 +31,7 @@ SILENT_CONSOLE_S = 4.0
 
 
 class Extra(Protocol):
-    """Asked before and told after every step of the plant."""
+    """Asked before and informed after every step of the plant."""
 
     def before(self, begin_s: float, command: DriveCommand, enabled: bool) -> tuple[DriveCommand, bool]:
         """What the drives shall follow: the command as it stands, or changed."""
@@ -68,7 +68,7 @@ def _agopengps(name: int, body: bytes) -> bytes:
 
 
 class VirtualRateModule:
-    """A rate module: it turns the shaft at the units a minute it is told, and says what it counts.
+    """A rate module: it turns the shaft at the units a minute it is commanded, and says what it counts.
 
     pulses_per_turn : of its true encoder; a console that tells another number gets another speed.
     listens : False is a module set to another comm mode: it reports, and ignores what UDP tells it.
@@ -78,7 +78,7 @@ class VirtualRateModule:
     def __init__(self, port: Datagrams, pulses_per_turn: float, module: int = 0, sensor: int = 0,
                  label: str = "topdress virtual") -> None:
         self.listens = True
-        self.told = 0                   # datagrams obeyed
+        self.obeyed = 0                   # datagrams obeyed
         self.refused = 0
         self._port = port
         self._pulses_per_turn = pulses_per_turn
@@ -115,9 +115,9 @@ class VirtualRateModule:
 
     def after(self, sensed: Sensed, begin_s: float) -> None:
         counts = bool(self._relays)
-        told = self._target.pulses_per_unit if self._target else self._pulses_per_turn
+        command = self._target.pulses_per_unit if self._target else self._pulses_per_turn
         pulse_hz = max(0.0, sensed.shaft_rpm) / 60.0 * self._pulses_per_turn if counts else 0.0
-        units_per_min = pulse_hz * 60.0 / told if told else 0.0
+        units_per_min = pulse_hz * 60.0 / command if command else 0.0
         self._quantity += units_per_min / 60.0 * max(0.0, sensed.time_s - self._last_s)
         self._last_s = sensed.time_s
         if self._target is not None and self._target.log_pid:
@@ -146,16 +146,16 @@ class VirtualRateModule:
 
     def _hear(self, data: bytes, now_s: float) -> None:
         try:
-            told = decode_told(data)
+            command = decode_command(data)
         except BadDatagram:
             self.refused += 1
             return
-        if not self.listens or (told.module, told.sensor) != (self._module, self._sensor):
+        if not self.listens or (command.module, command.sensor) != (self._module, self._sensor):
             return
-        self.told += 1
-        if isinstance(told, Relays):
-            self._relays = told.relays
+        self.obeyed += 1
+        if isinstance(command, Relays):
+            self._relays = command.relays
             return
-        self._target, self._target_s = told, now_s
-        if told.reset_quantity:
+        self._target, self._target_s = command, now_s
+        if command.reset_quantity:
             self._quantity = 0.0

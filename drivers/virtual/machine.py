@@ -16,7 +16,7 @@ LONGEST_CATCH_UP_S = 5.0        # after a longer pause (a suspended computer) th
 
 
 class VirtualMachine:
-    """Steps a plant up to the time it is told and exchanges bytes on its ends of the ports.
+    """Steps a plant up to the time it is given and exchanges bytes on its ends of the ports.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Drives that do not do what they are told: the shaft turns, the gate opens, whatever the board was sent."""
+"""Drives that do not do what they are commanded: the shaft turns, the gate opens, whatever the board was sent."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -12,7 +12,7 @@ RUNAWAY_MM = 60.0           # wide open
 
 
 class Runaway(NamedTuple):
-    """What the drives do by themselves; None: as told."""
+    """What the drives do by themselves; None: as commanded."""
 
     shaft_rpm: float | None = None
     opening_mm: float | None = None

@@ -191,7 +191,7 @@ class ServedMachine:
 
 
 def _words_of_drives(runs_away: Runaway) -> str:
-    wrong = [f"{name} {value:g} whatever it is told" for name, value in runs_away._asdict().items()
+    wrong = [f"{name} {value:g} whatever the command" for name, value in runs_away._asdict().items()
              if value is not None]
     return ", ".join(wrong) or "its drives obey"
 

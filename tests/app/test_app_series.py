@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from console.app.channels import CHANNELS, ERROR, value_of, values_of
-from console.app.pages.trends.axis import round_ends
+from console.app.pages.trends.plots import round_ends
 from console.app.sample import run_frames
 from console.app.series import KEPT, WIDTHS_S, LogSeries, Pyramid, sums
 from console.frame import Frame

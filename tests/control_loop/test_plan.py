@@ -19,7 +19,7 @@ from control.metering.setting import Setting
 from control.metering.strategies import Pair
 from control.metering.tube import Tube
 from control.orders import Strategy
-from control.readings import GnssFix, Measurements, Reading, SpeedTold, possible
+from control.readings import GnssFix, Measurements, Reading, SpeedPlan, possible
 from control.sensing import Forecaster, SpeedAhead
 from control.simulation.assembly import control_loop
 from drivers.files.setup import load_setup
@@ -158,7 +158,7 @@ def test_a_drop_time_that_the_shaft_does_not_change_leaves_the_shaft() -> None:
     assert len({p.shaft_rpm for p in pairs}) == 1
 
 
-def drive(forecaster: Forecaster, speeds: list[float], told: list[SpeedTold | None]) -> list[SpeedAhead]:
+def drive(forecaster: Forecaster, speeds: list[float], told: list[SpeedPlan | None]) -> list[SpeedAhead]:
     made, before = [], speeds[0]
     for k, (mps, one) in enumerate(zip(speeds, told, strict=True)):
         made.append(forecaster.update(DT_S * k, mps, (mps - before) / DT_S, DT_S, one))
@@ -166,7 +166,7 @@ def drive(forecaster: Forecaster, speeds: list[float], told: list[SpeedTold | No
     return made
 
 
-def ramps(times: int) -> tuple[list[float], list[SpeedTold]]:
+def ramps(times: int) -> tuple[list[float], list[SpeedPlan]]:
     """From 1 to 2 m/s and back with 0.5 m/s2, again and again, each told two seconds ahead."""
     speeds, told, mps = [], [], 1.0
     for k in range(times * 160):
@@ -174,7 +174,7 @@ def ramps(times: int) -> tuple[list[float], list[SpeedTold]]:
         left_s = (80 - k % 80) * DT_S
         mps += min(0.5 * DT_S, max(-0.5 * DT_S, aim - mps))
         speeds.append(mps)
-        told.append(SpeedTold(DT_S * k, ((0.0, aim), (left_s, 3.0 - aim)) if left_s < 2.0 else ((0.0, aim),)))
+        told.append(SpeedPlan(DT_S * k, ((0.0, aim), (left_s, 3.0 - aim)) if left_s < 2.0 else ((0.0, aim),)))
     return speeds, told
 
 
@@ -198,16 +198,16 @@ def test_what_is_told_and_does_not_come_true_is_not() -> None:
 
 
 def test_what_was_told_long_ago_says_nothing() -> None:
-    old = SpeedTold(0.0, ((0.0, 3.0),))
+    old = SpeedPlan(0.0, ((0.0, 3.0),))
     made = drive(Forecaster(), [1.0] * 100, [old] * 100)
-    assert made[10].told_mps and not made[-1].told_mps
+    assert made[10].announced_mps and not made[-1].announced_mps
 
 
 @pytest.mark.parametrize("told", [
-    SpeedTold(0.0, ()), SpeedTold(nan, ((0.0, 1.0),)), SpeedTold(0.0, ((0.0, inf),)), SpeedTold(0.0, ((0.0, nan),)),
-    SpeedTold(0.0, ((1.0, 1.0),)), SpeedTold(0.0, ((0.0, 1.0), (0.0, 2.0))), SpeedTold(0.0, ((0.0, 1.0),), 0.0),
-    SpeedTold(0.0, ((0.0, 1.0), (nan, 2.0))), SpeedTold(0.0, ((0.0, 1.0),), nan)])
-def test_told_speeds_that_cannot_be_are_never_heard(told: SpeedTold) -> None:
+    SpeedPlan(0.0, ()), SpeedPlan(nan, ((0.0, 1.0),)), SpeedPlan(0.0, ((0.0, inf),)), SpeedPlan(0.0, ((0.0, nan),)),
+    SpeedPlan(0.0, ((1.0, 1.0),)), SpeedPlan(0.0, ((0.0, 1.0), (0.0, 2.0))), SpeedPlan(0.0, ((0.0, 1.0),), 0.0),
+    SpeedPlan(0.0, ((0.0, 1.0), (nan, 2.0))), SpeedPlan(0.0, ((0.0, 1.0),), nan)])
+def test_told_speeds_that_cannot_be_are_never_heard(told: SpeedPlan) -> None:
     assert possible(Measurements(1.0, speed_told=told)).speed_told is None
 
 

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from console.services.rerun import rerun
 from control.field.job import Ground, Job
 from control.field.planned_speed import pass_number, planned_mps
-from control.readings import SpeedTold, told_of, told_text
+from control.readings import SpeedPlan, announced_of, announced_text
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.closed_loop import simulated_run
 from drivers.files.read_log import read_log
@@ -22,23 +22,23 @@ from drivers.files.setup import load_setup
 FIELD = Ground(boundary_m=((0, 0), (24, 0), (24, 100), (0, 100)))
 
 
-@pytest.mark.parametrize("told", [SpeedTold(10.0, ((0.0, 1.25),), 0.5),
-                                  SpeedTold(9.93, ((0.0, 1.25), (0.7, 1.1), (2.2, 0.30000000000000004)), 1.0 / 3.0)])
-def test_a_told_speed_comes_back_to_the_last_digit(told):
-    found = told_of(told_text(told, 10.0), 10.0)
-    assert found.points == told.points and found.acceleration_mps2 == told.acceleration_mps2
-    assert found.time_s == pytest.approx(told.time_s, abs=1e-12)
+@pytest.mark.parametrize("announced", [SpeedPlan(10.0, ((0.0, 1.25),), 0.5),
+                                  SpeedPlan(9.93, ((0.0, 1.25), (0.7, 1.1), (2.2, 0.30000000000000004)), 1.0 / 3.0)])
+def test_a_told_speed_comes_back_to_the_last_digit(announced):
+    found = announced_of(announced_text(announced, 10.0), 10.0)
+    assert found.points == announced.points and found.acceleration_mps2 == announced.acceleration_mps2
+    assert found.time_s == pytest.approx(announced.time_s, abs=1e-12)
 
 
 def test_points_that_say_nothing_new_are_left_out():
-    told = SpeedTold(0.0, ((0.0, 1.0), (0.1, 1.0), (0.2, 1.5), (0.3, 1.5)), 0.5)
-    assert told_text(told, 0.0) == "0.0 0.5 0.0 1.0 0.2 1.5"
+    announced = SpeedPlan(0.0, ((0.0, 1.0), (0.1, 1.0), (0.2, 1.5), (0.3, 1.5)), 0.5)
+    assert announced_text(announced, 0.0) == "0.0 0.5 0.0 1.0 0.2 1.5"
 
 
 @pytest.mark.parametrize("text", ["", "x", "0.0 0.5", "0.0 0.5 1.0", "0.0 0.5 0.1 1.0", "0.0 -1.0 0.0 1.0",
                                   "0.0 0.5 0.0 1e9", "nan 0.5 0.0 1.0"])
 def test_what_is_no_told_speed(text):
-    assert told_of(text, 10.0) is None
+    assert announced_of(text, 10.0) is None
 
 
 def test_a_rerun_of_the_log_meters_as_the_run_did(tmp_path):
@@ -52,8 +52,8 @@ def test_a_rerun_of_the_log_meters_as_the_run_did(tmp_path):
     loop = control_loop(setup.machine, setup.crop, setup.rule, job)
     rows = [step.tick.row for step in simulated_run(plant, loop, 45.0)]
     log = read_log(write_log(tmp_path / "run.csv", run_meta(setup.machine, setup.crop, job), rows))
-    told = [m.speed_told for m in measurements(log)]
-    assert all(one is not None for one in told[1:]) and len({one.points for one in told[1:]}) > 50
+    announced = [m.speed_told for m in measurements(log)]
+    assert all(one is not None for one in announced[1:]) and len({one.points for one in announced[1:]}) > 50
     replace = type(setup)(setup.machine, setup.crop, setup.rule, job, {}, tmp_path, None)
     with_it = off(rows, log, replace)
     assert with_it < 0.1

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from control.readings import FASTEST_TOLD_MPS, GnssFix, SpeedTold
+from control.readings import FASTEST_ANNOUNCED_MPS, GnssFix, SpeedPlan
 from drivers.devices.board_frames import STATUS_RANGES, CommandFrame, StatusFrame, encode_command, encode_status
 from drivers.devices.canopy_heads import PROTOCOLS as HEAD_PROTOCOLS
 from drivers.devices.canopy_heads import HeadDecoder
@@ -25,7 +25,7 @@ from drivers.virtual.extras import agopengps_frames
 SHORT = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 RANGES = {"lat_deg": (-90, 90), "lon_deg": (-180, 180), "fix_quality": (1, 9), "satellites": (0, 200), "hdop": (0, 100),
           "speed_mps": (0, 100), "heading_deg": (0, 360), "wheel_speed_mps": (0, 30), "work_switch": (0, 1),
-          "acceleration_mps2": (0, 10), "speed_mps_in": (-FASTEST_TOLD_MPS, FASTEST_TOLD_MPS),
+          "acceleration_mps2": (0, 10), "speed_mps_in": (-FASTEST_ANNOUNCED_MPS, FASTEST_ANNOUNCED_MPS),
           **{f"ndvi_{head}": (-1, 1) for head in range(1, 7)}, **STATUS_RANGES}
 
 
@@ -46,7 +46,7 @@ def clean(protocol: str) -> bytes:
             tick, tick, tick * 50_000, tick // 3, tick * 50_000, 60.0, 25.0, 250.0, 13.5, 1.0, 0.0, True, 1))
             for tick in range(40))
     if protocol == "tractor":
-        return b"".join(sentence(SpeedTold(0.0, ((0.0, 1.2 + tick / 100.0), (1.5, 2.0)), 0.5)) for tick in range(40))
+        return b"".join(sentence(SpeedPlan(0.0, ((0.0, 1.2 + tick / 100.0), (1.5, 2.0)), 0.5)) for tick in range(40))
     name, _, multiplexed = protocol.partition("-")
     return b"".join(head_line(0.3 + 0.01 * tick, HEAD_PROTOCOLS[name], tick % 6 + 1 if multiplexed else None)
                     for tick in range(40))

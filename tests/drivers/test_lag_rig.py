@@ -143,8 +143,8 @@ def until_running(test: LagTest, now_s: float) -> tuple[float, int]:
 
 
 @pytest.mark.parametrize(("landed", "said"), [
-    ({"plate": True}, "the plate was touched"), ({"turned": True}, "turned before it was told"),
-    ({"early": -0.6}, "0.600 s before it was told to")])
+    ({"plate": True}, "the plate was touched"), ({"turned": True}, "turned before its command"),
+    ({"early": -0.6}, "0.600 s before its command")])
 def test_a_run_that_cannot_be_right_is_tried_again_and_then_left_out(landed, said):
     test = LagTest(Plan(shaft_rpm=(40.0,), repeats=1, tries=2))
     now_s = 0.0

@@ -13,7 +13,7 @@ from drivers.cab import Cab, CabConfig
 from drivers.datagrams import MOST_WAITING, UdpPort, datagram_pair, udp_address
 from drivers.devices.probe import recognise_modules
 from drivers.devices.rate_module import ModuleAddress, RateModule
-from drivers.devices.rate_module_frames import Relays, Target, decode_told, encode_target
+from drivers.devices.rate_module_frames import Relays, Target, decode_command, encode_target
 from drivers.ports import memory_pair
 from drivers.virtual.extras import VirtualRateModule
 
@@ -46,7 +46,7 @@ def test_a_target_is_these_fourteen_bytes():
 
 def test_the_first_command_brings_relays_and_target():
     """32501 is mandatory: without a relay bit the module neither controls nor counts."""
-    told = [decode_told(data) for data in module().command(60.0, True, 0.0)]
+    told = [decode_command(data) for data in module().command(60.0, True, 0.0)]
     assert told == [Relays(0, 0, 1), Target(0, 0, 60.0, 360.0, "motor", True, True)]
 
 
@@ -54,7 +54,7 @@ def test_commands_go_on_change_and_as_often_as_the_module_needs():
     driver, sent = module(), []
     for tick in range(200):
         rpm = 60.0 if tick < 60 else 61.0
-        sent += [(tick, decode_told(data)) for data in driver.command(rpm, True, tick * 0.05)]
+        sent += [(tick, decode_command(data)) for data in driver.command(rpm, True, tick * 0.05)]
     targets = [(tick, told.units_per_min) for tick, told in sent if isinstance(told, Target)]
     assert (60, 61.0) in targets, "a change at once"
     gaps = [(after - before) * 0.05 for (before, _), (after, _) in itertools.pairwise(targets)]
@@ -67,16 +67,16 @@ def test_a_stop_is_sent_in_the_same_tick_and_the_relay_stays_for_the_run_down():
     driver = module()
     driver.command(60.0, True, 0.0)
     assert driver.command(61.0, True, 0.05) == [], "changes are spaced ..."
-    stop, = [decode_told(data) for data in driver.command(60.0, False, 0.06)]
+    stop, = [decode_command(data) for data in driver.command(60.0, False, 0.06)]
     assert (stop.units_per_min, stop.master_on) == (0.0, False), "... a stop is not"
-    later = [decode_told(data) for tick in range(100) for data in driver.command(None, False, 0.1 + tick * 0.05)]
+    later = [decode_command(data) for tick in range(100) for data in driver.command(None, False, 0.1 + tick * 0.05)]
     assert all(told.units_per_min == 0.0 for told in later if isinstance(told, Target))
     assert [told.relays for told in later if isinstance(told, Relays)][:3] == [1, 1, 0]
 
 
 @pytest.mark.parametrize(("asked", "sent"), [(250.0, 100.0), (-5.0, 0.0), (16777.3, 100.0), (1e12, 100.0)])
 def test_set_points_are_cut_and_never_wrap(asked, sent):
-    told = [decode_told(data) for data in module().command(asked, True, 0.0)]
+    told = [decode_command(data) for data in module().command(asked, True, 0.0)]
     assert told[1].units_per_min == sent
 
 
@@ -209,14 +209,14 @@ def test_with_a_board_it_moves_the_gate_and_the_module_the_shaft(clock, board_li
               lambda url, baud, _clock: lines[0], lambda url, _clock: host)
     cab.command(100.0, DriveCommand(60.0, 33.0), True)
     assert lines[1].read() == board_line("T1,0,0.000,33.000,1")
-    assert [decode_told(data) for data in device.read_each()][1].units_per_min == 60.0
+    assert [decode_command(data) for data in device.read_each()][1].units_per_min == 60.0
     lines[1].write(board_line("S1,0,0,1000000,0,0,1.0,33.0,250.0,13.5,,,,1"))
     device.write(status(59.0))
     m = cab.measure(100.05)
     assert (m.shaft_rpm.value, m.opening_mm.value) == (59.0, 33.0)
     cab.command(100.1, DriveCommand(math.nan, 33.0), True)
     assert lines[1].read() == board_line("T1,1,0.000,33.000,0"), "a number refused by one drive stops both"
-    assert [decode_told(data) for data in device.read_each()][-1] == Target(0, 0, 0.0, 360.0, "motor", False, True)
+    assert [decode_command(data) for data in device.read_each()][-1] == Target(0, 0, 0.0, 360.0, "motor", False, True)
     assert cab.refused_commands == 1
 
 
@@ -348,9 +348,9 @@ def test_valves_hang_on_the_relays_from_the_second_on_and_close_with_the_drive()
     for data in driver.command(60.0, True, 0.0, (True, False, True)):
         near.write(data)
     assert virtual.before(0.0, DriveCommand(0.0, 25.0), True)[0].valves[:4] == (True, False, True, False)
-    closed = [decode_told(data) for data in driver.command(60.0, True, 0.2, (False, False, True))]
+    closed = [decode_command(data) for data in driver.command(60.0, True, 0.2, (False, False, True))]
     assert [told.relays for told in closed if isinstance(told, Relays)] == [0b1001], "at once, on change"
-    stopped = [decode_told(data) for data in driver.command(60.0, False, 0.4, (True, True, True))]
+    stopped = [decode_command(data) for data in driver.command(60.0, False, 0.4, (True, True, True))]
     assert [told.relays for told in stopped if isinstance(told, Relays)] == [0b0001]
     for data in driver.command(60.0, True, 0.6, (True, True, True)):
         near.write(data)
@@ -359,5 +359,5 @@ def test_valves_hang_on_the_relays_from_the_second_on_and_close_with_the_drive()
 
 
 def test_relays_without_valves_are_as_they_were():
-    told = [decode_told(data) for data in module().command(60.0, True, 0.0)]
+    told = [decode_command(data) for data in module().command(60.0, True, 0.0)]
     assert [one.relays for one in told if isinstance(one, Relays)] == [1]

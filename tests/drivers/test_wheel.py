@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from control.readings import SpeedTold
+from control.readings import SpeedPlan
 from drivers.cab import Cab
 from drivers.cab_config import CabConfig
 from drivers.devices.decode import decode
@@ -73,7 +73,7 @@ def test_a_wheel_that_never_turned_stands():
 
 # --- Told speeds in bytes: what is taken, what is refused and counted, and the way from a cab's port to control ------
 
-PLAN = SpeedTold(3.0, ((0.0, 1.25), (1.2, 2.0)), 0.5)
+PLAN = SpeedPlan(3.0, ((0.0, 1.25), (1.2, 2.0)), 0.5)
 
 
 def framed(body: bytes) -> bytes:

@@ -83,7 +83,7 @@ def test_off_field_rows_in_which_nothing_turns_are_no_work(known_log: RunLog) ->
 
 def test_machine_and_product_can_be_given_where_the_log_names_none(known_log: RunLog) -> None:
     bare = dataclasses.replace(known_log, meta=None)
-    with pytest.raises(ExportError, match=r"known.csv: no machine beside the log: allowed is a log with its NAME"):
+    with pytest.raises(ExportError, match=r"known.csv: no machine file next to the log: allowed is a log with its"):
         as_applied(bare)
     wide = Machine().model_copy(update={"geometry": Machine().geometry.model_copy(update={"working_width_m": 4.8})})
     given = as_applied(bare, wide, Product("CAN", 0.27))

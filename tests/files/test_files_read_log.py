@@ -165,7 +165,7 @@ def test_a_sidecar_that_is_none_is_said(written: Written) -> None:
     written("format: topdress-job/1\n", "log.yaml")
     log = read_log(written("time_s\n0\n1\n"))
     assert log.meta is None
-    assert "log.yaml beside the log was not used: key format: value topdress-job/1: allowed topdress-run-log/1" in [
+    assert "log.yaml next to the log was not used: key format: value topdress-job/1: allowed topdress-run-log/1" in [
         str(finding) for finding in log.findings]
 
 

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 from control.orders import Do, Severity, State, TargetSource
-from control.safety import ALARMS, INTERLOCKS, REFUSALS, STATE_REASONS, Told
+from control.safety import ALARMS, INTERLOCKS, REFUSALS, STATE_REASONS, Commanded
 
 MAP, POINT, MANUAL = TargetSource.MAP, TargetSource.POINT, TargetSource.MANUAL
 
 # alarm, what brings it about, seconds before which it is not there, seconds by which it is, state then
-STANDS = Told(turn=False, flow=False, opening_mm=15.0)
+STANDS = Commanded(turn=False, flow=False, opening_mm=15.0)
 SHUT = STANDS._replace(valves=(False, False))
 RAISED = [
-    ("shaft_turns", {"told": STANDS}, 0.9, 1.2, State.FAULT),
-    ("shaft_turns", {"told": STANDS, "shaft_rpm": 2.5}, 0.9, 1.2, State.FAULT),
-    ("valve_open", {"told": SHUT, "shaft_rpm": 0.0, "valves": (False, True)}, 3.4, 3.6, State.HELD),
+    ("shaft_turns", {"commanded": STANDS}, 0.9, 1.2, State.FAULT),
+    ("shaft_turns", {"commanded": STANDS, "shaft_rpm": 2.5}, 0.9, 1.2, State.FAULT),
+    ("valve_open", {"commanded": SHUT, "shaft_rpm": 0.0, "valves": (False, True)}, 3.4, 3.6, State.HELD),
     ("heads_full", {"ndvi": 0.99}, 1.9, 2.1, State.WORKING),
     ("shaft_silent", {"shaft_age_s": 0.51}, 0.0, 0.05, State.FAULT),
     ("gate_silent", {"gate_age_s": 0.51}, 0.0, 0.05, State.FAULT),
@@ -68,11 +68,12 @@ SILENT = [
     ("rate_off", {"applied_rate_kg_ha": 329.0}), ("rate_off", {"applied_rate_kg_ha": None}),
     ("rate_off", {"applied_rate_kg_ha": 24.0, "expected_rate_kg_ha": 20.0, "target_rate_kg_ha": 20.0}),
     ("rate_far_off", {"applied_rate_kg_ha": 359.0}), ("hopper_low", {"hopper_kg": 31.0}),
-    ("shaft_turns", {"told": STANDS, "shaft_rpm": 1.9}), ("shaft_turns", {"told": STANDS._replace(turn=True)}),
-    ("gate_opens", {"told": STANDS, "shaft_rpm": 0.0, "opening_mm": 17.9}),
-    ("gate_opens", {"told": STANDS._replace(flow=True), "shaft_rpm": 0.0, "opening_mm": 40.0}),
-    ("gate_opens", {"told": STANDS._replace(opening_mm=40.0), "shaft_rpm": 0.0, "opening_mm": 40.0}),
-    ("valve_open", {"told": STANDS._replace(valves=(False, True)), "shaft_rpm": 0.0, "valves": (False, True)}),
+    ("shaft_turns", {"commanded": STANDS, "shaft_rpm": 1.9}),
+    ("shaft_turns", {"commanded": STANDS._replace(turn=True)}),
+    ("gate_opens", {"commanded": STANDS, "shaft_rpm": 0.0, "opening_mm": 17.9}),
+    ("gate_opens", {"commanded": STANDS._replace(flow=True), "shaft_rpm": 0.0, "opening_mm": 40.0}),
+    ("gate_opens", {"commanded": STANDS._replace(opening_mm=40.0), "shaft_rpm": 0.0, "opening_mm": 40.0}),
+    ("valve_open", {"commanded": STANDS._replace(valves=(False, True)), "shaft_rpm": 0.0, "valves": (False, True)}),
     ("heads_full", {"ndvi": 0.93}),
     ("hopper_empty", {"hopper_kg": 0.6}), ("console_silent", {"console_age_s": None}),
 ]
@@ -136,8 +137,8 @@ def test_texts_can_be_filled_and_sent_whatever_the_numbers(working, odd):
 def test_metres_left_and_usable_speed_are_told(working):
     run = working()
     run.tick(2.0, hopper_kg=25.0, metres_left_m=1234.0, usable_speed_mps=1.1234)
-    told = {a.id: dict(a.details) for a in run.verdict.alarms}
-    assert told == {"hopper_low": {"hopper_kg": 25, "metres_left": 1230}, "lead_short": {"usable_speed_mps": 1.1}}
+    commanded = {a.id: dict(a.details) for a in run.verdict.alarms}
+    assert commanded == {"hopper_low": {"hopper_kg": 25, "metres_left": 1230}, "lead_short": {"usable_speed_mps": 1.1}}
 
 
 def test_red_latches_until_acknowledged_and_amber_does_not(working):

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from control.orders import Do, State
 from control.readings import DoseOrder, DriveCommand
-from control.safety import DriveLimits, Told, limited, limited_dose
+from control.safety import Commanded, DriveLimits, limited, limited_dose
 
 LIMITS = DriveLimits(shaft_min_rpm=10.0, shaft_max_rpm=90.0, opening_min_mm=5.0, opening_max_mm=50.0)
 ANY = st.floats(allow_nan=True, allow_infinity=True)
@@ -68,7 +68,7 @@ def test_a_dose_inside_the_limits_is_not_touched():
 
 # --- Drives that do not stand though told to: seen in every state, and nothing that obeys is taken for it ------------
 
-STANDS = Told(turn=False, flow=False, opening_mm=15.0)
+STANDS = Commanded(turn=False, flow=False, opening_mm=15.0)
 BY_STATE = {State.OFF: (), State.READY: (Do.READY,), State.WORKING: (Do.READY, Do.START),
             State.HELD: (Do.READY, Do.START, Do.HOLD), State.CALIBRATING: (Do.READY, Do.CALIBRATE),
             State.FAULT: (Do.READY,)}
@@ -76,7 +76,7 @@ BY_STATE = {State.OFF: (), State.READY: (Do.READY,), State.WORKING: (Do.READY, D
 
 def brought_to(new_run, state, **standing):
     run = new_run()
-    standing = {"speed_mps": 0.0, "told": STANDS, "shaft_rpm": 0.0} | standing
+    standing = {"speed_mps": 0.0, "commanded": STANDS, "shaft_rpm": 0.0} | standing
     run.tick(1.0, **standing)
     for do in BY_STATE[state]:
         assert run.order(do).accepted
@@ -92,8 +92,8 @@ def brought_to(new_run, state, **standing):
     ("shaft_turns", {"shaft_rpm": 70.0}), ("gate_opens", {"opening_mm": 30.0}),
     ("valve_open", {"valves": (False, True)})])
 def test_said_in_every_state_and_leaves_none_in_which_the_drives_have_power(new_run, state, alarm, wrong):
-    told = STANDS._replace(enabled=state in (State.WORKING, State.HELD, State.CALIBRATING), valves=(False, False))
-    run, standing = brought_to(new_run, state, told=told)
+    commanded = STANDS._replace(enabled=state in (State.WORKING, State.HELD, State.CALIBRATING), valves=(False, False))
+    run, standing = brought_to(new_run, state, commanded=commanded)
     for _ in range(100):
         if run.safety.state is State.CALIBRATING:
             run.order(Do.CALIBRATE)
@@ -108,7 +108,7 @@ def test_said_in_every_state_and_leaves_none_in_which_the_drives_have_power(new_
 
 def turning_at_100(new_run):
     run, standing = brought_to(new_run, State.READY)
-    run.tick(1.0, **(standing | {"told": Told(), "shaft_rpm": 100.0}))
+    run.tick(1.0, **(standing | {"commanded": Commanded(), "shaft_rpm": 100.0}))
     return run, standing
 
 
@@ -130,8 +130,8 @@ def test_a_shaft_that_runs_down_is_none(new_run, tau_s):
         rpm = 100.0 * exp(-max(0.0, after_s - 0.4) / tau_s)
         if after_s >= 5.0 and rpm >= 2.0:
             break                           # longer than any run-down may last
-        told = STANDS._replace(expected_rpm=0.0 if after_s > 0.9 else 50.0)
-        run.tick(**(standing | {"shaft_rpm": rpm, "told": told}))
+        commanded = STANDS._replace(expected_rpm=0.0 if after_s > 0.9 else 50.0)
+        run.tick(**(standing | {"shaft_rpm": rpm, "commanded": commanded}))
         assert run.alarm_ids() == [], after_s
 
 
@@ -147,8 +147,8 @@ def test_a_gate_may_go_to_its_set_point_and_home_and_come_down(new_run):
     for mm in (15.0, 10.0, 0.0, 0.0, 8.0, 15.0, 16.0):
         run.tick(1.0, **(standing | {"opening_mm": mm}))
     assert run.alarm_ids() == []
-    told = STANDS._replace(opening_mm=40.0)
-    run.tick(3.0, **(standing | {"opening_mm": 40.0, "told": told}))
+    commanded = STANDS._replace(opening_mm=40.0)
+    run.tick(3.0, **(standing | {"opening_mm": 40.0, "commanded": commanded}))
     assert run.alarm_ids() == []
 
 

@@ -87,14 +87,14 @@ def test_missing_flow_holds_and_is_red(working):
     assert run.tick(1.0, hopper_kg=stuck_kg).flow_allowed, "counted anew after the start"
 
 
-@pytest.mark.parametrize("told", [True, False])
-def test_a_refill_between_is_no_missing_flow(working, told):
+@pytest.mark.parametrize("commanded", [True, False])
+def test_a_refill_between_is_no_missing_flow(working, commanded):
     run = working()
     run.tick(30.0)
     run.order(Do.HOLD)
     run.tick(60.0, speed_mps=0.0, expected_flow_kg_s=0.0)
     run.hopper_kg += 150.0
-    if told:
+    if commanded:
         run.order(Do.REFILL, 150.0)
     run.order(Do.START)
     assert run.tick(90.0).flow_allowed
@@ -111,12 +111,12 @@ def test_filling_slowly_while_working_is_no_missing_flow(working):
 def test_the_order_refill_takes_a_small_one_out(working):
     """Bags of 0.9 kg every 10 s: each too small to be seen as a refill, together they hide most of the flow."""
 
-    def state_after(told):
+    def state_after(commanded):
         run = working()
         run.tick(30.0)
         for _ in range(5):
             run.hopper_kg += 0.9
-            if told:
+            if commanded:
                 run.order(Do.REFILL, 0.9)
             run.tick(10.0)
         return run.verdict.state

@@ -7,9 +7,9 @@ import pytest
 
 from control.orders import Do
 from control.readings import DriveCommand
-from control.safety import DriveLimits, SafetyLimits, Told, limited
+from control.safety import Commanded, DriveLimits, SafetyLimits, limited
 
-STANDS = Told(turn=False, flow=False, opening_mm=15.0)
+STANDS = Commanded(turn=False, flow=False, opening_mm=15.0)
 
 
 def flow(seconds=0.05, **changes):
@@ -117,8 +117,8 @@ def clears(run):
 
 def gate_opens_by(mm):
     def observe(run):
-        run.tick(told=STANDS, shaft_rpm=0.0)
-        run.tick(3.0, told=STANDS, shaft_rpm=0.0, opening_mm=15.0 + mm)
+        run.tick(commanded=STANDS, shaft_rpm=0.0)
+        run.tick(3.0, commanded=STANDS, shaft_rpm=0.0, opening_mm=15.0 + mm)
         return run.alarm_ids()
     return observe
 
@@ -129,7 +129,7 @@ def slowing_down(seconds):
         rpm = 100.0
         for _ in range(round(seconds / run.period_s)):
             rpm *= 0.95
-            run.tick(told=STANDS, shaft_rpm=max(3.0, rpm))
+            run.tick(commanded=STANDS, shaft_rpm=max(3.0, rpm))
         return run.alarm_ids()
     return observe
 
@@ -158,12 +158,12 @@ CHANGES = [
     ("heads_min", 2, alarms(valid_heads=3)),
     ("heads_full_ndvi", 0.98, alarms(3.0, ndvi=0.97)),
     ("heads_full_s", 5.0, alarms(3.0, ndvi=0.97)),
-    ("shaft_stands_rpm", 9.0, alarms(3.0, told=STANDS, shaft_rpm=5.0)),
-    ("stand_settle_s", 4.0, alarms(3.0, told=STANDS)),
+    ("shaft_stands_rpm", 9.0, alarms(3.0, commanded=STANDS, shaft_rpm=5.0)),
+    ("stand_settle_s", 4.0, alarms(3.0, commanded=STANDS)),
     ("run_down_max_s", 1.5, slowing_down(2.0)),
-    ("stand_confirm_s", 4.0, alarms(3.0, told=STANDS)),
+    ("stand_confirm_s", 4.0, alarms(3.0, commanded=STANDS)),
     ("gate_stands_mm", 9.0, gate_opens_by(5.0)),
-    ("valve_closes_s", 9.0, alarms(5.0, told=STANDS._replace(valves=(False,)), shaft_rpm=0.0, valves=(True,))),
+    ("valve_closes_s", 9.0, alarms(5.0, commanded=STANDS._replace(valves=(False,)), shaft_rpm=0.0, valves=(True,))),
     ("scale_silent_s", 5.0, alarms(scale_age_s=3.0)),
     ("console_hold_s", 5.0, state(console_age_s=3.0)),
     ("console_off_s", 90.0, state(console_age_s=70.0)),

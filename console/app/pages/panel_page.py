@@ -1,8 +1,10 @@
 """What Run and Replay share: the panels and where they stand at each size."""
 from __future__ import annotations
 
+from textual import events
 from textual.app import ComposeResult
 from textual.containers import Vertical
+from textual.content import Content
 
 from console.app.camera import Camera, fit
 from console.app.history import TREND_SPAN_S, Point
@@ -13,13 +15,25 @@ from console.app.widgets.field_map import FieldMap
 from console.app.widgets.heads import Heads
 from console.app.widgets.items import Items
 from console.app.widgets.map_legend import MapLegend, legend_of
-from console.app.widgets.map_title import MapTitle
+from console.app.widgets.panel import Panel, line
 from console.app.widgets.rates import Rates
 from console.app.widgets.tile_graphs import CHANNELS, GraphsView, TileGraphs, graph
 from console.app.widgets.tiles import Tiles
 from console.app.widgets.trend import Reading, Trend, TrendView, columns_of
 from console.frame import Frame
 from console.locale import _, in_use
+
+
+class MapTitle(Panel[tuple[str, str]]):
+    """Shows (name of the rate's unit, language in use)."""
+
+    def lines(self, view: tuple[str, str], width: int, height: int) -> list[Content]:
+        return [line((f" {_('map')} ", "bold"), (f"{_('applied')} {view[0]}", "$muted"))]
+
+    async def on_click(self, event: events.Click) -> None:
+        event.stop()
+        await self.run_action("app.do('map_screen')")
+
 
 COARSEST_M = 3.0          # of a pixel: a larger field is not shown whole, the map follows the machine
 GAP_S = 2.5               # a longer time without a row is a gap

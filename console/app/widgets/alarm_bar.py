@@ -85,7 +85,7 @@ def _calm(view: AlarmsView, width: int) -> list[str]:
     if view.urgent:
         return wrapped(view.calm, max(10, width - 6))
     rows: list[str] = []
-    for part in (part for part in view.calm.split("   ") if part):
+    for part in (view.calm, *view.about):
         if rows and cell_len(f"{rows[-1]}   {part}") <= width - 3:
             rows[-1] += f"   {part}"
         else:

@@ -21,7 +21,7 @@ class KeysView(NamedTuple):
     off: frozenset[str] = frozenset()      # ids of actions that cannot be done now
 
 
-URGENT = ("hold", "stop")                  # in their places also beside a notice and under a dialog
+URGENT = ("hold", "stop")                  # in their places also next to a notice and under a dialog
 ALWAYS = (*URGENT, "pages", "palette")     # with the last two everything else can be reached by mouse at any width
 
 
@@ -70,7 +70,7 @@ class KeyBar(Panel[KeysView]):
 
     @staticmethod
     def _placed(view: KeysView, width: int) -> tuple[tuple[Action, int, int], ...]:
-        """Beside a notice only hold and STOP, where they always are: first. Why they are not there comes first too."""
+        """Next to a notice only hold and STOP, where they always are: first. Why they are not there comes first too."""
         if view.notice:
             return tuple(one for one in laid_out(view.actions, width) if one[0].id in URGENT)
         kept = laid_out(tuple(action for action in view.actions if action.id in ALWAYS), width)
@@ -78,7 +78,7 @@ class KeyBar(Panel[KeysView]):
         return tuple((action, start + at, cells) for action, at, cells in laid_out(view.actions, width - start))
 
     def room_for_notice(self, actions: tuple[Action, ...]) -> int:
-        """Cells beside hold and STOP."""
+        """Cells next to hold and STOP."""
         width = self.content_size.width
         urgent = [one for one in laid_out(actions, width) if one[0].id in URGENT]
         return width - sum(cells for _action, _start, cells in urgent)

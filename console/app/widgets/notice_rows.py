@@ -1,4 +1,4 @@
-"""Over the last rows of a page, above the keys: what was refused or done, where the row beside them is too short."""
+"""Over the last rows of a page, above the keys: what was refused or done, where the row next to them is too short."""
 from __future__ import annotations
 
 from rich.cells import cell_len
@@ -13,7 +13,7 @@ class NoticeRows(Panel[str]):
         return [line((fit(f" {row}", width), "bold reverse")) for row in wrapped(view, width - 2)]
 
     def say(self, text: str, room: int, width: int) -> None:
-        """room: cells of the row beside hold and STOP, which is enough for most."""
+        """room: cells of the row next to hold and STOP, which is enough for most."""
         long = text if cell_len(text) + 1 > room else ""
         self.display = bool(long)
         if long:

@@ -15,7 +15,7 @@ GIVES_WAY: tuple[Callable[[StatusView], StatusView], ...] = (
 
 
 def with_room(view: StatusView, width: int) -> StatusView:
-    """What has room beside state and marks: whole words go, none is cut."""
+    """What has room next to state and marks: whole words go, none is cut."""
     for without in GIVES_WAY:
         if _cells(view) <= width:
             break

@@ -1,4 +1,4 @@
-"""What a paper says, row by row, beside what comes out here, and how it came out."""
+"""What a paper says, row by row, next to what comes out here, and how it came out."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ DIGITS = "half of the last digit printed"
 def compared(where: str, says: str, published: float, obtained: float, within: float, form: str = "{:g}",
              *,
              how: How = How.RECOMPUTED, remark: str = "", why: str = DIGITS) -> Claim:
-    """A number beside a number; they agree if they differ by at most `within`, for the reason `why`. `form`: of both,
+    """A number next to a number; they agree if they differ by at most `within`, for the reason `why`. `form`: of both,
     with the unit."""
     unit = form.partition("}")[2].strip()
     return Claim(where, says, form.format(published), form.format(obtained), how,

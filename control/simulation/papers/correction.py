@@ -87,7 +87,7 @@ def explain(machine: Machine, published_m: dict[int, tuple[float, ...]], reading
             trials: int = 2000, seed: int = 1) -> list[Fit]:
     """Every reading held against the published misses, the likeliest first (`joint_log_likelihood`).
 
-    trials, seed: of the misses drawn for the means and spreads beside it.
+    trials, seed: of the misses drawn for the means and spreads next to it.
     """
     rng = np.random.default_rng(seed)
     fits = []

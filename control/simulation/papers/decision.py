@@ -6,7 +6,6 @@ import numpy as np
 from control.agronomy.crop import Crop
 from control.agronomy.noa import Rule, prepare, rate_table
 from control.agronomy.sampling import FREQUENCIES_HZ, Evenness, best_frequency, frequency_table
-from control.agronomy.trial import extra_nitrogen_kg_ha, rate_from_weighing_kg_ha
 from control.field.job import Canopy, Job, Simulated
 from control.machine.elements import Array
 from control.machine.machine import Machine
@@ -14,6 +13,7 @@ from control.machine.planting import parse_planted
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.canopy import CanopyField
 from control.simulation.closed_loop import simulated_run
+from control.simulation.papers.claims_decision import extra_nitrogen_kg_ha, rate_from_weighing_kg_ha
 
 from .claims import ledger
 from .claims_decision import decision_claims, yields
@@ -33,7 +33,7 @@ CANOPIES = (                            # a plot of 600 m2, or a third of it, in
 
 
 def decision_section(machine: Machine, crop: Crop, seed: int = 1) -> Section:
-    """Everything of the paper, published beside obtained."""
+    """Everything of the paper, published next to obtained."""
     rule = prepare(crop)
     sampled, words = sampling(seed)
     forward, forward_words = forward_targets(crop)

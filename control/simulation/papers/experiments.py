@@ -155,7 +155,7 @@ def _rms(values: Array) -> float:
 
 
 def experiment_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, ...]]:
-    """Rows, r.m.s. by table beside the old model's, what settles what; and the words on it."""
+    """Rows, r.m.s. by table next to the old model's, what settles what; and the words on it."""
     risen, parameter = with_rise(machine)
     rise = risen_by(machine, parameter)
     lags = starts(risen, lambda n: first_fall_s(risen, risen.fall, n))

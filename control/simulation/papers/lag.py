@@ -31,7 +31,7 @@ EQ3_AT = (40.0, 116.0)          # the paper's field, near Beijing
 
 
 def lag_section(machine: Machine) -> Section:
-    """Everything of the paper, published beside obtained."""
+    """Everything of the paper, published next to obtained."""
     correction, words = correction_tables(machine)
     line, line_words = lag_line()
     claims = tuple(lag_claims(machine))

@@ -38,7 +38,7 @@ class How(StrEnum):
     """Where the obtained figure comes from. A copied figure has none: an input cannot confirm itself."""
 
     RECOMPUTED = "recomputed"       # from other figures that the paper prints, by its own definition
-    FITTED = "fitted"               # parameters fitted to printed data, beside the printed parameters
+    FITTED = "fitted"               # parameters fitted to printed data, next to the printed parameters
     SIMULATED = "simulated"         # by this program's models
     COPIED = "copied"               # taken over as an input, or printed without anything to compute it from
 

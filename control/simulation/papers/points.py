@@ -16,7 +16,7 @@ SPEEDS_MPS = (0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0)
 
 
 def points_section(plants: int = 200) -> Section:
-    """Everything of the paper, published beside obtained; dose placement on a simulated row of plants."""
+    """Everything of the paper, published next to obtained; dose placement on a simulated row of plants."""
     table, picture = placement(plants)
     claims = tuple(points_claims(point_lag(TURN_DEG, SHAFT_RPM, FALL_M)))
     return Section("Point fertilisation: one dose a plant", (

@@ -1,4 +1,4 @@
-"""Figures that the papers print, as they print them. Nothing in control works with them; they stand beside ours."""
+"""Figures that the papers print, as they print them. Nothing in control works with them; they stand next to ours."""
 from __future__ import annotations
 
 # Decision paper (A), table 1: plots, and for each frequency (CV %, C_uc %) in their order

@@ -31,7 +31,7 @@ Floats = npt.NDArray[np.float64]
 MOST_STEP_S = 1.0           # a longer step between rows is a gap: nothing is counted in it
 GAP_STEPS = 2.5             # of a log with fewer rows than one a second
 DEFAULT_EVERY_S = 1.0
-SAME_WIDTH = 0.02           # widths are told rounded, and as driven
+SAME_WIDTH = 0.02           # widths are reported rounded, and as driven
 CELL_M = 0.2                # of the bitmap of covered ground
 COVER_STEP_M = 0.5
 NEEDED = ("lat_deg", "lon_deg", "applied_rate_kg_ha")
@@ -95,7 +95,7 @@ class AsApplied:
     cut: Cut | None                     # None: nothing was, or the limit is not known
     one_rate: Across | None = None      # what it cost across the width; None: not by canopy, or not to be known
     ground: Covered | None = None       # worked, by where it lies: with what came to lie on it, and with a rate of 0
-    stopped: tuple[StoppedRelease, ...] = ()        # released while told to stand: counted in totals.stopped_kg
+    stopped: tuple[StoppedRelease, ...] = ()        # released while commanded to stop: counted in totals.stopped_kg
 
     @property
     def worked_ha(self) -> float:
@@ -118,7 +118,7 @@ class AsApplied:
 
 def as_applied(log: RunLog, machine: Machine | None = None, product: Product | None = None,
                every_s: float = DEFAULT_EVERY_S) -> AsApplied:
-    """The worked rows of a log, and those in which its shaft turned though told to stand, in stretches of at most
+    """The worked rows of a log, and those in which its shaft turned though commanded to stop, in stretches of at most
     `every_s`.
 
     The applied rate is the log's, times the scale's correction of the flow model where the log has one. A stretch
@@ -183,7 +183,7 @@ def _worked(log: RunLog, machine: Machine) -> _Rows:
     begin, end = _way_at(lands - step, time, way_m), _way_at(lands, time, way_m)
     turned = np.degrees(np.unwrap(np.radians(heading)))
     at = np.interp(lands - 0.5 * step, time, turned) % 360.0
-    wanted = np.where(is_worked(log), log.numbers("target_rate_kg_ha"), np.nan)     # told to stand: no target
+    wanted = np.where(is_worked(log), log.numbers("target_rate_kg_ha"), np.nan)     # commanded to stop: no target
     columns = [time, step, speed, applied, wanted, begin, end, at, shaft,
                log.numbers("opening_mm"), log.numbers("fix_quality"), log.numbers("satellites"), log.numbers("hdop")]
     return _Rows._make((plane, *(column[counts] for column in (*columns, opened(log, machine)))))
@@ -196,11 +196,11 @@ def strips_of(log: RunLog, machine: Machine) -> tuple[Strip, ...]:
 
 
 def opened(log: RunLog, machine: Machine) -> npt.NDArray[np.bool_]:
-    """Which of `strips_of` were open in each row, (n, strips): as told, so long after as the valve takes."""
+    """Which of `strips_of` were open in each row, (n, strips): as commanded, so long after as the valve takes."""
     if not (machine.switched and log.has("sections_cmd")):
         return np.ones((len(log), 1), dtype=np.bool_)
     valves = LoggedValves(machine.sections)
-    return np.array([valves.open_at(time_s, told) for time_s, told in zip(
+    return np.array([valves.open_at(time_s, stated) for time_s, stated in zip(
         log.time_s.tolist(), log.texts("sections_cmd").tolist(), strict=True)])
 
 
@@ -212,8 +212,8 @@ def _speed_mps(log: RunLog) -> Floats:
 
 def _speed_column(log: RunLog) -> str | None:
     """The speed that control used; of another machine's log, which was imported, the one that it tells."""
-    told = SPEEDS if log.meta is not None and "imported" in log.meta.extra else SPEEDS[:1]
-    return next((column for column in told if log.has(column)), None)
+    stated = SPEEDS if log.meta is not None and "imported" in log.meta.extra else SPEEDS[:1]
+    return next((column for column in stated if log.has(column)), None)
 
 
 def _most_step_s(log: RunLog) -> float:
@@ -261,10 +261,10 @@ def _outlet_way(log: RunLog, machine: Machine) -> tuple[TangentPlane, Floats, Fl
     plane = TangentPlane(float(lat[known][0]), float(lon[known][0]))
     places = plane.many_to_m(lat[fresh], lon[fresh])
     antenna = np.column_stack([np.interp(time, time[fresh], places[:, k]) for k in (0, 1)])
-    told = log.numbers("heading_deg")
-    if np.isfinite(told).any():
-        has = np.isfinite(told)
-        turned = np.interp(time, time[has], np.unwrap(np.radians(told[has])))
+    stated = log.numbers("heading_deg")
+    if np.isfinite(stated).any():
+        has = np.isfinite(stated)
+        turned = np.interp(time, time[has], np.unwrap(np.radians(stated[has])))
     else:
         way = np.gradient(antenna, axis=0)
         turned = np.unwrap(np.arctan2(way[:, 0], way[:, 1]))
@@ -423,7 +423,8 @@ def _doses(log: RunLog) -> tuple[int | None, int | None]:
 
 def _machine(log: RunLog) -> Machine:
     if log.meta is None or log.meta.machine is None:
-        raise ExportError(f"{log.path}: no machine beside the log: allowed is a log with its NAME.yaml, or --machine")
+        raise ExportError(f"{log.path}: no machine file next to the log: allowed is a log with its NAME.yaml, "
+                          "or --machine")
     try:
         return Machine.model_validate(log.meta.machine)
     except ValidationError as error:
@@ -435,10 +436,10 @@ def _machine(log: RunLog) -> Machine:
 def _check_width(log: RunLog, machine: Machine) -> None:
     """Areas are ways times the machine's width: it must be the one that the imported file tells. Raises ExportError."""
     imported = log.meta.extra.get("imported") if log.meta is not None else None
-    told = imported.get("width_m") if isinstance(imported, dict) else None
+    stated = imported.get("width_m") if isinstance(imported, dict) else None
     width = machine.geometry.working_width_m
-    if isinstance(told, int | float) and abs(width - told) > SAME_WIDTH * told:
-        raise ExportError(f"{log.path}: worked {told:g} m wide, as its file says, and machine {machine.id} is "
+    if isinstance(stated, int | float) and abs(width - stated) > SAME_WIDTH * stated:
+        raise ExportError(f"{log.path}: worked {stated:g} m wide, as its file says, and machine {machine.id} is "
                           f"{width:g} m wide: allowed is a machine file of that width (--machine)")
 
 

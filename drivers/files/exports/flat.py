@@ -60,7 +60,7 @@ def write_gpkg(applied: AsApplied, path: Path, polygons: bool = False) -> None:
 
 
 def write_shapefile(applied: AsApplied, path: Path, polygons: bool = False) -> None:
-    """Names of at most ten characters; beside it .dbf, .shx, .prj (WGS84), .cpg. Raises OSError."""
+    """Names of at most ten characters; next to it .dbf, .shx, .prj (WGS84), .cpg. Raises OSError."""
     corners = applied.stretches.corners_deg.tolist()
     kind = shapefile.POLYGON if polygons else shapefile.POINT
     with shapefile.Writer(str(path), shapeType=kind, encoding="utf-8") as writer:

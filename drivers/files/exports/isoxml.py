@@ -34,7 +34,7 @@ def write_isoxml(applied: AsApplied, path: Path) -> None:
 
 
 def as_applied_task(applied: AsApplied) -> tuple[Element, dict[str, bytes]]:
-    """The task file's tree and the files beside it. Raises ExportError."""
+    """The task file's tree and the files next to it. Raises ExportError."""
     begin, end = (applied.utc(float(time)) for time in _span_s(applied))
     if begin is None or end is None:
         raise ExportError(f"{applied.title}: no UTC in the log: allowed for ISOXML is a log with a column utc or "

@@ -1,4 +1,5 @@
-"""What a log's machine released while it was told to stand: its events, and the rows in which it lies on a stretch."""
+"""What a log's machine released while it was commanded to stop: its events, and the rows in which it lies on a
+stretch."""
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -32,7 +33,7 @@ def released_stopped(log: RunLog) -> tuple[StoppedRelease, ...]:
 
 
 def is_released_stopped(log: RunLog) -> npt.NDArray[np.bool_]:
-    """Rows (n,) out of work in which the shaft turned though told to stand; none of a log that enters no such mass,
+    """Rows (n,) out of work in which the shaft turned though commanded to stop; none of a log that enters no such mass,
     and none of a calibrating run, whose mass lies in a tray."""
     state = np.asarray(log.texts("state"))
     entered = any(WORD in text for text in log.texts("events").tolist())

@@ -36,7 +36,7 @@ class Moment(NamedTuple):
 
 
 def layout(data: Sequence[Logged]) -> bytes:
-    """The XML beside the binary: empty attributes are those that every record holds."""
+    """The XML next to the binary: empty attributes are those that every record holds."""
     root = Element("TIM", A="", D="4")
     SubElement(root, "PTN", A="", B="", D="", F="", G="")
     for item in data:

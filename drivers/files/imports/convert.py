@@ -97,7 +97,7 @@ def _column(raw: RawTable, name: str, column: Column, mapping: ImportFile, findi
 
 
 def _utc(raw: RawTable, column: Column) -> pl.Series:
-    """UTC that stands beside another time, as ISO 8601 or by type."""
+    """UTC that stands next to another time, as ISO 8601 or by type."""
     assert column.source is not None
     series = raw.frame[column.source]
     if isinstance(series.dtype, pl.Datetime):
@@ -259,5 +259,5 @@ def _with_commands_before(frame: pl.DataFrame, constants: list[str]) -> pl.DataF
         for name, kind in frame.schema.items())
     longer = pl.concat([before, frame])
     later = [pl.concat([frame[name], frame[name].tail(1)]) for name in frame.columns if name in COMMANDS]
-    told = frame[EVENTS].to_list() if EVENTS in frame.columns else [None] * frame.height
-    return longer.with_columns(*later, pl.Series(EVENTS, [COMMANDS_HELD, *told], pl.String))
+    stated = frame[EVENTS].to_list() if EVENTS in frame.columns else [None] * frame.height
+    return longer.with_columns(*later, pl.Series(EVENTS, [COMMANDS_HELD, *stated], pl.String))

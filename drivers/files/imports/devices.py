@@ -130,6 +130,6 @@ def contradiction(ddi: int | None, part: Part | None) -> Meaning | None:
 
 def width_m(parts: dict[str, Part], device: str | None = None) -> float | None:
     """The working width that a device's description says, m: of its widest element; None: it says none."""
-    told = [part.fixed[ddi] for part in parts.values() if device in (None, part.device)
+    stated = [part.fixed[ddi] for part in parts.values() if device in (None, part.device)
             for ddi in WIDTHS if part.fixed.get(ddi, 0) > 0]
-    return max(told) / 1000.0 if told else None
+    return max(stated) / 1000.0 if stated else None

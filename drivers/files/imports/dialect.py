@@ -55,9 +55,9 @@ def encoding_of(data: bytes) -> str:
 def dialect_of(label: str, sample: str, encoding: str, said: Source) -> Dialect:
     """How the lines of `sample` are to be split; what is said stands. Raises ImportTrouble."""
     lines = sample.splitlines()[:SAMPLE_LINES]
-    told = re.match(r"^\"?sep=(.)\"?$", lines[0], re.IGNORECASE) if lines else None
+    stated = re.match(r"^\"?sep=(.)\"?$", lines[0], re.IGNORECASE) if lines else None
     wanted: list[Delimiter] = [said.delimiter] if said.delimiter else (
-        [name for name, sign in DELIMITERS.items() if told and sign == told[1]] or list(DELIMITERS))
+        [name for name, sign in DELIMITERS.items() if stated and sign == stated[1]] or list(DELIMITERS))
     best: tuple[float, Dialect] | None = None
     for delimiter in wanted:
         rows = split(lines, delimiter)

@@ -18,7 +18,7 @@ from drivers.files.imports.trouble import ImportTrouble, listed
 from drivers.files.limits import DAMAGED_ZIP, BeyondLimits
 from drivers.files.sheet_limits import cells_of, check_sheets
 
-LEAST_ROWS = 20             # of a log: what is shorter beside a longer one are notes
+LEAST_ROWS = 20             # of a log: what is shorter next to a longer one are notes
 SUFFIXES = (".xlsx", ".xlsm", ".xls", ".xlsb", ".ods")
 
 
@@ -51,7 +51,7 @@ def read_excel(path: Path, said: Source) -> RawTable:
 
 
 def _log_among(found: Mapping[str, tuple[list[list[Any]], Layout]]) -> list[str]:
-    """The one long sheet beside notes of a few rows; all where it is not so plain."""
+    """The one long sheet next to notes of a few rows; all where it is not so plain."""
     long = [name for name, (rows, layout) in found.items() if len(rows) - layout.body >= LEAST_ROWS]
     return long if len(long) == 1 else list(found)
 

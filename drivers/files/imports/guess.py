@@ -51,7 +51,7 @@ def guess(raw: RawTable, full: Mapping[str, float] | None = None) -> Guess:
 
 
 def _width(columns: dict[str, Column], raw: RawTable) -> float | None:
-    """Where a rate is told as a flow, the file's own working width."""
+    """Where a rate is given as a flow, the file's own working width."""
     units = [unit_named(column.unit) for name, column in columns.items() if column.unit and quantity_of(name) == "rate"]
     return raw.width_m if any(unit is not None and unit.quantity == "flow" for unit in units) else None
 

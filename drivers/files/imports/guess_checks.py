@@ -45,7 +45,7 @@ def check(raw: RawTable, out: Guess, chosen: Mapping[str, Candidate]) -> None:
 
 
 def _spacing(time_s: NDArray[np.float64], out: Guess) -> None:
-    """Rows so far apart, or so close, that the times are rather told in another unit."""
+    """Rows so far apart, or so close, that the times are rather given in another unit."""
     if len(time_s) < 3 or out.mapping.time.counts == "rows" or any(doubt.key == ("time",) for doubt in out.doubts):
         return
     step_s = float(np.median(np.diff(time_s)))

@@ -184,9 +184,9 @@ def _of_numbers(raw: RawTable, name: str) -> TimeGuess | None:
     steps = known.diff().drop_nulls()
     step = float(steps.filter(steps > 0).median() or 0.0)       # type: ignore[arg-type]
     whole = bool((known == known.round(0)).all())
-    told = _since_1970(float(known[0])) or _by_unit(raw.units.get(name, "")) \
+    stated = _since_1970(float(known[0])) or _by_unit(raw.units.get(name, "")) \
         or _spreadsheet_days(float(known[0]), step, whole) or _by_name(name) or _by_step(step, whole)
-    return TimeGuess(Times(column=name, counts=told.counts), told.why, told.doubt)
+    return TimeGuess(Times(column=name, counts=stated.counts), stated.why, stated.doubt)
 
 
 class _Counted(NamedTuple):
@@ -208,8 +208,8 @@ def _since_1970(first: float) -> _Counted | None:
     return None
 
 
-def _by_unit(told: str) -> _Counted | None:
-    unit = unit_named(told)
+def _by_unit(stated: str) -> _Counted | None:
+    unit = unit_named(stated)
     if unit is None or unit.quantity != "time":
         return None
     counts: Counts = {"s": "s", "ms": "ms", "us": "us", "min": "min", "h": "h"}[unit.name]     # type: ignore[assignment]
@@ -232,7 +232,7 @@ def _by_name(name: str) -> _Counted | None:
 
 
 def _by_step(step: float, whole: bool) -> _Counted:
-    """By the step from row to row (median): milliseconds and microseconds are told in whole numbers."""
+    """By the step from row to row (median): milliseconds and microseconds are given in whole numbers."""
     if whole and step >= 1000.0 * _LEAST_STEP_S:
         return _Counted("us", "whole numbers with large steps",
                         f"no unit: steps of {step:g}: microseconds, milliseconds?")

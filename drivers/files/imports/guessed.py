@@ -57,8 +57,8 @@ class Candidate:
     source: str
     target: str
     unit: Unit | None
-    implied: bool = False           # the unit is told by the name
-    role: str = ""                  # command, reading, or not told
+    implied: bool = False           # the unit is in the name
+    role: str = ""                  # command, reading, or not given
     exact: bool = False
     values: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 

@@ -30,7 +30,7 @@ class Layout(NamedTuple):
 def named(text: str) -> tuple[str, str | None]:
     """A header cell as name and unit, in the file's words: `Speed [km/h]`, `speed_kmh`, `Drehzahl in U/min`, `leftRpm`.
 
-    The name is the whole cell where the unit cannot be told from it.
+    The name is the whole cell where the unit cannot be distinguished from it.
     """
     plain = unicodedata.normalize("NFKC", text).strip()
     found = _BRACKETS.match(plain)
@@ -42,8 +42,8 @@ def named(text: str) -> tuple[str, str | None]:
         if candidate is None:
             continue
         unit = unit_named(candidate["unit"]) or unit_named(candidate["unit"].replace("_", "/"))
-        told = candidate["unit"] == "%" or len(candidate["unit"]) > 1 or "_" in plain or "," in plain
-        if unit is not None and told:
+        stated = candidate["unit"] == "%" or len(candidate["unit"]) > 1 or "_" in plain or "," in plain
+        if unit is not None and stated:
             return re.sub(r"\s+in$", "", candidate["name"]).strip(" _,"), candidate["unit"]
     return plain, None
 

@@ -34,7 +34,7 @@ def log_frame(log: Joined) -> pl.DataFrame:
 
 
 def write_imported(path: Path, log: Joined, mapping: ImportFile, mapping_file: Path | None) -> pl.DataFrame:
-    """The log at `path`, its sidecar beside it (in a store: within); returns what was written. Raises OSError."""
+    """The log at `path`, its sidecar next to it (in a store: within); returns what was written. Raises OSError."""
     if path.suffix.lower() in SUFFIXES:
         with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
             text_log = Path(folder) / "imported.csv"
@@ -60,8 +60,8 @@ def is_import_of(log: Path, files: Iterable[Path]) -> bool:
     """Whether the log at `log` was made of these very files, so that it can be made again."""
     try:
         meta = meta_of(log)
-        told = [] if meta is None else meta.extra["imported"]["files"]
-        return meta is not None and {file["sha256"] for file in told} == {_checksum(path) for path in files}
+        stated = [] if meta is None else meta.extra["imported"]["files"]
+        return meta is not None and {file["sha256"] for file in stated} == {_checksum(path) for path in files}
     except (OSError, ValueError, KeyError, TypeError):
         return False
 
@@ -73,13 +73,13 @@ def _meta(log: Joined, mapping: ImportFile, mapping_file: Path | None) -> str:
     utc = None if started is None or not started.len() else started.head(1).cast(pl.Datetime("us")).dt.strftime(
         "%Y-%m-%dT%H:%M:%S%.3fZ")[0]
     found = [str(finding) for part in log.parts for finding in part.findings]
-    told: dict[str, object] = {"files": files, "mapping": _without_nothing(plain(mapping)),
+    stated: dict[str, object] = {"files": files, "mapping": _without_nothing(plain(mapping)),
                                "found": [*found, *map(str, log.findings)]}
     widths = {part.raw.width_m for part in log.parts}
     if len(widths) == 1 and (width_m := widths.pop()) is not None:
-        told["width_m"] = width_m           # as-applied areas are held against it
+        stated["width_m"] = width_m           # as-applied areas are held against it
     checksums = {} if mapping_file is None else {mapping_file.name: sha256_of(mapping_file)}
-    return meta_to_yaml(run_meta(sha256=checksums, started_utc=utc, extra={"imported": told}))
+    return meta_to_yaml(run_meta(sha256=checksums, started_utc=utc, extra={"imported": stated}))
 
 
 def _checksum(path: Path) -> str:

@@ -144,9 +144,9 @@ class ImportFile(Part):
         description="answer_in_row: a row holds a command and what it settled at")] = "answer_next_row"
     missing: Annotated[Missing, Field(description="stand for not known in every column")] = ()
     width_m: Annotated[float | None, Field(gt=0.0, le=100.0, json_schema_extra={"unit": "m"},
-                                           description="working width, for rates told as a flow of mass")] = None
+                                           description="working width, for rates given as a flow of mass")] = None
     density_kg_l: Annotated[float | None, Field(gt=0.0, le=5.0, json_schema_extra={"unit": "kg/l"},
-                                                description="of the product, for rates told as a volume")] = None
+                                                description="of the product, for rates given as a volume")] = None
     extra: Annotated[Literal["keep", "drop"], Field(description="columns that nothing here names")] = "keep"
     join: Join = Join()
 

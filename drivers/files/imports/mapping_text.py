@@ -1,4 +1,4 @@
-"""A guessed import file as text: what is unsure has a comment above it that says why, what is sure one beside it."""
+"""A guessed import file as text: what is unsure has a comment above it that says why, what is sure one next to it."""
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
@@ -61,6 +61,6 @@ def _doubts(guess: Guess, key: Key, indent: int) -> list[str]:
 
 
 def _reason(guess: Guess, key: Key) -> str:
-    """Not beside what is unsure."""
+    """Not next to what is unsure."""
     doubtful = any(doubt.key == key for doubt in guess.doubts)
     return f"     # {guess.reasons[key]}" if key in guess.reasons and not doubtful else ""

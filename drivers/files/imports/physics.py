@@ -67,7 +67,7 @@ def settings_a_row(time_s: Floats, command: Floats) -> bool:
 
 
 def slope(command: Floats, reading: Floats) -> float:
-    """Reading for one of the command where both are clearly there: the median of their ratios; NaN: cannot be told."""
+    """Reading for one of the command where both are clearly there: the median of their ratios; NaN: is not known."""
     both = np.isfinite(command) & np.isfinite(reading)
     command, reading = command[both], reading[both]
     if not command.size:

@@ -32,7 +32,7 @@ def read_geojson(path: Path, said: Source) -> RawTable:
     if not isinstance(features, list) or not features:
         raise ImportTrouble(f"{path}: no features: allowed is a FeatureCollection of points")
     points = [(feature["geometry"].get("coordinates"),
-               told if isinstance(told := feature.get("properties"), dict) else {}) for feature in features
+               stated if isinstance(stated := feature.get("properties"), dict) else {}) for feature in features
               if isinstance(feature, dict) and isinstance(feature.get("geometry"), dict)
               and feature["geometry"].get("type") == "Point"]
     if not points:

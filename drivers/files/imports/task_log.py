@@ -15,7 +15,7 @@ from drivers.files.findings import Finding, many
 from drivers.files.imports.devices import Meaning, Part, parts_of, width_m
 from drivers.files.imports.mapping import EVENTS, Source
 from drivers.files.imports.raw import RawTable, unique
-from drivers.files.imports.time_logs import TimeLog, Told, frame_of, hectares, time_logs, width_of
+from drivers.files.imports.time_logs import LoggedValue, TimeLog, frame_of, hectares, time_logs, width_of
 from drivers.files.imports.trouble import ImportTrouble, listed
 from drivers.files.imports.units import unit_named
 from drivers.files.prescriptions.task_files import find_task_files, task_tree
@@ -37,7 +37,7 @@ def read_task_log(path: Path, said: Source) -> RawTable:
     """The time logs of one task out of a task file, its folder or a zip, joined by their times, or those that `said`
     names. Raises ImportTrouble, OSError.
 
-    A number that a record does not hold is the one last told, as logging on change means it.
+    A number that a record does not hold is the one last given, as logging on change means it.
     """
     try:
         found = task_logs(path, said.inside)
@@ -74,14 +74,14 @@ def _read(path: Path, found: TaskLogs, said: Source) -> RawTable:
                                 f"({listed(log.name for log in empty)})"))
     logs = sorted((log for log in logs if not log.trouble), key=lambda log: log.first_us)
     _check_apart(path, found, logs)
-    told = list({(one.ddi, one.element): one for log in logs for one in log.told
+    logged = list({(one.ddi, one.element): one for log in logs for one in log.logged
                  if said.device is None or _is_of(one, said.device)}.values())
-    presented = _presented(path, told, said, findings)
-    names = _names(logs, told)
+    presented = _presented(path, logged, said, findings)
+    names = _names(logs, logged)
     frame = _joined(logs, names, presented)
-    units = {names[one.ddi, one.element]: (one.shown if presented and one.shown else one.meaning).unit for one in told
+    units = {names[one.ddi, one.element]: (one.shown if presented and one.shown else one.meaning).unit for one in logged
              if (one.ddi, one.element) in names}
-    findings += _elements(told, names)
+    findings += _elements(logged, names)
     if len(logs) > 1:
         findings.append(Finding("joined_logs", f"{len(logs)} time logs of task {logs[0].task} joined by their times: "
                                 f"{listed(log.name for log in logs)}"))
@@ -90,14 +90,14 @@ def _read(path: Path, found: TaskLogs, said: Source) -> RawTable:
         "kind": "isoxml", "task": said.task or (logs[0].task if several and not said.task_log else None),
         "task_log": said.task_log})
     return RawTable(path, frame, source, {name: unit for name, unit in units.items() if unit}, 1, tuple(findings),
-                    _width(found, logs, told))
+                    _width(found, logs, logged))
 
 
 def _chosen(path: Path, found: TaskLogs, said: Source) -> list[TimeLog]:
     """Those of one task. Raises ImportTrouble: what there is, a line for each log."""
     logs = [log for log in found.logs if _fits(said.task_log, log.name)
             and _fits(said.task, log.task, log.title)
-            and (said.device is None or any(_is_of(one, said.device) for one in log.told))]
+            and (said.device is None or any(_is_of(one, said.device) for one in log.logged))]
     chosen = [f"{word} {value}" for word, value in (("log", said.task_log), ("task", said.task),
                                                     ("device", said.device)) if value is not None]
     if not logs:
@@ -114,7 +114,7 @@ def _fits(wanted: str | None, *names: str) -> bool:
     return wanted is None or wanted.strip().casefold() in [name.strip().casefold() for name in names]
 
 
-def _is_of(one: Told, device: str) -> bool:
+def _is_of(one: LoggedValue, device: str) -> bool:
     return one.part is not None and _fits(device, one.part.device, one.part.device_name)
 
 
@@ -132,8 +132,8 @@ def _line(log: TimeLog, found: TaskLogs) -> str:
     if log.trouble:
         return f"{where}: {log.trouble}"
     area = hectares(log, found.parts)
-    size = "hectares not told" if area is None else f"{area[0]:.3f} ha ({area[1]})"
-    names = listed(dict.fromkeys(one.meaning.name for one in log.told), 8)
+    size = "hectares not given" if area is None else f"{area[0]:.3f} ha ({area[1]})"
+    names = listed(dict.fromkeys(one.meaning.name for one in log.logged), 8)
     return f"{where}: {_moment(log.first_us)} to {_moment(log.last_us)}, {many(log.rows)}, {size}; {names}"
 
 
@@ -150,9 +150,9 @@ def _check_apart(path: Path, found: TaskLogs, logs: Sequence[TimeLog]) -> None:
                 *log_lines(path, found._replace(logs=list(logs))))
 
 
-def _presented(path: Path, told: Sequence[Told], said: Source, findings: list[Finding]) -> bool:
+def _presented(path: Path, logged: Sequence[LoggedValue], said: Source, findings: list[Finding]) -> bool:
     """Whether rates are taken as their device shows them. Raises ImportTrouble where that is not said and matters."""
-    odd = [one for one in told if one.shown is not None]
+    odd = [one for one in logged if one.shown is not None]
     if not odd:
         return False
     one = odd[0]
@@ -174,13 +174,13 @@ def _in_log_unit(meaning: Meaning) -> str:
     return f"{value * unit.factor:g} {'kg/ha' if unit.quantity == 'rate' else 'kg/s'}"
 
 
-def _names(logs: Sequence[TimeLog], told: Sequence[Told]) -> dict[tuple[int | None, str], str]:
+def _names(logs: Sequence[TimeLog], logged: Sequence[LoggedValue]) -> dict[tuple[int | None, str], str]:
     """Of each number its column: what it is, and of several of one kind the element; elements that always say the same
     share a column."""
     names: dict[tuple[int | None, str], str] = {}
     taken = set(logs[0].heads.columns) if logs and logs[0].heads is not None else set()
-    for name in dict.fromkeys(one.meaning.name for one in told):
-        alike = _apart([one for one in told if one.meaning.name == name], logs)
+    for name in dict.fromkeys(one.meaning.name for one in logged):
+        alike = _apart([one for one in logged if one.meaning.name == name], logs)
         wanted = [name] if len(alike) == 1 else [f"{name} ({one.element})" for one in alike]
         free = unique([*sorted(taken), *wanted])[len(taken):]
         names |= {(one.ddi, one.element): one_name for one, one_name in zip(alike, free, strict=True)}
@@ -188,17 +188,17 @@ def _names(logs: Sequence[TimeLog], told: Sequence[Told]) -> dict[tuple[int | No
     return names
 
 
-def _apart(alike: list[Told], logs: Sequence[TimeLog]) -> list[Told]:
+def _apart(alike: list[LoggedValue], logs: Sequence[TimeLog]) -> list[LoggedValue]:
     """Without those that say in every record what one before them says."""
-    kept: list[Told] = []
+    kept: list[LoggedValue] = []
     for one in alike:
         if not any(all(_same(log, one, other) for log in logs) for other in kept):
             kept.append(one)
     return kept
 
 
-def _same(log: TimeLog, one: Told, other: Told) -> bool:
-    rows = [next((k for k, told in enumerate(log.told) if (told.ddi, told.element) == (it.ddi, it.element)), None)
+def _same(log: TimeLog, one: LoggedValue, other: LoggedValue) -> bool:
+    rows = [next((k for k, value in enumerate(log.logged) if (value.ddi, value.element) == (it.ddi, it.element)), None)
             for it in (one, other)]
     if log.values is None or rows[0] is None or rows[1] is None:
         return rows[0] == rows[1]
@@ -216,19 +216,19 @@ def _joined(logs: Sequence[TimeLog], names: dict[tuple[int | None, str], str], p
     return pl.concat(frames, how="diagonal_relaxed")
 
 
-def _elements(told: Sequence[Told], names: dict[tuple[int | None, str], str]) -> list[Finding]:
+def _elements(logged: Sequence[LoggedValue], names: dict[tuple[int | None, str], str]) -> list[Finding]:
     """What the elements are that columns are called by."""
-    shown = {one.element: one.part for one in told
+    shown = {one.element: one.part for one in logged
              if names.get((one.ddi, one.element), "").endswith(f"({one.element})")}
     words = [f"{element} is {part.name or 'an element'} of {part.device_name or part.device}"
              for element, part in shown.items() if part is not None]
     return [Finding("elements", listed(words))] if words else []
 
 
-def _width(found: TaskLogs, logs: Sequence[TimeLog], told: Sequence[Told]) -> float | None:
+def _width(found: TaskLogs, logs: Sequence[TimeLog], logged: Sequence[LoggedValue]) -> float | None:
     """The working width, m, where all logs had one and the same; None: they do not say, or it changed."""
     widths = {width_of(log, found.parts) for log in logs}
     if len(widths) == 1:
         return widths.pop()
-    devices = {one.part.device for one in told if one.part is not None}
+    devices = {one.part.device for one in logged if one.part is not None}
     return width_m(found.parts, devices.pop()) if len(devices) == 1 and None not in widths else None

@@ -18,7 +18,7 @@ def task_words(path: Path, inside: str | None = None) -> list[str] | None:
     if found is None:
         return None
     root = found.root
-    origin = ORIGINS.get(root.get("DataTransferOrigin", ""), "origin not told")
+    origin = ORIGINS.get(root.get("DataTransferOrigin", ""), "origin not given")
     lines = [f"{path}: task file, version {root.get('VersionMajor', '?')}.{root.get('VersionMinor', '?')}, {origin}"]
     for task in root.findall("TSK"):
         lines.append(f"{path}: {_task(root, task)}")
@@ -50,7 +50,7 @@ def _device(device: Element, parts: dict[str, Part]) -> str:
     width = width_m(parts, device.get("A"))
     own = [part for part in parts.values() if part.device == device.get("A")]
     sections = sum(part.kind == "4" for part in own)
-    words = [f"{width:g} m wide" if width is not None else "width not told"]
+    words = [f"{width:g} m wide" if width is not None else "width not given"]
     words += [many(sections, "section")] if sections else []
     return f"device {_named(device, 'B')}: {', '.join(words)}; elements " \
         f"{listed(f'{part.id} {part.name}'.strip() for part in own)}"

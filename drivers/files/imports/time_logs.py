@@ -31,7 +31,7 @@ TOTAL_AREA, WIDTH, WORK = 116, 67, 141
 MOVES_M = 0.001                 # places nearer to one another are one
 
 
-class Told(NamedTuple):
+class LoggedValue(NamedTuple):
     """A number that a log holds: of which element (DET), under which identifier; and the device's own view of its
     step, where that contradicts the dictionary."""
 
@@ -44,7 +44,8 @@ class Told(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TimeLog:
-    """`task`: id of the task (TSK). `heads`: time and place. `values`: (numbers, records) raw, NaN where not told yet.
+    """`task`: id of the task (TSK). `heads`: time and place. `values`: (numbers, records) raw, NaN where not reported
+    yet.
 
     `lost`: bytes at the end that are no whole record. `trouble`: why nothing can be read, one line; empty: it was.
     """
@@ -52,7 +53,7 @@ class TimeLog:
     name: str
     task: str
     title: str
-    told: tuple[Told, ...] = ()
+    logged: tuple[LoggedValue, ...] = ()
     heads: pl.DataFrame | None = None
     values: NDArray[np.float64] | None = None
     lost: int = 0
@@ -75,7 +76,7 @@ class TimeLog:
     @property
     def devices(self) -> dict[str, str]:
         """Ids of the devices whose numbers it holds, with their names."""
-        return {one.part.device: one.part.device_name for one in self.told if one.part is not None}
+        return {one.part.device: one.part.device_name for one in self.logged if one.part is not None}
 
 
 def time_logs(files: TaskFiles, root: Element, parts: dict[str, Part]) -> list[TimeLog]:
@@ -95,21 +96,21 @@ def _read(files: TaskFiles, root: Element, parts: dict[str, Part], task: Element
     except ElementTree.ParseError as error:
         return _failed(empty, f"{name}.xml: not readable as XML: {error}")
     time = time if time.tag == "TIM" else (found if (found := time.find(".//TIM")) is not None else time)
-    told = tuple(_told(root, parts, item) for item in time.findall("DLV"))
+    logged = tuple(_logged_value(root, parts, item) for item in time.findall("DLV"))
     place = time.find("PTN")
     fields = [row for row in _HEAD if place is not None and place.get(row[1]) == ""]
     head = np.dtype([*_TIME, *((row[4], row[2]) for row in fields), ("values", "u1")])
     starts, end = _starts(data, head.itemsize)
     if not len(starts):
-        return _failed(TimeLog(empty.name, empty.task, empty.title, told), "no record in it")
+        return _failed(TimeLog(empty.name, empty.task, empty.title, logged), "no record in it")
     raw = np.frombuffer(data, np.uint8)
     heads = raw[starts[:, None] + np.arange(head.itemsize)].view(head)[:, 0]
-    values = _values(raw, starts + head.itemsize, heads["values"], len(told))
-    return TimeLog(name, empty.task, empty.title, told, _heads(heads, fields), values, len(data) - end)
+    values = _values(raw, starts + head.itemsize, heads["values"], len(logged))
+    return TimeLog(name, empty.task, empty.title, logged, _heads(heads, fields), values, len(data) - end)
 
 
 def _failed(log: TimeLog, why: str) -> TimeLog:
-    return TimeLog(log.name, log.task, log.title, log.told, trouble=why)
+    return TimeLog(log.name, log.task, log.title, log.logged, trouble=why)
 
 
 def _heads(heads: NDArray[np.void], fields: Sequence[tuple[str, str, str, float, str, int | None]]) -> pl.DataFrame:
@@ -129,9 +130,9 @@ def _heads(heads: NDArray[np.void], fields: Sequence[tuple[str, str, str, float,
     return pl.DataFrame(columns)
 
 
-def _told(root: Element, parts: dict[str, Part], item: Element) -> Told:
+def _logged_value(root: Element, parts: dict[str, Part], item: Element) -> LoggedValue:
     ddi, part = ddi_of(item.get("A", "")), parts.get(item.get("C", ""))
-    return Told(ddi, item.get("C", ""), part, meaning_of(root, ddi, part), contradiction(ddi, part))
+    return LoggedValue(ddi, item.get("C", ""), part, meaning_of(root, ddi, part), contradiction(ddi, part))
 
 
 def _starts(data: bytes, head_bytes: int) -> tuple[NDArray[np.int64], int]:
@@ -148,7 +149,7 @@ def _starts(data: bytes, head_bytes: int) -> tuple[NDArray[np.int64], int]:
 
 def _values(raw: NDArray[np.uint8], first: NDArray[np.int64], counts: NDArray[np.uint8],
             columns: int) -> NDArray[np.float64]:
-    """(columns, records), the last one told; NaN before it was told first."""
+    """(columns, records), the last one given; NaN before it was given first."""
     out = np.full((columns, len(first)), np.nan)
     for k in range(int(counts.max(initial=0))):
         rows = np.flatnonzero(counts > k)
@@ -164,7 +165,7 @@ def hectares(log: TimeLog, parts: dict[str, Part]) -> tuple[float, str] | None:
     """What a log covered, and by what: its device's own count, else way and width at work; None: not to be known."""
     if log.heads is None or log.values is None:
         return None
-    counted = [k for k, one in enumerate(log.told) if one.ddi == TOTAL_AREA and np.isfinite(log.values[k]).any()]
+    counted = [k for k, one in enumerate(log.logged) if one.ddi == TOTAL_AREA and np.isfinite(log.values[k]).any()]
     if counted:
         areas = [float(np.diff(values[np.isfinite(values)], prepend=np.nan)[1:].clip(0.0).sum())
                  for values in (log.values[k] for k in counted)]
@@ -173,7 +174,7 @@ def hectares(log: TimeLog, parts: dict[str, Part]) -> tuple[float, str] | None:
     if width is None or not {"lat_deg", "lon_deg"} <= set(log.heads.columns):
         return None
     step = _steps_m(log.heads)
-    works = [log.values[k] == 1.0 for k, one in enumerate(log.told) if one.ddi == WORK]
+    works = [log.values[k] == 1.0 for k, one in enumerate(log.logged) if one.ddi == WORK]
     working = np.any(works, axis=0) if works else np.ones(len(step), np.bool_)
     return float(step[working].sum()) * width / 10_000.0, "way x width"
 
@@ -181,7 +182,7 @@ def hectares(log: TimeLog, parts: dict[str, Part]) -> tuple[float, str] | None:
 def width_of(log: TimeLog, parts: dict[str, Part]) -> float | None:
     """The working width, m: as logged where it stays the same, else as the device says; None where it changes."""
     if log.values is not None:
-        for k, one in enumerate(log.told):
+        for k, one in enumerate(log.logged):
             known = log.values[k][log.values[k] > 0.0]
             if one.ddi == WIDTH and len(known):
                 return float(known[0]) / 1000.0 if (known == known[0]).all() else None
@@ -206,7 +207,7 @@ def frame_of(log: TimeLog, names: dict[tuple[int | None, str], str], presented: 
     if log.heads is None or log.values is None:
         raise ImportTrouble(f"{log.name}: {log.trouble}")
     columns = {}
-    for one, values in zip(log.told, log.values, strict=True):
+    for one, values in zip(log.logged, log.values, strict=True):
         name = names.get((one.ddi, one.element))
         if name is None:
             continue

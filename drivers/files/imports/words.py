@@ -87,10 +87,10 @@ DONE = _words("actual =act =ist ^ist measured =meas applied =apd ^apd gemessen a
               "realis mesure appliqu =appli aplicad =aplic applicata applicato erogat effettiv effectif effectiv "
               "werkelijk rzeczywist wykonan факт 实际 测量 已施")
 COMMAND = (*WANTED, *_words("=cmd command =ref request =pwm =duty =sp stellwert"))
-RAW_COMMAND = _words("=pwm =duty")                  # a command even where a word of reading stands beside it
+RAW_COMMAND = _words("=pwm =duty")                  # a command even where a word of reading stands next to it
 READING = (*DONE, *_words("feedback =fb 反馈 sensor"))
 QUANTITIES = _words("speed =spd rpm drehzahl 转速 geschw opening offnung 开度 =mm")     # such a command counts no steps
-PLAINLY_READING = _words("actual =act =ist")        # a reading even where a word of command stands beside it
+PLAINLY_READING = _words("actual =act =ist")        # a reading even where a word of command stands next to it
 
 TIME = _words("=time =t timestamp =zeit uhrzeit zeitstempel 时间 时刻 =utc heure =hora datetime elapsed time millis")
 PLAINLY_TIME = TIME[:6]
@@ -135,7 +135,7 @@ def wanted_or_done(name: str) -> str:
 
 
 def subject_of(name: str, quantity: str | None) -> Subject | None:
-    """What a folded name is about. A unit of `quantity`, where one is told, outweighs words that do not go with it:
+    """What a folded name is about. A unit of `quantity`, where one is given, outweighs words that do not go with it:
     a speed in r/min is no ground speed."""
     worded = [subject for subject in SUBJECTS if all(says(name, group) for group in subject.needs)
               and not says(name, subject.never)]
@@ -147,7 +147,7 @@ def subject_of(name: str, quantity: str | None) -> Subject | None:
 
 
 def goes_with(column: str, quantity: str) -> bool:
-    """Whether a log column can be told in a unit of this quantity: a rate also as a flow over the ground covered, or
+    """Whether a log column can be given in a unit of this quantity: a rate also as a flow over the ground covered, or
     as a volume of known density."""
     own = quantity_of(column)
     return own is None or own == quantity or (own, quantity) in (("rate", "flow"), ("rate", "volume"))

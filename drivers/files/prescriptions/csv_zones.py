@@ -1,4 +1,4 @@
-"""CSV with a polygon in a cell of each row (WKT, as QGIS and PostGIS write it) and its attributes beside it."""
+"""CSV with a polygon in a cell of each row (WKT, as QGIS and PostGIS write it) and its attributes next to it."""
 from __future__ import annotations
 
 import csv

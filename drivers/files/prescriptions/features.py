@@ -42,7 +42,8 @@ def imported(path: Path, format_name: str, features: Sequence[Feature], choice: 
              *,
              fallbacks: Fallbacks = NO_FALLBACKS, fields_deg: tuple[tuple[Floats, ...], ...] = (), title: str = "",
              product: str = "", units: Mapping[str, Unit] = NO_UNITS) -> Imported:
-    """Zones of the features, by the operator's choice. units: what files beside say. Raises PrescriptionError."""
+    """Zones of the features, by the operator's choice. units: what the files next to it say. Raises
+    PrescriptionError."""
     if not features:
         raise NoPolygons(f"{path}: no polygons: allowed is at least one")
     chosen = rate_column(path, [(feature.number, feature.attributes) for feature in features], choice,

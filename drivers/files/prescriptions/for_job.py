@@ -19,7 +19,7 @@ from drivers.files.prescriptions.words import Imported, PrescriptionError, RateQ
 
 
 def map_of_job(job: Job, folder: Path) -> MapProfile | None:
-    """The prescription of `target.map`, a path beside the job file; None where the job names none.
+    """The prescription of `target.map`, a path next to the job file; None where the job names none.
 
     The file's rates are taken as kg/ha; what needs a choice is converted with `topdress map` first.
     Raises PrescriptionError in one line, OSError.
@@ -59,7 +59,7 @@ def _read(path: Path) -> Imported:
 
 
 def plants_of_job(job: Job, folder: Path, plane: TangentPlane | None = None) -> PlantList | None:
-    """The plants of `target.plants`, a path beside the job file, on the field's plane, else on `plane`, else on one of
+    """The plants of `target.plants`, a path next to the job file, on the field's plane, else on `plane`, else on one of
     their own. Raises PrescriptionError, OSError."""
     if job.target.plants is None:
         return None

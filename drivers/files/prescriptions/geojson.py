@@ -49,9 +49,9 @@ def read_geojson(path: Path, choice: Choice) -> Imported:
 
 
 def _properties(feature: dict[str, Any]) -> dict[str, Any]:
-    """What it tells beside its shape; nothing where that is no record."""
-    told = feature.get("properties")
-    return told if isinstance(told, dict) else {}
+    """What it tells along with its shape; nothing where that is no record."""
+    stated = feature.get("properties")
+    return stated if isinstance(stated, dict) else {}
 
 
 def _polygons(feature: Any, where: str) -> list[tuple[Floats, ...]] | None:

@@ -124,7 +124,7 @@ def _meaning(root: Element, layer: _Layer, where: str, choice: Choice) -> tuple[
 
 
 def _unused(layer: _Layer, ids: tuple[str, ...], has_grid: bool) -> list[Finding]:
-    """What the task holds beside the layer and is not used."""
+    """What the task holds next to the layer and is not used."""
     found = []
     drawn = [zone.get("A", "") for zone in layer.task.findall("TZN") if zone.find("PLN") is not None]
     if has_grid and drawn:

@@ -36,7 +36,7 @@ _THOUSANDS = re.compile(r"^\s*([-+]?\d{1,3})\.(\d{3})\s*$")
 SAME_M = 0.01               # points nearer than this are one place
 OFF_CELLS = 0.25            # of a cell, that a point may lie off its middle: rounded degrees
 STEP_SHARE = 0.3            # of the nearest points' distance: a larger step leads to the next row
-BESIDE_SHARE = 0.8          # of the points have one beside them in their row, and one in their column
+BESIDE_SHARE = 0.8          # of the points have one next to them in their row, and one in their column
 FIRST_CELLS = 4.0           # the lattice is laid out from its middle, over twice the ground each time
 LONGEST_CELL = 10.0         # times its width; longer ones are tracks with their points, not cells
 
@@ -105,7 +105,7 @@ def read_lattice(path: Path, choice: Choice, title: str = "") -> Imported:
     if not known.all():
         findings.append(Finding("no_place", f"{many(int((~known).sum()), 'point')} without a place left out"))
     units = {name.casefold(): Unit(unit, "the file's row of units") for name, unit in raw.units.items()
-             if (told := unit_named(unit)) is not None and told.name in MASS_UNITS and unit not in name}
+             if (stated := unit_named(unit)) is not None and stated.name in MASS_UNITS and unit not in name}
     return imported(path, "points", features, choice, findings, title=title or path.stem, units=units)
 
 
@@ -116,7 +116,7 @@ def _place(raw: RawTable, column: str) -> Floats:
 
 
 def _attributes(raw: RawTable) -> list[dict[str, object]]:
-    """What each point tells beside its place; a point in numbers with a decimal comma groups digits."""
+    """What each point tells next to its place; a point in numbers with a decimal comma groups digits."""
     frame = raw.frame.select(name for name in raw.names if (subject := subject_of(folded(name), None)) is None
                              or subject.reading not in ("lat_deg", "lon_deg"))
     rows: list[dict[str, object]] = frame.rows(named=True)

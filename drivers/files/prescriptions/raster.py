@@ -34,7 +34,7 @@ def _read(path: Path, file: Any, choice: Choice) -> Imported:
     projection = _projection(path, file)
     if file.width * file.height > 100 * MOST_CELLS:
         raise PrescriptionError(f"{path}: {_too_fine(file.width * file.height)}")
-    names = [told or f"band {k}" for k, told in enumerate(file.descriptions, start=1)]
+    names = [stated or f"band {k}" for k, stated in enumerate(file.descriptions, start=1)]
     bands = [np.where(np.ma.getmaskarray(one), np.nan, np.ma.getdata(one).astype(np.float64))
              for one in (file.read(k, masked=True) for k in range(1, file.count + 1))]
     scaled = [band * scale + offset for band, scale, offset in zip(bands, file.scales, file.offsets, strict=True)]

@@ -129,7 +129,7 @@ def _chosen(path: Path, numbered: Sequence[tuple[int, Mapping[str, Any]]], names
 
 
 def _best(rates: Sequence[_Seen]) -> _Seen | None:
-    """The one rate; of a wanted one and of those that were applied, or bounds, the wanted one. None: not told."""
+    """The one rate; of a wanted one and of those that were applied, or bounds, the wanted one. None: not given."""
     if any(one.doubt for one in rates):
         return None
     no_target = [one for one in rates if one.words & BOUNDS or wanted_or_done(one.name) == "done"]
@@ -215,18 +215,18 @@ def _looks_like(cells: Sequence[Cell]) -> str:
 
 
 def _with_unit(path: Path, one: _Seen, choice: Choice, why: str, beside: Mapping[str, Unit]) -> RateColumn:
-    """The operator's unit, else the one that the file or one beside it names; a nutrient's rate is no rate of the
+    """The operator's unit, else the one that the file or one next to it names; a nutrient's rate is no rate of the
     product."""
     if choice.unit is not None:
         return RateColumn(one.name, one.cells, choice.unit, "chosen", why)
-    told = beside.get(one.name.casefold())
-    if told is not None:
-        unit = _unit(told.text)
+    stated = beside.get(one.name.casefold())
+    if stated is not None:
+        unit = _unit(stated.text)
         if unit is None or one.unit not in (None, unit):
             also = "" if one.unit is None else f", {one.unit} by its own name"
-            raise RateQuestion(f"{path}: column {one.name}: unit {told.text} in {told.source}{also}: allowed with "
+            raise RateQuestion(f"{path}: column {one.name}: unit {stated.text} in {stated.source}{also}: allowed with "
                                "--unit, which says what holds")
-        return RateColumn(one.name, one.cells, unit, f"named in {told.source}", why)
+        return RateColumn(one.name, one.cells, unit, f"named in {stated.source}", why)
     nutrient = next((nutrient for word in sorted(one.words) if (nutrient := NUTRIENTS.get(word))), "")
     if nutrient == "nitrogen" and choice.n_fraction is not None:
         unit = {"lb/ac": "lb N/ac"}.get(one.unit or "", "kg N/ha")

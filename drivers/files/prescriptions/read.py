@@ -51,7 +51,7 @@ def read_prescription(path: str | Path, choice: Choice | None = None) -> Importe
 
 
 def _of_several(path: Path, choice: Choice) -> Imported:
-    """Of a folder or zip: its task set, beside which shapefiles do not count, else its shapefile."""
+    """Of a folder or zip: its task set, next to which shapefiles do not count, else its shapefile."""
     try:
         shapes = [] if path.suffix.lower() == ".xml" else shape_sets(path)
         if choice.inside is not None:

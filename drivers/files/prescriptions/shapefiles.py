@@ -67,7 +67,7 @@ def _clockwise(corners: Floats) -> bool:
 
 
 def projection_in(shapes: ShapeSet) -> TransverseMercator | None:
-    """What the `.prj` beside the file says; None for degrees, or without one. Raises PrescriptionError."""
+    """What the `.prj` next to the file says; None for degrees, or without one. Raises PrescriptionError."""
     text = shapes.part(".prj")
     if text is None:
         return None

@@ -8,7 +8,7 @@ import shapely
 from control.targets.prescription import MapData
 from drivers.files.findings import Finding, many
 from drivers.files.imports.trouble import listed
-from drivers.files.ogr import Layer, ShapesError, name_of, read_layers, told, write_layer
+from drivers.files.ogr import Layer, ShapesError, name_of, read_layers, stated, write_layer
 from drivers.files.prescriptions.features import Feature, imported, ring
 from drivers.files.prescriptions.words import Choice, Imported, NoPolygons, PrescriptionError, RateQuestion
 
@@ -49,7 +49,7 @@ def _features(layer: Layer) -> list[Feature]:
             continue
         polygons = [tuple(ring(shapely.get_coordinates(edge)) for edge in (part.exterior, *part.interiors))
                     for part in shapely.get_parts(shape) if not part.is_empty]
-        found.append(Feature(number, {**told(row), "title": name_of(row)}, polygons))
+        found.append(Feature(number, {**stated(row), "title": name_of(row)}, polygons))
     return found
 
 

@@ -1,4 +1,4 @@
-"""Writing the files of an ISO 11783-10 data transfer: a folder or a zip with TASKDATA.XML and what lies beside it."""
+"""Writing the files of an ISO 11783-10 data transfer: a folder or a zip with TASKDATA.XML and what lies next to it."""
 from __future__ import annotations
 
 import io

@@ -52,7 +52,7 @@ def write_prescription(data: MapData, path: Path) -> None:
 
 
 def prescription_task(data: MapData) -> tuple[Element, dict[str, bytes]]:
-    """The task file's tree and the files beside it, valid against the public schema of version 4.3.
+    """The task file's tree and the files next to it, valid against the public schema of version 4.3.
 
     Zones of one rate share a code. Raises PrescriptionError for more than MOST_LEVELS rates of zones.
     """

@@ -93,7 +93,7 @@ class CatchTest:
 
     @property
     def scale_says_kg(self) -> float | None:
-        """What the hopper scale lost in the catch: a hint beside the weighed mass, with the scale's own noise."""
+        """What the hopper scale lost in the catch: a hint along with the weighed mass, with the scale's own noise."""
         if self._before_kg is None or len(self._resting_kg) < RESTING_READINGS // 3:
             return None
         return self._before_kg - fmean(self._resting_kg)

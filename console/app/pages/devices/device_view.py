@@ -70,7 +70,7 @@ def details(device: DeviceView, frame_age_s: float) -> RowsView:
         rows.append(Row(_("last error"), device.last_error, "" if device.connected else "amber"))
     if device.test is not None:
         rows.append(Row(_("test"), _test_words(device)))
-    rows.append(Row(_("raw file"), device.capture_path or _("not written; E begins one beside the log")))
+    rows.append(Row(_("raw file"), device.capture_path or _("not written; E starts one next to the log")))
     return RowsView(device.name, tuple(rows))
 
 

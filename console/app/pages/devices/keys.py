@@ -53,7 +53,7 @@ ACTIONS = (
     Action("dev_test", "enter", "Enter", N_("test"), N_("Listens to what is on this port; nothing is sent."), test,
            DEVICES, 4),
     Action("dev_capture", "e", "E", N_("write raw"),
-           N_("Records what is received and sent in a file beside the log; again: stops."), write_raw, DEVICES, 5),
+           N_("Records what is received and sent in a file next to the log; again: stops."), write_raw, DEVICES, 5),
     Action("dev_plug", "c", "C", N_("connect / disconnect"),
            N_("Connects or disconnects the port; disconnecting asks first and is refused while working."), plug,
            DEVICES,

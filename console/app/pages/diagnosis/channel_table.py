@@ -1,4 +1,4 @@
-"""Channel by channel: how far the machine file is off, before and after the causes are in it, beside the noise."""
+"""Channel by channel: how far the machine file is off, before and after the causes are in it, along with the noise."""
 from __future__ import annotations
 
 from typing import NamedTuple

@@ -224,7 +224,7 @@ class DiagnosisService(Protocol):
         """A file by its typed path."""
 
     def machines(self) -> tuple[str, ...]:
-        """Machine files to hold the data against, beside the one that the log names."""
+        """Machine files to hold the data against, along with the one that the log names."""
 
     def diagnose(self, source: Source, machine: str | None, tell: Tell, stop: Stop) -> Found:
         """machine None: the one that the log names, else the configured one.
@@ -242,7 +242,7 @@ class DiagnosisService(Protocol):
         """Writes a new machine file without the last change; its path."""
 
     def export(self, found: Found, what: Export) -> str:
-        """Writes the report or the data beside the log; the path."""
+        """Writes the report or the data next to the log; the path."""
 
     def write_run(self, found: Found) -> str:
         """Writes the separating run as a job file; its path."""

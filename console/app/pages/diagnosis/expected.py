@@ -13,7 +13,8 @@ def expected_s(megabytes: float) -> float:
 
 
 class Expected:
-    """The bar moves from the start and never back; the time left is told from the start, and never less than none."""
+    """The bar moves from the start and never back; the time left is reported from the start, and never less than
+    none."""
 
     def __init__(self, whole_s: float) -> None:
         self._whole_s = max(1.0, whole_s)

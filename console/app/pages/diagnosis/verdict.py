@@ -1,4 +1,4 @@
-"""The verdict: one word, one line, what to do; beside it that of the separating run."""
+"""The verdict: one word, one line, what to do; next to it that of the separating run."""
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -20,7 +20,7 @@ class Said(NamedTuple):
     verdict: str
     symbol: str
     word: str
-    about: str
+    about: tuple[str, ...]          # the last ones go first where there is no room
     sentence: str
     todo: str
     lead: str = ""
@@ -40,8 +40,7 @@ class Verdict(Panel[tuple[Said, ...]]):
     def _one(said: Said, width: int, room: int) -> list[Content]:
         lead = f"{said.lead}: " if said.lead else ""
         left = cell_len(f" {said.symbol} {said.word}   {lead}")
-        parts = [part for part in said.about.split("   ") if part]
-        about = fullest(("   ".join(parts[:kept]) for kept in range(len(parts), -1, -1)), width - left)
+        about = fullest(("   ".join(said.about[:kept]) for kept in range(len(said.about), -1, -1)), width - left)
         head = line((f" {said.symbol} {said.word} ", _STYLES[said.verdict]), (f"  {lead}", "bold"), (about, "$muted"))
         todo = [line((f" > {row}" if not k else f"   {row}", "bold $primary"))
                 for k, row in enumerate(wrapped(said.todo, width - 4))]

@@ -86,12 +86,12 @@ def variable_word(name: str) -> str:
     return _(VARIABLES.get(name, name))
 
 
-def about(found: Found) -> str:
+def about(found: Found) -> tuple[str, ...]:
     """Which data, how much of it, and what it was held against."""
     span = "" if found.duration_s is None else f", {duration(found.duration_s)}"
     rows = _("{count} rows").format(count=found.rows)
     against = _("against {machine}").format(machine=found.machine)
-    return f"{found.source}   {_(KINDS.get(found.kind, found.kind))}, {rows}{span}   {against}"
+    return found.source, f"{_(KINDS.get(found.kind, found.kind))}, {rows}{span}", against
 
 
 def sentence(found: Found) -> str:

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Literal
 
 from console.app.action import JOB, Action
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
+from console.app.first_question import start_from_any_page
 from console.app.pages.job.day import checks, doubt_words, strip_begins, strip_title
 from console.app.pages.job.nrich import LEAST_M, StripRun
 from console.app.pages.job.service import File, JobService
 from console.app.reasons import why_no_start, why_not_ready
 from console.app.small_map import outline
-from console.app.start_question import start_from_any_page
 from console.locale import N_, _
 from control.agronomy.strips import StripValue
 from control.orders import Do, State

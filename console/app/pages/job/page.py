@@ -191,10 +191,10 @@ class JobScreen(Page):
 
         def answer(filled_kg: float | None) -> None:
             if filled_kg is not None:
-                told = round(filled_kg, 3)
-                self.app.give(Do.REFILL, told)
+                refill_kg = round(filled_kg, 3)
+                self.app.give(Do.REFILL, refill_kg)
                 self.app.undo.add(_("without the refill of {mass}").format(mass=in_words(unit, filled_kg)),
-                                  lambda: self.app.give(Do.REFILL_BACK, told))
+                                  lambda: self.app.give(Do.REFILL_BACK, refill_kg))
                 self.app.notice(_("filled in: {mass}").format(mass=in_words(unit, filled_kg)))
                 self.refill.done()
 
@@ -396,7 +396,7 @@ class JobScreen(Page):
                                                          "it.").format(name=file_name(machine))), answer)
 
     def _bring(self, work: Callable[[], Any], then: Callable[[Any], None]) -> None:
-        """What is read from files, beside the screen; an error is one line that stays."""
+        """What is read from files, along with the screen; an error is one line that stays."""
         self._then = then
         self.run_worker(work, group="job-bring", name="bring", thread=True, exclusive=True, exit_on_error=False)
 

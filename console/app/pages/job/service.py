@@ -143,7 +143,7 @@ class JobService(Protocol):
     def facts(self) -> Facts: ...
 
     def free_bytes(self, log_path: str) -> int | None:
-        """On the disk where the log is written; None where it cannot be told."""
+        """On the disk where the log is written; None where it is not known."""
 
     def earlier(self, log_path: str) -> Earlier | None: ...
 

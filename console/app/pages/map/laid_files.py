@@ -1,13 +1,24 @@
-"""The file that is laid on the map, read beside the screen, and again where another job has another plane."""
+"""The file that is laid on the map, read along with the screen, and again where another job has another plane."""
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from console.app.laid import LaidFile
-from console.app.pages.map.layer_files import LayerFiles
+from console.app.pages.replay.log_files import LogFile
 from console.frame import Frame
 from console.locale import _
+
+
+class LayerFiles(Protocol):
+    """Errors are one-line ValueErrors."""
+
+    def files(self, running_log: str) -> tuple[LogFile, ...]:
+        """The newest first, without the log that is being written."""
+
+    def lay(self, path: str, frame: Frame) -> LaidFile:
+        """Reads a file onto the plane of a frame that has a position; seconds for a long one."""
+
 
 if TYPE_CHECKING:
     from console.app.pages.page import Page

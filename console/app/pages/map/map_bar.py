@@ -9,7 +9,8 @@ from textual.content import Content
 from textual.message import Message
 
 from console.app.layers import LABELS, Layer
-from console.app.widgets.panel import Panel, Part, spread
+from console.app.pages.map.reading import Reading
+from console.app.widgets.panel import Panel, Part, line, spread
 from console.locale import _
 
 
@@ -48,3 +49,17 @@ class MapBar(Panel[MapBarView]):
         for layer, text, start in laid_out():
             if start <= event.x < start + cell_len(text):
                 self.post_message(self.Chosen(layer))
+
+
+class ReadingLine(Panel[Reading]):
+    def lines(self, view: Reading, width: int, height: int) -> list[Content]:
+        where = f" {view.where}"
+        parts: list[Part] = [(where, "bold")]
+        used = cell_len(where)
+        for part in view.parts:
+            label, text = f"   {part.label} ", part.text
+            used += cell_len(label) + cell_len(text)
+            if used > width:
+                break
+            parts += [(label, "$muted"), (text, "bold")]
+        return [line(*parts)]

@@ -1,4 +1,5 @@
-"""The large map: drag moves it, the wheel changes its scale at the pointer, and the place under the pointer is told."""
+"""The large map: drag moves it, the wheel changes its scale at the pointer, and the place under the pointer is
+reported."""
 from __future__ import annotations
 
 from textual import events

@@ -19,10 +19,9 @@ from console.app.pages.log_page import EMPTY_MAP, LogPage
 from console.app.pages.map.keys import ACTIONS
 from console.app.pages.map.laid_files import LaidFiles
 from console.app.pages.map.laid_legend import LaidLegend, LaidLegendView, label_of
-from console.app.pages.map.map_bar import MapBar, MapBarView
+from console.app.pages.map.map_bar import MapBar, MapBarView, ReadingLine
 from console.app.pages.map.map_pane import MapPane, Place
 from console.app.pages.map.reading import Reading, job_items, reading
-from console.app.pages.map.reading_line import ReadingLine
 from console.app.replay_job import ReplayJob
 from console.app.view import STALE_S, RunView, look
 from console.app.widgets.items import Items

@@ -1,4 +1,4 @@
-"""What the Replay page is given beside a log: the logs that can be opened."""
+"""What the Replay page is given next to a log: the logs that can be opened."""
 from __future__ import annotations
 
 from typing import NamedTuple, Protocol

@@ -8,7 +8,7 @@ from console.app import words
 from console.app.action import RUN, Action
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, NudgeDialog
 from console.app.number_dialog import NumberDialog
-from console.app.pages.run.allowing import SECTIONS, allow_choices
+from console.app.pages.run.allowing import SECTIONS, allow_choices, allowances
 from console.app.pages.run.section_bar import GIVE_ALL_BACK, section_choices
 from console.app.reasons import why_no_start, why_not_ready
 from console.app.typed_number import in_words, inside
@@ -167,12 +167,12 @@ def allow(page: RunScreen) -> None:
         if value == SECTIONS:
             _ask_section(page)
         elif value is not None:
-            do, _colon, yes = value.partition(":")
-            page.app.change(Do(do), yes == "True", yes != "True", words_of[value])
+            one = offered[value]
+            page.app.change(one.do, one.to, not one.to, one.words)
 
-    choices = allow_choices(page.app.arrival.frame)
-    words_of = {one.value: one.label.rpartition(". ")[0] for one in choices}
-    page.app.push_screen(ChoiceDialog(_("Allow"), choices, "", _(
+    frame = page.app.arrival.frame
+    offered = allowances(frame)
+    page.app.push_screen(ChoiceDialog(_("Allow"), allow_choices(frame), "", _(
         "All but the second dose end with STOP.")), answer)
 
 

@@ -52,5 +52,5 @@ class RunScreen(PanelScreen):
         view = super().seen_view(frame, age_s)
         if frame is None or view.alarms.lines or view.alarms.urgent:
             return view
-        about = "   ".join(part for part in (frame.machine, frame.crop, frame.job, frame.log_path) if part)
-        return view._replace(alarms=AlarmsView((), f"{view.alarms.calm}   {about}"))
+        about = tuple(part for part in (frame.machine, frame.crop, frame.job, frame.log_path) if part)
+        return view._replace(alarms=AlarmsView((), view.alarms.calm, about=about))

@@ -10,10 +10,9 @@ from textual.containers import Vertical
 from console.app.action import TRENDS, Action, bindings
 from console.app.channels import AT_FIRST, BY_ID, Channel
 from console.app.pages.log_page import LogPage
-from console.app.pages.trends.axis import round_ends
 from console.app.pages.trends.channel_dialog import ChannelDialog
 from console.app.pages.trends.keys import ACTIONS
-from console.app.pages.trends.plots import Piece, Plot, Plots, PlotsView, empty_plots
+from console.app.pages.trends.plots import Piece, Plot, Plots, PlotsView, empty_plots, round_ends
 from console.app.pages.trends.span_bar import SpanBar, SpanView
 from console.app.replay_job import ReplayJob
 from console.app.series import Stretch, sums
