@@ -171,7 +171,11 @@ ROWS = ("ndvi_silent", "heads_few", "gnss_silent", "gnss_silent_map", "wheel_stu
         "hopper_empty", "hopper_low", "lead_short", "log_failed", "acknowledge")
 
 
-@pytest.mark.parametrize("name", ROWS)
+QUICK = ("gnss_silent", "board_unplugged", "driver_fault", "console_silent", "rate_red", "hopper_empty", "log_failed")
+
+
+@pytest.mark.parametrize("name", [
+    name if name in QUICK else pytest.param(name, marks=pytest.mark.exam) for name in ROWS])
 def test_reaction_in_time(benchmark_module, tmp_path, name):
     found = getattr(benchmark_module("loss_table"), name)(tmp_path)
     assert found.ok, found
