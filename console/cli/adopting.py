@@ -48,9 +48,12 @@ def adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path, picke
         refuse_to_adopt(cause)
     for name in picked:
         _refuse_pick(name, found, out)
+    if picked:                      # by name: then not as a whole
+        found = dataclasses.replace(found, fitted=None)
     kept = tuple(cause for cause in found.causes if _taken_up(cause, picked))
+    _say_whole(found)
     _say_terms(found)
-    if not kept and not adoptable_terms(found):
+    if not kept and not adoptable_terms(found) and found.fitted is None:
         raise _nothing(found, out)
     extended = extend(machine, dataclasses.replace(found, causes=kept), sha256=sha256_of(data[0]),
                       date=dt.date.today().isoformat())
@@ -106,6 +109,12 @@ def _say_terms(found: Diagnosis) -> None:
         why = term_not_adoptable(one)
         word = f"is not adopted: {why}" if why else f"is adopted. {compensation(one.term)}"
         typer.echo(f"note: term {one.term['id']} {word}", err=True)
+
+
+def _say_whole(found: Diagnosis) -> None:
+    from console.reports.diagnosis_text import fitted_words
+    if found.fitted is not None:
+        typer.echo("\n".join(f"note: {line.strip()}" for line in fitted_words(found.fitted)), err=True)
 
 
 def _nothing(found: Diagnosis, out: Path) -> typer.Exit:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from console.reports.term_words import compensation, sentence
 from console.reports.verdict import headlines_first
 from console.reports.words import headlined, left_facts, name_of, not_judged, when
-from control.diagnosis.result import Cause, Diagnosis, Unexplained
+from control.diagnosis.result import Cause, Diagnosis, Fitted, Unexplained
 from control.diagnosis.runs.rates import told
 from control.machine.machine import CATALOGUE
 
@@ -36,6 +36,7 @@ def summary(found: Diagnosis) -> list[str]:
         lines += ["", f"unexplained: {_left(left)}"]
     for term in found.terms:
         lines += ["", f"term {term.term['id']}: {sentence(term.term)}", f"    {compensation(term.term)}"]
+    lines += fitted_words(found.fitted)
     for gain in found.gain:
         lines.append(f"gain on data the naming never saw ({gain.held_out}): {gain.channel} {gain.metric} "
                      f"{gain.before:.4g} -> {gain.after:.4g} (90 %: {gain.low:.3g} to {gain.high:.3g})")
@@ -45,6 +46,17 @@ def summary(found: Diagnosis) -> list[str]:
     if found.extended_machine:
         lines.append(f"extended machine: {found.extended_machine}")
     return lines
+
+
+def fitted_words(whole: Fitted | None) -> list[str]:
+    """A drive fitted as a whole: what of, and what it is good for."""
+    if whole is None:
+        return []
+    sizes = ", ".join(f"{name} {size.value:.3g} {size.unit} (90 %: {size.low:.3g} to {size.high:.3g})"
+                      for name, size in whole.sizes)
+    return [f"{whole.channel} as a whole: {sizes}",
+            "    which of these is wrong is not told apart; together they predict rows that were not fitted to better: "
+            f"error {whole.before:.4g} -> {whole.after:.4g} {whole.unit}. Adopted together, and no name beside it"]
 
 
 def by_log(each: Sequence[Diagnosis]) -> list[str]:

@@ -191,7 +191,8 @@ def _extended(found: Diagnosis, adoptable: tuple[str, ...], machine: Machine, da
     from control.diagnosis.extend import extend
     from drivers.files.config import save, sha256_of
     from drivers.files.kinds import MACHINE
-    kept = dataclasses.replace(found, causes=tuple(cause for cause in found.causes if cause.id in adoptable),
+    kept = dataclasses.replace(found, fitted=None,
+                               causes=tuple(cause for cause in found.causes if cause.id in adoptable),
                                terms=tuple(one for one in found.terms if one.term["id"] in adoptable))
     extended = extend(machine, kept, date=dt.date.today().isoformat(), sha256=sha256_of(data))
     comment = "\n".join([f"Extended by a diagnosis of {data.name}, verdict {found.verdict}:",

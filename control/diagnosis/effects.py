@@ -127,7 +127,7 @@ def _finer(lowest_rpm: float, machine: Machine) -> tuple[float, ...]:
 # 4). Times: fractions of a second, as drives of this size take. Openings: a millimetre or two, as a worn spindle or a
 # moved stop gives. Supply: as it droops from 14 to 12 V. Slope: a per cent a degree, as a hopper rests on its side.
 # A blocked outlet is one of six.
-SHAFT_GAIN = Row("shaft.gain", 3.0, probe=0.5, form_over="shaft_rpm")
+SHAFT_GAIN = Row("shaft.gain", 3.0, probe=0.5, form_over="shaft_rpm", moves="gain_percent")
 SHAFT_SLOW = Row("shaft.slow", 0.2, ladder=(0.03, 0.1, 0.3, 0.8), siblings=("shaft.dead_time",),
                  moves="time_constant_s", seen_in_steps=False, move_shaped=True, costs=Costs.PLACE)
 SHAFT_DEAD_TIME = Row("shaft.dead_time", 0.15, ladder=(0.03, 0.1, 0.25, 0.6), siblings=("shaft.slow",),

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from control.diagnosis.effects import ROWS, FoundBy
 from control.diagnosis.outside import machine_of
 from control.machine.history import noted
 from control.machine.machine import CATALOGUE, Adopted, Machine, bounds, with_effect
@@ -19,7 +20,8 @@ def extend(machine: Machine | str, diagnosis: Diagnosis, *, date: str = "", sha2
     """The machine with the named causes and terms adopted: simulated, predicted and compensated from then on.
 
     So are the terms that were found beyond the catalogue, each with the data it comes from. Effects that begin, grow or
-    end mid-run (a blocked outlet, a stall) are repaired, not modelled: they are left out, and so are boxes in time.
+    end mid-run (a blocked outlet, a stall) are repaired, not modelled: they are left out, and so are boxes in time. A
+    drive that was fitted as a whole is taken up so, in place of its causes and terms.
 
     Parameters
     ----------
@@ -51,13 +53,22 @@ def extend(machine: Machine | str, diagnosis: Diagnosis, *, date: str = "", sha2
     ranges = dict(diagnosis.excited if valid is None else valid)
     adopted = list(machine.adopted)
     for cause in adoptable(diagnosis):
+        if _taken_whole(diagnosis, CATALOGUE[cause.id].stage) and ROWS[cause.id].found_by is FoundBy.SCAN:
+            continue
         assert cause.size.value is not None
         machine = with_effect(machine, cause.id, _total(machine, cause), cause.member)
         adopted.append(Adopted(id=cause.id, size=cause.size.value, low=cause.size.low, high=cause.size.high,
                                unit=cause.size.unit, member=cause.member, data=diagnosis.data.path, sha256=sha256,
                                date=date, valid=ranges))
+    for effect_id, size in diagnosis.fitted.sizes if diagnosis.fitted else ():
+        assert size.value is not None
+        machine = with_effect(machine, effect_id, _on_top(machine, effect_id, size.value))
+        adopted.append(Adopted(id=effect_id, size=size.value, low=size.low, high=size.high, unit=size.unit,
+                               data=diagnosis.data.path, sha256=sha256, date=date, valid=ranges))
     terms = list(machine.terms)
     for found in adoptable_terms(diagnosis):
+        if _taken_whole(diagnosis, found.stage):
+            continue
         source = Source(data=diagnosis.data.path, sha256=sha256, date=date)
         term = Term.model_validate(found.term)
         terms.append(term.model_copy(update={"id": _free(term.id, [one.id for one in terms]), "source": source}))
@@ -97,6 +108,11 @@ def adoptable(diagnosis: Diagnosis) -> tuple[Cause, ...]:
     return tuple(c for c in diagnosis.causes if not not_adoptable(c))
 
 
+def _taken_whole(diagnosis: Diagnosis, stage: str) -> bool:
+    """Whether a stage was fitted as a whole: its causes and terms are in that already."""
+    return diagnosis.fitted is not None and diagnosis.fitted.channel == stage
+
+
 def not_adoptable(cause: Cause) -> str:
     """Why no machine file takes up a cause; "" where one may."""
     if cause.grows:
@@ -123,7 +139,12 @@ def planted(machine: Machine, diagnosis: Diagnosis) -> tuple[Planted, ...]:
 
 
 def _total(machine: Machine, cause: Cause) -> float:
-    entry = CATALOGUE[cause.id]
+    return _on_top(machine, cause.id, cause.size.value or 0.0)
+
+
+def _on_top(machine: Machine, effect_id: str, size: float) -> float:
+    """A size on top of what the machine has of an effect, within its bounds."""
+    entry = CATALOGUE[effect_id]
     before = getattr(getattr(machine, entry.stage), entry.field) - entry.neutral
-    low, high = bounds(cause.id, machine)
-    return float(min(high, max(low, before + (cause.size.value or 0.0))))
+    low, high = bounds(effect_id, machine)
+    return float(min(high, max(low, before + size)))

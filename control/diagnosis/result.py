@@ -166,6 +166,18 @@ class TermFound:
 
 
 @dataclass(frozen=True, slots=True)
+class Fitted:
+    """A drive fitted as a whole, where what is wrong with it was not told apart: sizes by effect that predict best
+    together, each no cause. `before`, `after`: r.m.s. error on rows that were not fitted to."""
+
+    channel: str
+    sizes: tuple[tuple[str, Size], ...]
+    before: float
+    after: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
 class RateFit:
     """Applied against target, of data that hold rates and no drives: the applied rate is `gain` times the target `lag`
     before. `number`: of the pass, from 1; None: all of them. `place_m`: the lag at the pass's speed. `differ`: the
@@ -203,6 +215,8 @@ class Diagnosis:
     excited: dict[str, tuple[float, float]] = field(default_factory=dict)   # recorded variable -> range of the data
     terms: tuple[TermFound, ...] = ()       # what no effect explains, as terms of the machine file
     rates: tuple[RateFit, ...] = ()     # where no channel could be judged and both rates are there; all passes first
+
+    fitted: Fitted | None = None        # where the shaft's model leaves more than noise: what predicts best
 
     seen_with: tuple[Any, Any] | None = field(default=None, compare=False, repr=False)     # log, machine
 

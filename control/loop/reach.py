@@ -4,6 +4,7 @@ from __future__ import annotations
 from control.loop.moment import Moment
 from control.machine.change_lag import ChangeLags, Lag, Settled
 from control.machine.fall import drop_s
+from control.machine.shaft import dead_s, lag_s
 from control.metering.setting import Setting
 from control.targets.profile import Change, Target
 
@@ -42,7 +43,7 @@ class Reach:
             other = Settled(one.shaft_rpm, by_gate)
         elif self._setting.by_shaft and one.opening_mm == other.opening_mm and (
                 machine.stream_carries or machine.falls_singly):
-            return Lag(shaft.dead_time_s + shaft.extra_dead_time_s, shaft.time_constant_s + shaft.slow_s,
+            return Lag(dead_s(shaft), lag_s(shaft),
                        self._falls_s + fall.latency_s)
         lag = self._lags.lag(one, other)
         return Lag(lag.response_s, lag.transition_s,

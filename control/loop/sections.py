@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from control.geodesy import Place, offset
 from control.machine.machine import Machine
+from control.machine.shaft import dead_s, lag_s
 from control.orders import SectionState
 from control.sensing import Sensed
 from control.targets.section_ground import OUTSIDE, Ground, Judged, Rates, SectionGround
@@ -86,7 +87,7 @@ class Sections:
         self._ground = SectionGround(self.strips, overlap_percent, edge_m)
         self._switches = [_Switch(section.valve.open_s, section.valve.close_s)
                           for section in machine.sections if section.valve is not None]
-        self.shaft_answers_s = shaft.dead_time_s + shaft.extra_dead_time_s + shaft.time_constant_s + shaft.slow_s
+        self.shaft_answers_s = dead_s(shaft) + lag_s(shaft)
         self.prepare_s = max(self.shaft_answers_s, *(max(one.open_s, one.close_s) for one in self._switches))
         self._gate_dead_s, self._slew_mm_s = machine.gate.dead_time_s, max(0.5, machine.gate.slew_mm_s)
         self._started = [False] * len(self.strips)

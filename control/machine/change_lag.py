@@ -8,7 +8,7 @@ import numpy as np
 from .fall import drop_s
 from .landing import falls_s
 from .machine import Machine
-from .shaft import approach
+from .shaft import approach, dead_s, lag_s
 
 
 class Settled(NamedTuple):
@@ -67,7 +67,7 @@ def change_lag(machine: Machine, before: Settled, after: Settled) -> Lag:
     Where nothing moves, and from zero to zero, it is the response of the gate plus the drop time.
     """
     fall, shaft, gate = machine.fall, machine.shaft, machine.gate
-    dead_shaft = shaft.dead_time_s + shaft.extra_dead_time_s
+    dead_shaft = dead_s(shaft)
     moves_shaft = abs(after.shaft_rpm - before.shaft_rpm) > 0.5 * ROUND_RPM
     moves_gate = abs(after.opening_mm - before.opening_mm) > 0.5 * ROUND_MM
     response = dead_shaft if moves_shaft and not moves_gate else gate.dead_time_s
@@ -87,8 +87,8 @@ def change_lag(machine: Machine, before: Settled, after: Settled) -> Lag:
 def _landed_half_way_s(machine: Machine, before: Settled, after: Settled, rising: bool) -> float | None:
     """From the command to the half-way point of the landed step, without the effects that depend on direction."""
     shaft, gate = machine.shaft, machine.gate
-    dead_shaft = shaft.dead_time_s + shaft.extra_dead_time_s
-    tau = shaft.time_constant_s + shaft.slow_s
+    dead_shaft = dead_s(shaft)
+    tau = lag_s(shaft)
     slew = max(0.5, gate.slew_mm_s - gate.slow_mm_s)
     rpm, opening = before.shaft_rpm, before.opening_mm
     lasts = max(dead_shaft + 3.0 * tau + abs(after.shaft_rpm - rpm) / shaft.acceleration_rpm_s,

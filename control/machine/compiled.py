@@ -28,8 +28,8 @@ numba.config.CACHE_DIR = str(CACHE_DIR)  # type: ignore[attr-defined]
 
 for _piece in (elements.line_put, elements.line_mean, elements.line_held, elements.table_at, elements.stepped,
                flow.bridged, flow.grams_per_rev, flow.common_factor, fall.start_drop_s, fall.drop_s,
-               shaft.approach, shaft.asked_rpm, shaft.shaft_step, gate.gate_step, flow.flow_step, speed.speed_step,
-               fall.fall_step,
+               shaft.approach, shaft.asked_rpm, shaft.dead_s, shaft.lag_s, shaft.shaft_step,
+               gate.gate_step, flow.flow_step, speed.speed_step, fall.fall_step,
                scale.scale_reads, heads.head_reads, term_step.clipped, term_step.remembered,
                term_step.straight, term_step.between, term_step.sided, term_step.term_step):
     register_jitable(_piece)

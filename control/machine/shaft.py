@@ -12,6 +12,8 @@ from pydantic import Field
 from .effect import SHAFT_RANGE, Effect
 from .elements import DelayLine, line_held, line_put, line_start, stepped
 
+LEAST_LAG_S = 1e-4          # of a time constant: the least that a machine file may have
+
 
 class Shaft(NamedTuple):
     dead_time_s: Annotated[float, Field(ge=0, le=5)] = 0.373
@@ -54,7 +56,7 @@ class Shaft(NamedTuple):
         bounds=(-60.0, 60.0), scales_with=SHAFT_RANGE,
         says=("Backwards the shaft loses {size} r/min more than forwards.",
               "Backwards the shaft loses {size} r/min less than forwards."))] = 0.0
-    gain_percent: Annotated[float, Field(ge=-50, le=50), Effect(
+    gain_percent: Annotated[float, Field(ge=-95, le=1900), Effect(
         "shaft.gain", "%", "Shaft turns at a constant fraction of its command",
         "A wrong gear or encoder setting or a slipping belt scales every speed alike.",
         "drive ratio error; usual 1-10 %", ("run",),
@@ -62,13 +64,14 @@ class Shaft(NamedTuple):
         "A staircase of shaft commands at constant opening and supply.",
         says=("The metering shaft turns {size} % faster than commanded.",
               "The metering shaft turns {size} % slower than commanded."))] = 0.0
-    slow_s: Annotated[float, Field(ge=0, le=3), Effect(
+    slow_s: Annotated[float, Field(ge=-5, le=5), Effect(
         "shaft.slow", "s", "Shaft time constant longer than nominal",
         "A weak or worn motor needs longer to reach the speed that it was sent.",
         "motor time constants near 0.3 s are published for such drives", ("run",),
         "Check brushes, supply cable and the drive's acceleration setting.",
         "Steps of the shaft command up and down, both sizes.", probes=(0.02,),
-        says=("The shaft takes {size} s longer than it should to come to its speed.",))] = 0.0
+        says=("The shaft takes {size} s longer than it should to come to its speed.",
+              "The shaft comes to its speed {size} s sooner than its data sheet says."))] = 0.0
     extra_dead_time_s: Annotated[float, Field(ge=-0.3, le=2), Effect(
         "shaft.dead_time", "s", "Shaft responds later than nominal",
         "Bus, drive or firmware hold a command back before the motor sees it.",
@@ -154,6 +157,16 @@ def approach(value: float, wanted: float, tau_s: float, fastest_per_s: float, dt
     return wanted + (value - wanted) * exp(-left_s / tau_s)
 
 
+def lag_s(p: Shaft) -> float:
+    """Time constant with which the shaft follows, s: a drive may be quicker than its data sheet, and never ahead."""
+    return max(LEAST_LAG_S, p.time_constant_s + p.slow_s)
+
+
+def dead_s(p: Shaft) -> float:
+    """Time from a command to the shaft's first move, s."""
+    return max(0.0, p.dead_time_s + p.extra_dead_time_s)
+
+
 def asked_rpm(p: Shaft, command_rpm: float) -> float:
     """Size of the speed that a command comes to when it is settled, r/min, before what multiplies every speed alike.
 
@@ -178,7 +191,7 @@ def shaft_step(p: Shaft, s: ShaftState, u: ShaftInput, dt_s: float) -> tuple[Sha
     Nominal: dead time, first order with an acceleration limit; together 0.383 s to 2 r/min at any
     set-point from 10 r/min up (lag paper, table 2).
     """
-    dead_s = p.dead_time_s + p.extra_dead_time_s
+    late_s, tau_s = dead_s(p), lag_s(p)
     short_v = p.nominal_supply_v - u.supply_v
     sag = p.sag_percent_per_v * short_v if short_v > 0.0 else 0.0
     droop = p.droop_percent * u.opening_mm / p.full_opening_mm
@@ -186,13 +199,13 @@ def shaft_step(p: Shaft, s: ShaftState, u: ShaftInput, dt_s: float) -> tuple[Sha
     turns *= 1.0 + u.more_percent / 100.0
     turns = turns * (1.0 - p.stalled) if turns > 0.0 else 0.0
     line = line_put(s.line, s.time_s, u.command_rpm)
-    rpm, at_s, end_s = s.rpm, s.time_s - dead_s, s.time_s - dead_s + dt_s
+    rpm, at_s, end_s = s.rpm, s.time_s - late_s, s.time_s - late_s + dt_s
     while at_s < end_s:
         line, wanted, until_s = line_held(line, at_s, end_s)
         goal = turns * asked_rpm(p, wanted)
         if goal > 0.0:                          # terms are told with the speed's sign; none turns it round
             way = -1.0 if wanted < 0.0 else 1.0
             goal = way * max(0.0, goal + way * u.more_rpm)
-        rpm = approach(rpm, goal, p.time_constant_s + p.slow_s, p.acceleration_rpm_s, until_s - at_s)
+        rpm = approach(rpm, goal, tau_s, p.acceleration_rpm_s, until_s - at_s)
         at_s = until_s
     return ShaftState(s.time_s + dt_s, rpm, line), ShaftOutput(rpm, stepped(rpm, p.encoder_step_rpm))

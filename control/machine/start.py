@@ -9,7 +9,7 @@ from control.machine.elements import Array
 from control.machine.fall import Fall, drop_s, start_drop_s
 from control.machine.landing import falls_s
 from control.machine.machine import Machine
-from control.machine.shaft import approach
+from control.machine.shaft import approach, dead_s, lag_s
 
 STEP_S = 0.002
 SETTLED_AT, SETTLED_ROUNDS = 7, 4       # shaft speeds and rounds of `with_carried_share`
@@ -23,18 +23,18 @@ def response_s(machine: Machine, shaft_rpm: float) -> float:
     A set-point below the threshold is reached at half its own value.
     """
     shaft = machine.shaft
-    tau_s = shaft.time_constant_s + shaft.slow_s
+    tau_s = lag_s(shaft)
     threshold = min(TURNS_RPM, 0.5 * shaft_rpm)
     ramp_to = max(0.0, shaft_rpm - shaft.acceleration_rpm_s * tau_s)
     rising = min(threshold, ramp_to) / shaft.acceleration_rpm_s
     if threshold > ramp_to:
         rising += tau_s * log((shaft_rpm - ramp_to) / (shaft_rpm - threshold))
-    return shaft.dead_time_s + shaft.extra_dead_time_s + rising
+    return dead_s(shaft) + rising
 
 
 def change_response_s(machine: Machine) -> float:
     """Time from a command until a shaft that turns already changes its speed, s."""
-    return machine.shaft.dead_time_s + machine.shaft.extra_dead_time_s
+    return dead_s(machine.shaft)
 
 
 def first_fall_s(machine: Machine, fall: Fall, shaft_rpm: float) -> float:
@@ -45,7 +45,7 @@ def first_fall_s(machine: Machine, fall: Fall, shaft_rpm: float) -> float:
     parts of `fall` that say how much longer a start takes it is `start_drop_s`, within 4 ms from 10 to 70 r/min.
     """
     shaft, share = machine.shaft, fall.carried_share
-    tau_s = shaft.time_constant_s + shaft.slow_s
+    tau_s = lag_s(shaft)
     rpm = min(TURNS_RPM, 0.5 * shaft_rpm)
     speeds = []
     for _ in range(round((shaft_rpm / shaft.acceleration_rpm_s + 8.0 * tau_s) / STEP_S)):

@@ -8,6 +8,7 @@ import numpy as np
 
 from .elements import Array, DelayLine, in_lists, line_mean, line_put, line_start
 from .machine import Machine
+from .shaft import dead_s
 from .term_step import TermParams, TermState, term_step
 from .terms import SHAFT_ANGLE, TOLD_MM, TOLD_RPM, Acts, Form, Term, needed, params_of
 
@@ -92,7 +93,7 @@ class Told:
 
 def dead_times_s(machine: Machine) -> tuple[float, float]:
     """Of shaft and gate."""
-    return machine.shaft.dead_time_s + machine.shaft.extra_dead_time_s, machine.gate.dead_time_s
+    return dead_s(machine.shaft), machine.gate.dead_time_s
 
 
 def over_log(terms: Iterable[Term], values: Mapping[str, Array], time_s: Array, run: TermRun) -> dict[str, Array]:

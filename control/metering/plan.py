@@ -30,6 +30,7 @@ from typing import NamedTuple, Protocol
 
 from control.machine.fall import Fall, drop_s
 from control.machine.machine import Machine
+from control.machine.shaft import dead_s, lag_s
 
 from .inverse import Conditions, flow_kg_s, opening_for
 from .setting import Setting
@@ -75,7 +76,7 @@ class Planner:
         self._machine = machine
         self._setting = setting
         self._width_m = machine.geometry.working_width_m
-        self._shaft_answers_s = shaft.dead_time_s + shaft.extra_dead_time_s + shaft.time_constant_s + shaft.slow_s
+        self._shaft_answers_s = dead_s(shaft) + lag_s(shaft)
         self._tube = Tube(machine.fall, self._shaft_answers_s)
         self._last: Pair | None = None          # as commanded; None: the shaft stands
         self._noted: tuple[float, float] | None = None

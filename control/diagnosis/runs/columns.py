@@ -18,7 +18,7 @@ from control.machine.terms import own_command
 
 from .channels import ChannelSeries
 from .hypothesis import Part, Parts, schedule
-from .model import GroupModel, adds_up, course, stamp_sd_s, with_course
+from .model import GroupModel, adds_up, course, stamp_sd_s, stood_for, with_course
 from .smooth import TABLES, series, span
 
 Array = npt.NDArray[np.float64]
@@ -156,11 +156,11 @@ class Columns:
             self._courses.clear()
             self._fixed = nuisance_columns(self.model)
 
-    @property
-    def fixed(self) -> list[Column]:
-        """The nuisances, at the nominal values as they stand."""
+    def fixed(self, parts: Parts = ()) -> list[Column]:
+        """The nuisances, at the nominal values as they stand, but for those that a part of the hypothesis moves."""
         self._refresh()
-        return self._fixed
+        moved = stood_for(parts)
+        return [c for c in self._fixed if c.label.role is not Role.TOLERANCE or c.label.name not in moved]
 
     def slopes(self, parts: Parts) -> list[Column]:
         """Slope of the prediction in each part's size, at the hypothesis."""
@@ -180,23 +180,23 @@ class Columns:
     def form_columns(self, parts: Parts, slopes: Sequence[Column], share: float = FORM_SHARE) -> list[Column]:
         """Freedom of form of each part: smooth shapes of its variable with a prior in proportion to its signal."""
         found: list[Column] = []
+        fixed = self.fixed(parts)
         for slope in slopes:
             part = parts[slope.label.part]
             found += self._bends(parts, slope.label.part, share / FORM_SHARE)
             wobbles = self._wobbles(parts, part)
             if not wobbles:
                 continue
-            fixed = len(self.fixed)
             nothing = {c.name: np.zeros(len(c.cut.order)) for c in self.model.channels}
-            p = problem(self.model.channels, nothing, [*self.fixed, slope, *wobbles])
-            normal, _ = projected(p, np.arange(fixed), self.model.noise)
-            own = normal[fixed, fixed]
+            p = problem(self.model.channels, nothing, [*fixed, slope, *wobbles])
+            normal, _ = projected(p, np.arange(len(fixed)), self.model.noise)
+            own = normal[len(fixed), len(fixed)]
             for k, wobble in enumerate(wobbles):
-                at = fixed + 1 + k
+                at = len(fixed) + 1 + k
                 ratio = max(own, 0.0) / max(normal[at, at], 1e-12) / len(wobbles)
                 sd = share * abs(part.size) * np.sqrt(ratio)
-                found.append(wobble._replace(label=Label(Role.FORM, part.id, slope.label.part),
-                                             sd=max(1e-9, float(sd))))
+                free = wobble._replace(label=Label(Role.FORM, part.id, slope.label.part), sd=max(1e-9, float(sd)))
+                found.append(_beside(free, slopes))
         return found
 
     def _bends(self, parts: Parts, k: int, share: float) -> list[Column]:
@@ -275,10 +275,15 @@ class Columns:
         return _column(self.model, Label(Role.TRACE, parts[k].id, k),
                            self.model.difference((*parts[:k], *parts[k + 1:]), parts[k]))
 
+    def between(self, parts: Parts, others: Parts) -> Column:
+        """What a hypothesis does more than another: the others' sizes may have moved far in its place."""
+        with_it, without = self.model.predicted(parts), self.model.predicted(others)
+        return _column(self.model, Label(Role.TRACE), {name: one - without[name] for name, one in with_it.items()})
+
     def of_hypothesis(self, parts: Parts, share: float = FORM_SHARE) -> list[Column]:
         """Nuisances, slopes and forms of a hypothesis, in the order of `compressed`."""
         slopes = self.slopes(parts)
-        return [*self.fixed, *slopes, *self.form_columns(parts, slopes, share)]
+        return [*self.fixed(parts), *slopes, *self.form_columns(parts, slopes, share)]
 
     def compressed(self, parts: Parts, more: Sequence[Column] = ()) -> tuple[Problem, int]:
         """Problem at a hypothesis: nuisances, slopes, forms, then `more`; and how many come before `more`."""
@@ -289,11 +294,22 @@ class Columns:
     def by_channel(self, parts: Parts) -> dict[str, list[tuple[Column, Array]]]:
         """By channel: nuisances and slopes of a hypothesis that touch it, beside their series (m,)."""
         found: dict[str, list[tuple[Column, Array]]] = {c.name: [] for c in self.model.channels}
-        for column in [*self.fixed, *self.slopes(parts)]:
+        for column in [*self.fixed(parts), *self.slopes(parts)]:
             for channel in self.model.channels:
                 if channel.name in column.coefficients:
                     found[channel.name].append((column, series_of(column.coefficients[channel.name], channel.cut)))
         return found
+
+
+def _beside(form: Column, slopes: Sequence[Column]) -> Column:
+    """A form without what the sizes of the parts do, over all rows alike: sizes are then those with which the machine
+    file, which has no freedom of form, predicts best (Plumlee, JASA 112, 2017, 1274: orthogonal discrepancy)."""
+    found = {}
+    for name, values in form.coefficients.items():
+        there = [slope.coefficients[name] for slope in slopes if name in slope.coefficients]
+        basis = np.array(there).T if there else np.zeros((len(values), 0))
+        found[name] = values - basis @ np.linalg.lstsq(basis, values, rcond=None)[0] if there else values
+    return form._replace(coefficients=found)
 
 
 def _slope_step(part: Part, machine: Machine) -> float:

@@ -72,6 +72,12 @@ def tolerance_of(effect_id: str, machine: Machine) -> float:
     return sum(n.sd for n in nuisances(row.stage, machine) if n.field == row.moves)
 
 
+def stood_for(parts: Parts) -> frozenset[str]:
+    """Nominal values (by key) that a steady part moves: its size says how far, and no tolerance beside it."""
+    rows = [ROWS[part.id] for part in parts if part.onset_s is None]
+    return frozenset(f"{row.stage}.{row.moves}" for row in rows if row.moves)
+
+
 def stamp_sd_s(machine: Machine, step_s: float) -> float:
     """How well the time of a GNSS reading is known (1 s.d.), in a log with rows of `step_s`."""
     return float(np.hypot(machine.tolerance.dead_time_s, GNSS_STAMP_SHARE * step_s))

@@ -18,6 +18,7 @@ from control.diagnosis.result import (
     Data,
     Detectable,
     Diagnosis,
+    Fitted,
     NotShown,
     Rival,
     Size,
@@ -30,6 +31,7 @@ from control.machine.effect import HOPPER
 from control.machine.machine import CATALOGUE, Machine, bounds, of_nominal, unit_of
 from control.machine.terms import Form
 
+from .as_a_whole import as_a_whole
 from .cost import field_cost
 from .gain import measure_gain
 from .hypothesis import Part
@@ -142,10 +144,12 @@ def report(data: RunData, machine: Machine, judged: Sequence[Judged], read_off: 
     gains = [measure_gain(one) for one in judged]
     causes: list[Cause] = []
     unexplained: list[Unexplained] = []
+    fitted: Fitted | None = None
     for one in judged:
         rest = remains(one, {ROWS[each.part.id].channels[0] for each in read_off})
         causes += [_cause(one, k, machine, data, unknown_share(one, k, rest)) for k in range(len(one.found.parts))]
         unexplained += _unexplained(one, rest, rows)
+        fitted = fitted or as_a_whole(one, rest)
     causes += [_read_off_cause(one, machine, data) for one in read_off]
     terms = [(group, found) for group in judged for found in group.terms]
     tables = [table for one in judged for table in _tables(one, data)]
@@ -160,7 +164,8 @@ def report(data: RunData, machine: Machine, judged: Sequence[Judged], read_off: 
         not_shown=(*absent, *_never_shown({c.id for c in causes} | {a.id for a in absent}, machine)),
         unexplained=tuple(unexplained), next_run=next_run(causes, machine) if verdict == "ambiguous" else None,
         gain=tuple(gain for own in gains for gain in own), extended_machine=None, findings=findings,
-        tables=tuple(tables), excited=excited, terms=tuple(_term(group, found, data) for group, found in terms))
+        tables=tuple(tables), excited=excited, terms=tuple(_term(group, found, data) for group, found in terms),
+        fitted=fitted)
 
 
 def _verdict(rows: Sequence[Channel], causes: Sequence[Cause], unexplained: Sequence[Unexplained]) -> Verdict:

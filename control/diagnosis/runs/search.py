@@ -32,7 +32,7 @@ from .stages import RunData
 
 Array = npt.NDArray[np.float64]
 
-MAX_TANGLED = 0.97          # cosine of two effects' traces: above it they are not two findings
+MAX_TANGLED = 0.999         # cosine of two effects' traces, above which rounding decides what either of them is
 MAX_ROUNDS = 4              # rounds of a refit: the model is run, then sizes are fitted
 SETTLED_SD = 0.05           # in s.d. of a size: a refit ends where no size moves by more
 FITTED_FROM = 4.0           # gain in twice the log-likelihood from which on the noise is fitted too
@@ -180,7 +180,7 @@ class Search:
         places = p.places(Role.SLOPE)
         if len(places) < 2:
             return 0.0
-        normal, _ = projected(p, np.arange(len(self.columns.fixed)), noise)
+        normal, _ = projected(p, np.arange(p.labels.index(p.labels[places[0]])), noise)
         part = normal[np.ix_(places, places)]
         scale = np.sqrt(np.maximum(np.diag(part), 1e-300))
         return float((np.abs(part) / scale[:, None] / scale - np.eye(len(places))).max())

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.effects import ROWS, FoundBy
+from control.diagnosis.judgement.checks import is_loud
 from control.diagnosis.judgement.prior import SAID, course_of, log_odds, log_of_sign, log_of_size
 from control.machine.machine import CATALOGUE
 
@@ -28,6 +29,7 @@ from .robust import draw_in
 from .search import MAX_TANGLED, Refit, Scanned, Search
 from .settle import MAX_OFFSET_SD, settle
 from .terms import Found
+from .together import started
 
 Array = npt.NDArray[np.float64]
 
@@ -110,11 +112,25 @@ class Board:
         integrated = found.log_evidence - found.log_likelihood - (alone.log_evidence - alone.log_likelihood)
         part = found.parts[k]
         if gain > 0.0 and not CATALOGUE[part.id].effect.onset_only:
-            trace = self.search.columns.trace(found.parts, k)
+            trace = self.search.columns.between(found.parts, alone.parts)
             gain = min(gain, even_gain(self.search, alone.parts, found.noise, trace))
-        if part.onset_s is None:
-            gain = min(gain, self._of_tolerance(part))
-        return gain + integrated + self.prior(part)
+        return min(gain, self._most(part)) + integrated + self.prior(part)
+
+    def ahead(self, one: Refit, k: int, other: Refit, j: int) -> float:
+        """Log posterior odds of a model against another that differs from it in one part: k of the one, j of the other.
+        As far as it is evidence, what one of them fits better is held against the other, not each against nothing."""
+        gain = one.log_likelihood - other.log_likelihood
+        better, worse = (one, other) if gain > 0.0 else (other, one)
+        trace = self.search.columns.between(better.parts, worse.parts)
+        even = even_gain(self.search, worse.parts, better.noise, trace)
+        held = float(np.sign(gain)) * max(0.0, min(abs(gain), even))
+        mine, its = one.parts[k], other.parts[j]
+        held = min(max(held, -self._most(its)), self._most(mine))
+        integrated = one.log_evidence - one.log_likelihood - (other.log_evidence - other.log_likelihood)
+        return held + integrated + self.prior(mine) - self.prior(its)
+
+    def _most(self, part: Part) -> float:
+        return self._of_tolerance(part) if part.onset_s is None else np.inf
 
     def _of_tolerance(self, part: Part) -> float:
         """What a steady part gains over the nominal value that does the same, moved as far as its tolerance lets it."""
@@ -126,6 +142,10 @@ class Board:
         if abs(moved + part.size) > MAX_OFFSET_SD * tolerance:
             return np.inf
         return 0.5 * ((moved + part.size) ** 2 - moved ** 2) / tolerance ** 2
+
+    def score(self, found: Refit) -> float:
+        """Log evidence and log prior odds of a whole model."""
+        return found.log_evidence + sum(self.prior(part) for part in found.parts)
 
     def rough(self, one: Scanned) -> float:
         """The same of what a scan adds, roughly."""
@@ -141,7 +161,7 @@ def judged(search: Search) -> Judged:
     worths: tuple[float, ...] = ()
     rivals: tuple[tuple[RivalOf, ...], ...] = ()
     for step in range(MAX_CAUSES):
-        better = _forward(board, current)
+        better = _together(board, current, _forward(board, current))
         if better is None:
             break
         if step == 0:
@@ -197,6 +217,19 @@ def _forward(board: Board, now: Refit) -> Refit | None:
         return None
     best = _refined(board, best)
     return best if board.worth(best, len(now.parts), now) > SAID else None
+
+
+def _together(board: Board, now: Refit, better: Refit | None) -> Refit | None:
+    """The likeliest of a model with one more part and of those whose curve is fitted as a whole; the latter are tried
+    where something is there: a part, or more noise than the machine file's can be."""
+    model = board.search.model
+    loud = any(is_loud(now.noise[c.name], c.prior) for c in model.channels)
+    if better is None and not loud:
+        return None
+    least = board.score(now) + SAID if better is None else board.score(better)
+    every = [board.refit(parts, now) for parts in started(board.search, now.parts)]
+    ahead = [one for one in every if one.tangled < MAX_TANGLED and board.score(one) > least]
+    return max(ahead, key=board.score, default=better)
 
 
 def _refined(board: Board, found: Refit) -> Refit:
@@ -260,9 +293,13 @@ def _one_of_each(found: list[Scanned]) -> list[Scanned]:
 
 
 def _reviewed(board: Board, now: Refit) -> tuple[Refit, tuple[float, ...], tuple[tuple[RivalOf, ...], ...]]:
-    """The model with each part against what could stand in its place and against nothing, until none is better."""
+    """The model with each part against what could stand in its place and against nothing, until none is better; of the
+    models on the way whose parts are all likelier than nothing, the likeliest."""
+    visited: list[tuple[Refit, tuple[float, ...], tuple[tuple[RivalOf, ...], ...]]] = []
     for _ in range(REVIEWS):
         worths, rivals = _rivals(board, now)
+        if not worths or min(worths) > SAID:
+            visited.append((now, worths, rivals))
         ahead = [(several[0].behind if several else np.inf, k) for k, several in enumerate(rivals)]
         if not worths:
             break
@@ -274,11 +311,13 @@ def _reviewed(board: Board, now: Refit) -> tuple[Refit, tuple[float, ...], tuple
         if behind > EVEN or (behind > -EVEN and not _listed_before(rivals[k][0].part, now.parts[k])):
             break
         now = board.refit(replaced(now.parts, k, rivals[k][0].part), now)
-    else:
+    while not visited:
         worths, rivals = _rivals(board, now)
-        while worths and min(worths) <= SAID:
+        if not worths or min(worths) > SAID:
+            visited.append((now, worths, rivals))
+        else:
             now = board.refit(without(now.parts, int(np.argmin(worths))), now)
-            worths, rivals = _rivals(board, now)
+    now, worths, rivals = max(reversed(visited), key=lambda one: board.score(one[0]))
     return now, worths, tuple(tuple(one for one in several if one.part.id != part.id)
                               for part, several in zip(now.parts, rivals, strict=True))
 
@@ -300,7 +339,7 @@ def _rivals(board: Board, now: Refit) -> tuple[tuple[float, ...], tuple[tuple[Ri
         for rival in _in_its_place(board, alone, part):
             tried = board.refit((*alone.parts, rival), alone)
             if tried.tangled < MAX_TANGLED:
-                found.append(RivalOf(tried.parts[-1], own - board.worth(tried, len(alone.parts), alone)))
+                found.append(RivalOf(tried.parts[-1], board.ahead(now, k, tried, len(alone.parts))))
         worths.append(own)
         best = {one.part.id: one for one in sorted(found, key=lambda r: -r.behind) if one.behind < WINDOW
                 and (one.part.id != part.id or one.behind < -EVEN)}

@@ -10,7 +10,7 @@ from control.machine.machine import Machine, bounds
 from .channels import ChannelSeries
 from .columns import Columns
 from .hypothesis import Part, Parts
-from .model import Nuisance
+from .model import Nuisance, stood_for
 
 MAX_ROUNDS = 4
 STEP_SHARES = (1.0, 0.4, 0.15)      # shares of the step that the slopes ask for, tried until one gains
@@ -25,7 +25,8 @@ TIME_GAIN = 2.0                     # gain in log-likelihood below which it is n
 def settle(columns: Columns, parts: Parts) -> Parts:
     """Moves the model's nominal values to where they fit best beside a hypothesis.
 
-    The parts' sizes move along, for a size and a tolerance may stand for the same thing; they are returned.
+    The parts' sizes move along, for a size and a tolerance may stand for the same thing; they are returned. Values that
+    a part of the hypothesis moves stand as the machine file has them.
     """
     _try_times(columns, parts)
     model, best = columns.model, _at_rest(columns, parts)
@@ -58,13 +59,13 @@ def _wanted(columns: Columns, parts: Parts) -> tuple[list[tuple[Nuisance, float]
     amplitude = fitted(p, np.arange(count), model.noise, rounds=3).amplitude
     of_value = {label.name: float(amplitude[k]) for k, label in enumerate(p.labels) if label.role is Role.TOLERANCE}
     of_part = {label.part: float(amplitude[k]) for k, label in enumerate(p.labels) if label.role is Role.SLOPE}
-    return [(n, of_value[n.key]) for _, n in model.nuisances], of_part
+    return [(n, of_value.get(n.key, -model.offsets.get(n.key, 0.0))) for _, n in model.nuisances], of_part
 
 
 def _at_rest(columns: Columns, parts: Parts) -> float:
     """Log-likelihood with the nominal values exactly where they stand."""
     model = columns.model
-    kept = [c for c in columns.fixed if c.label.role not in (Role.TOLERANCE, Role.TRAIT)]
+    kept = [c for c in columns.fixed() if c.label.role not in (Role.TOLERANCE, Role.TRAIT)]
     p = problem(model.channels, model.banded_residual(parts), kept)
     value = fitted(p, np.arange(len(kept)), model.noise, rounds=2).log_likelihood
     for _, n in model.nuisances:
@@ -77,14 +78,15 @@ def _try_times(columns: Columns, parts: Parts) -> None:
 
     A move shorter than a row is over before it is read, or has not begun: the likelihood has kinks there.
     """
+    moved = stood_for(parts)
     for channel, n in columns.model.nuisances:
-        if n.field in TIMED:
+        if n.field in TIMED and n.key not in moved:
             _move_time(columns, parts, channel, n)
 
 
 def _move_time(columns: Columns, parts: Parts, channel: ChannelSeries, n: Nuisance) -> None:
     model, name = columns.model, channel.name
-    kept = [c for c in columns.fixed if name in c.coefficients
+    kept = [c for c in columns.fixed() if name in c.coefficients
             and not (c.label.role is Role.TOLERANCE and c.label.name == n.key)]
     places = np.arange(len(kept))
 

@@ -40,7 +40,7 @@ from .channels import ChannelSeries
 from .coarsening import even_gain
 from .held_out import amplitudes, errors_of, held_out
 from .hypothesis import Part
-from .search import MAX_TANGLED, Refit, Search
+from .search import Refit, Search
 from .smooth import DOWNSTREAM, MIN_RANGE, RANGES
 from .stages import RunData
 from .term_columns import CHANNEL_OF, ActedOn, tried
@@ -60,6 +60,7 @@ FINER = (*FINENESS, 0.12, 0.06)     # of a box's edges
 LONGEST_ID = 76             # letters; adopted beside another of the same name it is given a number
 LEVEL_SD = 2.0              # s.d. of a level, that it must differ from nothing by ...
 LEVEL_SHARE = 0.05          # ... and so much of what its form does
+A_NAME = 0.97               # correlation with a name's size, above which a level is the name's
 A_LEVEL = 0.7               # cosine of what a tolerance does and a level, above which the one gives the other
 OF_JUMPS = (Form.THRESHOLD, Form.SPAN)
 OF_MOVES = (Form.MEMORY, Form.SIDE)     # forms that tell how something has been moving
@@ -475,7 +476,7 @@ def _level(fit: Fit, at: int, base: Sequence[Column], own: Column, spread: float
         share[k] = _along(column, own) if column.label.role is Role.TOLERANCE else 0.0
     tolerance = float(np.sqrt(sum((share[k] * column.sd) ** 2 for k, column in enumerate(base) if share[k] != 0.0)))
     names = [k for k, column in enumerate(base) if column.label.role is Role.SLOPE]
-    if any(abs(covariance[at, k]) > MAX_TANGLED * sd[at] * sd[k] for k in names):
+    if any(abs(covariance[at, k]) > A_NAME * sd[at] * sd[k] for k in names):
         return _Level(0.0, tolerance)
     moved = sum(share[k] * column.mean for k, column in enumerate(base) if share[k] != 0.0)     # by so much less
     share[at] = 1.0

@@ -97,10 +97,10 @@ def _form(one: Judged) -> Form | None:
     here = slice(before, before + len(parts))
     cross = normal[here, :before]
     left = normal[here, here] - cross @ covariance @ cross.T
-    own = [k for k, column in enumerate(columns.fixed) if _of_the_machine(column)]
+    own = [k for k, column in enumerate(columns.fixed()) if _of_the_machine(column)]
     pulls = cross @ covariance[:, own] / p.sd[own]
     return Form(tuple(parts), _rows(left), tuple((right[here] - cross @ amplitude).tolist()),
-                _named([columns.fixed[k] for k in own]), _rows(pulls))
+                _named([columns.fixed()[k] for k in own]), _rows(pulls))
 
 
 def _named(of: Sequence[Column]) -> tuple[str, ...]:
