@@ -26,7 +26,7 @@ class DeviceDo(StrEnum):
     CONNECT = "connect"
     DISCONNECT = "disconnect"        # refused while the state is working or calibrating
     TEST = "test"                    # listens what speaks there; nothing is sent
-    CAPTURE = "capture"              # what comes and goes into a file beside the log
+    CAPTURE = "capture"              # what comes and goes into a file next to the log
     END_CAPTURE = "end_capture"
 
 
@@ -55,7 +55,7 @@ class LagTestView(NamedTuple):
 
 
 class Tally(NamedTuple):
-    """What is counted over a job beside its totals, its parts before a power cut included."""
+    """What is counted over a job along with its totals, its parts before a power cut included."""
 
     held_s: float = 0.0
     moves: int = 0                                  # of the opening's set-point, while working
@@ -102,7 +102,7 @@ class Frame:
     notes: tuple[str, ...] = field(default=())    # e.g. "lag_out_of_range"
     why_no_flow: tuple[str, ...] = ()             # ids of `control.safety.INTERLOCKS`; empty: flow is allowed
     why_state: str = ""                           # an order, an alarm id, or one of `control.safety.STATE_REASONS`
-    allow: Allowances = field(default_factory=Allowances)     # what the operator told safety to put up with
+    allow: Allowances = field(default_factory=Allowances)     # what the operator allows
     totals: Totals | None = None                  # of the job so far, anew once a second
     head_ndvi: tuple[float | None, ...] = ()      # every head, left to right; None: silent
     lag_test: LagTestView | None = None
@@ -112,13 +112,13 @@ class Frame:
     threshold_m: float | None = None              # of point mode, as learned, at the present speed
     sections: tuple[SectionState, ...] = ()       # left to right; none: the machine has no valves
     strips: Strips = field(default_factory=Strips)      # N-rich and farmer check, as they count now
-    consoles: int = 0                             # that keep the machine working now; 0: not told
+    consoles: int = 0                             # that keep the machine working now; 0: not given
     attached: tuple[Attached, ...] = ()           # consoles and tablets, in the order in which they came
     ordered: tuple[Ordered, ...] = ()             # the latest orders that were followed, the newest last
 
     @property
     def mean_rate_kg_ha(self) -> float | None:
-        """Of the worked area; what was released while told to stand lies on none."""
+        """Of the worked area; what was released while commanded to stop lies on none."""
         stopped_kg = 0.0 if self.totals is None else self.totals.stopped_kg
         return (self.applied_kg - stopped_kg) / self.area_ha if self.area_ha > LEAST_HA else None
 

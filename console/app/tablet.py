@@ -82,7 +82,7 @@ class Key:
         now_s = self._clock()
         wait_s, until_s = waits.read()
         left_s = until_s - now_s
-        if 0.0 < left_s <= MOST_WAIT_S:             # more than that was told by the clock of another day
+        if 0.0 < left_s <= MOST_WAIT_S:             # more than that was reported by the clock of another day
             return _("The last key was wrong: wait {seconds} s.").format(seconds=int(left_s) + 1)
         if hmac.compare_digest(typed.strip().encode(errors="replace"), text.encode()):
             waits.write(0.0, now_s)

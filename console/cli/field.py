@@ -25,8 +25,8 @@ def field(
     source: Annotated[Path, typer.Argument(metavar="IN", help="A field of AgOpenGPS (its folder), KML, KMZ, "
                                            "GeoPackage, GeoJSON, a shapefile (.shp, zip, folder), or a job file.")],
     out: Annotated[Path | None, typer.Option(metavar="OUT", help="By its ending: .yaml (a job with this field), .kml, "
-                                             ".kmz, .gpkg, .geojson, a folder (AgOpenGPS). Without it: IN is only "
-                                             "told.")] = None,
+                                             ".kmz, .gpkg, .geojson, a folder (AgOpenGPS). Without it: only a "
+                                             "summary of IN.")] = None,
     job: Annotated[str, typer.Option(metavar="JOB", help="Of a .yaml: the job that gets the field, or the name of a "
                                      "shipped one; it stays as it is.")] = "demo",
     name: Annotated[str | None, typer.Option(metavar="NAME", help="Of IN with several fields.")] = None,

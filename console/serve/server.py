@@ -44,7 +44,7 @@ class TabletServer(Server):
         self.tabs = 0
 
     def serve(self, debug: bool = False) -> None:
-        """Until Ctrl-C, or until told to end: all consoles of tabs have ended then, 2 s later at most."""
+        """Until Ctrl-C, or until asked to end: all consoles of tabs have ended then, 2 s later at most."""
         self.initialize_logging()
         loop = asyncio.new_event_loop()
         asyncio.set_event_loop(loop)

@@ -50,7 +50,7 @@ class Waiting(NamedTuple):
 
 
 class Host:
-    """Runs one assembly until told to stop, or until no operating console was heard for `orphan_s`.
+    """Runs one assembly until asked to stop, or until no operating console was heard for `orphan_s`.
 
     `clock` gives seconds since the start of the run (the time base of log and measurements), `sleep` waits seconds.
     """
@@ -58,7 +58,7 @@ class Host:
     def __init__(self, assembly: Assembly, clock: Callable[[], float], sleep: Callable[[float], None], *,
                  hz: float = HZ_DEFAULT, orphan_s: float = ORPHAN_S) -> None:
         self.newest: Frame | None = None
-        self.attached: tuple[Attached, ...] = ()     # told by the link
+        self.attached: tuple[Attached, ...] = ()     # reported by the link
         self._ordered: deque[Ordered] = deque(maxlen=LATEST)
         self._notes: deque[str] = deque()            # events that the link has for the log
         self.ended = ""                              # why the run ended; empty while it runs
@@ -167,7 +167,7 @@ class Host:
         self._writer.append(tick.row)
 
     def _fail(self, now_s: float, error: Exception) -> None:
-        """A tick that could not be finished: drives stopped, the loop off, the console told, even where all else
+        """A tick that could not be finished: drives stopped, the loop off, the console informed, even where all else
         fails."""
         self._guarded(lambda: self._bench.command(now_s, None, False))
         self._guarded(lambda: self._loop.order(Order(Do.STOP), WORKER))
@@ -179,7 +179,7 @@ class Host:
                                   why_no_flow=("not_working",))
 
     def _guarded(self, do: Callable[[], object]) -> None:
-        """What may fail without costing the tick; what it was is told once."""
+        """What may fail without costing the tick; what it was is reported once."""
         try:
             do()
         except Exception as error:

@@ -48,7 +48,7 @@ from control.orders import Answer
 LOOK_S = 0.01                 # how often an answer, and the frame after it, is looked for; and while strangers come
 QUICK_S = 0.3                 # for so long after an order: its answer, the frame of that tick and of the next ones
 REST_S = 0.04                 # how often a new frame is looked for while it moves: ticks are 0.05 s apart
-STILL_S = 0.1                 # and while the machine stands, of which two frames a second are told
+STILL_S = 0.1                 # and while the machine stands, of which two frames a second are reported
 IDLE_S = 0.1                  # and while nobody is
 PAUSE_S = 0.005               # between two turns of a holder of the token who says more than a turn takes
 

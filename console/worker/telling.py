@@ -1,4 +1,5 @@
-"""When a frame is told to the consoles: what changed at once, a machine that moves often, one that stands seldom."""
+"""When a frame is reported to the consoles: what changed at once, a machine that moves often, one that stands
+seldom."""
 from __future__ import annotations
 
 from math import inf
@@ -15,15 +16,15 @@ HALF_A_TICK_S = 0.02        # a tick that comes a little sooner than it should i
 
 
 class Telling:
-    """`due` of every frame; True: tell it. One for all consoles: what is told to one is told to all."""
+    """`due` of every frame; True: tell it. One for all consoles: what one gets all get."""
 
     def __init__(self) -> None:
         self._told_s = -inf
-        self._words: Any = None         # of the frame told last
+        self._words: Any = None         # of the frame reported last
         self.moves = True               # by the frame looked at last
 
     def hurry(self) -> None:
-        """The next frame is told: an order was answered, a console came."""
+        """The next frame is reported: an order was answered, a console came."""
         self._told_s = -inf
 
     def due(self, frame: Frame) -> bool:

@@ -106,7 +106,7 @@ class ControlLoop:
         self._standing = 0                              # ticks since the clock last went on
         self._begun_s = 0.0
         self._metres_left_m: float | None = None
-        self._told_s: float | None = None               # when the tractor told what the rows have
+        self._told_s: float | None = None               # when the tractor announced what the rows have
         self._growth = growth_of(crop.growth_window, job.growth, rule.days)
         self._growth_told_s = -inf
 
@@ -135,7 +135,7 @@ class ControlLoop:
 
     @property
     def plane(self) -> TangentPlane | None:
-        """On which places are told; None before the first fix where neither field nor map has one."""
+        """On which places are given; None before the first fix where neither field nor map has one."""
         return self._sensing.plane
 
     @property
@@ -347,12 +347,12 @@ class ControlLoop:
         self._metres_left_m = self._metres_left(m.hopper_kg, rate)
         share = self._ahead.sections.open_share(m.time_s)
         if share <= 0.0:
-            share = open_share(self.machine.switched, m)        # a valve that stays open though told to close
+            share = open_share(self.machine.switched, m)        # a valve that stays open though commanded to close
         return Metered(flow if share > 0.0 or flow is None else 0.0, self._over_ground(flow, moment.speed_mps, share),
                        c.flow_trim, self._over_ground(should, moment.speed_mps, share), self._metres_left_m, share)
 
     def _command_of(self, moment: Moment, decision: Decision, verdict: Verdict) -> DriveCommand:
-        """What the drives are told, through the last gate."""
+        """What the drives are commanded, through the last gate."""
         if verdict.state is State.CALIBRATING:
             asked = self._calibrating()
         elif decision.by_point:
@@ -369,8 +369,8 @@ class ControlLoop:
         return command
 
     def _valves(self, moment: Moment, decision: Decision, verdict: Verdict, command: DriveCommand) -> tuple[bool, ...]:
-        """What the valves are told, through the last gate. Nothing is opened while nothing is to flow; calibrating is
-        done with all of them open."""
+        """What the valves are commanded, through the last gate. Nothing is opened while nothing is to flow; calibrating
+        is done with all of them open."""
         sections, off, now = self._ahead.sections, self._operator.choices.sections_off, moment.m.time_s
         turns = max(command.shaft_rpm, self._expected.pair.shaft_rpm) >= 0.5 * self.machine.limits.shaft_low_rpm
         flows = decision.rate_kg_ha > 0.0 or decision.by_point or turns
@@ -408,7 +408,7 @@ class ControlLoop:
 
     def _count(self, moment: Moment, decision: Decision, metered: Metered, verdict: Verdict,
                command: DriveCommand) -> None:
-        """Totals: the ground that is worked, and what leaves the machine though it is told to stand."""
+        """Totals: the ground that is worked, and what leaves the machine though it is commanded to stop."""
         m, now, applied = moment.m, moment.m.time_s, metered.rate_kg_ha
         runs_out = m.shaft_rpm is not None and m.shaft_rpm.value >= 0.5 * self.machine.limits.shaft_low_rpm
         worked = verdict.state is State.WORKING and applied is not None and (verdict.flow_allowed or runs_out)
@@ -464,7 +464,7 @@ class ControlLoop:
         return None if mps is None else SpeedPlan(now_s, ((0.0, mps),))
 
     def _newly_told(self, m: Measurements) -> str | None:
-        """What the tractor told since the row before, as the row says it."""
+        """What the tractor announced since the row before, as the row says it."""
         if m.speed_told is None or m.speed_told.time_s == self._told_s:
             return None
         self._told_s = m.speed_told.time_s

@@ -17,7 +17,7 @@ from control.orders import SectionState
 from control.sensing import Sensed
 from control.targets.section_ground import OUTSIDE, Ground, Judged, Rates, SectionGround
 
-BY_HAND, NO_FLOW = "hand", "no_flow"        # why a section is closed, beside those of `targets.section_ground`
+BY_HAND, NO_FLOW = "hand", "no_flow"        # why a section is closed, along with those of `targets.section_ground`
 SHORTEST_M = 0.5            # of way between two switches of one section: shorter stretches are cut corners
 BEND_DEG_M = 2.0            # turning more sharply, the place ahead lies on the arc
 TIE_S = 1e-6
@@ -39,14 +39,14 @@ class _Turn(NamedTuple):
 
 
 class _Switch:
-    """One section: what was decided of it, what its valve was told, and what it does by now."""
+    """One section: what was decided of it, what its valve was commanded, and what it does by now."""
 
     def __init__(self, open_s: float, close_s: float) -> None:
         self.open_s, self.close_s = open_s, close_s
         self.why = NO_FLOW                      # of the newest decision
         self.inside = False                     # the newest decision is not outside the field
         self.planned: deque[_Turn] = deque([_Turn(-inf, False)])        # decided
-        self.stands: deque[_Turn] = deque([_Turn(-inf, False)])         # as told
+        self.stands: deque[_Turn] = deque([_Turn(-inf, False)])         # as commanded
         self.switched_m = -inf                  # place of the track from which the newest decision holds
 
     @property
@@ -65,7 +65,7 @@ class _Switch:
                 turns.popleft()
 
     def wanted_of_valve(self, by_s: float) -> bool:
-        """What the valve is to be told by then, so that it stands right in time."""
+        """What the valve is to be commanded by then, so that it stands right in time."""
         return next(turn.on for turn in reversed(self.planned)
                     if turn.from_s - (self.open_s if turn.on else self.close_s) <= by_s)
 
@@ -179,7 +179,8 @@ class Sections:
     # -- what follows from it --------------------------------------------------------------------------------------
 
     def metering_s(self, by_shaft: bool, standing: bool, opening_mm: float) -> float:
-        """From a new set-point until the flow is half-way there: what the metering is to be told ahead of a switch."""
+        """From a new set-point until the flow is half-way there: what the metering is to be commanded ahead of a
+        switch."""
         if by_shaft or standing:
             return self.shaft_answers_s
         move_mm = opening_mm / max(1, sum(one.decided for one in self._switches))
@@ -191,7 +192,7 @@ class Sections:
                    if _at(one.planned, time_s))
 
     def valves(self, now_s: float, dt_s: float, off_by_hand: tuple[int, ...]) -> tuple[bool, ...]:
-        """What the valves are to be told in this tick, before safety is asked."""
+        """What the valves are to be commanded in this tick, before safety is asked."""
         return tuple(one.wanted_of_valve(now_s + 0.5 * dt_s + TIE_S) and k + 1 not in off_by_hand
                      for k, one in enumerate(self._switches))
 

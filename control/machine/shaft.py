@@ -22,7 +22,7 @@ class Shaft(NamedTuple):
     nominal_supply_v: Annotated[float, Field(ge=1, le=60)] = 13.5
     full_opening_mm: Annotated[float, Field(ge=0.1, le=500)] = 60.0
     one_way: Annotated[float, Field(ge=0, le=1)] = 0.0      # 1: a command to turn backwards is none
-    full_rpm: Annotated[float, Field(ge=0.1, le=1e5)] = 100.0       # speed at which the saturation is told
+    full_rpm: Annotated[float, Field(ge=0.1, le=1e5)] = 100.0       # speed at which the saturation is given
     regulated: Annotated[float, Field(ge=0, le=1)] = 0.0    # 1: it holds its speed by its own encoder
     dead_zone_rpm: Annotated[float, Field(ge=0, le=1e5), Effect(
         "shaft.dead_zone", "r/min", "Shaft turns slower than its command by the same speed everywhere",
@@ -203,7 +203,7 @@ def shaft_step(p: Shaft, s: ShaftState, u: ShaftInput, dt_s: float) -> tuple[Sha
     while at_s < end_s:
         line, wanted, until_s = line_held(line, at_s, end_s)
         goal = turns * asked_rpm(p, wanted)
-        if goal > 0.0:                          # terms are told with the speed's sign; none turns it round
+        if goal > 0.0:                          # terms are given with the speed's sign; none turns it round
             way = -1.0 if wanted < 0.0 else 1.0
             goal = way * max(0.0, goal + way * u.more_rpm)
         rpm = approach(rpm, goal, tau_s, p.acceleration_rpm_s, until_s - at_s)

@@ -2,7 +2,7 @@
 
 What lands is what was released, compressed or stretched by the shaft: with c = flow x drop time at release, the flow on
 the ground is c / drop time at landing (`metering.tube`). So a machine has two hands of different length. The gate sets
-what will land a whole lag later. The shaft sets that as well, and besides, within its own 0.4 s, how fast everything
+what will land a whole lag later. The shaft sets that as well, and also, within its own 0.4 s, how fast everything
 that is in the tube comes down: at 70 r/min six tenths of a change of shaft speed land at once. Each strategy plans
 with the hands that it has:
 
@@ -85,7 +85,7 @@ class Planner:
         self._running_drop_s = drop_s(machine.fall, machine.set_points.shaft_rpm)
 
     def falls_s(self, now_s: float) -> float:
-        """How long what is released now will fall, as the shaft was told so far."""
+        """How long what is released now will fall, as the shaft was commanded so far."""
         return self._tube.lands_s(now_s) - now_s
 
     def pair(self, wanted: Wanted, expected: Pair, c: Conditions) -> Pair:

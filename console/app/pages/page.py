@@ -38,7 +38,7 @@ GONE_AGE_S = 1.1               # old enough to be greyed
 
 
 class Page(Screen[None]):
-    """A screen reached by a key of its own. A subclass gives `where`, `body` and what it shows; its keys stand beside
+    """A screen reached by a key of its own. A subclass gives `where`, `body` and what it shows; its keys stand next to
     it in `keys.py`. Below 80 x 24 state, alarms, the machine's numbers and keys are left."""
 
     AUTO_FOCUS = ""
