@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import datetime as dt
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -9,11 +10,13 @@ import pytest
 
 from control.diagnosis import diagnose_run
 from control.log_row import COLUMNS
+from control.loop.known_terms import KnownTerms
 from control.machine.machine import Machine
 from control.machine.term_sums import TermSums, not_compensated
 from control.machine.terms import Term, parse_term
 from control.metering.inverse import Conditions, flow_kg_s, gate_command, opening_for, shaft_command, shaft_for
 from control.orders import Strategy
+from control.readings import Measurements, Reading
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.closed_loop import Record, simulated_run
 from control.simulation.errors import Errors, errors
@@ -105,3 +108,13 @@ def test_drives_are_told_what_makes_them_go_where_they_should() -> None:
 def test_what_control_cannot_take_back_is_said(text: str, why: str) -> None:
     said = not_compensated(made(text))
     assert (said == "") if not why else (why in said)
+
+
+def test_a_scale_that_runs_away_is_taken_back_by_its_rate_and_time() -> None:
+    """Half a kilogram a minute for each degree of roll, at two degrees for a minute and a half."""
+    known = KnownTerms(with_terms(made("scale_kg_min slope roll_deg slope=0.5")))
+    for k in range(901):
+        m = Measurements(0.1 * k, roll_deg=Reading(2.0, 0.1 * k))
+        known.step(m, SimpleNamespace(speed_mps=1.0, heading_deg=0.0), 0.1 * k, None, 0.1)
+    weighed = known.weighed(Reading(100.0, 90.0))
+    assert weighed is not None and weighed.value == pytest.approx(98.5, abs=0.01)

@@ -13,6 +13,7 @@ from control.diagnosis.runs.channels import channels
 from control.diagnosis.runs.diagnose import diagnose_run
 from control.diagnosis.runs.guard import Cancelled
 from control.diagnosis.runs.hypothesis import Part
+from control.diagnosis.runs.model import nuisances
 from control.diagnosis.runs.next_run import manoeuvres, separation
 from control.diagnosis.runs.settle import settle
 from control.machine.compiled import flow_run, gate_run, scale_run, shaft_run, speed_run
@@ -311,6 +312,13 @@ def test_a_log_of_one_stage_is_cancelled_in_the_middle_of_its_work():
     left = iter(range(len(asked) // 2))
     with pytest.raises(Cancelled):
         diagnose_run(columns, Machine(), cancelled=lambda: next(left, None) is None)
+
+
+def test_the_gate_s_speed_may_be_off_by_its_share_of_the_nominal_one():
+    machine = Machine()
+    sizes = {one.key: one.sd for one in nuisances("gate", machine)}
+    assert sizes["gate.slew_mm_s"] == pytest.approx(
+        machine.gate.slew_mm_s * 0.01 * machine.tolerance.gate_slew_percent)
 
 
 def test_manoeuvres_separate_what_they_are_for():
