@@ -8,6 +8,7 @@ import pytest
 from scipy.signal import lfilter
 
 from control.diagnosis.extend import extend
+from control.diagnosis.runs import columns as group_columns
 from control.diagnosis.runs import intermittent, log, onset, search, stages
 from control.diagnosis.runs.channels import channels
 from control.diagnosis.runs.diagnose import diagnose_run
@@ -319,6 +320,13 @@ def test_the_gate_s_speed_may_be_off_by_its_share_of_the_nominal_one():
     sizes = {one.key: one.sd for one in nuisances("gate", machine)}
     assert sizes["gate.slew_mm_s"] == pytest.approx(
         machine.gate.slew_mm_s * 0.01 * machine.tolerance.gate_slew_percent)
+
+
+def test_a_tolerance_of_the_shaft_may_differ_by_speed_and_by_way(monkeypatch):
+    """From -1 at the lowest speed to 1 at the highest; -1 where the command falls, 1 where it rises."""
+    monkeypatch.setattr(group_columns, "_column", lambda model, label, change, sd: change["shaft"])
+    by_speed, by_way = group_columns._by_speed_and_way(None, "k", np.ones(4), np.array([20.0, 50.0, 80.0, 35.0]), 1.0)
+    assert by_speed.tolist() == pytest.approx([-1.0, 0.0, 1.0, -0.5]) and by_way.tolist() == [1.0, 1.0, -1.0, -1.0]
 
 
 def test_manoeuvres_separate_what_they_are_for():
