@@ -26,6 +26,7 @@ SETTLE_S = 4.0
 BLANK_BYTES = 20_000            # an empty page takes a third of it
 OPEN_S = 60.0
 KEY_CODES = {"Enter": 13, "Escape": 27} | {f"F{n}": 111 + n for n in range(1, 13)}
+SIGN_CODES = {",": 188, "-": 189, ".": 190, "/": 191, "[": 219, "]": 221}     # their letters' codes are other keys
 
 
 class Tab:
@@ -64,7 +65,7 @@ class Tab:
     async def press(self, key: str) -> None:
         """A key by its DOM name, Space, or a single character."""
         key = " " if key == "Space" else key
-        code = KEY_CODES.get(key, ord(key[-1].upper()))
+        code = (KEY_CODES | SIGN_CODES).get(key, ord(key[-1].upper()))
         text = {} if key in KEY_CODES and key != "Enter" else {"text": "\r" if key == "Enter" else key}
         await self.ask("Input.dispatchKeyEvent", type="keyDown", key=key, windowsVirtualKeyCode=code, **text)
         await self.ask("Input.dispatchKeyEvent", type="keyUp", key=key, windowsVirtualKeyCode=code)

@@ -27,15 +27,14 @@ from console.app.pages.job.service import (
     Reading,
     Recent,
 )
-from console.locale import _
 from console.services.at_work import earlier
 from console.services.launcher import Launcher, data_folder
+from console.services.map_refused import in_words, refused
 from console.worker import resume
 from control.orders import BY_MAP, TargetSource
 from drivers.files.config import Loaded, load, save, shipped
 from drivers.files.config_error import ConfigError
 from drivers.files.kinds import CAB, CROP, JOB, MACHINE, PRODUCT
-from drivers.files.what_it_is import TABLES, what_is
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -213,10 +212,11 @@ class JobFiles:
         try:
             read = read_prescription(path, choice)
         except RateQuestion as question:
-            return MapPreview(path, reading, question.columns, str(question).splitlines()[0].removeprefix(f"{path}: "))
+            asked = in_words(str(question).splitlines()[0].removeprefix(f"{path}: "))
+            return MapPreview(path, reading, question.columns, asked)
         except PrescriptionError as error:
             said = str(error).splitlines()[0].removeprefix(f"{path}: ")
-            raise ValueError(f"{_refused(Path(path), said, isinstance(error, NotAMap))} ({Path(path).name})") from None
+            raise ValueError(f"{refused(Path(path), said, isinstance(error, NotAMap))} ({Path(path).name})") from None
         except OSError as error:
             raise ValueError(f"{error.strerror or error}: {path}") from None
         if self._scratch is None:
@@ -444,18 +444,6 @@ class JobFiles:
         """Raises WorkerFailed, ValueError, OSError."""
         resume.finish(Path(offer.path))
         return await self._launcher.link()
-
-
-MAP_KINDS = (*TABLES, "geotiff", "gpkg", "kml", "kmz")
-
-
-def _refused(path: Path, why: str, no_map: bool) -> str:
-    """Why a file is not taken: first of all, whether it is a map at all. no_map: its reader found that it is none."""
-    with contextlib.suppress(OSError):
-        kind = what_is(path)
-        if kind.id not in MAP_KINDS:
-            return _("not a prescription map: {why}").format(why=f"this is {kind.words}")
-    return _("not a prescription map: {why}").format(why=why.removeprefix("no prescription: ")) if no_map else why
 
 
 UNIT_NOT_NAMED = "as the file names no unit"        # as `drivers.files.prescriptions.rate_column` says it

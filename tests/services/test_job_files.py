@@ -304,6 +304,40 @@ def test_a_map_of_small_degrees_that_is_swapped_is_seen_by_the_field():
     assert is_doubtful(found[True]) and map_words(found[None], METRIC)[0].startswith("the map lies")
 
 
+SQUARE = "POLYGON ((119.88 34.28, 119.881 34.28, 119.881 34.281, 119.88 34.28))"
+REFUSED = {
+    "notes.pdf": b"%PDF-1.4", "pic.png": b"\x89PNG\r\n", "page.html": b"<!doctype html><html></html>", "empty.csv": b"",
+    "old.gz": b"\x1f\x8b\x08\0", "worker.json": b'{"type": "None"}', "plain.csv": b"a,b\n1,2\n",
+    "none.csv": f'wkt,rate_kg_ha\n"{SQUARE}",\n'.encode(), "word.csv": f'wkt,rate_kg_ha\n"{SQUARE}",many\n'.encode(),
+    "much.csv": f'wkt,rate_kg_ha\n"{SQUARE}",90000\n'.encode(),
+    "swapped.csv": f'wkt,rate_kg_ha\n"{SQUARE.replace("119.88", "x").replace("34.28", "119.88").replace("x", "34.28")}"'
+                   ',200\n'.encode(),
+}
+
+
+def test_a_refused_map_is_refused_in_chinese_on_a_chinese_screen(desk, tmp_path):
+    """Words of English that are left: names of files, columns, formats and units."""
+    import re
+
+    from console.locale import use
+    kept = {"pdf", "csv", "wkt", "gzip", "json", "html", "png", "kg", "ha", "featurecollection", "rate", "many",
+            "none", "gz"}
+    left = {}
+    use("zh")
+    try:
+        for name, data in REFUSED.items():
+            (tmp_path / name).write_bytes(data)
+            with pytest.raises(ValueError) as error:
+                desk.preview(str(tmp_path / name), Reading())
+            said = str(error.value).replace(f"({name})", "")
+            words = set(re.findall(r"[a-z]{2,}", said.lower())) - kept
+            if words or not re.search("[\u4e00-\u9fff]", said):
+                left[name] = said
+    finally:
+        use("en")
+    assert left == {}
+
+
 # --- Only what may be a map is listed: by its ending and its first bytes ---------------------------------------------
 
 @pytest.fixture

@@ -14,11 +14,12 @@ from console.locale import _
 class GoneScreen(Dialog[str | None]):
     """Dismissed with "start", "attach", or None: go on looking at the last values."""
 
-    BINDINGS: ClassVar = [Binding("1", "choose('start')", show=False), Binding("2", "choose('attach')", show=False)]
+    BINDINGS: ClassVar = [Binding("1", "choose_at(0)", show=False), Binding("2", "choose_at(1)", show=False)]
 
     def __init__(self, why: str, can_start: bool, can_attach: bool) -> None:
         super().__init__(f"✖  {_('THE CONTROL WORKER IS GONE')}", why)
         self.can = {"start": can_start, "attach": can_attach}
+        self.offered = [name for name, there in self.can.items() if there]      # by their digits, from 1
         self.add_class("gone")
 
     def body(self) -> ComposeResult:
@@ -26,11 +27,14 @@ class GoneScreen(Dialog[str | None]):
                        "use the hard-wired stop if they do not."), classes="dialog-text", markup=False)
 
     def buttons(self) -> ComposeResult:
-        if self.can["start"]:
-            yield Button(f"1  {_('start it again')}", id="start", classes="dialog-button")
-        if self.can["attach"]:
-            yield Button(f"2  {_('attach to one that runs')}", id="attach", classes="dialog-button")
+        words = {"start": _("start it again"), "attach": _("attach to one that runs")}
+        for digit, name in enumerate(self.offered, 1):
+            yield Button(f"{digit}  {words[name]}", id=name, classes="dialog-button")
         yield Button(f"Esc  {_('look at the last values')}", id="cancel", classes="dialog-button")
+
+    def action_choose_at(self, at: int) -> None:
+        if at < len(self.offered):
+            self.dismiss(self.offered[at])
 
     def action_choose(self, what: str) -> None:
         if self.can[what]:
