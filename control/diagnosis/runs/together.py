@@ -47,8 +47,8 @@ STARTS_AT = 0.2             # of the usual size: inside the bounds, where every 
 def started(search: Search, now: Parts) -> Iterator[Parts]:
     """Hypotheses with several sizes fitted together, in place of whatever of the same curve a hypothesis holds."""
     model = search.model
-    if "shaft" not in model.names:
-        return
+    if "shaft" not in model.names or (now and not model.channel("shaft").settled):
+        return              # beside moves a curve's parts are also seen one by one: once will do
     tried = {c.part.id for c in search.candidates if c.part.onset_s is None}
     back = tuple(one for one in BACKWARDS if one in tried)
     others = tuple(part for part in now if part.id not in FAMILY or part.onset_s is not None)
