@@ -122,12 +122,16 @@ def judged_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, pat
                progress: Progress | None = None, cancelled: Callable[[], bool] | None = None,
                each: Each = map) -> JudgedRun:
     """As `diagnose_run`, with what it was made of."""
+    furthest = 0.0
+
     def step(share: float, word: str) -> None:
+        nonlocal furthest
+        furthest = max(furthest, share)         # the answer runs the models as well
         if cancelled is not None and cancelled():
             raise Cancelled
         try:
             if progress is not None:
-                progress(share, word)
+                progress(furthest, word)
         except Exception as error:
             raise Cancelled from error
     step(0.0, "data")
