@@ -29,8 +29,10 @@ AHEAD = 4                       # tasks in the cluster for each of its threads: 
 MEMORY = "2GB"                  # of a local worker
 MOST_LOOKED_AT = 100            # folders of which every worker reads a log's first bytes
 CONNECT_S, JOIN_S = 10.0, 30.0  # how long a scheduler, and the first of its workers, are waited for
+LOOK_S = 2.0                    # how often it is looked whether a worker is left
 
 GONE = "the scheduler is gone: what is done is kept; the same command goes on"
+NONE_LEFT = "no worker is left: what is done is kept; the same command goes on"
 LOUD = ("distributed", "tornado", "asyncio")    # loggers: they tell in traces what is reported here in a line
 
 Tell = Callable[[int, int, str], None]      # done, of how many, what
@@ -327,11 +329,13 @@ class _Work:
                 return
         for _ in range(min(room, len(todo))):
             put()
+        over, alone = threading.Event(), threading.Event()
+        threading.Thread(target=self._until_alone, args=(running, over, alone), daemon=True).start()
         try:
             for future in done:
                 path = running.pop(future)
                 if future.status == "cancelled":
-                    raise OSError(GONE)
+                    raise OSError(NONE_LEFT if alone.is_set() else GONE)
                 result, why = _result(future)
                 future.release()
                 put()
@@ -339,8 +343,22 @@ class _Work:
         except (CommClosedError, CancelledError):
             raise OSError(GONE) from None
         finally:
+            over.set()
             with contextlib.suppress(CommClosedError, CancelledError):
                 self._client.cancel(list(running))
+
+    def _until_alone(self, running: Mapping[Any, str], over: threading.Event, alone: threading.Event) -> None:
+        """Where no worker is left, and none comes for as long as the first was waited for, nobody would ever do what is
+        asked: it is taken back."""
+        missed = 0.0
+        while not over.wait(LOOK_S):
+            with contextlib.suppress(Exception):            # a scheduler that is gone is told by its tasks
+                missed = 0.0 if self._client.nthreads() else missed + LOOK_S
+            if missed >= JOIN_S:
+                alone.set()
+                with contextlib.suppress(Exception):
+                    self._client.cancel(list(running), force=True)
+                return
 
     def _where(self) -> dict[str, Any]:
         """Where all are asked, also those that come later; else only those that see the logs."""

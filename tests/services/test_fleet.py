@@ -3,6 +3,8 @@ from __future__ import annotations
 
 import json
 import os
+import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -513,3 +515,16 @@ def test_the_owner_reads_what_the_machine_does_and_what_to_do(effect, size, lang
         assert owner_words(effect, size).startswith(said)
     finally:
         use("en")
+
+
+def test_where_no_worker_is_left_it_ends_in_one_line(monkeypatch):
+    """Killed, or a node that went: its tasks would wait for another worker without end."""
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(fleet, "JOIN_S", 1.0)
+    monkeypatch.setattr(fleet, "LOOK_S", 0.2)
+    threads = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
+    with distributed.LocalCluster(**threads) as local, distributed.Client(local, set_as_default=False) as client:
+        asked = fleet._Work(client, list(client.nthreads())).once(time.sleep, dict.fromkeys("abc", (4.0,)))
+        threading.Timer(0.5, local.scale, (0,)).start()
+        with pytest.raises(OSError, match="no worker is left: what is done is kept"):
+            list(asked)
