@@ -49,7 +49,7 @@ def started(desk):
     """As after Enter at the question whether to start with it."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Launcher, "start", lambda self, resumed=None: None)
-        patch.setattr("console.link.Link", lambda where: where)
+        patch.setattr("console.link.Link", lambda where, name: where)
         asyncio.run(desk.restart())
 
 
@@ -136,7 +136,7 @@ async def test_begin_anew_is_not_asked_again(desk, launcher, monkeypatch):
                  Snapshot("a.csv", began_utc=saved, saved_utc=saved, sums=Sums(area_ha=1.2), config=("demo",), seed=7))
     started = []
     monkeypatch.setattr(Launcher, "start", lambda self, resumed=None: started.append((self.config, self.seed, resumed)))
-    monkeypatch.setattr("console.link.Link", lambda where: where)
+    monkeypatch.setattr("console.link.Link", lambda where, name: where)
     offer = desk.offer()
     await desk.resume(offer)
     assert started == [(("demo",), 7, Path(offer.path))]
