@@ -43,7 +43,7 @@ from .forms import Array, Ints, Logs, with_scatter
 
 PRIOR = 1e-3                # that one level does one effect: of the some thousand pairs of a season about one does
 SURE = 0.95                 # probability from which on a level is told; of thousands of pairs noise gives 0.1
-GRID = (0.1, 0.3, 1.0)      # of an effect's usual size: tau of the slab; levels of a factor may differ by less
+GRID = (0.5, 2.0, 8.0)      # of an effect's probe: tau of the slab
 COARSE = 0.005              # of a gain: what tempers alternatives; behind by 3 % of it is one in twenty
 MOST = 60                   # causes of a season
 SWEEPS = 3
@@ -206,8 +206,8 @@ def _basis(times_d: Array) -> Array:
 
 def slab(logs: Logs) -> Array:
     """(grid, q) s.d. of what an effect is where it is."""
-    usual = np.array([ROWS[name.partition("#")[0]].usual for name in logs.names])
-    return np.asarray(np.array(GRID)[:, None] * usual, np.float64)
+    probes = np.array([ROWS[name.partition("#")[0]].probe or 1.0 for name in logs.names])
+    return np.asarray(np.array(GRID)[:, None] * probes, np.float64)
 
 
 def log_bayes(score: Array, information: Array, sd: Array) -> Array:
@@ -476,10 +476,10 @@ def _alternatives(logs: Logs, levels: Levels, others: Sequence[Cause], post: Sol
                   cause: Cause) -> list[Alternative]:
     """The cause and what may stand in its place, with probabilities that add up to 1; likeliest first."""
     tried: list[tuple[float, float, Alternative]] = []      # log likelihood, log prior, what
-    usual, here = slab(logs)[0], np.any(cause.columns != 0.0, axis=1)
+    probe, here = slab(logs)[0], np.any(cause.columns != 0.0, axis=1)
     scatter = np.where(here, cause.scatter, 0.0)
     for effect, name in enumerate(logs.names):
-        scale = usual[effect] / usual[cause.effect]
+        scale = probe[effect] / probe[cause.effect]
         spread = scatter if effect == cause.effect else np.where(here, extra[:, effect], 0.0)
         linear, own, size = _gain(post, spread, cause.columns, cause.sd * scale, effect)
         tried.append((linear + own, float(prior[effect]), Alternative(
