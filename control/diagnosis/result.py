@@ -12,7 +12,7 @@ RUN_CHANNELS = ("shaft", "gate", "flow", "scale", "speed", "heads")
 CHANNELS = (*RUN_CHANNELS, "lag", "place")
 
 Verdict = Literal["named", "none", "ambiguous", "unexplained", "not_judged"]
-STRUCTURE_P = 1e-3         # a channel whose structure has less than this is never called noise
+STRUCTURE_P = 0.1          # a channel of which nothing but noise is less probable shows something (1 - prior.NAMED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class Channel:
     rmse: float
     noise_floor: float
     explained_by_nominal: float         # share of the channel's variance
-    structure_p: float                  # p-value: probability that noise alone shows so much structure
+    structure_p: float                  # probability that there is nothing but noise
 
 
 @dataclass(frozen=True, slots=True)

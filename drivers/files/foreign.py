@@ -7,12 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from control.calibration.bench_table import recognise
+from control.log_limits import SPEEDS
 from control.log_row import COLUMNS, NDRE_COLUMNS
 from drivers.files.findings import Finding
 from drivers.files.header_names import Renamed
 from drivers.files.header_names import our_names as renamed
 from drivers.files.log_times import UnusableLog, with_good_times
-from drivers.files.log_values import SPEEDS, with_good_values
+from drivers.files.log_values import with_good_values
 from drivers.files.table import Columns
 
 __all__ = ["UnusableLog", "examined", "needed", "our_names"]

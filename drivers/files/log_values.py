@@ -4,33 +4,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from control.log_row import NDRE_COLUMNS
+from control.log_limits import HEADS as _HEADS
+from control.log_limits import NDRE as _NDRE
+from control.log_limits import PLAUSIBLE, SENTINELS, SPEEDS, stand_for_nothing
 from drivers.files.findings import Finding, many
 from drivers.files.table import Columns
 
 Floats = NDArray[np.float64]
 
-SPEEDS = ("speed_mps", "wheel_speed_mps", "speed_used_mps")
-_HEADS = ("ndvi_1", "ndvi_2", "ndvi_3", "ndvi_4", "ndvi_5", "ndvi_6", "ndvi")
-_NDRE = (*NDRE_COLUMNS, "ndre")
 
-# What the quantity can be on any machine of this kind; wide on purpose.
-PLAUSIBLE = {
-    "lat_deg": (-90.0, 90.0), "lon_deg": (-180.0, 180.0), "fix_quality": (0, 9), "satellites": (0, 100),
-    "hdop": (0, 100), "heading_deg": (-180.0, 360.0), "pitch_deg": (-60.0, 60.0), "roll_deg": (-60.0, 60.0),
-    **dict.fromkeys(SPEEDS, (-15.0, 30.0)), **dict.fromkeys((*_HEADS, *_NDRE), (-1.0, 1.0)),
-    "target_rate_kg_ha": (0.0, 5000.0), "nudge_percent": (-100.0, 100.0), "shaft_rpm_cmd": (-1e5, 1e5),
-    "shaft_rpm": (-1e5, 1e5), "opening_mm_cmd": (-50.0, 500.0), "opening_mm": (-50.0, 500.0),
-    "hopper_kg": (-500.0, 50_000.0), "flow_trim": (0.0, 10.0), "supply_v": (0.0, 60.0),
-    "applied_rate_kg_ha": (0.0, 20_000.0), "lag_s": (0.0, 60.0), "lag_m": (-100.0, 500.0),
-}
 # Left out where they stand outside: NDVI by its definition, places by theirs.
 _EMPTIED_OUTSIDE = frozenset({"lat_deg", "lon_deg", *_HEADS, *_NDRE})
-
-# Numbers by which programs say "not known".
-SENTINELS = (-999.0, -9999.0, -99999.0, -999.9, -999.99, -99.0, 999.0, 9999.0, 99999.0, 999999.0, 999.9, 9999.9,
-             32767.0, -32768.0, 65535.0, 2147483647.0, -2147483648.0)
-SENTINEL_APART = 3.0        # inside the plausible range: that many times larger than any other value
 
 _M_PER_DEG = 111_200.0       # one percent is enough to tell units apart
 _CHORD_S = 5.0
@@ -65,13 +49,7 @@ def _without_sentinels(name: str, values: Floats, limits: tuple[float, float], f
 
     For longitudes those in which the latitude is one: -99 degrees next to a latitude is a place in Mexico.
     """
-    if not values.size or not _reaches_a_sentinel(values, limits):
-        return values
-    suspect = np.isin(values, SENTINELS)
-    if inside is None:
-        others = np.abs(values[~suspect & np.isfinite(values)])
-        inside = np.abs(values) > SENTINEL_APART * (others.max() if others.size else np.inf)
-    sentinel = suspect & ((values < limits[0]) | (values > limits[1]) | inside)
+    sentinel = stand_for_nothing(values, limits, inside)
     count = int(sentinel.sum())
     if count == 0:
         return values
@@ -79,12 +57,6 @@ def _without_sentinels(name: str, values: Floats, limits: tuple[float, float], f
     findings.append(Finding("sentinel", f"column {name}: {many(count, 'value')} {kinds} emptied: not known", name,
                             count))
     return np.where(sentinel, np.nan, values)
-
-
-def _reaches_a_sentinel(values: Floats, limits: tuple[float, float]) -> bool:
-    """A quick look: most columns stay far from any sentinel."""
-    low, high = np.fmin.reduce(values), np.fmax.reduce(values)
-    return bool(low <= -99.0 or high >= 999.0 or low < limits[0] or high > limits[1])
 
 
 def _positions(columns: Columns, findings: list[Finding]) -> None:

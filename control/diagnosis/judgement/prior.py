@@ -9,7 +9,7 @@ begins or ends: any time of the log alike.
 """
 from __future__ import annotations
 
-from math import log
+from math import inf, log, log1p, sqrt
 
 from control.machine.terms import Acts
 
@@ -28,6 +28,7 @@ USUAL_OF_TERM = {           # s.d. of a term's coefficients over the spread of i
 FORM_SHARE = 0.25           # of an effect's own signal, by which its form may differ from the catalogue's
 NAMED = 0.9                 # posterior probability from which on a cause is named
 SAID = log(NAMED / (1.0 - NAMED))       # log odds against nothing, from which on something is said to be there
+NINE_IN_TEN_SD = 1.2816     # of a normal: nine in ten are above its mean less so many s.d.
 LISTED = 0.02               # ... and from which on a rival is listed
 
 
@@ -66,3 +67,12 @@ def log_odds_of_form(quantities: int, variables: int, places: int, temporary: bo
     if temporary:
         return log(UNKNOWN * COURSE["ends"] / (max(1, quantities) * places))
     return log(UNKNOWN / (max(1, quantities) * max(1, variables) * FORMS * max(1, places)))
+
+
+def smallest_said(usual: float, information: float, log_odds: float) -> float:
+    """Size of an effect that would be said nine times in ten, where the data have so much `information` on it (1 over
+    its variance): its log odds against nothing then reach SAID. inf: they have none."""
+    if information <= 0.0:
+        return inf
+    needed = SAID - log_odds + 0.5 * log1p(usual ** 2 * information)
+    return (sqrt(2.0 * needed) + NINE_IN_TEN_SD) / sqrt(information)

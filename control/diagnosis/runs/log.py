@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from control.log_limits import ANYTHING, PLAUSIBLE, stand_for_nothing
 from control.log_row import COLUMNS, COMMANDS_HELD
 from control.orders import State
 
@@ -14,7 +15,6 @@ from .further import worth_asking
 
 Array = npt.NDArray[np.float64]
 
-SENTINELS = (-9999.0, -999.0, -99.0, 9999.0, 99999.0, 65535.0, 32767.0, -32768.0)
 FASTEST_MPS = 9.0           # ground speeds above this, most of the time, are not m/s
 KMH_IN_MPS = 3.6
 KMH_RATIO = (3.2, 4.0)      # of two speeds, of which one is in km/h
@@ -173,7 +173,7 @@ def _without_sentinels(name: str, values: Array, findings: list[str]) -> Array:
         if marked.any():
             findings.append(f"column {name}: {int(marked.sum())} cells {what}, which no machine reads: left out")
     values = readable(values)
-    marked = np.isin(values, SENTINELS)
+    marked = stand_for_nothing(values, PLAUSIBLE.get(name, ANYTHING))
     if marked.any():
         shown = float(values[marked][0])
         findings.append(f"column {name}: {int(marked.sum())} cells hold {shown:g}, which stands for a missing value")

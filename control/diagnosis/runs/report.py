@@ -9,9 +9,8 @@ from scipy.special import chdtrc
 
 from control.diagnosis.effects import ROWS
 from control.diagnosis.judgement.evidence import Z90, projected
-from control.diagnosis.judgement.prior import LISTED, NAMED
+from control.diagnosis.judgement.prior import LISTED, NAMED, log_odds, smallest_said
 from control.diagnosis.result import (
-    STRUCTURE_P,
     UNKNOWN,
     Cause,
     Channel,
@@ -34,11 +33,11 @@ from control.machine.terms import Form
 from .as_a_whole import as_a_whole
 from .cost import field_cost
 from .gain import measure_gain
-from .hypothesis import Part
 from .intermittent import ReadOff
 from .model import tolerance_of
 from .next_run import next_run
 from .onset import stop_interval
+from .search import Candidate
 from .selection import Judged
 from .stages import RunData
 from .term_seen import marginal, means_along
@@ -46,9 +45,7 @@ from .terms import Found
 from .verdict import Remains, remains, unknown_share
 
 Array = npt.NDArray[np.float64]
-THRESHOLD = 22.0            # of twice the log-likelihood: what a steady effect gains that is named
-LEAST_TRIED = 5             # effects, as if so many: a gain below THRESHOLD is no structure
-BEGINS = 8                  # independent times at which an effect may begin or grow, about
+MOST_LOG_ODDS = 700.0       # whose exponential a computer can hold
 WINDOW_S = 10.0             # flow is read off the scale over windows of this length
 RISE_KG = 1.0               # over one: a refill; on the nominal machine
 
@@ -80,11 +77,9 @@ def by_chance(gain: float) -> float:
 
 
 def _structure_p(one: Judged) -> float:
-    """Probability of the best single explanation's gain where there is nothing, over the catalogue searched."""
-    gain = max(one.structure_gain, 2.0 * (one.found.log_likelihood - one.null.log_likelihood),
-               max((term.gain for term in one.terms), default=0.0))
-    single = by_chance(gain)
-    return float(1.0 - (1.0 - single) ** (BEGINS * max(LEAST_TRIED, len(one.scan))))
+    """Probability that there is nothing in a group: by the odds of the likeliest thing that is said to be there."""
+    best = max([*one.worths, *(term.worth for term in one.terms)], default=-np.inf)
+    return float(1.0 / (1.0 + np.exp(min(best, MOST_LOG_ODDS))))
 
 
 def _flow(time_s: Array, reading: Array, residual: Array, noise_kg: float, p: float, data: RunData,
@@ -107,16 +102,17 @@ def _flow(time_s: Array, reading: Array, residual: Array, noise_kg: float, p: fl
 
 
 def not_shown(one: Judged) -> list[NotShown]:
-    """Smallest size at which an effect that is not named would have passed the threshold (Fisher information)."""
+    """Smallest size at which an effect that is not named would have been (Fisher information)."""
     search, now = one.search, one.found
     named = {p.id for p in now.parts}
     best: dict[str, float] = {}
     kept = [c for c in search.candidates if c.part.id not in named]
+    odds = log_odds("steady", len({c.part.id for c in search.candidates}))
     columns = [search.columns.of_candidate(now.parts, c.part) for c in kept]
     p, before = search.columns.compressed(now.parts, columns)
     normal, _ = projected(p, np.arange(before), now.noise)
     for k, candidate in enumerate(kept):
-        size = _detectable(candidate.part, float(normal[before + k, before + k]), search.model.machine)
+        size = _detectable(candidate, float(normal[before + k, before + k]), search.model.machine, odds)
         best[candidate.part.id] = min(size, best.get(candidate.part.id, np.inf))
     found = []
     for effect_id in dict.fromkeys(c.part.id for c in kept):
@@ -126,12 +122,12 @@ def not_shown(one: Judged) -> list[NotShown]:
     return found
 
 
-def _detectable(part: Part, information: float, machine: Machine) -> float:
-    """Smallest size that passes the threshold on average; inf where this column cannot tell."""
-    row = ROWS[part.id]
+def _detectable(candidate: Candidate, information: float, machine: Machine, odds: float) -> float:
+    """Smallest size that would be said nine times in ten; inf where this column cannot show it."""
+    part, row = candidate.part, ROWS[candidate.part.id]
     if CATALOGUE[part.id].effect.onset_only or information <= 0.0:
         return np.inf
-    size = float(np.sqrt(THRESHOLD * (1.0 / information + tolerance_of(part.id, machine) ** 2)))
+    size = smallest_said(candidate.usual, 1.0 / (1.0 / information + tolerance_of(part.id, machine) ** 2), odds)
     if row.threshold:
         size = abs(part.size) if size <= abs(part.size) else np.inf
     return np.inf if row.ladder and size > abs(part.size) * 2.0 else size
@@ -199,14 +195,9 @@ def _unexplained(one: Judged, rest: Sequence[Remains], rows: Sequence[Channel]) 
     if one.found.parts:
         return []                       # the names are then suspected instead
     prior = {c.name: c.prior.fast_sd for c in one.search.model.channels}
-    found = [Unexplained(r.channel, "", _structure_share(by_name[r.channel]), by_name[r.channel].rmse,
+    return [Unexplained(r.channel, "", _structure_share(by_name[r.channel]), by_name[r.channel].rmse,
                          prior[r.channel] if r.why == "loud" else by_name[r.channel].noise_floor,
                          by_name[r.channel].unit, None, r.hint, None, r.period_s) for r in rest]
-    inside = [row for row in rows if row.channel in one.search.model.names and row.structure_p < STRUCTURE_P]
-    if inside and not found:
-        row = max(inside, key=_structure_share)
-        found = [Unexplained(row.channel, "", _structure_share(row), row.rmse, row.noise_floor, row.unit)]
-    return found
 
 
 def _tables(one: Judged, data: RunData) -> list[TableFit]:

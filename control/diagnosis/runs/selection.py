@@ -60,7 +60,6 @@ class Judged(NamedTuple):
     worths: tuple[float, ...]                   # of each part: its log posterior odds against nothing in its place
     rivals: tuple[tuple[RivalOf, ...], ...]     # by part
     scan: tuple[Scanned, ...]                   # the whole catalogue on top of nothing
-    structure_gain: float = 0.0                 # of the best single part on top of nothing, refitted
     terms: tuple[Found, ...] = ()               # beyond the catalogue
     unknown: tuple[float, ...] = ()             # of each part: log odds of something unknown in its place
 
@@ -157,23 +156,20 @@ def judged(search: Search) -> Judged:
     null = _nothing(search)
     board = Board(search)
     first = search.scan((), null.noise)
-    current, gain = null, 0.0
+    current = null
     worths: tuple[float, ...] = ()
     rivals: tuple[tuple[RivalOf, ...], ...] = ()
-    for step in range(MAX_CAUSES):
+    for _ in range(MAX_CAUSES):
         better = _together(board, current, _forward(board, current))
         if better is None:
             break
-        if step == 0:
-            gain = 2.0 * (better.log_likelihood - current.log_likelihood)
         current, worths, rivals = _reviewed(board, _settled(board, better))
         if not current.parts:
             break
-    gain = gain if current.parts else 0.0
     null = search.refit(())
     beyond = beyond_names(search, current, null, worths, sum(board.prior(part) for part in current.parts))
     worths, rivals = tuple(worths[k] for k in beyond.kept), tuple(rivals[k] for k in beyond.kept)
-    return Judged(search, null, beyond.now, worths, rivals, tuple(first), gain, beyond.terms, beyond.unknown)
+    return Judged(search, null, beyond.now, worths, rivals, tuple(first), beyond.terms, beyond.unknown)
 
 
 def _nothing(search: Search) -> Refit:

@@ -5,11 +5,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import norm
 from scipy.stats import t as student
 
 from control.diagnosis.effects import LAG_COARSE_CLOCK
-from control.diagnosis.judgement.prior import SAID
+from control.diagnosis.judgement.prior import smallest_said
 from control.diagnosis.result import Detectable, Gain, NotShown
 from control.machine.machine import CATALOGUE, unit_of
 
@@ -18,7 +17,6 @@ from .problem import Problem
 from .search import Model, Search, refined
 
 RESAMPLES = 400             # of the settings, for the interval of the gain
-POWER = 0.9                 # of showing an effect of the smallest detectable size
 MIN_ROWS = 2                # of one row nobody knows the scatter
 MIN_PAIRS = 3               # settings that two labels must share to be compared
 
@@ -89,8 +87,7 @@ def not_shown(search: Search, told: frozenset[str]) -> tuple[NotShown, ...]:
 
 
 def smallest_shown(search: Search) -> dict[str, float]:
-    """The smallest size, within its bounds, of each effect that these rows would show with POWER, by id: its log odds
-    against nothing would reach SAID (`prior`)."""
+    """The smallest size, within its bounds, of each effect that these rows would show nine times in ten, by id."""
     problem, smallest = search.problem, dict[str, float]()
     for k, one in enumerate(search.effects if len(problem.observed) >= MIN_ROWS else ()):
         if one.candidate.scope is not None:
@@ -99,10 +96,7 @@ def smallest_shown(search: Search) -> dict[str, float]:
         fit = refined(problem, search.effects, search.unknowns, model)
         se = fit.se[model.effects.index(k)]
         information = max(0.0, 1.0 / se ** 2 - 1.0 / max(one.usual, abs(fit.sized[model.effects.index(k)].size)) ** 2)
-        if information <= 0.0:
-            continue
-        needed = SAID - one.log_odds + 0.5 * float(np.log1p(one.usual ** 2 * information))
-        size = float((np.sqrt(2.0 * needed) + norm.ppf(POWER)) / np.sqrt(information))
+        size = smallest_said(one.usual, information, one.log_odds)
         if size < max(abs(one.low), abs(one.high)):
             smallest[one.candidate.id] = max(size, smallest.get(one.candidate.id, 0.0))
     steps = [clock.smallest_s for clock in problem.clocks if clock is not None and clock.smallest_s is not None]

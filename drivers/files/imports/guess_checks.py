@@ -7,6 +7,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from control.log_limits import PLAUSIBLE
 from drivers.files.imports import physics
 from drivers.files.imports.convert import convert
 from drivers.files.imports.guess_columns import per_count
@@ -16,7 +17,6 @@ from drivers.files.imports.raw import RawTable
 from drivers.files.imports.trouble import ImportTrouble
 from drivers.files.imports.units import unit_named
 from drivers.files.imports.words import QUANTITIES, folded, says
-from drivers.files.log_values import PLAUSIBLE
 
 LOOKED_AT = 50_000              # rows, for what the converted numbers say
 SLIP = (0.7, 1.6)               # a wheel's speed over the ground's, on any ground

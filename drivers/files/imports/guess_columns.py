@@ -6,6 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from control.log_limits import PLAUSIBLE
 from control.log_row import COLUMNS, TEXT_COLUMNS
 from drivers.files.imports import physics
 from drivers.files.imports.convert import extra_name
@@ -26,7 +27,6 @@ from drivers.files.imports.words import (
     says,
     subject_of,
 )
-from drivers.files.log_values import PLAUSIBLE
 
 MOVING_MPS = 0.3
 TOO_FAST = 60.0                 # no machine drives so fast in any unit of speed: it is a rotation

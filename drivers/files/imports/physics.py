@@ -6,8 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from control.log_limits import stand_for_nothing
 from drivers.files.imports.units import UNITS
-from drivers.files.log_values import SENTINEL_APART, SENTINELS, speed_over_track
+from drivers.files.log_values import speed_over_track
 
 Floats = NDArray[np.float64]
 
@@ -78,13 +79,7 @@ def slope(command: Floats, reading: Floats) -> float:
 
 def sentinels(values: Floats, limits: tuple[float, float]) -> list[float]:
     """Numbers by which programs say "not known", where the quantity cannot be that, or no other value comes near."""
-    known = values[np.isfinite(values)]
-    marks = [mark for mark in SENTINELS if (known == mark).any()]
-    if not marks:
-        return []
-    others = np.abs(known[~np.isin(known, marks)])
-    apart = SENTINEL_APART * others.max() if others.size else np.inf
-    return [mark for mark in marks if not limits[0] <= mark <= limits[1] or abs(mark) > apart]
+    return [float(mark) for mark in np.unique(values[stand_for_nothing(values, limits)])]
 
 
 def _correlation(steps: Floats, moves: Floats, lag: int) -> float:
