@@ -65,7 +65,7 @@ def write_text(path: Path, columns: Columns, meta: RunMeta | None) -> None:
     import polars as pl
     data = io.BytesIO()
     pl.DataFrame([pl.Series(name, [text or None for text in array.tolist()] if array.dtype == object
-                            else texts_of(name, array), pl.String) for name, array in columns.items()]).write_csv(data)
+                            else texts_of(name, array.tolist()), pl.String) for name, array in columns.items()]).write_csv(data)
     path.parent.mkdir(parents=True, exist_ok=True)
     if meta is not None:
         write_atomically(sidecar(path), meta_to_yaml(meta))

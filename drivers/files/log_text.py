@@ -2,11 +2,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
-
-import numpy as np
-import numpy.typing as npt
 
 from control.log_row import ALL_COLUMNS, COLUMNS, HEAD_COLUMNS, NDRE_COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS, LogRow
 
@@ -37,11 +34,10 @@ def _form(column: str) -> str:
     return "%d" if column in WHOLE_COLUMNS else f"%.{DECIMALS[column]}f"
 
 
-def texts_of(column: str, values: npt.NDArray[np.float64]) -> list[str | None]:
+def texts_of(column: str, values: Sequence[float]) -> list[str | None]:
     """Every value of a column, (n,), as a log's row has it; None where it is not known. A value that has more digits
     than its column has the shortest text that reads back as the same number."""
-    known = np.isfinite(values)
-    numbers = values[known].tolist()
+    numbers = list(filter(math.isfinite, values))
     texts = list(map(repr, numbers))
     if column in ALL_COLUMNS and column not in EXACT_COLUMNS | TEXT_COLUMNS:
         close = (f"%.{_CLOSE_TIME_DECIMALS}f",) if column == "time_s" else ()
@@ -50,7 +46,7 @@ def texts_of(column: str, values: npt.NDArray[np.float64]) -> list[str | None]:
             texts = [new if float(new) == number else old
                      for new, old, number in zip(made, texts, numbers, strict=True)]
     found = iter(texts)
-    return [next(found) if one else None for one in known.tolist()]
+    return [next(found) if math.isfinite(one) else None for one in values]
 
 
 def columns_of(machine: Mapping[str, Any] | None) -> tuple[str, ...]:
