@@ -64,8 +64,9 @@ def write_text(path: Path, columns: Columns, meta: RunMeta | None) -> None:
     log that topdress wrote is the same to the byte. Raises OSError."""
     import polars as pl
     data = io.BytesIO()
-    pl.DataFrame([pl.Series(name, [text or None for text in array.tolist()] if array.dtype == object
-                            else texts_of(name, array.tolist()), pl.String) for name, array in columns.items()]).write_csv(data)
+    texts = {name: [text or None for text in array.tolist()] if array.dtype == object
+             else texts_of(name, array.tolist()) for name, array in columns.items()}
+    pl.DataFrame([pl.Series(name, column, pl.String) for name, column in texts.items()]).write_csv(data)
     path.parent.mkdir(parents=True, exist_ok=True)
     if meta is not None:
         write_atomically(sidecar(path), meta_to_yaml(meta))
