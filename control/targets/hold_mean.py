@@ -40,6 +40,8 @@ class HoldMean:
             self._way_m += way_m
             self._rule += rule_kg_ha * way_m
         mean = self._rule / self._way_m if self._way_m > 0.0 else rule_kg_ha
+        if mean <= 0.0:                     # rates so small that a float loses them on the way
+            return rule_kg_ha
         factor = (self.mean_kg_ha + self.owed_kg_ha) / mean
         return rule_kg_ha * min(MOST_FACTOR, max(LEAST_FACTOR, factor))
 

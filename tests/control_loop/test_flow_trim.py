@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
@@ -193,6 +193,7 @@ def test_without_it_the_rule_says_how_much():
     assert found > 300.0
 
 
+@example([(5e-324, 0.5, 0.0)], 5.0)
 @settings(deadline=None)
 @given(st.lists(st.tuples(st.floats(0.0, 500.0), st.floats(0.1, 20.0), st.floats(0.0, 3.0)), max_size=60),
        st.floats(5.0, 500.0))
