@@ -105,16 +105,16 @@ def _is_run(data: list[Path]) -> bool:
     from drivers.files.any_log import FOREIGN
     from drivers.files.foreign import is_run_log
     from drivers.files.header_names import our_names
-    from drivers.files.imports.header import is_value
     from drivers.files.imports.words import NO_TIME, TIME, folded, says
-    from drivers.files.table import header_of
+    from drivers.files.table import NoHeader, header_of
     if data[0].is_dir() or data[0].suffix.lower() in FOREIGN:
         return True
-    names = header_of(data[0])
+    try:
+        names = header_of(data[0])
+    except NoHeader:
+        return True                             # the import asks what its columns are
     if is_run_log(names):
         return True
-    if all(is_value(name) for name in names):
-        return True                             # no header at all: the import asks what its columns are
     tells_time = any(says(folded(name), TIME) and not says(folded(name), NO_TIME) for name in names)
     return tells_time and recognise(our_names(names, KNOWN, {}).names) is None
 

@@ -64,7 +64,7 @@ def machine(
     force: Force = False,
 ) -> None:
     """Write a first machine file of one stage from a log, asking full speed, rows, direction and sensor noise."""
-    from control.calibration.first_machine import suggested
+    from control.calibration.first_machine import NoColumn, suggested
     from drivers.files.any_log import open_log
     from drivers.files.atomic import write_atomically
     from drivers.files.config import load
@@ -83,6 +83,9 @@ def machine(
         raise typer.Exit(2) from None
     try:
         found = suggested(columns)
+    except NoColumn as error:
+        raise CommandError(f"{log}: {error}; topdress import {log} --guess writes an import file in which a line says "
+                           "which column it is") from None
     except ValueError as error:
         raise CommandError(f"{log}: {error}") from None
     answers = Answers(not yes)

@@ -25,6 +25,10 @@ DEADS_S = np.concatenate(([0.0], np.geomspace(0.005, 2.0, 17)))
 MOST_ROWS = 4000            # of the log, that the times are read off
 
 
+class NoColumn(ValueError):
+    """A log without a command, or without its reading."""
+
+
 class Suggested(NamedTuple):
     """What a log suggests. full_rpm : r/min at the full command. settled : a row holds a command's settled answer.
     both_ways : it turns backwards too. noise_rpm : 1 s.d. of a reading, r/min. dead_s, tau_s : dead time and time
@@ -62,7 +66,7 @@ def _known(columns: Mapping[str, npt.NDArray[Any]]) -> tuple[Array, Array, Array
     found = []
     for name in ("time_s", "shaft_rpm_cmd", "shaft_rpm"):
         if name not in columns:
-            raise ValueError(f"column {name}: missing: a first machine file is made of a command and its reading")
+            raise NoColumn(f"column {name}: missing: a first machine file is made of a command and its reading")
         found.append(np.asarray(columns[name], np.float64))
     known = np.isfinite(found).all(axis=0)
     if known.sum() < LEAST_ROWS:

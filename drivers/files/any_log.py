@@ -11,7 +11,7 @@ from control.log_row import COLUMNS
 from drivers.files.foreign import our_names
 from drivers.files.log_store import is_store
 from drivers.files.read_log import LogError, RunLog, read_rows
-from drivers.files.table import header_of
+from drivers.files.table import NoHeader, header_of
 
 if TYPE_CHECKING:
     from drivers.files.imports.mapping import ImportFile
@@ -84,16 +84,25 @@ def _not_by_another_name(path: Path) -> None:
                 raise LogError(f"{path}: {what} by another name: allowed is its own suffix")
 
 
+def _commands(names: list[str]) -> bool:
+    """Whether another program's column is a command by its name (`commanded_rpm`)."""
+    from drivers.files.imports.words import COMMAND, folded, says
+    return any(says(folded(name), COMMAND) for name in names if not name.startswith("x_"))
+
+
 def is_foreign(path: Path) -> bool:
     """Whether the import reads this rather than `read_log`. Raises TableError, OSError."""
     if is_store(path):
         return False
     if path.is_dir() or path.suffix.lower() in FOREIGN:
         return True
-    names = header_of(path)
+    try:
+        names = header_of(path)
+    except NoHeader:
+        return True                 # the import asks what its columns are
     plain = [name.strip().lower() for name in names]
-    if "time_s" in plain:
-        return False
     ours = our_names(names).names
     known = sum(name in COLUMNS for name in ours)
+    if "time_s" in plain:
+        return known == 1 and _commands(plain)
     return not ({"time_s", "utc"} & set(ours) and known >= KNOWN_SHARE * len(ours) and known > 1)

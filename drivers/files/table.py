@@ -41,6 +41,10 @@ class TableError(OneLine):
     """The table cannot be used; one line, naming the file."""
 
 
+class NoHeader(TableError):
+    """Its first line holds numbers only: what the columns are is to be asked."""
+
+
 @dataclass(frozen=True, slots=True)
 class Table:
     """`names`: all columns of the file. `columns`: those read; arrays of length n, float64 (unknown = NaN) or object
@@ -236,8 +240,8 @@ def _names(path: Path, line: str, separator: str) -> tuple[str, ...]:
     except csv.Error as error:
         raise TableError(f"{path}: no header row: {error}") from None
     if all(_number(name, False) is not None for name in names):
-        raise TableError(f"{path}: no header row: the first line is {line[:40].strip()}; the first line must name the "
-                         "columns")
+        raise NoHeader(f"{path}: no header row: the first line is {line[:40].strip()}; the first line must name the "
+                       "columns")
     while names and not names[-1]:
         names = names[:-1]
     return names

@@ -65,11 +65,16 @@ def test_a_command_is_one_whatever_it_drives(tmp_path: Path) -> None:
     (table("time_s,hopper kg", range(100, 180)), ["columns.hopper_kg: it grows nearly all the time"]),
     (table("time_s,shaft rpm", [500000] * 80), ["columns.shaft_rpm: 80 of 80 values such as 500000 are beyond"]),
     (table("k,shaft rpm", COMMAND), ["time: no column is called a time; k alone grows evenly"]),
+    (table("Tiempo (s),Shaft command rpm,Shaft rpm", COMMAND, ANSWER), []),
+    (table("lap (s),Shaft command rpm,Shaft rpm", COMMAND, ANSWER), []),
+    (table("DutyCycle,RPM", [0 if k < 9 else 500 - 4000 // k for k in ROWS]),
+     ["time: no column tells the time", "columns: RPM follows DutyCycle: is that"]),
+    (table("ms,Shaft command rpm,Shaft rpm", COMMAND, ANSWER), []),
     (table("x,when,shaft rpm", [f"03/04/2026 10:00:{k % 60:02d}" if k < 60 else f"03/04/2026 10:01:{k - 60:02d}"
                                 for k in ROWS], COMMAND), ["time: column when is not called a time, but reads as one"]),
     (table("x,Time,shaft rpm", [f"03/04/2026 10:{k // 60:02d}:{k % 60:02d}" for k in ROWS], COMMAND),
      ["time: %d/%m/%Y %H:%M:%S%.f and %m/%d/%Y %H:%M:%S%.f both read"]),
-], ids=range(16))
+], ids=range(20))
 def test_doubts(content: str, doubts: list[str], written: Callable[..., Path]) -> None:
     found = [f"{'.'.join(doubt.key)}: {doubt.text}" for doubt in guess(read_raw(written(content))).doubts]
     assert len(found) == len(doubts), found

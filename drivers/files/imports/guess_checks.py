@@ -13,6 +13,7 @@ from drivers.files.imports.convert import convert
 from drivers.files.imports.guess_columns import per_count
 from drivers.files.imports.guessed import PAIRS, Candidate, Doubt, Guess
 from drivers.files.imports.mapping import Column
+from drivers.files.imports.numbers import numbers
 from drivers.files.imports.raw import RawTable
 from drivers.files.imports.trouble import ImportTrouble
 from drivers.files.imports.units import unit_named
@@ -32,7 +33,7 @@ def check(raw: RawTable, out: Guess, chosen: Mapping[str, Candidate]) -> None:
     try:
         tried = convert(head, out.mapping.model_copy(update={"extra": "drop"}))
     except ImportTrouble as trouble:
-        out.doubts.append(Doubt(("time",), str(trouble).splitlines()[0]))
+        out.doubts.append(Doubt(("time",), _too_close(raw, out) or str(trouble).splitlines()[0]))
         return
     time_s = (tried.frame["us"] - tried.frame["us"][0]).to_numpy() / 1e6
     columns = {name: tried.frame[name].to_numpy() for name in tried.frame.columns
@@ -42,6 +43,17 @@ def check(raw: RawTable, out: Guess, chosen: Mapping[str, Candidate]) -> None:
     _ranges(columns, out)
     _commands(time_s, columns, out, chosen)
     _hopper(columns, out)
+
+
+def _too_close(raw: RawTable, out: Guess) -> str:
+    """Of times that grow in every row and are none in the unit taken: a header says `time_us` above seconds."""
+    time = out.mapping.time
+    if time.column is None or time.counts not in ("ms", "us"):
+        return ""
+    steps = numbers(raw.frame[time.column], raw.decimal_comma).values.diff().drop_nulls()
+    if not steps.len() or not (steps > 0).all():
+        return ""
+    return f"{time.column} grows by {steps.median():.3g} {time.counts} in each row: are the times in another unit?"
 
 
 def _spacing(time_s: NDArray[np.float64], out: Guess) -> None:

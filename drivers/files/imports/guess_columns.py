@@ -249,7 +249,7 @@ def unnamed_drive(raw: RawTable, out: Guess, used: Iterable[str | None]) -> None
             return
 
 
-FOLLOWS = 0.8               # correlation of a reading with the command that moves it, a few rows before
+FOLLOWS = 0.8               # correlation of a reading with the command that moves it, or of their ranks: curves bend
 FULL_COUNTS = (1.0, 100.0, 255.0, 1000.0, 1023.0, 4095.0, 10_000.0, 32_767.0, 65_535.0)    # of drives' duty cycles
 
 
@@ -257,7 +257,13 @@ def _follows(command: NDArray[np.float64], reading: NDArray[np.float64]) -> bool
     both = np.isfinite(command) & np.isfinite(reading)
     if both.sum() < 10 or np.std(command[both]) == 0.0 or np.std(reading[both]) == 0.0:
         return False
-    return bool(np.corrcoef(command[both], reading[both])[0, 1] > FOLLOWS)
+    return any(bool(np.corrcoef(of(command[both]), of(reading[both]))[0, 1] > FOLLOWS) for of in (np.asarray, _ranks))
+
+
+def _ranks(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Ranks (n,), of equal values their mean (Spearman 1904)."""
+    _, place, counts = np.unique(values, return_inverse=True, return_counts=True)
+    return (np.cumsum(counts) - 0.5 * (counts - 1))[place]
 
 
 def per_count(most: float, full: float) -> float:

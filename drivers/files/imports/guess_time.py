@@ -14,7 +14,7 @@ from drivers.files.imports.raw import RawTable
 from drivers.files.imports.times import read_texts, texts_for, with_day
 from drivers.files.imports.trouble import ImportTrouble
 from drivers.files.imports.units import unit_named
-from drivers.files.imports.words import DATE, NO_TIME, PLAINLY_TIME, TIME, UTC, folded, says, subject_of
+from drivers.files.imports.words import COMMAND, DATE, NO_TIME, PLAINLY_TIME, TIME, UTC, folded, says, subject_of
 
 _DATES = ("%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y", "%d-%m-%Y", "%Y.%m.%d", "%Y年%m月%d日",
           "%d.%m.%y", "%d/%m/%y", "%m/%d/%y", "%d-%m-%y", "%m-%d-%y", "%y-%m-%d", "%Y%m%d")
@@ -50,7 +50,12 @@ def guess_times(raw: RawTable) -> TimeGuess:
     for name in raw.names:
         if raw.frame[name].dtype == pl.String and (found := _of_texts(raw, name, names[name], dated)) is not None:
             return found._replace(doubt=f"column {name} is not called a time, but reads as one")
-    for name in raw.names:
+    others = [name for name in raw.names if not says(names[name], COMMAND)]     # a duty cycle that is swept, no time
+    for name in others:
+        if _by_unit(raw.units.get(name, name)) is not None and _grows(raw, name) and (
+                found := _of_numbers(raw, name)) is not None:
+            return found                        # `ms`, `lap (s)`: a unit of time, and more of it in every row
+    for name in others:
         if not _tells_place(names[name]) and _runs_evenly(raw, name) and (found := _of_numbers(raw, name)) is not None:
             return found._replace(doubt=f"no column is called a time; {name} alone grows evenly from row to row")
     return TimeGuess(Times(counts="rows", step_s=1.0), "no column tells the time",
@@ -184,7 +189,7 @@ def _of_numbers(raw: RawTable, name: str) -> TimeGuess | None:
     steps = known.diff().drop_nulls()
     step = float(steps.filter(steps > 0).median() or 0.0)       # type: ignore[arg-type]
     whole = bool((known == known.round(0)).all())
-    stated = _since_1970(float(known[0])) or _by_unit(raw.units.get(name, "")) \
+    stated = _since_1970(float(known[0])) or _by_unit(raw.units.get(name, name)) \
         or _spreadsheet_days(float(known[0]), step, whole) or _by_name(name) or _by_step(step, whole)
     return TimeGuess(Times(column=name, counts=stated.counts), stated.why, stated.doubt)
 
@@ -250,10 +255,15 @@ def _tells_place(plain: str) -> bool:
     return subject is not None and subject.id in ("latitude", "longitude", "altitude")
 
 
-def _runs_evenly(raw: RawTable, name: str) -> bool:
+def _grows(raw: RawTable, name: str) -> bool:
+    """Whether every row is later than the one before."""
     values = numbers(raw.frame[name].head(_SAMPLE), raw.decimal_comma).values
-    steps = values.diff().drop_nulls()
-    if values.null_count() or not steps.len() or not (steps > 0).all():
+    return bool(values.len() > 1 and not values.null_count() and (values.diff().drop_nulls() > 0).all())
+
+
+def _runs_evenly(raw: RawTable, name: str) -> bool:
+    if not _grows(raw, name):
         return False
+    steps = numbers(raw.frame[name].head(_SAMPLE), raw.decimal_comma).values.diff().drop_nulls()
     middle = float(steps.median() or 0.0)                       # type: ignore[arg-type]
     return float(((steps - middle).abs() < 0.5 * middle).mean() or 0.0) > 0.9       # type: ignore[arg-type]

@@ -86,13 +86,14 @@ WANTED = _words("target =tgt ^tgt trgt =targ soll ziel desired demand wanted set
 DONE = _words("actual =act =ist ^ist measured =meas applied =apd ^apd gemessen ausgebracht tatsachlich reel =real "
               "realis mesure appliqu =appli aplicad =aplic applicata applicato erogat effettiv effectif effectiv "
               "werkelijk rzeczywist wykonan факт 实际 测量 已施")
-COMMAND = (*WANTED, *_words("=cmd command =ref request =pwm =duty =sp stellwert"))
-RAW_COMMAND = _words("=pwm =duty")                  # a command even where a word of reading stands next to it
+COMMAND = (*WANTED, *_words("=cmd command =ref request =pwm =duty =esc =sp stellwert"))
+RAW_COMMAND = _words("=pwm =duty =esc")               # a command even where a word of reading stands next to it
 READING = (*DONE, *_words("feedback =fb 反馈 sensor"))
 QUANTITIES = _words("speed =spd rpm drehzahl 转速 geschw opening offnung 开度 =mm")     # such a command counts no steps
 PLAINLY_READING = _words("actual =act =ist")        # a reading even where a word of command stands next to it
 
-TIME = _words("=time =t timestamp =zeit uhrzeit zeitstempel 时间 时刻 =utc heure =hora datetime elapsed time millis")
+TIME = _words("=time =t timestamp =zeit uhrzeit zeitstempel 时间 时刻 =utc heure =hora datetime elapsed time millis "
+              "=tiempo =tempo =temps =tijd =czas =время")
 PLAINLY_TIME = TIME[:6]
 NO_TIME = _words("lag zeitzone timezone")
 DATE = _words("=date =datum 日期 =fecha =tag =day")
