@@ -53,7 +53,8 @@ def _too_close(raw: RawTable, out: Guess) -> str:
     steps = numbers(raw.frame[time.column], raw.decimal_comma).values.diff().drop_nulls()
     if not steps.len() or not (steps > 0).all():
         return ""
-    return f"{time.column} grows by {steps.median():.3g} {time.counts} in each row: are the times in another unit?"
+    each = float(steps.median() or 0.0)                         # type: ignore[arg-type]
+    return f"{time.column} grows by {each:.3g} {time.counts} in each row: are the times in another unit?"
 
 
 def _spacing(time_s: NDArray[np.float64], out: Guess) -> None:
