@@ -15,10 +15,9 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import logsumexp
 
-Array = npt.NDArray[np.float64]
+from .evidence import Array
 
 USUAL = 50.0                # logs between two changes of one effect: a season has some 50, a repair or none
 SLOPES = 2.0                # of a level's s.d. prior: what a line changes by over the season
@@ -54,6 +53,16 @@ class Partition(NamedTuple):
     def near(self, gap: int) -> float:
         """Probability of a change at a gap or so near that the logs cannot tell."""
         return float(min(1.0, self.change[max(0, gap - NEAR):gap + NEAR + 1].sum()))
+
+
+def share_of(times_d: Array) -> Array:
+    """Times in days as shares of the season, 0 at the first and 1 at the last."""
+    return np.asarray((times_d - times_d.min()) / max(float(np.ptp(times_d)), 1e-9), np.float64)
+
+
+def log_bayes(score: Array, information: Array, sd: Array | float) -> Array:
+    """Log marginal likelihood of one term with a prior N(0, sd^2) against none."""
+    return np.asarray(0.5 * score ** 2 / (information + sd ** -2.0) - 0.5 * np.log1p(information * sd ** 2))
 
 
 def partition(times_d: Array, sizes: Array, variance: Array, level_sd: float, curve: Array, scatter: float
@@ -100,20 +109,15 @@ def _summed(times_d: Array, sizes: Array, variance: Array, level_sd: float, extr
 
 def _stretches(times_d: Array, sizes: Array, variance: Array, level_sd: float) -> Array:
     """Log marginal likelihood of every stretch [begin, end) by kind, (kinds, n, n + 1); -inf where there is none."""
-    count = len(sizes)
-    span = max(float(np.ptp(times_d)), 1e-9)
-    share = (times_d - times_d[0]) / span
-    weight = 1.0 / variance
+    count, share, weight = len(sizes), share_of(times_d), 1.0 / variance
     sums = np.concatenate([np.zeros((7, 1)), np.cumsum(np.stack([
         weight, weight * share, weight * share ** 2, weight * sizes, weight * share * sizes, weight * sizes ** 2,
         np.log(2.0 * np.pi * variance)]), axis=1)], axis=1)
     outside = np.arange(count + 1)[None, :] <= np.arange(count)[:, None]
     w, wt, wtt, wy, wty, wyy, logs = np.where(outside, 0.0, sums[:, None, :] - sums[:, :-1, None])     # (n, n + 1)
     gone = -0.5 * (wyy + logs)
-    precision = level_sd ** -2
-    stands = gone + 0.5 * wy ** 2 / (w + precision) - 0.5 * np.log1p(w * level_sd ** 2)
+    stands = gone + log_bayes(wy, w, level_sd)
     middle = np.divide(wt, w, out=np.zeros_like(wt), where=w > 0.0)
     spread, pull = np.maximum(wtt - wt * middle, 0.0), wty - middle * wy
-    slope_sd = SLOPES * level_sd
-    line = stands + 0.5 * pull ** 2 / (spread + slope_sd ** -2) - 0.5 * np.log1p(spread * slope_sd ** 2)
+    line = stands + log_bayes(pull, spread, SLOPES * level_sd)
     return np.where(outside, -np.inf, np.stack([gone, stands, line]))

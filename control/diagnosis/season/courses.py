@@ -12,9 +12,9 @@ import numpy as np
 from scipy.special import expit, ndtr
 
 from .changes import NEAR, Stretch
-from .forms import Array, Logs, OneLog, stacked
-from .mixed import MACHINE, Alternative, Cause, Levels, Solved, found, levels_of, scan, scatters, solved
-from .mixed import names_prior as _names_prior
+from .evidence import Array
+from .forms import Logs, OneLog, stacked
+from .mixed import MACHINE, Alternative, Cause, Levels, Solved, found, levels_of, scan, solved
 
 Z90 = 1.645
 WEAR_P = 1e-3               # of a slope, that it is noise
@@ -193,16 +193,13 @@ def _nearer_zero(was: float, was_variance: float, is_: float, is_variance: float
 def _levels(logs: Logs, levels: Levels, causes: Sequence[Cause], post: Solved, courses_: Sequence[Course],
             shared: Sequence[Shared]) -> Iterator[Shared]:
     """Every level of every effect that is told: as told, else shrunk to zero by the other levels of its factor."""
-    taken = np.zeros_like(post.left)
-    for cause in causes:
-        taken[:, cause.effect] = np.maximum(taken[:, cause.effect], cause.scatter)
-    seen = scan(logs, post, levels, scatters(logs, post, taken), _names_prior(logs, causes))
+    seen = scan(logs, post, levels, causes)
     told = {(one.factor, one.level, one.effect): one for one in shared} | {
         (MACHINE, one.machine, one.effect): Shared(MACHINE, one.machine, one.effect, one.mean, one.mean_half,
                                                    one.probability, len(one.times_d), one.alternatives)
         for one in courses_}
     for effect in sorted({cause.effect for cause in causes}):
-        for row, (factor, level) in enumerate(zip(levels.factor, levels.level, strict=True)):
+        for row, (factor, level) in enumerate(levels.keys):
             own = told.get((factor, level, logs.names[effect]))
             precision = seen.information[row, effect] + seen.tau[row, effect] ** -2.0
             yield own if own is not None else Shared(
@@ -212,11 +209,11 @@ def _levels(logs: Logs, levels: Levels, causes: Sequence[Cause], post: Solved, c
 
 
 def _same(levels: Levels) -> Iterator[Same]:
-    for one, other in combinations(range(len(levels.level)), 2):
+    for one, other in combinations(range(len(levels.keys)), 2):
         both = float(np.sum(levels.has[:, one] * levels.has[:, other]))
         either = float(np.sum(np.maximum(levels.has[:, one], levels.has[:, other])))
-        if levels.factor[one] != levels.factor[other] and both > SAME_LOGS * either:
-            yield Same(levels.factor[one], levels.level[one], levels.factor[other], levels.level[other])
+        if levels.keys[one][0] != levels.keys[other][0] and both > SAME_LOGS * either:
+            yield Same(*levels.keys[one], *levels.keys[other])
 
 
 def wears(course: Course) -> bool:

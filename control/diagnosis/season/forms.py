@@ -1,5 +1,4 @@
 """The logs of a season as arrays: each a Gaussian likelihood of all sizes, its machine's tolerances kept apart.
-kept.
 
 A log's form (`evidence.Form`) says of the sizes x: right' x - x' normal x / 2, with what the machine may be off
 within its tolerances counted as noise of the log's own. Over many logs of one machine it is none: it is the same u,
@@ -14,9 +13,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .evidence import Form
+from .evidence import Array, Form
 
-Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 NOTHING = 1e-9              # of a form's largest eigenvalue: less says nothing

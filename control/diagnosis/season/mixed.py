@@ -38,8 +38,9 @@ from control.diagnosis.effects import ROWS
 from control.diagnosis.judgement.prior import FORM_SHARE
 from control.machine.machine import CATALOGUE
 
-from .changes import Partition, partition
-from .forms import Array, Ints, Logs, with_scatter
+from .changes import SLOPES, Partition, log_bayes, partition, share_of
+from .evidence import Array
+from .forms import Ints, Logs, with_scatter
 
 PRIOR = 1e-3                # that one level does one effect: of the some thousand pairs of a season about one does
 SURE = 0.95                 # probability from which on a level is told; of thousands of pairs noise gives 0.1
@@ -51,6 +52,7 @@ SHOWN = 0.05                # probability from which on an alternative is named
 CURVE_DF, LEAST_LOGS = 5, 3             # of a smooth course, and logs for each number of it
 NOTHING = 1e-6              # of a level's information: what no other term takes, to rounding
 MACHINE, FLEET = "machine", "fleet"
+SHAPES = ("rise", "fall")   # of a machine's course, beside one that stands
 ORDER = tuple(CATALOGUE)
 
 
@@ -103,6 +105,13 @@ class Scattered(NamedTuple):
     cov: Array
     worth: float
 
+    def shared_with(self, columns: Array) -> Array:
+        """(k, terms) information that terms of these columns, (n, k), share with the terms that are there."""
+        cross = np.zeros((columns.shape[1], len(self.cov)))
+        for here, terms, each in self.crossed:
+            cross[:, terms] += columns[here].T @ each
+        return cross
+
 
 class Scan(NamedTuple):
     """Every level and effect beside what is there: (levels, q). odds: log of, for against."""
@@ -114,11 +123,13 @@ class Scan(NamedTuple):
 
 
 class Levels(NamedTuple):
-    """Levels of all factors, with the logs that have them: (n, levels)."""
+    """Factor and level of each, with the logs that have it: (n, levels)."""
 
-    factor: tuple[str, ...]
-    level: tuple[str, ...]
+    keys: tuple[tuple[str, str], ...]
     has: Array
+
+    def of(self, factor: str) -> Ints:
+        return np.array([k for k, one in enumerate(self.keys) if one[0] == factor], np.int64)
 
 
 def levels_of(logs: Logs) -> Levels:
@@ -128,16 +139,13 @@ def levels_of(logs: Logs) -> Levels:
         found += [(factor, level, np.array([float(one == level) for one in of])) for level in sorted(set(of) - {""})]
     if len(logs.machines) > 1:
         found.append((FLEET, "", np.ones(len(logs.logs))))
-    return Levels(tuple(one[0] for one in found), tuple(one[1] for one in found),
-                  np.stack([one[2] for one in found], axis=1))
+    return Levels(tuple(one[:2] for one in found), np.stack([one[2] for one in found], axis=1))
 
 
 def solved(logs: Logs, causes: Sequence[Cause]) -> Solved:
     width, count = logs.normal.shape[1], len(logs.names)
-    variance = np.zeros((len(logs.logs), width))
-    for cause in causes:
-        variance[:, cause.effect] = np.maximum(variance[:, cause.effect], cause.scatter)
-    normal, right, worth = with_scatter(logs.normal, logs.right, variance)
+    normal, right, worth = with_scatter(logs.normal, logs.right, np.pad(
+        _taken(logs, causes), ((0, 0), (0, width - count))))
     columns = [(cause.effect, cause.columns[:, k], cause.sd[k]) for cause in causes for k in range(len(cause.sd))]
     begins = tuple(int(one) for one in np.cumsum([0, *(len(cause.sd) for cause in causes)]))
     effect = np.array([one[0] for one in columns], np.int64)
@@ -200,19 +208,13 @@ def smooth(times_d: Array, score: Array, information: Array) -> tuple[Array, flo
 def _basis(times_d: Array) -> Array:
     """(logs, df): one, time, and smooth bends; fewer for few logs."""
     df = min(CURVE_DF, max(1, len(times_d) // LEAST_LOGS))
-    share = (times_d - times_d.min()) / max(float(np.ptp(times_d)), 1e-9)
-    return np.asarray(np.cos(np.pi * np.outer(share, np.arange(df))), np.float64)
+    return np.asarray(np.cos(np.pi * np.outer(share_of(times_d), np.arange(df))), np.float64)
 
 
 def slab(logs: Logs) -> Array:
     """(grid, q) s.d. of what an effect is where it is."""
     probes = np.array([ROWS[name.partition("#")[0]].probe or 1.0 for name in logs.names])
     return np.asarray(np.array(GRID)[:, None] * probes, np.float64)
-
-
-def log_bayes(score: Array, information: Array, sd: Array) -> Array:
-    """Log marginal likelihood of one term with a prior N(0, sd^2) against none."""
-    return np.asarray(0.5 * score ** 2 / (information + sd ** -2.0) - 0.5 * np.log1p(information * sd ** 2))
 
 
 def scattered(post: Solved, effect: int, extra: Array) -> Scattered:
@@ -237,15 +239,14 @@ def scattered(post: Solved, effect: int, extra: Array) -> Scattered:
                                                         for here, terms, each in crossed), cov, worth)
 
 
-def scan(logs: Logs, post: Solved, levels: Levels, extra: Array, names: Array) -> Scan:
-    """extra: (n, q) scatter beside what is taken in. names: (q,) log prior odds of each effect."""
-    score = np.zeros((levels.has.shape[1], len(logs.names)))
+def scan(logs: Logs, post: Solved, levels: Levels, causes: Sequence[Cause]) -> Scan:
+    """Of `causes`, solved as `post`."""
+    extra, names = scatters(logs, post, _taken(logs, causes)), names_prior(logs, causes)
+    score = np.zeros((len(levels.keys), len(logs.names)))
     information = np.zeros_like(score)
     for effect in range(len(logs.names)):
         one = scattered(post, effect, extra[:, effect])
-        cross = np.zeros((len(score), len(post.mean)))
-        for here, terms, each in one.crossed:
-            cross[:, terms] += levels.has[here].T @ each
+        cross = one.shared_with(levels.has)
         score[:, effect] = levels.has.T @ one.left
         raw = (levels.has ** 2).T @ one.information
         left = raw - np.einsum("lk,lk->l", cross @ one.cov, cross)
@@ -253,8 +254,8 @@ def scan(logs: Logs, post: Solved, levels: Levels, extra: Array, names: Array) -
     score = np.where(information > 0.0, score, 0.0)
     each = np.stack([log_bayes(score, information, sd) for sd in slab(logs)])        # (grid, levels, q)
     tau, bayes = np.zeros_like(score), np.zeros_like(score)
-    for factor in sorted(set(levels.factor)):
-        rows = np.array([one == factor for one in levels.factor])
+    for factor in {one for one, _ in levels.keys}:
+        rows = levels.of(factor)
         best = np.argmax(np.logaddexp(0.0, each[:, rows] + names).sum(axis=1), axis=0)
         tau[rows] = np.take_along_axis(slab(logs), best[None], axis=0)
         bayes[rows] = np.take_along_axis(each[:, rows], best[None, None], axis=0)[0]
@@ -307,8 +308,7 @@ def _by_machines(logs: Logs, levels: Levels, causes: list[Cause], shared: Cause)
     machines = {logs.machines[k] for k in np.unique(logs.machine[shared.at])}
     tried = [one for one in causes if one is not shared and not (
         one.factor == MACHINE and one.effect == shared.effect and one.level in machines)]
-    rows = [k for k, one in enumerate(zip(levels.factor, levels.level, strict=True)) if one[0] == MACHINE
-            and one[1] in machines]
+    rows = [k for k in levels.of(MACHINE) if levels.keys[k][1] in machines]
     for _ in rows:
         more = _next(logs, levels, tried, rows, shared.effect)
         if more is None:
@@ -318,6 +318,7 @@ def _by_machines(logs: Logs, levels: Levels, causes: list[Cause], shared: Cause)
 
 
 def _taken(logs: Logs, causes: Sequence[Cause]) -> Array:
+    """(n, q) scatter from log to log of the effects that are there."""
     found = np.zeros((len(logs.logs), len(logs.names)))
     for cause in causes:
         found[:, cause.effect] = np.maximum(found[:, cause.effect], cause.scatter)
@@ -326,29 +327,26 @@ def _taken(logs: Logs, causes: Sequence[Cause]) -> Array:
 
 def _with_shapes(logs: Logs, levels: Levels) -> Levels:
     """A machine's course may also grow or fall over the season."""
-    rows = [k for k, factor in enumerate(levels.factor) if factor == MACHINE]
+    rows = levels.of(MACHINE)
     rise = np.zeros((len(logs.logs), len(rows)))
     for k, row in enumerate(rows):
         here = levels.has[:, row] > 0.0
-        rise[here, k] = (logs.times_d[here] - logs.times_d[here].min()) / max(float(np.ptp(logs.times_d[here])), 1e-9)
-    name = tuple(levels.level[row] for row in rows)
-    return Levels((*levels.factor, *("rise",) * len(rows), *("fall",) * len(rows)), (*levels.level, *name, *name),
+        rise[here, k] = share_of(logs.times_d[here])
+    return Levels((*levels.keys, *((shape, levels.keys[row][1]) for shape in SHAPES for row in rows)),
                   np.concatenate([levels.has, rise, levels.has[:, rows] - rise], axis=1))
 
 
 def _next(logs: Logs, levels: Levels, causes: Sequence[Cause], only: Sequence[int] | None = None,
           effect: int | None = None) -> Cause | None:
     """What is surest beside what is there; of `only` these levels and this effect, where they are given."""
-    post, taken = solved(logs, causes), _taken(logs, causes)
-    extra = scatters(logs, post, taken)
-    seen = scan(logs, post, _with_shapes(logs, levels), extra, names_prior(logs, causes))
-    odds = seen.odds[:len(levels.level)].copy()
-    rows = [k for k, factor in enumerate(levels.factor) if factor == MACHINE]
-    shapes = [seen.odds[rows], seen.odds[len(levels.level):][:len(rows)], seen.odds[len(levels.level) + len(rows):]]
-    odds[rows] = logsumexp(np.stack(shapes), axis=0) - np.log(len(shapes))
-    odds -= np.stack([_doubt(logs, levels, causes, k) for k in range(len(levels.level))])
+    shaped = _with_shapes(logs, levels)
+    seen = scan(logs, solved(logs, causes), shaped, causes).odds
+    odds = seen[:len(levels.keys)].copy()
+    shapes = np.stack([seen[shaped.of(factor)] for factor in (MACHINE, *SHAPES)])
+    odds[levels.of(MACHINE)] = logsumexp(shapes, axis=0) - np.log(len(shapes))
+    odds -= np.stack([_doubt(logs, levels, causes, k) for k in range(len(levels.keys))])
     for cause in causes:
-        odds[_row(levels, cause), cause.effect] = -np.inf
+        odds[levels.keys.index((cause.factor, cause.level)), cause.effect] = -np.inf
     if only is not None and effect is not None:
         asked = np.full_like(odds, -np.inf)
         asked[only, effect] = odds[only, effect]
@@ -357,11 +355,6 @@ def _next(logs: Logs, levels: Levels, causes: Sequence[Cause], only: Sequence[in
     if expit(odds[level, best]) < SURE:
         return None
     return _cause(logs, levels, causes, int(level), int(best), float(odds[level, best]))
-
-
-def _row(levels: Levels, cause: Cause) -> int:
-    return next(k for k, one in enumerate(zip(levels.factor, levels.level, strict=True))
-                if one == (cause.factor, cause.level))
 
 
 def _doubt(logs: Logs, levels: Levels, causes: Sequence[Cause], row: int) -> Array:
@@ -378,7 +371,7 @@ def _doubt(logs: Logs, levels: Levels, causes: Sequence[Cause], row: int) -> Arr
 
 def _cause(logs: Logs, levels: Levels, others: Sequence[Cause], row: int, effect: int, odds: float) -> Cause:
     """Its terms: of a machine the stretches of its course, of any other level one."""
-    factor, level, has = levels.factor[row], levels.level[row], levels.has[:, row]
+    (factor, level), has = levels.keys[row], levels.has[:, row]
     at = np.flatnonzero(has)
     widest = float(slab(logs)[-1, effect])
     rough = np.zeros((len(has), 1))
@@ -412,16 +405,15 @@ def _cause(logs: Logs, levels: Levels, others: Sequence[Cause], row: int, effect
 
 def _level_sd(logs: Logs, score: Array, information: Array, effect: int) -> float:
     """Of the grid, what makes the sizes of a level likeliest, each log by itself: a course may go through zero."""
-    return max((float(one) for one in slab(logs)[:, effect]), key=lambda sd: float(
-        np.sum(log_bayes(score, information, np.array(sd)))))
+    return max(map(float, slab(logs)[:, effect]), key=lambda sd: float(np.sum(log_bayes(score, information, sd))))
 
 
 def _of_stretches(times_d: Array, at: Ints, course: Partition, sd: float) -> tuple[Array, Array]:
     """(n, k) and (k,): the level of each stretch that is not gone, and its slope over the season."""
     columns, sds = list[Array](), list[float]()
-    span = max(float(np.ptp(times_d[at])), 1e-9)
+    shares = share_of(times_d[at])
     for stretch in course.stretches:
-        here = at[stretch.begin:stretch.end]
+        here, share = at[stretch.begin:stretch.end], shares[stretch.begin:stretch.end]
         if stretch.kind != "gone" or len(course.stretches) == 1:
             level = np.zeros(len(times_d))
             level[here] = 1.0
@@ -429,9 +421,9 @@ def _of_stretches(times_d: Array, at: Ints, course: Partition, sd: float) -> tup
             sds.append(sd)
         if stretch.kind == "line":
             slope = np.zeros(len(times_d))
-            slope[here] = (times_d[here] - times_d[here].mean()) / span
+            slope[here] = share - share.mean()
             columns.append(slope)
-            sds.append(2.0 * sd)
+            sds.append(SLOPES * sd)
     if not columns:                     # every stretch is gone: nothing but scatter
         return np.isin(np.arange(len(times_d)), at).astype(np.float64)[:, None], np.array([sd])
     return np.stack(columns, axis=1), np.array(sds)
@@ -450,7 +442,7 @@ def _asked_again(logs: Logs, levels: Levels, others: Sequence[Cause], cause: Cau
     if best is None:
         return None
     effect = logs.names.index(best.effect)
-    row = _row(levels, cause._replace(factor=best.factor, level=best.level))
+    row = levels.keys.index((best.factor, best.level))
     again = _cause(logs, levels, others, row, effect, cause.log_odds)
     odds = _gain(post, np.maximum(again.scatter, extra[:, effect]), again.columns, again.sd, effect)[0] + float(
         prior[effect] - _doubt(logs, levels, others, row)[effect])
@@ -462,9 +454,7 @@ def _asked_again(logs: Logs, levels: Levels, others: Sequence[Cause], cause: Cau
 def _gain(post: Solved, extra: Array, columns: Array, sd: Array, effect: int) -> tuple[float, float, Array]:
     """Log marginal likelihood of an effect with given terms against none: of the terms, of its scatter; its sizes."""
     one = scattered(post, effect, extra)
-    cross = np.zeros((columns.shape[1], len(post.mean)))
-    for here, terms, each in one.crossed:
-        cross[:, terms] += columns[here].T @ each
+    cross = one.shared_with(columns)
     inner = columns.T @ (columns * one.information[:, None]) - cross @ one.cov @ cross.T + np.diag(sd ** -2.0)
     score = columns.T @ one.left
     size = np.linalg.solve(inner, score)
@@ -488,7 +478,7 @@ def _alternatives(logs: Logs, levels: Levels, others: Sequence[Cause], post: Sol
     spread = np.maximum(extra[:, cause.effect], cause.scatter)
     linear = _gain(post, spread, cause.columns, cause.sd, cause.effect)[0]
     held = {(one.factor, one.level) for one in others if one.effect == cause.effect}
-    for factor, level, has in zip(levels.factor, levels.level, levels.has.T, strict=True):
+    for (factor, level), has in zip(levels.keys, levels.has.T, strict=True):
         if (factor, level) != (cause.factor, cause.level) and (factor, level) not in held and has @ here > 0.0:
             other, _, size = _gain(post, spread, has[:, None], cause.sd[:1], cause.effect)
             tried.append((mine[0] + other - linear, mine[1], Alternative(factor, level, mine[2].effect, float(size[0]),

@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .courses import Course, Fit, Shared
-from .evidence import Worked
-from .forms import Array
+from .evidence import Array, Worked
 from .mixed import FLEET
 
 LOW_P = 1e-3                # of an operator, that chance made the hopper run low so often
@@ -99,12 +98,10 @@ def _doses(cause: Course | Shared, own: Sequence[Told]) -> Doses:
     sizes = np.array([at(cause, one.time_d) if isinstance(cause, Course) else cause.size * has(cause, one)
                       for one in own])
     here = cause.pieces[-1].end if isinstance(cause, Course) else cause.size
-    each = [sizes * np.array([one.percent.get(cause.effect, 0.0) for one in own])]
-    for other in cause.alternatives:
-        if other.effect != cause.effect:        # its course has the same shape
-            share = other.size / here if here else 0.0
-            each.append(sizes * share * np.array([one.percent.get(other.effect, 0.0) for one in own]))
-    doses = np.stack(each)
+    shares = [(cause.effect, 1.0), *((other.effect, other.size / here if here else 0.0)       # of the same shape
+                                     for other in cause.alternatives if other.effect != cause.effect)]
+    doses = np.stack([sizes * share * np.array([one.percent.get(effect, 0.0) for one in own])
+                      for effect, share in shares])
     least = doses[np.argmin(np.abs(doses), axis=0), np.arange(len(own))]
     agreed = np.where(np.all(doses > 0.0, axis=0) | np.all(doses < 0.0, axis=0), least, 0.0)
     return cause, agreed, doses[np.argmax(np.abs(doses), axis=0), np.arange(len(own))]
