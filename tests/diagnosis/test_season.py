@@ -175,6 +175,22 @@ def test_look_alikes_are_a_set_and_stay_one_with_more_logs() -> None:
         assert set(sets) == {"flow.gain", "flow.fill_falloff"} and min(sets.values()) > 0.05
 
 
+def test_a_scale_reads_wrong_on_a_machine_and_by_nobodys_hand() -> None:
+    """Wang loses 5 %, machine e's scale reads 5 % more; the logs hardly tell one from the other."""
+    rng, names, logs = np.random.default_rng(25), ("flow.gain", "scale.gain"), list[OneLog]()
+    normal = 4.0 * np.array([[1.0, 0.9999], [0.9999, 1.0]])
+    for one in season_with_operators(rng):
+        truly = np.array([-5.0 * (one.shared["operator"] == "Wang"), 5.0 * (one.machine == "e")])
+        right = normal @ truly + np.linalg.cholesky(normal) @ rng.normal(size=2)
+        logs.append(one._replace(forms=(Form(names, tuple(map(tuple, normal)), tuple(right)),)))
+    fit = fitted(logs)
+    (wang,) = fit.shared
+    assert (wang.factor, wang.level, wang.effect, wang.alike) == ("operator", "Wang", "flow.gain", ())
+    (course,) = fit.courses
+    assert course.machine == "e" and {course.effect, *course.alike} == set(names)
+    assert {one.factor for one in fit.levels if one.effect == "scale.gain"} <= {"machine", "fleet"}
+
+
 def within_tolerance(rng: np.random.Generator, logs: int, off: float, remembered: bool = True) -> list[OneLog]:
     """A healthy machine whose flow is off by `off` tolerances, the same in all logs; each log alone cannot tell."""
     found = []

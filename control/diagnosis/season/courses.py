@@ -199,7 +199,8 @@ def _levels(logs: Logs, levels: Levels, causes: Sequence[Cause], post: Solved, c
                                                    one.probability, len(one.times_d), one.alternatives)
         for one in courses_}
     for effect in sorted({cause.effect for cause in causes}):
-        for row, (factor, level) in enumerate(levels.keys):
+        for row in np.flatnonzero(seen.odds[:, effect] > -np.inf):      # what a level cannot do is no row
+            factor, level = levels.keys[row]
             own = told.get((factor, level, logs.names[effect]))
             precision = seen.information[row, effect] + seen.tau[row, effect] ** -2.0
             yield own if own is not None else Shared(

@@ -10,7 +10,8 @@ Data Analysis Using Regression and Multilevel/Hierarchical Models, 2007, ch. 11 
 about the machine file, none is the reference: the commonest operator is examined as any other. A level's prior is
 that of an effect that is mostly absent: 0, or with a small probability N(0, tau^2) (spike and slab; Mitchell and
 Beauchamp, Journal of the American Statistical Association 83, 1988, 1023); tau is shared by the levels of a factor
-and is that of a short grid under which all of them are likeliest. Given which levels are there, all else is linear
+and is that of a short grid under which all of them are likeliest. What a scale reads wrong is a machine's, or all
+machines': no operator, product or field is asked for it. Given which levels are there, all else is linear
 and Gaussian: with z the logs' share in each term, L = z' normal z the information and s = z' right the score,
 
     cov = (L + diag(tau^-2))^-1,    mean = cov s,    log ML = s' cov s / 2 - log|1 + T L| / 2
@@ -34,7 +35,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import expit, logsumexp
 
-from control.diagnosis.effects import ROWS
+from control.diagnosis.effects import ROWS, Row
 from control.diagnosis.judgement.prior import FORM_SHARE
 from control.machine.machine import CATALOGUE
 
@@ -44,7 +45,7 @@ from .forms import Ints, Logs, with_scatter
 
 PRIOR = 1e-3                # that one level does one effect: of the some thousand pairs of a season about one does
 SURE = 0.95                 # probability from which on a level is told; of thousands of pairs noise gives 0.1
-GRID = (0.5, 2.0, 8.0)      # of an effect's probe: tau of the slab
+GRID = (0.1, 0.3, 1.0)      # of an effect's usual size: tau of the slab; levels of a factor may differ by less
 COARSE = 0.005              # of a gain: what tempers alternatives; behind by 3 % of it is one in twenty
 MOST = 60                   # causes of a season
 SWEEPS = 3
@@ -53,6 +54,10 @@ CURVE_DF, LEAST_LOGS = 5, 3             # of a smooth course, and logs for each 
 NOTHING = 1e-6              # of a level's information: what no other term takes, to rounding
 MACHINE, FLEET = "machine", "fleet"
 SHAPES = ("rise", "fall")   # of a machine's course, beside one that stands
+# Stages whose effects a single machine has, or all by the way in which they are made and calibrated: what a scale
+# reads wrong comes from its cells, its amplifier and its calibration weight. They are bolted to the machine, whoever
+# drives it, whatever it spreads and wherever it stands; pitch and time of day are inputs of their effects.
+OF_MACHINES_ONLY = frozenset({"scale"})
 ORDER = tuple(CATALOGUE)
 
 
@@ -211,10 +216,14 @@ def _basis(times_d: Array) -> Array:
     return np.asarray(np.cos(np.pi * np.outer(share_of(times_d), np.arange(df))), np.float64)
 
 
+def row_of(name: str) -> Row:
+    """Of an effect, or of one member's."""
+    return ROWS[name.partition("#")[0]]
+
+
 def slab(logs: Logs) -> Array:
     """(grid, q) s.d. of what an effect is where it is."""
-    probes = np.array([ROWS[name.partition("#")[0]].probe or 1.0 for name in logs.names])
-    return np.asarray(np.array(GRID)[:, None] * probes, np.float64)
+    return np.asarray(np.array(GRID)[:, None] * [row_of(name).usual for name in logs.names], np.float64)
 
 
 def scattered(post: Solved, effect: int, extra: Array) -> Scattered:
@@ -241,7 +250,7 @@ def scattered(post: Solved, effect: int, extra: Array) -> Scattered:
 
 def scan(logs: Logs, post: Solved, levels: Levels, causes: Sequence[Cause]) -> Scan:
     """Of `causes`, solved as `post`."""
-    extra, names = scatters(logs, post, _taken(logs, causes)), names_prior(logs, causes)
+    extra, names = scatters(logs, post, _taken(logs, causes)), names_prior(logs, levels, causes)
     score = np.zeros((len(levels.keys), len(logs.names)))
     information = np.zeros_like(score)
     for effect in range(len(logs.names)):
@@ -256,18 +265,20 @@ def scan(logs: Logs, post: Solved, levels: Levels, causes: Sequence[Cause]) -> S
     tau, bayes = np.zeros_like(score), np.zeros_like(score)
     for factor in {one for one, _ in levels.keys}:
         rows = levels.of(factor)
-        best = np.argmax(np.logaddexp(0.0, each[:, rows] + names).sum(axis=1), axis=0)
+        best = np.argmax(np.logaddexp(0.0, each[:, rows] + names[rows]).sum(axis=1), axis=0)
         tau[rows] = np.take_along_axis(slab(logs), best[None], axis=0)
         bayes[rows] = np.take_along_axis(each[:, rows], best[None, None], axis=0)[0]
     return Scan(score, information, tau, bayes + names)
 
 
-def names_prior(logs: Logs, causes: Sequence[Cause]) -> Array:
-    """(q,) log prior odds: what other machines have, this one has rather (Polya's urn)."""
+def names_prior(logs: Logs, levels: Levels, causes: Sequence[Cause]) -> Array:
+    """(levels, q) log prior odds: what other machines have, this one has rather (Polya's urn); -inf: it cannot."""
     counts = np.zeros(len(logs.names))
     for cause in causes:
         counts[cause.effect] += cause.factor == MACHINE
-    return np.asarray(np.log(PRIOR) + np.log(1.0 + counts) - np.log1p(counts.sum() / len(logs.names)))
+    urn = np.log(PRIOR) + np.log(1.0 + counts) - np.log1p(counts.sum() / len(logs.names))
+    others = np.array([factor not in (MACHINE, *SHAPES, FLEET) for factor, _ in levels.keys])
+    return np.where(np.outer(others, [row_of(name).stage in OF_MACHINES_ONLY for name in logs.names]), -np.inf, urn)
 
 
 def found(logs: Logs) -> list[Cause]:
@@ -362,7 +373,7 @@ def _doubt(logs: Logs, levels: Levels, causes: Sequence[Cause], row: int) -> Arr
     has, doubt = levels.has[:, row] > 0.0, np.zeros(len(logs.names))
     for cause in causes:
         both = has & np.any(cause.columns != 0.0, axis=1)
-        if both.any() and ROWS[logs.names[cause.effect].partition("#")[0]].form_over:
+        if both.any() and row_of(logs.names[cause.effect]).form_over:
             touched = np.any(logs.normal[both, cause.effect, :len(logs.names)] != 0.0, axis=0)
             share = both.sum() / max(1, np.any(cause.columns != 0.0, axis=1).sum())
             doubt = np.maximum(doubt, touched * FORM_SHARE ** 2 * cause.log_odds * share)
@@ -431,21 +442,21 @@ def _of_stretches(times_d: Array, at: Ints, course: Partition, sd: float) -> tup
 
 def _asked_again(logs: Logs, levels: Levels, others: Sequence[Cause], cause: Cause) -> Cause | None:
     """The cause beside all others as they stand now, under its likeliest name; None where it is not sure any more."""
-    post, prior = solved(logs, others), names_prior(logs, others)
+    post, prior = solved(logs, others), names_prior(logs, levels, others)
     extra = scatters(logs, post, _taken(logs, others))
     alike = _alternatives(logs, levels, others, post, extra, prior, cause)
     held = {(one.factor, one.level, one.effect) for one in others}
     best = max((one for one in alike if (one.factor, one.level, logs.names.index(one.effect)) not in held),
                default=None,
                key=lambda one: (round(one.probability, 2), one.factor == MACHINE,
-                                -ORDER.index(one.effect.partition("#")[0])))
+                                -ORDER.index(row_of(one.effect).id)))
     if best is None:
         return None
     effect = logs.names.index(best.effect)
     row = levels.keys.index((best.factor, best.level))
     again = _cause(logs, levels, others, row, effect, cause.log_odds)
     odds = _gain(post, np.maximum(again.scatter, extra[:, effect]), again.columns, again.sd, effect)[0] + float(
-        prior[effect] - _doubt(logs, levels, others, row)[effect])
+        prior[row, effect] - _doubt(logs, levels, others, row)[effect])
     if expit(odds) < SURE:
         return None
     return again._replace(log_odds=odds, alternatives=tuple(one for one in alike if one.probability >= SHOWN))
@@ -466,23 +477,24 @@ def _alternatives(logs: Logs, levels: Levels, others: Sequence[Cause], post: Sol
                   cause: Cause) -> list[Alternative]:
     """The cause and what may stand in its place, with probabilities that add up to 1; likeliest first."""
     tried: list[tuple[float, float, Alternative]] = []      # log likelihood, log prior, what
-    probe, here = slab(logs)[0], np.any(cause.columns != 0.0, axis=1)
+    usual, here = slab(logs)[0], np.any(cause.columns != 0.0, axis=1)
+    own = prior[levels.keys.index((cause.factor, cause.level))]
     scatter = np.where(here, cause.scatter, 0.0)
     for effect, name in enumerate(logs.names):
-        scale = probe[effect] / probe[cause.effect]
+        scale = usual[effect] / usual[cause.effect]
         spread = scatter if effect == cause.effect else np.where(here, extra[:, effect], 0.0)
-        linear, own, size = _gain(post, spread, cause.columns, cause.sd * scale, effect)
-        tried.append((linear + own, float(prior[effect]), Alternative(
+        linear, scattering, size = _gain(post, spread, cause.columns, cause.sd * scale, effect)
+        tried.append((linear + scattering, float(own[effect]), Alternative(
             cause.factor, cause.level, name, float((cause.columns @ size)[here][-1]), 0.0)))
     mine = tried[cause.effect]
     spread = np.maximum(extra[:, cause.effect], cause.scatter)
     linear = _gain(post, spread, cause.columns, cause.sd, cause.effect)[0]
     held = {(one.factor, one.level) for one in others if one.effect == cause.effect}
-    for (factor, level), has in zip(levels.keys, levels.has.T, strict=True):
+    for (factor, level), has, odds in zip(levels.keys, levels.has.T, prior[:, cause.effect], strict=True):
         if (factor, level) != (cause.factor, cause.level) and (factor, level) not in held and has @ here > 0.0:
             other, _, size = _gain(post, spread, has[:, None], cause.sd[:1], cause.effect)
-            tried.append((mine[0] + other - linear, mine[1], Alternative(factor, level, mine[2].effect, float(size[0]),
-                                                                         0.0)))
+            tried.append((mine[0] + other - linear, float(odds), Alternative(factor, level, mine[2].effect,
+                                                                             float(size[0]), 0.0)))
     most = max(one[0] for one in tried)
     temper = 1.0 / (1.0 + COARSE * 2.0 * max(0.0, most))
     # Of the same effect at another level the form is as wrong: only effects among each other are tempered.
