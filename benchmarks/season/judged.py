@@ -14,7 +14,6 @@ from season.truth import (
     OTHER_PRODUCT,
     PLANTED,
     PRODUCTS,
-    WEAK,
     Planted,
 )
 
@@ -126,14 +125,6 @@ def _words(course: Course, first_d: float) -> str:
                        f"{piece.begin_d - first_d:.0f} to {piece.end_d - first_d:.0f}" for piece in course.pieces)
     repairs = "".join(f", repaired at {one - first_d:.1f}" for one in _repaired_d(course))
     return f"{course.effect} {pieces}{', wears' if wears(course) else ''}{repairs}"
-
-
-def weak_alone(found: Mapping[str, float], z: Sequence[float], named: int, checks: Checks) -> None:
-    """An effect of z 3 in each log, over its own logs alone."""
-    truth = next(one for one in PLANTED if one.machine == WEAK)
-    checks.that(truth.effect in found, f"{truth.effect} {truth.begin:g}, z {min(z):.1f} to {max(z):.1f} (mean "
-                f"{sum(z) / len(z):.1f}) in each of {len(z)} logs, over those alone: told {dict(found)}; single logs "
-                f"named it {named} times")
 
 
 def kilograms(machines: Sequence[MachineSeason], truth: Mapping[str, float], checks: Checks) -> None:

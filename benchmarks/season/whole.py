@@ -13,16 +13,14 @@ import time
 from pathlib import Path
 from typing import Any
 
-from hidden.detect import Eye
 from hidden.nominal import Physics
 from hidden.plant import Plant
-from season.judged import Checks, Told, judge, kilograms, weak_alone
+from season.judged import Checks, Told, judge, kilograms
 from season.logs import driven, effects_of, long_log
 from season.ran import ENVIRONMENT, ROOT, Ran, done_in, ran, records_in
-from season.truth import DAYS, MACHINES, PLANTED, WEAK, WEAK_DAYS, WRONG_CLOCK, days
+from season.truth import DAYS, MACHINES, PLANTED, WRONG_CLOCK, days
 
-from console.services.fleet_season import one_log, season
-from control.diagnosis.season.courses import fitted
+from console.services.fleet_season import season
 from control.machine.machine import Machine
 
 LONG_ROWS = 1_000_000
@@ -54,10 +52,6 @@ def told(out: Path, minutes: float, checks: Checks) -> None:
     checks.that(len(aside) == len(WRONG_CLOCK) and all(any(f"{machine}/{day:02d}." in path for path in aside)
                 for machine, day in WRONG_CLOCK), f"logs whose clock was wrong are said: {sorted(aside)}")
     kilograms(found.machines, _wrong_kg(records, minutes), checks)
-    own = [one for one in records if f"/{WEAK}/" in one["path"] and int(Path(one["path"]).stem) < WEAK_DAYS]
-    named = sum("shaft.load_droop" in [cause["id"] for cause in one["causes"]] for one in own)
-    weak_alone({one.effect: one.probability for one in fitted(
-        [one_log(one) for one in own]).courses}, _zs(minutes), named, checks)
 
 
 def _wrong_kg(records: list[dict[str, Any]], minutes: float) -> dict[str, float]:
@@ -73,17 +67,6 @@ def _wrong_kg(records: list[dict[str, Any]], minutes: float) -> dict[str, float]
             kg = applied.get((day.machine, day.day), 0.0)
             wrong[day.machine] = wrong.get(day.machine, 0.0) + kg * abs(flow[1] / flow[0] - 1.0)
     return wrong
-
-
-def _zs(minutes: float) -> list[float]:
-    """Detectability of the weak effect in each of its logs, by the generator's own measure."""
-    found = []
-    for day in days():
-        if day.machine == WEAK and day.day < WEAK_DAYS:
-            done, noises = driven(day, minutes)
-            effects = [one for one in effects_of(day) if one.id.startswith("shaft.")]
-            found.append(Eye(Plant(done), noises, Physics()).z(effects))
-    return found
 
 
 def _first(folder: Path, count: int) -> list[str]:
