@@ -191,6 +191,19 @@ def test_a_scale_reads_wrong_on_a_machine_and_by_nobodys_hand() -> None:
     assert {one.factor for one in fit.levels if one.effect == "scale.gain"} <= {"machine", "fleet"}
 
 
+def test_a_machine_called_a_scale_keeps_its_only_operators_flow_in_the_set() -> None:
+    """Whose it is and what it is the logs cannot tell: machine's flow, machine's scale, operator's flow."""
+    rng, names = np.random.default_rng(26), ("flow.gain", "scale.gain")
+    normal = 4.0 * np.array([[1.0, 0.999], [0.999, 1.0]])
+    logs = [OneLog(f"{machine}{k}", machine, float(k), (Form(names, tuple(map(tuple, normal)), tuple(
+        normal @ [0.0, 5.0 * (machine == "a")] + np.linalg.cholesky(normal) @ rng.normal(size=2))),),
+        {"operator": f"o{machine}"}) for machine in "abc" for k in range(30)]
+    (course,) = fitted(logs).courses
+    assert course.effect == "scale.gain"
+    assert {(one.factor, one.effect) for one in course.alternatives} == {
+        ("machine", "scale.gain"), ("machine", "flow.gain"), ("operator", "flow.gain")}
+
+
 def within_tolerance(rng: np.random.Generator, logs: int, off: float, remembered: bool = True) -> list[OneLog]:
     """A healthy machine whose flow is off by `off` tolerances, the same in all logs; each log alone cannot tell."""
     found = []

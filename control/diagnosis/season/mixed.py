@@ -22,10 +22,11 @@ terms too, of variance 1, once for all its logs. Which levels are there is searc
 and asked again until nothing moves. Time: the course of a machine is cut by `changes.py`, the other terms at their
 means.
 
-What cannot be told apart: with a cause left out, every effect at its place, and every other level with its effect, is
-put there in turn. Their marginal likelihoods give the set of alternatives with probabilities. An effect's form is
-wrong by a few per cent of itself, so likelihoods are tempered as if the data were worth no more than that (coarsened
-posterior; Miller and Dunson, Journal of the American Statistical Association 114, 2019, 1113).
+What cannot be told apart: with a cause left out, every effect at its place, and every other level with its effect (or,
+where it cannot have that, with those that it can), is put there in turn. Their marginal likelihoods give the set of
+alternatives with probabilities. An effect's form is wrong by a few per cent of itself, so likelihoods are tempered as
+if the data were worth no more than that (coarsened posterior; Miller and Dunson, Journal of the American Statistical
+Association 114, 2019, 1113).
 """
 from __future__ import annotations
 
@@ -473,33 +474,38 @@ def _gain(post: Solved, extra: Array, columns: Array, sd: Array, effect: int) ->
     return float(linear), one.worth, np.asarray(size, np.float64)
 
 
+Tried = tuple[float, float, float, Alternative]         # log likelihood at the cause's level, at its own; log prior
+
+
 def _alternatives(logs: Logs, levels: Levels, others: Sequence[Cause], post: Solved, extra: Array, prior: Array,
                   cause: Cause) -> list[Alternative]:
     """The cause and what may stand in its place, with probabilities that add up to 1; likeliest first."""
-    tried: list[tuple[float, float, Alternative]] = []      # log likelihood, log prior, what
-    usual, here = slab(logs)[0], np.any(cause.columns != 0.0, axis=1)
-    own = prior[levels.keys.index((cause.factor, cause.level))]
-    scatter = np.where(here, cause.scatter, 0.0)
+    tried, here = list[Tried](), np.any(cause.columns != 0.0, axis=1)
+    usual, own = slab(logs)[0], levels.keys.index((cause.factor, cause.level))
+    scale, scatter = usual / usual[cause.effect], np.where(here, cause.scatter, 0.0)
     for effect, name in enumerate(logs.names):
-        scale = usual[effect] / usual[cause.effect]
         spread = scatter if effect == cause.effect else np.where(here, extra[:, effect], 0.0)
-        linear, scattering, size = _gain(post, spread, cause.columns, cause.sd * scale, effect)
-        tried.append((linear + scattering, float(own[effect]), Alternative(
+        linear, scattering, size = _gain(post, spread, cause.columns, cause.sd * scale[effect], effect)
+        tried.append((linear + scattering, linear + scattering, float(prior[own, effect]), Alternative(
             cause.factor, cause.level, name, float((cause.columns @ size)[here][-1]), 0.0)))
-    mine = tried[cause.effect]
-    spread = np.maximum(extra[:, cause.effect], cause.scatter)
-    linear = _gain(post, spread, cause.columns, cause.sd, cause.effect)[0]
-    held = {(one.factor, one.level) for one in others if one.effect == cause.effect}
-    for (factor, level), has, odds in zip(levels.keys, levels.has.T, prior[:, cause.effect], strict=True):
-        if (factor, level) != (cause.factor, cause.level) and (factor, level) not in held and has @ here > 0.0:
-            other, _, size = _gain(post, spread, has[:, None], cause.sd[:1], cause.effect)
-            tried.append((mine[0] + other - linear, float(odds), Alternative(factor, level, mine[2].effect,
-                                                                             float(size[0]), 0.0)))
-    most = max(one[0] for one in tried)
+    held = {(one.factor, one.level, one.effect) for one in others}
+    elsewhere = [row for row in range(len(levels.keys)) if row != own and levels.has[:, row] @ here > 0.0]
+    for effect in range(len(logs.names)):
+        # What a level cannot do is asked of it under each name that it can.
+        rows = [row for row in elsewhere if prior[row, effect] > -np.inf and (*levels.keys[row], effect) not in held
+                and (effect == cause.effect or prior[row, cause.effect] == -np.inf)]
+        spread = np.maximum(extra[:, effect], cause.scatter * (effect == cause.effect))
+        sd, likely = cause.sd * scale[effect], tried[effect][0]
+        if rows:
+            likely -= _gain(post, spread, cause.columns, sd, effect)[0]
+        for row in rows:
+            linear, _, size = _gain(post, spread, levels.has[:, [row]], sd[:1], effect)
+            tried.append((tried[effect][0], likely + linear, float(prior[row, effect]), Alternative(
+                *levels.keys[row], logs.names[effect], float(size[0]), 0.0)))
+    most = max(likely for _, likely, odds, _ in tried if odds > -np.inf)
     temper = 1.0 / (1.0 + COARSE * 2.0 * max(0.0, most))
     # Of the same effect at another level the form is as wrong: only effects among each other are tempered.
-    weights = np.array([temper * (likely - most) + prior_ if what.effect != mine[2].effect else
-                        temper * (mine[0] - most) + likely - mine[0] + prior_ for likely, prior_, what in tried])
+    weights = np.array([temper * (base - most) + likely - base + odds for base, likely, odds, _ in tried])
     shares = np.exp(weights - logsumexp(weights))
-    return sorted((one[2]._replace(probability=float(share)) for one, share in zip(tried, shares, strict=True)),
+    return sorted((one[-1]._replace(probability=float(share)) for one, share in zip(tried, shares, strict=True)),
                   key=lambda one: -one.probability)
