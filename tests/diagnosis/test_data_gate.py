@@ -145,3 +145,15 @@ def test_the_scale_is_predicted_for_the_time_at_which_it_was_read(work: Columns)
     off_kg = left.measured - left.predict(schedule(stages_of(MODEL), ()), MOST_STEP_S)
     assert np.allclose(data.hopper.read_at, 0.0)
     assert np.std(np.diff(off_kg)) < 0.02, "half a second of a flow of 0.05 to 0.4 kg/s makes 0.04 kg"
+
+
+def test_a_speed_that_happens_to_be_a_sentinel_is_a_reading_where_the_others_come_near():
+    """-99 r/min of a wheel that is driven either way; -9999 is no speed of it."""
+    table = columns(np.full(ROWS, 1.2))
+    table["shaft_rpm"] = np.linspace(-120.0, 120.0, ROWS).round()
+    table["shaft_rpm"][7] = -9999.0
+    clean = gate(table)
+    assert np.sum(clean.columns["shaft_rpm"] == -99.0) >= 1
+    assert np.isnan(clean.columns["shaft_rpm"][7])
+    assert [text for text in clean.findings if "shaft_rpm:" in text] == [
+        "column shaft_rpm: 1 cells hold -9999, which stands for a missing value"]
