@@ -29,6 +29,7 @@ from .verdict import Remains
 Array = npt.NDArray[np.float64]
 
 FOLDS = 5                   # pieces of a log, each in turn not fitted to
+OF_THE_DRIVE = frozenset({"shaft_rpm", "told_rpm", "shaft_rpm_cmd"})      # variables that its own curve is over
 SPEEDS_EACH = 2             # asked for, for each size of a curve: through as many speeds as sizes any curve goes
 Z90 = 1.645                 # half an interval of 90 % in s.d.
 
@@ -43,20 +44,23 @@ class _Tried(NamedTuple):
 
 def as_a_whole(one: Judged, rest: Sequence[Remains]) -> Fitted | None:
     """The drive of a judged group fitted as a whole; None where the judgement's model leaves noise alone, or where rows
-    that nothing was fitted to are not predicted better by it than by the machine file and by what was named."""
+    that nothing was fitted to are not predicted better by it than by the machine file, and by its names and terms."""
     search = one.search
     if "shaft" not in search.model.names or search.model.machine.shaft.regulated > 0.0:
         return None
     clean = one.found.parts and not rest and not any(one.rivals) and not one.terms
     if clean or not (one.found.parts or rest or one.terms):
         return None
+    if any(not set(term.tried.over) <= OF_THE_DRIVE for term in one.terms):
+        return None                     # a curve over the command does not stand for what follows something else
     others = tuple(part for part in one.found.parts if part.id not in FAMILY and part.onset_s is None)
     tried = [each for each in (_fitted(search, others, names) for names in _sets(search)) if _known(each, len(others))]
     least = min(tried, key=lambda each: float(each.errors.mean()))
     chosen = next(each for each in tried if _within(each, least))
     before = tried[0]
     named = _errors(search, (one.found.parts,) * FOLDS)
-    gained = _surely(before.errors - chosen.errors) and float(chosen.errors.mean()) < float(named.mean())
+    by_terms = float(np.prod([1.0 - max(0.0, term.held_out) for term in one.terms]))
+    gained = _surely(before.errors - chosen.errors) and float(chosen.errors.mean()) < by_terms * float(named.mean())
     sds = {part.id: sd for part, sd in zip(one.found.parts, one.found.sd, strict=True)}
     return _told(search, chosen, before, [sds[part.id] for part in others]) if gained else None
 

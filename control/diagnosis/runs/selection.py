@@ -290,7 +290,8 @@ def _one_of_each(found: list[Scanned]) -> list[Scanned]:
 
 def _reviewed(board: Board, now: Refit) -> tuple[Refit, tuple[float, ...], tuple[tuple[RivalOf, ...], ...]]:
     """The model with each part against what could stand in its place and against nothing, until none is better; of the
-    models on the way whose parts are all likelier than nothing, the likeliest."""
+    models on the way whose parts are all likelier than nothing, the likeliest. A rival that is ahead of it where only
+    even evidence counts, and behind where all does, is as likely as it is."""
     visited: list[tuple[Refit, tuple[float, ...], tuple[tuple[RivalOf, ...], ...]]] = []
     for _ in range(REVIEWS):
         worths, rivals = _rivals(board, now)
@@ -314,8 +315,8 @@ def _reviewed(board: Board, now: Refit) -> tuple[Refit, tuple[float, ...], tuple
         else:
             now = board.refit(without(now.parts, int(np.argmin(worths))), now)
     now, worths, rivals = max(reversed(visited), key=lambda one: board.score(one[0]))
-    return now, worths, tuple(tuple(one for one in several if one.part.id != part.id)
-                              for part, several in zip(now.parts, rivals, strict=True))
+    return now, worths, tuple(tuple(one._replace(behind=max(0.0, one.behind)) for one in several
+                                    if one.part.id != part.id) for part, several in zip(now.parts, rivals, strict=True))
 
 
 def _listed_before(one: Part, other: Part) -> bool:
@@ -325,7 +326,9 @@ def _listed_before(one: Part, other: Part) -> bool:
 
 
 def _rivals(board: Board, now: Refit) -> tuple[tuple[float, ...], tuple[tuple[RivalOf, ...], ...]]:
-    """What each part is worth, and what could stand in its place within the window."""
+    """What each part is worth, and what could stand in its place within the window. How far one model is ahead of
+    another is had directly, and by what each is worth over nothing: either counts even evidence alone and is a lower
+    bound, so that the higher one holds."""
     worths: list[float] = []
     rivals: list[tuple[RivalOf, ...]] = []
     for k, part in enumerate(now.parts):
@@ -335,7 +338,10 @@ def _rivals(board: Board, now: Refit) -> tuple[tuple[float, ...], tuple[tuple[Ri
         for rival in _in_its_place(board, alone, part):
             tried = board.refit((*alone.parts, rival), alone)
             if tried.tangled < MAX_TANGLED:
-                found.append(RivalOf(tried.parts[-1], board.ahead(now, k, tried, len(alone.parts))))
+                place = len(alone.parts)
+                over_nothing = own - board.worth(tried, place, alone)
+                best = max if now.log_likelihood > tried.log_likelihood else min
+                found.append(RivalOf(tried.parts[-1], best(board.ahead(now, k, tried, place), over_nothing)))
         worths.append(own)
         best = {one.part.id: one for one in sorted(found, key=lambda r: -r.behind) if one.behind < WINDOW
                 and (one.part.id != part.id or one.behind < -EVEN)}

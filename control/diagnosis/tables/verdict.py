@@ -2,8 +2,8 @@
 
 - not judged: no effect within its bounds could have shown in these rows.
 - none: that there is nothing is more probable than that there is something.
-- unexplained: models with something in them that is no effect, or an effect with a size that it cannot have, have NAMED
-  of the probability; or more than those without, and no effect beside it.
+- unexplained: of the probability that there is something, models in which something is no effect, or an effect with a
+  size that it cannot have, have NAMED.
 - named: every effect of the most probable model without such a thing is in models that together have NAMED of the
   probability; else it is ambiguous.
 """
@@ -81,8 +81,7 @@ def _said(search: Search, nothing: float, unknown: float) -> Fitted:
     known = next((one for one in some if not one.is_unknown), None)
     if strange is None or known is None:
         return some[0]
-    alone = len(strange.sized) == len(strange.outside)
-    return strange if unknown >= NAMED or (alone and unknown > 1.0 - unknown - nothing) else known
+    return strange if unknown >= NAMED * (1.0 - nothing) else known
 
 
 def _named(search: Search, model: Fitted, k: int) -> Named:
