@@ -340,8 +340,8 @@ def _rivals(board: Board, now: Refit) -> tuple[tuple[float, ...], tuple[tuple[Ri
             if tried.tangled < MAX_TANGLED:
                 place = len(alone.parts)
                 over_nothing = own - board.worth(tried, place, alone)
-                best = max if now.log_likelihood > tried.log_likelihood else min
-                found.append(RivalOf(tried.parts[-1], best(board.ahead(now, k, tried, place), over_nothing)))
+                higher = max if now.log_likelihood > tried.log_likelihood else min
+                found.append(RivalOf(tried.parts[-1], higher(board.ahead(now, k, tried, place), over_nothing)))
         worths.append(own)
         best = {one.part.id: one for one in sorted(found, key=lambda r: -r.behind) if one.behind < WINDOW
                 and (one.part.id != part.id or one.behind < -EVEN)}
