@@ -283,16 +283,13 @@ def names_prior(logs: Logs, levels: Levels, causes: Sequence[Cause]) -> Array:
 
 
 def found(logs: Logs) -> list[Cause]:
-    """What is there: greedily, then each left out and asked again."""
+    """What is there: greedily, then each left out and asked again; what goes may have hidden something else."""
     if not logs.names:
         return []
     levels, causes = levels_of(logs), list[Cause]()
-    while len(causes) < MOST:
-        best = _next(logs, levels, causes)
-        if best is None:
-            break
-        causes.append(best)
     for sweep in range(SWEEPS):
+        while len(causes) < MOST and (best := _next(logs, levels, causes)) is not None:
+            causes.append(best)
         before = [(one.factor, one.level, one.effect) for one in causes]
         causes = _swept(logs, levels, causes, sweep < SWEEPS - 1)
         if [(one.factor, one.level, one.effect) for one in causes] == before:
