@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 from control.diagnosis.runs.channels import hopper_channel
+from control.diagnosis.runs.compared import compared
 from control.diagnosis.runs.diagnose import diagnose_run
 from control.diagnosis.runs.findings import between_rows
 from control.diagnosis.runs.hypothesis import schedule, stages_of
 from control.diagnosis.runs.log import Clean, gate
 from control.diagnosis.runs.row_order import COMMANDS, in_order
 from control.diagnosis.runs.stages import run_data
+from control.machine.machine import Limits, Machine, Noise, Shaft, Tolerance
 from control.machine.over_log import MOST_STEP_S
 from drivers.files.config import load
 from drivers.files.kinds import MACHINE
@@ -41,6 +43,39 @@ def test_a_machine_that_stood_for_most_of_it_did_move():
     clean = gate(columns(speed_mps))
     assert clean.stages == ("shaft", "speed", "heads")
     assert not any("stood" in text for text in clean.findings)
+
+
+def test_a_shaft_that_never_turned_is_not_judged():
+    still = {"time_s": 0.02 * np.arange(ROWS), "shaft_rpm_cmd": np.where(np.arange(ROWS) < 100, 0.0, 120.0),
+             "shaft_rpm": np.zeros(ROWS)}
+    found = diagnose_run(still, Machine(id="wheel", stages=("shaft",)))
+    assert found.verdict == "not_judged" and not found.terms and found.fitted is None
+    assert any("0 in every row, though up to 120 r/min were commanded" in said for said in found.findings)
+    assert "shaft" in gate(still | {"shaft_rpm_cmd": np.zeros(ROWS)}).stages       # it was not asked to turn
+
+
+def test_rows_against_the_way_are_counted_where_files_are_compared_and_said_so():
+    command = np.where(np.arange(ROWS) % 200 < 100, 300.0, -300.0)
+    log = {"time_s": 0.02 * np.arange(ROWS), "shaft_rpm_cmd": command,
+           "shaft_rpm": command + np.random.default_rng(5).normal(0.0, 1.0, ROWS)}
+    file = Machine(id="wheel", stages=("shaft",), shaft=Shaft(one_way=1.0, full_rpm=400.0),
+                   limits=Limits(shaft_low_rpm=0.0, shaft_high_rpm=400.0))
+    found = compared(log, file, file)
+    said = next(one for one in found.findings if "turn backwards" in one)
+    assert found.channels[0].old > 100.0 and "counted as errors of the file" in said and "left out" not in said
+
+
+def test_a_short_log_far_from_its_prediction_is_not_called_healthy():
+    """A tenth of a second, in which a motor runs up to nearly twice its command: no noise of a sensor is that."""
+    time_s = 0.00225 * np.arange(48)
+    rng = np.random.default_rng(3)
+    log = {"time_s": time_s, "shaft_rpm_cmd": np.full(48, 225.0),
+           "shaft_rpm": 385.0 * (1.0 - np.exp(-time_s / 0.025)) + rng.normal(0.0, 9.0, 48)}
+    sheet = Machine(id="wheel", stages=("shaft",), noise=Noise(shaft_rpm=9.7), shaft=Shaft(
+        full_rpm=400.0, dead_time_s=0.0, time_constant_s=0.001, acceleration_rpm_s=1e6, one_way=1.0),
+        limits=Limits(shaft_low_rpm=0.0, shaft_high_rpm=400.0),
+        tolerance=Tolerance(shaft_percent=0.5, dead_time_s=0.01, time_constant_s=0.015))
+    assert diagnose_run(log, sheet).verdict != "none"
 
 
 def test_small_faults_of_the_drives_are_doubted_where_commands_may_be_lost():

@@ -52,3 +52,43 @@ def test_a_recording_of_a_drive(name: str, unsure: int, rows: int, by_hand: dict
     assert np.median(np.diff(log.time_s)) == pytest.approx({"w": 1.1, "t": 0.011}[name[0]], rel=1.0)
     if "supply_v" in by_hand["columns"]:
         assert 7.0 < np.nanmedian(log.numbers("supply_v")) < 9.0
+
+
+def written(path: Path, text: str) -> Path:
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+ROWS = [(0.02 * k, 100 * (k // 20 % 3), 40 * (k // 20 % 3)) for k in range(120)]
+
+
+def test_a_log_without_a_header_is_asked_about_by_every_command(topdress: Callable[..., Result], tmp_path: Path) -> None:
+    """Import reads it, so that no other command may say that it must name its columns."""
+    log = written(tmp_path / "bare.csv", "".join(f"{t:.2f},{u},{y}\n" for t, u, y in ROWS))
+    for words in (("machine", "--from", log, "--out", tmp_path / "m.yaml", "--yes"), ("diagnose", log),
+                  ("compare", "drive_alone", "drive_alone", log)):
+        said = topdress(*words)
+        assert said.exit_code == 2 and "--guess" in said.output and "must name" not in said.output, said.output
+
+
+def test_a_command_by_name_is_seen_where_the_time_is_called_as_ours(topdress: Callable[..., Result],
+                                                                   tmp_path: Path) -> None:
+    log = written(tmp_path / "mixed.csv", "time_s,commanded_rpm,feedback_rpm\n"
+                  + "".join(f"{t:.2f},{u},{y}\n" for t, u, y in zip(
+                      [row[0] for row in ROWS], [row[1] for row in ROWS], [0] * 3 + [row[1] for row in ROWS[:-3]],
+                      strict=True)))
+    said = topdress("machine", "--from", log, "--out", tmp_path / "m.yaml", "--yes")
+    assert said.exit_code == 0, said.output
+
+
+def test_where_no_command_is_the_next_step_is_said(topdress: Callable[..., Result], tmp_path: Path) -> None:
+    log = written(tmp_path / "reading.csv", "Time (s),Motor Speed (RPM)\n"
+                  + "".join(f"{t:.2f},{y + k % 2}\n" for k, (t, _, y) in enumerate(ROWS)))
+    said = topdress("machine", "--from", log, "--out", tmp_path / "m.yaml", "--yes")
+    assert said.exit_code != 0 and "shaft_rpm_cmd: missing" in said.output and "--guess" in said.output
+
+
+def test_times_in_another_unit_than_the_header_says(topdress: Callable[..., Result], tmp_path: Path) -> None:
+    log = written(tmp_path / "us.csv", "time_us,pwm,w\n" + "".join(f"{t / 40:.5f},{u},{y}\n" for t, u, y in ROWS))
+    said = topdress("import", log, "--guess", "--mapping", tmp_path / "g.yaml")
+    assert "are the times in another unit?" in said.output and "sort the log" not in said.output

@@ -111,7 +111,7 @@ def compared(columns: Any, old: Machine | str, new: Machine | str,
         found = [one for name, series in of_old.items() if name in of_new and len(series.predicted) == len(
             of_new[name].predicted) for one in _channels_of(series, of_new[name])]
     step(1.0, "")
-    return Compared(tuple(found), (*log.findings, *turned_back(log, old)))
+    return Compared(tuple(found), (*log.findings, *turned_back(log, old, counted=True)))
 
 
 def _predictions(log: Clean, machine: Machine, other: Machine, step: Callable[[float, str], None]

@@ -46,15 +46,16 @@ def on_the_whole(log: Clean, judged: Sequence[Judged], machine: Machine) -> list
     return said
 
 
-def turned_back(log: Clean, machine: Machine) -> list[str]:
+def turned_back(log: Clean, machine: Machine, counted: bool = False) -> list[str]:
     """Said of a shaft that is asked to turn backwards: that it is judged so, or, of one that turns one way by its
-    machine file, how many rows say otherwise and are left out."""
+    machine file, how many rows say otherwise and are left out (`counted`: are not, as where two files are compared)."""
     command, read = log.columns["shaft_rpm_cmd"], log.columns["shaft_rpm"]
     known, back = int(np.isfinite(command).sum()), int(np.sum(command < 0.0))
     left_out = int(np.sum(against_the_way(log.time_s, command, read, machine)))
     if left_out:
         return [f"stage shaft: {back} of {known} commands ask it to turn backwards, which it does not do by the "
-                f"machine file (shaft.one_way): {left_out} rows are left out"]
+                f"machine file (shaft.one_way): {left_out} rows are "
+                + ("counted as errors of the file" if counted else "left out")]
     return [f"stage shaft: {back} of {known} commands are below 0: it turned backwards"] if back and \
         machine.shaft.one_way <= 0.0 else []
 

@@ -90,6 +90,7 @@ def gate(columns: Mapping[str, npt.NDArray[Any]], has: Callable[[str], bool] = l
     for name in ("shaft_rpm", "opening_mm", "hopper_kg"):
         found[name] = _without_held(name, found[name], float(np.median(np.diff(time))), findings)
     found["hopper_kg"] = _if_it_moves("hopper_kg", found["hopper_kg"], findings)
+    found["shaft_rpm"] = _if_it_turned(found["shaft_rpm"], found["shaft_rpm_cmd"], findings)
     stood = _stood(found)
     if stood and (has("speed") or has("heads")):
         findings.append("the machine stood all the time: its speeds and canopy heads are left out")
@@ -207,6 +208,16 @@ def _if_it_moves(name: str, values: Array, findings: list[str]) -> Array:
         return values
     findings.append(f"column {name}: {known[0]:g} in every row: a scale that never changes is not read: left out")
     return np.full(len(values), np.nan)
+
+
+def _if_it_turned(read_rpm: Array, command_rpm: Array, findings: list[str]) -> Array:
+    """A shaft that reads 0 in every row, whatever it was asked for, says nothing of how it answers."""
+    known, most = read_rpm[np.isfinite(read_rpm)], np.nanmax(np.abs(np.r_[0.0, command_rpm]))
+    if len(known) < MIN_ROWS or np.any(known != 0.0) or most == 0.0:
+        return read_rpm
+    findings.append(f"column shaft_rpm: 0 in every row, though up to {most:g} r/min were commanded: it never turned, or "
+                    "is not read: left out")
+    return np.full(len(read_rpm), np.nan)
 
 
 def _stood(found: dict[str, Array]) -> bool:

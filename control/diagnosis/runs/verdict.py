@@ -66,7 +66,7 @@ def remains(one: Judged, read_off: Collection[str] = ()) -> list[Remains]:
         expected = len(left) * (usual + channel.prior.floor_sd ** 2)
         if name not in read_off and not walks and drifts(noise, channel.prior):
             found.append(Remains(name, "drift", _nearest(one, channel, left), None, left, expected))
-        elif is_loud(noise, channel.prior):
+        elif is_loud(noise, channel.prior, left):
             found.append(Remains(name, "loud", _nearest(one, channel, left), None, left, expected))
         elif period_s is not None and period_s > QUICK_S:
             found.append(Remains(name, "line", "", period_s, left, expected))
