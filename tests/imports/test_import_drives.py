@@ -62,7 +62,8 @@ def written(path: Path, text: str) -> Path:
 ROWS = [(0.02 * k, 100 * (k // 20 % 3), 40 * (k // 20 % 3)) for k in range(120)]
 
 
-def test_a_log_without_a_header_is_asked_about_by_every_command(topdress: Callable[..., Result], tmp_path: Path) -> None:
+def test_a_log_without_a_header_is_asked_about_by_every_command(topdress: Callable[..., Result],
+                                                                tmp_path: Path) -> None:
     """Import reads it, so that no other command may say that it must name its columns."""
     log = written(tmp_path / "bare.csv", "".join(f"{t:.2f},{u},{y}\n" for t, u, y in ROWS))
     for words in (("machine", "--from", log, "--out", tmp_path / "m.yaml", "--yes"), ("diagnose", log),
