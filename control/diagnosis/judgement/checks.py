@@ -19,10 +19,10 @@ LEVEL = 0.002               # of a false alarm, of one check of one channel: one
 MIN_PERIODS = 5.0           # of a frequency within the log: what comes round less often is drift
 
 
-def is_loud(noise: Noise, prior: NoisePrior, left: Array = np.empty(0)) -> bool:
+def is_loud(noise: Noise, prior: NoisePrior, left: Array | None = None) -> bool:
     """Whether the fast noise, or all that is left (banded coefficients (m,)), is stronger than the machine file's noise
     can be: in a short log a noise of long memory need not be strong to be large."""
-    beyond = float(np.mean(left ** 2)) - prior.floor_sd ** 2 if len(left) else 0.0
+    beyond = float(np.mean(left ** 2)) - prior.floor_sd ** 2 if left is not None and len(left) else 0.0
     strongest = max(noise.theta[0], 0.5 * float(np.log(beyond)) if beyond > 0.0 else -np.inf)
     return _beyond(strongest - start(prior).theta[0], prior.spread[0])
 

@@ -215,8 +215,8 @@ def _if_it_turned(read_rpm: Array, command_rpm: Array, findings: list[str]) -> A
     known, most = read_rpm[np.isfinite(read_rpm)], np.nanmax(np.abs(np.r_[0.0, command_rpm]))
     if len(known) < MIN_ROWS or np.any(known != 0.0) or most == 0.0:
         return read_rpm
-    findings.append(f"column shaft_rpm: 0 in every row, though up to {most:g} r/min were commanded: it never turned, or "
-                    "is not read: left out")
+    findings.append(f"column shaft_rpm: 0 in every row, though up to {most:g} r/min were commanded: it never turned, "
+                    "or is not read: left out")
     return np.full(len(read_rpm), np.nan)
 
 
