@@ -7,7 +7,7 @@ from console.reports.term_words import compensation, sentence
 from console.reports.verdict import headlines_first
 from console.reports.words import headlined, left_facts, name_of, not_judged, when
 from control.diagnosis.result import Cause, Diagnosis, Fitted, Unexplained
-from control.diagnosis.runs.rates import told
+from control.diagnosis.runs.rates import in_words
 from control.machine.machine import CATALOGUE
 
 SHOWN_LIMIT = 8
@@ -28,7 +28,7 @@ def summary(found: Diagnosis) -> list[str]:
                   f"({c.unit})" for c in found.channels]
     if len(found.rates) > 1:
         lines += ["", f"{'pass':>4s} {'from s':>9s} {'to s':>9s} {'rows':>6s}  applied against target"]
-        lines += [f"{fit.number:4d} {fit.begin_s:9.1f} {fit.end_s:9.1f} {fit.rows:6d}  {told(fit)}"
+        lines += [f"{fit.number:4d} {fit.begin_s:9.1f} {fit.end_s:9.1f} {fit.rows:6d}  {in_words(fit)}"
                   for fit in found.rates if fit.number is not None]
     for cause in found.causes:
         lines += ["", *_cause(cause)]

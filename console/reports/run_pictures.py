@@ -22,7 +22,7 @@ from console.reports.panels import (
 from console.reports.picture import Picture
 from console.reports.run_views import View
 from control.diagnosis.result import TableFit, Unexplained
-from control.diagnosis.runs.hypothesis import Part
+from control.diagnosis.runs.hypothesis import EffectInstance
 from control.machine.machine import CATALOGUE
 
 Array = npt.NDArray[np.float64]
@@ -37,7 +37,8 @@ CHANGING = 0.01             # of an effect's strength in a stretch: below it, it
 BAND = "The band is the 90 % interval of each mean."
 
 
-def cause_pictures(views: Sequence[View], parts: Sequence[Part], part: Part, name: str) -> list[Picture]:
+def cause_pictures(views: Sequence[View], parts: Sequence[EffectInstance], part: EffectInstance,
+                   name: str) -> list[Picture]:
     """One cause: its residual before and after along the variable that tells it, and a stretch where it shows most."""
     found = _view_of(views, parts, part)
     if found is None:
@@ -68,14 +69,14 @@ def cause_pictures(views: Sequence[View], parts: Sequence[Part], part: Part, nam
     return [Picture(text, " ".join(sentences))]
 
 
-def _panels(view: View, axis: Axis, share: float, part: Part) -> list[str]:
+def _panels(view: View, axis: Axis, share: float, part: EffectInstance) -> list[str]:
     """Means over the axis where they tell the effect; a stretch in full where they do not tell all, or time matters."""
     stretch = view.name in STRETCH_S and (share < ALL_SHARE or part.onset_s is not None or axis.sign is not None)
     means = share >= LEAST_SHARE or not stretch
     return [word for word, wanted in (("means", means), ("stretch", stretch)) if wanted]
 
 
-def _view_of(views: Sequence[View], parts: Sequence[Part], part: Part) -> tuple[View, Array] | None:
+def _view_of(views: Sequence[View], parts: Sequence[EffectInstance], part: EffectInstance) -> tuple[View, Array] | None:
     """The view of the effect's own stage where it shows there, else the one in which it shows most."""
     best: tuple[float, View, Array] | None = None
     for view in views:
@@ -91,7 +92,7 @@ def _view_of(views: Sequence[View], parts: Sequence[Part], part: Part) -> tuple[
     return None if best is None else (best[1], best[2])
 
 
-def _stretch(axes: Any, view: View, own: tuple[Part, ...], effect: Array, part: Part) -> None:
+def _stretch(axes: Any, view: View, own: tuple[EffectInstance, ...], effect: Array, part: EffectInstance) -> None:
     wide = STRETCH_S[view.name]
     step = float(np.median(np.diff(view.time_s)))
     count = min(len(effect), max(8, int(round(wide / step))))
@@ -126,7 +127,7 @@ def _most_telling(effect: Array, count: int) -> int:
     return int(np.argmax(changing if changing.max() > CHANGING * strong.max() else strong))
 
 
-def left_picture(views: Sequence[View], parts: Sequence[Part], left: Unexplained, fit: TableFit | None,
+def left_picture(views: Sequence[View], parts: Sequence[EffectInstance], left: Unexplained, fit: TableFit | None,
                  name: str) -> Picture | None:
     """What no effect explains: the residual along the variable named, and the smooth function that takes it up."""
     view = next((v for v in views if v.name == left.channel and left.variable in v.axes), None)
@@ -168,7 +169,7 @@ def _extension(axes: Any, fit: TableFit, axis: Axis) -> None:
     axes.set_title("the extension, between its nodes")
 
 
-def time_lines(views: Sequence[View], parts: Sequence[Part], name: str) -> Picture | None:
+def time_lines(views: Sequence[View], parts: Sequence[EffectInstance], name: str) -> Picture | None:
     """Residual of every channel over the run, before and after, with the onsets."""
     if not views:
         return None
@@ -199,7 +200,7 @@ def time_lines(views: Sequence[View], parts: Sequence[Part], name: str) -> Pictu
     return Picture(text, "Residual of every channel over the run, in means of equal times. " + BAND)
 
 
-def _rows_for_time(view: View, own: Sequence[Part]) -> tuple[npt.NDArray[np.bool_], str]:
+def _rows_for_time(view: View, own: Sequence[EffectInstance]) -> tuple[npt.NDArray[np.bool_], str]:
     """All rows; of the heads, those of the head that is named or stands off most."""
     if view.member is None:
         return np.ones(len(view.measured), bool), view.quantity

@@ -11,7 +11,7 @@ from console.reports.binned import Axis, Binned, binned, binned_rates, memory_of
 from console.reports.variables import OF_RUNS
 from control.diagnosis.result import Cause
 from control.diagnosis.runs.channels import ChannelSeries, channels
-from control.diagnosis.runs.hypothesis import MAX_SWITCHES, Part, schedule, stages_of
+from control.diagnosis.runs.hypothesis import MAX_SWITCHES, EffectInstance, schedule, stages_of
 from control.diagnosis.runs.log import gate
 from control.diagnosis.runs.model import in_course
 from control.diagnosis.runs.stages import Drive, RunData, run_data
@@ -38,7 +38,7 @@ class View(NamedTuple):
     unit: str
     time_s: Array
     measured: Array
-    predict: Callable[[tuple[Part, ...]], Array]
+    predict: Callable[[tuple[EffectInstance, ...]], Array]
     axes: dict[str, Axis]
     member: npt.NDArray[np.int64] | None = None         # head of each row
     segments: npt.NDArray[np.int64] | None = None       # rows between refills: kg are kept, their rate is shown
@@ -47,10 +47,10 @@ class View(NamedTuple):
     def title(self) -> str:
         return f"{self.quantity}: measured less predicted"
 
-    def residual(self, parts: Sequence[Part]) -> Array:
+    def residual(self, parts: Sequence[EffectInstance]) -> Array:
         return self.measured - self.predict(self.own(parts))
 
-    def effect(self, parts: Sequence[Part], part: Part) -> Array:
+    def effect(self, parts: Sequence[EffectInstance], part: EffectInstance) -> Array:
         """What one of the effects does to the rows along with the others, (n,)."""
         own = self.own(parts)
         more = self.predict(own) - self.predict(tuple(one for one in own if one != part))
@@ -70,7 +70,7 @@ class View(NamedTuple):
         slow = np.convolve(np.pad(residual, SLOW, mode="edge"), np.ones(2 * SLOW + 1) / (2 * SLOW + 1), mode="valid")
         return memory_of(residual - slow)
 
-    def axis_of(self, part: Part, effect: Array) -> Axis:
+    def axis_of(self, part: EffectInstance, effect: Array) -> Axis:
         """The axis along which what the effect does to the rows (n,) shows most."""
         own = self.axes.get(OWN_AXIS.get(part.id, ""))
         if own is not None:
@@ -80,9 +80,9 @@ class View(NamedTuple):
         more = 0.0 if part.onset_s is not None else TIME_MORE
         return late if shown_share(late, effect) > shown_share(best, effect) + more else best
 
-    def own(self, parts: Sequence[Part]) -> tuple[Part, ...]:
+    def own(self, parts: Sequence[EffectInstance]) -> tuple[EffectInstance, ...]:
         """Those effects that this channel can feel, as many beginnings and ends as one run may have."""
-        kept: list[Part] = []
+        kept: list[EffectInstance] = []
         for part in parts:
             if CATALOGUE[part.id].stage in STAGE_OF_VIEW[self.name] and len(
                     {time_s for one in (*kept, part) for time_s in one.switches}) <= MAX_SWITCHES:
@@ -90,7 +90,7 @@ class View(NamedTuple):
         return tuple(kept)
 
 
-def parts_of(causes: Sequence[Cause]) -> tuple[Part, ...]:
+def parts_of(causes: Sequence[Cause]) -> tuple[EffectInstance, ...]:
     """Causes as the model takes them; those without a size are left out."""
     found = []
     for cause in causes:
@@ -99,7 +99,7 @@ def parts_of(causes: Sequence[Cause]) -> tuple[Part, ...]:
             continue
         size = 1.0 if entry.effect.onset_only else float(cause.size.value or 0.0)
         onset_s = cause.size.value if entry.effect.onset_only and cause.onset_s is None else cause.onset_s
-        found.append(Part(cause.id, size, onset_s, cause.member, cause.until_s, cause.grows))
+        found.append(EffectInstance(cause.id, size, onset_s, cause.member, cause.until_s, cause.grows))
     return tuple(found)
 
 
@@ -117,16 +117,16 @@ def run_views(columns: Mapping[str, npt.NDArray[Any]], machine: Machine) -> tupl
     return tuple(found)
 
 
-def _predictor(channel: ChannelSeries, machine: Machine) -> Callable[[tuple[Part, ...]], Array]:
+def _predictor(channel: ChannelSeries, machine: Machine) -> Callable[[tuple[EffectInstance, ...]], Array]:
     base = stages_of(machine)
-    known: dict[tuple[Part, ...], Array] = {}
+    known: dict[tuple[EffectInstance, ...], Array] = {}
 
-    def _grown(part: Part) -> Array:
+    def _grown(part: EffectInstance) -> Array:
         """What grows is no switch of the schedule: what it would do all along, weighted with its course."""
-        whole = channel.predict(schedule(base, (Part(part.id, part.size, member=part.member),)), MOST_STEP_S)
+        whole = channel.predict(schedule(base, (EffectInstance(part.id, part.size, member=part.member),)), MOST_STEP_S)
         return in_course(whole - channel.predict(schedule(base, ()), MOST_STEP_S), channel, part)
 
-    def predict(parts: tuple[Part, ...]) -> Array:
+    def predict(parts: tuple[EffectInstance, ...]) -> Array:
         if parts not in known:
             steady = channel.predict(schedule(base, parts), MOST_STEP_S)
             known[parts] = steady + sum(_grown(part) for part in parts if part.grows)

@@ -10,8 +10,8 @@ import numpy.typing as npt
 from control.calibration.bench_table import BenchTable, usable
 from control.diagnosis.effects import LAG_COARSE_CLOCK
 from control.diagnosis.result import Cause
+from control.diagnosis.tables.duplicate_rows import without_duplicates
 from control.diagnosis.tables.piece import Candidate, Piece, SizedEffect, with_effects, within_scope
-from control.diagnosis.tables.retold import told_once
 from control.diagnosis.tables.rows import pieces_of
 from control.machine.machine import CATALOGUE, Machine
 
@@ -71,7 +71,7 @@ def table_views(tables: Sequence[BenchTable], machine: Machine, causes: Sequence
     parts = tuple(Part(SizedEffect(Candidate(cause.id, cause.member), cause.size.value), cause.scope)
                   for cause in causes
                   if cause.id in CATALOGUE and cause.id != IN_STEPS and cause.size.value is not None)
-    return tuple(_view(piece, machine, parts) for table in told_once(list(map(usable, tables)), machine).tables
+    return tuple(_view(piece, machine, parts) for table in without_duplicates(list(map(usable, tables)), machine).tables
                  for piece in pieces_of(table, machine))
 
 

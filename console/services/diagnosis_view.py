@@ -26,7 +26,7 @@ from console.reports.words import not_judged
 from console.services.separating_run import drivable
 from control.diagnosis.extend import not_adoptable, term_not_adoptable
 from control.diagnosis.result import Cause, Diagnosis
-from control.diagnosis.runs.hypothesis import Part
+from control.diagnosis.runs.hypothesis import EffectInstance
 from control.machine.machine import CATALOGUE, Machine
 
 TIME_BINS, RATE_BINS, ROWS_IN_BIN = 40, 16, 6
@@ -90,7 +90,7 @@ def _cause(cause: Cause, mean_target_kg_ha: float | None, over: Curve | None, ti
 
 
 def _channels(found: Diagnosis, views: Sequence[View], tables: Sequence[TableView],
-              parts: tuple[Part, ...]) -> tuple[ChannelShown, ...]:
+              parts: tuple[EffectInstance, ...]) -> tuple[ChannelShown, ...]:
     after: dict[str, float] = {}
     for view in views:
         if view.segments is None:
@@ -106,7 +106,7 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean((known - known.mean()) ** 2))) if len(known) else 0.0
 
 
-def _curves(cause: Cause, views: Sequence[View], tables: Sequence[TableView], parts: tuple[Part, ...]
+def _curves(cause: Cause, views: Sequence[View], tables: Sequence[TableView], parts: tuple[EffectInstance, ...]
             ) -> tuple[Curve | None, Curve | None]:
     own = parts_of([cause])
     if not own:
@@ -129,7 +129,7 @@ def _curves(cause: Cause, views: Sequence[View], tables: Sequence[TableView], pa
     return _curve(view, view.axis_of(own[0], effect), parts), _over_time(view, parts, onset)
 
 
-def _left_curve(found: Diagnosis, views: Sequence[View], parts: tuple[Part, ...]) -> Curve | None:
+def _left_curve(found: Diagnosis, views: Sequence[View], parts: tuple[EffectInstance, ...]) -> Curve | None:
     if not found.unexplained:
         return None
     left = found.unexplained[0]
@@ -137,7 +137,7 @@ def _left_curve(found: Diagnosis, views: Sequence[View], parts: tuple[Part, ...]
     return None if view is None else _curve(view, view.axes[left.variable], parts)
 
 
-def _curve(view: View, axis: Axis, parts: tuple[Part, ...]) -> Curve | None:
+def _curve(view: View, axis: Axis, parts: tuple[EffectInstance, ...]) -> Curve | None:
     before, after = view.residual(()), view.residual(parts)
     memory = view.memory(after)
     label = axis.label or " / ".join(axis.names)
@@ -145,7 +145,7 @@ def _curve(view: View, axis: Axis, parts: tuple[Part, ...]) -> Curve | None:
                   axis.names)
 
 
-def _over_time(view: View, parts: tuple[Part, ...], onset_min: float | None) -> Curve | None:
+def _over_time(view: View, parts: tuple[EffectInstance, ...], onset_min: float | None) -> Curve | None:
     """Means over even bins of the log's time, in minutes; of one head alone where the heads differ."""
     minutes = view.time_s / 60.0
     low, high = float(minutes.min()), float(minutes.max())

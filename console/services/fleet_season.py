@@ -13,7 +13,7 @@ from control.diagnosis.season.courses import Course, Fit, Shared, fitted
 from control.diagnosis.season.evidence import Form, Worked
 from control.diagnosis.season.forms import OneLog
 from control.diagnosis.season.mixed import MACHINE
-from control.diagnosis.season.owner import Low, MachineSeason, Told, low_hoppers, machines
+from control.diagnosis.season.owner import Low, MachineSeason, OwnersLog, low_hoppers, machines
 from drivers.files.atomic import write_atomically
 
 FIRST_DAY, DAY_AHEAD = 10_957.0, 1.0        # days since 1970: 2000-01-01; how far ahead of here a clock may be
@@ -32,7 +32,7 @@ class Season(NamedTuple):
     machines: tuple[MachineSeason, ...]
     fit: Fit
     low: tuple[Low, ...]
-    told: tuple[Told, ...]
+    logs: tuple[OwnersLog, ...]
     units: Mapping[str, str]
     broken: tuple[tuple[str, str], ...]
     aside: tuple[Aside, ...] = ()
@@ -45,14 +45,14 @@ def season(records: Sequence[Mapping[str, Any]], broken: Sequence[tuple[str, str
     aside = tuple(Aside(one["path"], _date(one["time_d"])) for one in records if one not in timely)
     named = one_spelling(timely)
     logs = [one_log(one) for one in named]
-    told = [Told(one["key"], one["unit"], one["time_d"], Worked(**one["worked"]), one["percent"], one["shared"])
-            for one in named]
+    owners = [OwnersLog(one["key"], one["unit"], one["time_d"], Worked(**one["worked"]), one["percent"], one["shared"])
+              for one in named]
     units: dict[str, str] = {}
     for one in named:
         units |= one["units"]
     fit = fitted(logs)
-    return Season(tuple(machines(told, fit)), fit, tuple(low_hoppers(told)), tuple(told), units, tuple(broken), aside,
-                  sum(one["time_from"] == "file" for one in timely))
+    return Season(tuple(machines(owners, fit)), fit, tuple(low_hoppers(owners)), tuple(owners), units, tuple(broken),
+                  aside, sum(one["time_from"] == "file" for one in timely))
 
 
 def one_log(record: Mapping[str, Any]) -> OneLog:

@@ -34,28 +34,28 @@ class Point(NamedTuple):
 def dose(machine: Machine, points: Sequence[Point]) -> float:
     """What leaves the machine over operating points, in kg for a second at each, under a control that believes its
     sensors: the speed at each point, the mass that the scale tells over all of them (its trim is slow)."""
-    left = asked = told = 0.0
+    left = asked = reported = 0.0
     for point in points:
         state = FlowState(point.time_s, point.hopper_kg, 0.0, point.refills)
         asked_of = FlowInput(point.shaft_rpm, point.opening_mm, point.pitch_deg)
         kg = flow_step(machine.flow, state, asked_of, STEP_S)[1].flow_kg_s * STEP_S
         left += kg
-        asked += kg * _told_speed(machine, point)
-        told += _told_mass_kg(machine, point, kg)
-    return asked * left / told if told > 0.0 else asked
+        asked += kg * _reported_speed(machine, point)
+        reported += _reported_mass_kg(machine, point, kg)
+    return asked * left / reported if reported > 0.0 else asked
 
 
-def _told_speed(machine: Machine, point: Point) -> float:
-    """Speed as told over true speed, whichever of the two sensors is believed: an effect moves one of them."""
+def _reported_speed(machine: Machine, point: Point) -> float:
+    """Speed as measured over true speed, whichever of the two sensors is believed: an effect moves one of them."""
     true = point.speed_mps
     if true <= 0.0:
         return 1.0
-    _, told = speed_step(machine.speed, speed_start(true), SpeedInput(true, point.working, point.pitch_deg), STEP_S)
-    return told.wheel_mps * told.gnss_mps / true ** 2
+    _, reported = speed_step(machine.speed, speed_start(true), SpeedInput(true, point.working, point.pitch_deg), STEP_S)
+    return reported.wheel_mps * reported.gnss_mps / true ** 2
 
 
-def _told_mass_kg(machine: Machine, point: Point, left_kg: float) -> float:
-    """Mass that the scale says has left where `left_kg` have; nothing is told while nothing leaves."""
+def _reported_mass_kg(machine: Machine, point: Point, left_kg: float) -> float:
+    """Mass that the scale says has left where `left_kg` have; 0 while nothing leaves."""
     if left_kg <= 0.0:
         return 0.0
     before = scale_reads(machine.scale, ScaleInput(point.hopper_kg, point.time_s, point.pitch_deg))

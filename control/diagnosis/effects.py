@@ -32,32 +32,32 @@ class Costs(Enum):
 
     DOSE = "dose"
     PLACE = "place"
-    NEITHER = "neither"             # it is wrong in what is told, or evens out
+    NEITHER = "neither"             # it is wrong in what is reported, or evens out
     CROP = "crop"                   # depends on the crop that the heads look at: left open
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """What a diagnosis must know of an effect beside its place in the model."""
+    """What a diagnosis must know of an effect besides its place in the model."""
 
     id: str
     usual: float                        # s.d. of its prior: what such effects usually are, in its unit
 
     # -- how its column is made
     probe: float | None = None          # size at which the slope of a straight-line effect is taken
-    ladder: tuple[float, ...] = ()      # sizes tried, where what it does is no straight line in its size
+    trial_sizes: tuple[float, ...] = ()      # sizes tried, where what it does is no straight line in its size
     slope_step: float | None = None     # difference of size for its slope; None: the probe, or 2 % of the size
     threshold: bool = False             # acts on all commands below its size: it has no slope, it is sought on a grid
 
     # -- where a run log shows it
     found_by: FoundBy = FoundBy.SCAN
-    also_on: tuple[str, ...] = ()       # channels beside its own stage's that it moves
+    also_on: tuple[str, ...] = ()       # channels besides its own stage's that it moves
     needs_refill: bool = False          # shows only after the hopper was filled up
     min_move_mm: float = 0.0            # the opening's command must move so far (1st to 99th percentile)
-    needs: str = ""                     # recorded variable without which it cannot be told from others
+    needs: str = ""                     # recorded variable without which it looks like others
     open_loop: bool = False             # none in a drive that holds its speed by its own encoder
     both_ways: bool = False             # shows only where commands turn the shaft either way
-    seen_in_steps: bool = True          # can be told where the shaft's speed is read in steps
+    seen_in_steps: bool = True          # can be seen where the shaft's speed is read in steps
 
     # -- what it may be taken for
     form_over: str = ""                 # recorded variable over which its form may differ from the catalogue's
@@ -83,11 +83,11 @@ class Row:
     def on(self, machine: Machine) -> Row:
         """The row with the sizes that are natural on a machine: shares of its ranges."""
         scale, opening = size_scale(self.id, machine), of_nominal(machine, OPENING_RANGE)
-        ladder = tuple(scale * size for size in self.ladder)
+        trial_sizes = tuple(scale * size for size in self.trial_sizes)
         if self.threshold:
-            ladder = (*_finer(ladder[0], machine), *ladder)
+            trial_sizes = (*_finer(trial_sizes[0], machine), *trial_sizes)
         return replace(self, usual=scale * self.usual, probe=None if self.probe is None else scale * self.probe,
-                       ladder=ladder,
+                       trial_sizes=trial_sizes,
                        slope_step=None if self.slope_step is None else scale * self.slope_step,
                        min_move_mm=opening * self.min_move_mm)
 
@@ -109,7 +109,7 @@ class Row:
 
 
 def _finer(lowest_rpm: float, machine: Machine) -> tuple[float, ...]:
-    """Thresholds below the ladder's lowest that this shaft's commands pass; none where it is never asked for so little.
+    """Thresholds below the lowest trial size that this shaft's commands pass; none where no command is so low.
 
     A threshold below the lowest command that is ever given shows nowhere.
     """
@@ -128,16 +128,16 @@ def _finer(lowest_rpm: float, machine: Machine) -> tuple[float, ...]:
 # moved stop gives. Supply: as it droops from 14 to 12 V. Slope: a per cent a degree, as a hopper rests on its side.
 # A blocked outlet is one of six.
 SHAFT_GAIN = Row("shaft.gain", 3.0, probe=0.5, form_over="shaft_rpm", moves="gain_percent")
-SHAFT_SLOW = Row("shaft.slow", 0.2, ladder=(0.03, 0.1, 0.3, 0.8), siblings=("shaft.dead_time",),
+SHAFT_SLOW = Row("shaft.slow", 0.2, trial_sizes=(0.03, 0.1, 0.3, 0.8), siblings=("shaft.dead_time",),
                  moves="time_constant_s", seen_in_steps=False, move_shaped=True, costs=Costs.PLACE)
-SHAFT_DEAD_TIME = Row("shaft.dead_time", 0.15, ladder=(0.03, 0.1, 0.25, 0.6), siblings=("shaft.slow",),
+SHAFT_DEAD_TIME = Row("shaft.dead_time", 0.15, trial_sizes=(0.03, 0.1, 0.25, 0.6), siblings=("shaft.slow",),
                       moves="dead_time_s", seen_in_steps=False, move_shaped=True, costs=Costs.PLACE,
                       only_adds=True, constant_time=True, scoped_in=("lag",))
-SHAFT_DEAD_BAND = Row("shaft.dead_band", 20.0, ladder=(11.0, 13.0, 16.0, 20.0, 25.0, 31.0, 40.0), threshold=True)
-SHAFT_DEAD_ZONE = Row("shaft.dead_zone", 10.0, ladder=(2.0, 8.0, 20.0, 40.0), form_over="shaft_rpm", only_adds=True,
-                      open_loop=True)
-SHAFT_SATURATION = Row("shaft.saturation", 15.0, ladder=(3.0, 12.0, 30.0, 60.0), form_over="shaft_rpm", only_adds=True,
-                       open_loop=True)
+SHAFT_DEAD_BAND = Row("shaft.dead_band", 20.0, trial_sizes=(11.0, 13.0, 16.0, 20.0, 25.0, 31.0, 40.0), threshold=True)
+SHAFT_DEAD_ZONE = Row("shaft.dead_zone", 10.0, trial_sizes=(2.0, 8.0, 20.0, 40.0), form_over="shaft_rpm",
+                      only_adds=True, open_loop=True)
+SHAFT_SATURATION = Row("shaft.saturation", 15.0, trial_sizes=(3.0, 12.0, 30.0, 60.0), form_over="shaft_rpm",
+                       only_adds=True, open_loop=True)
 SHAFT_BACK_GAIN = Row("shaft.back_gain", 5.0, probe=0.5, form_over="shaft_rpm", both_ways=True)
 SHAFT_BACK_ZONE = Row("shaft.back_zone", 5.0, probe=0.5, form_over="shaft_rpm", both_ways=True, open_loop=True)
 SHAFT_VOLTAGE_SAG = Row("shaft.voltage_sag", 3.0, probe=0.5, form_over="supply_v", along="supply_v")
@@ -146,10 +146,10 @@ SHAFT_COARSE_ENCODER = Row("shaft.coarse_encoder", 4.0, found_by=FoundBy.STEPS, 
 SHAFT_STALL = Row("shaft.stall", 1.0, found_by=FoundBy.STOP)
 GATE_OFFSET = Row("gate.offset", 1.5, probe=0.1, form_over="opening_mm", also_on=("scale",))
 GATE_HOME_ERROR = Row("gate.home_error", 1.5, probe=0.1, form_over="opening_mm")
-GATE_BACKLASH = Row("gate.backlash", 0.8, ladder=(0.02, 0.06, 0.15, 0.4, 1.0, 2.5), min_move_mm=2.0,
+GATE_BACKLASH = Row("gate.backlash", 0.8, trial_sizes=(0.02, 0.06, 0.15, 0.4, 1.0, 2.5), min_move_mm=2.0,
                     move_shaped=True)
 GATE_LOST_STEPS = Row("gate.lost_steps", 0.3, probe=0.02, may_begin=False)
-GATE_SLOW = Row("gate.slow", 8.0, ladder=(0.4, 1.5, 5.0, 10.0, 15.0), moves="slew_mm_s", min_move_mm=2.0,
+GATE_SLOW = Row("gate.slow", 8.0, trial_sizes=(0.4, 1.5, 5.0, 10.0, 15.0), moves="slew_mm_s", min_move_mm=2.0,
                 move_shaped=True, costs=Costs.PLACE)
 GATE_STUCK = Row("gate.stuck", 1.0, found_by=FoundBy.STOP)
 FLOW_GAIN = Row("flow.gain", 6.0, probe=1.0, loss_begins_as="flow.blocked_outlet", scoped_in=("catch",))
@@ -170,7 +170,7 @@ SCALE_TILT = Row("scale.tilt", 0.5, probe=0.05, form_over="pitch_deg", along="pi
 SPEED_WHEEL_SLIP = Row("speed.wheel_slip", 4.0, probe=0.5, form_over="pitch_deg", only_adds=True)
 SPEED_WHEEL_RADIUS = Row("speed.wheel_radius", 3.0, probe=0.5)
 SPEED_MISSED_PULSES = Row("speed.missed_pulses", 5.0, probe=0.5, found_by=FoundBy.DIPS)
-SPEED_GNSS_LATENCY = Row("speed.gnss_latency", 0.3, ladder=(0.1, 0.3, 0.8), slope_step=0.05,     # two rows of its stage
+SPEED_GNSS_LATENCY = Row("speed.gnss_latency", 0.3, trial_sizes=(0.1, 0.3, 0.8), slope_step=0.05,      # two rows of it
                          costs=Costs.PLACE)
 # Dirt stays where it is; what wanders off and comes back is nearly always the sensor, which warms up and cools down.
 CANOPY_HEAD_FOULED = Row("canopy.head_fouled", 8.0, probe=1.0, ends=0.01, costs=Costs.CROP)

@@ -12,7 +12,7 @@ from control.machine.terms import SHAFT_ANGLE, Form, Source, Term
 
 from .result import UNKNOWN, Cause, Diagnosis, TermFound
 
-WORSE = -0.05               # held-out gain below which a term is neither told nor adopted: less is scale noise
+WORSE = -0.05               # held-out gain below which a term is neither reported nor adopted: less is scale noise
 
 
 def extend(machine: Machine | str, diagnosis: Diagnosis, *, date: str = "", sha256: str = "",
@@ -20,7 +20,7 @@ def extend(machine: Machine | str, diagnosis: Diagnosis, *, date: str = "", sha2
     """The machine with the named causes and terms adopted: simulated, predicted and compensated from then on.
 
     So are the terms that were found beyond the catalogue, each with the data it comes from. Effects that begin, grow or
-    end mid-run (a blocked outlet, a stall) are repaired, not modelled: they are left out, and so are boxes in time. A
+    end mid-run (a blocked outlet, a stall) are repaired, not modelled: they are left out, and so are temporary terms. A
     drive that was fitted as a whole is taken up so, in place of its causes and terms.
 
     Parameters

@@ -10,7 +10,7 @@ from .elements import Array, DelayLine, in_lists, line_mean, line_put, line_star
 from .machine import Machine
 from .shaft import dead_s
 from .term_step import TermParams, TermState, term_step
-from .terms import SHAFT_ANGLE, TOLD_MM, TOLD_RPM, Acts, Form, Term, needed, params_of
+from .terms import COMMANDED_MM, COMMANDED_RPM, SHAFT_ANGLE, Acts, Form, Term, needed, params_of
 
 TermRun = Callable[[TermParams, Array, Array, Array], Array]       # `compiled.term_run`, or the same interpreted
 
@@ -85,7 +85,7 @@ class Told:
     def step(self, now_s: float, shaft_rpm: float, opening_mm: float, dt_s: float) -> dict[str, float]:
         """The commands given at `now_s` and held for `dt_s`."""
         found = {}
-        for k, (name, value) in enumerate(((TOLD_RPM, shaft_rpm), (TOLD_MM, opening_mm))):
+        for k, (name, value) in enumerate(((COMMANDED_RPM, shaft_rpm), (COMMANDED_MM, opening_mm))):
             begin_s = now_s - self._dead_s[k]
             self._lines[k], found[name] = line_mean(line_put(self._lines[k], now_s, value), begin_s, begin_s + dt_s)
         return found
@@ -111,7 +111,7 @@ def over_log(terms: Iterable[Term], values: Mapping[str, Array], time_s: Array, 
     return found
 
 
-def told_over_log(command: Array, time_s: Array, dead_s: float) -> Array:
+def commanded_over_log(command: Array, time_s: Array, dead_s: float) -> Array:
     """What `Told` gives, over a log: mean of the held command over each row, `dead_s` late (rows,)."""
     if len(time_s) < 2:
         return command

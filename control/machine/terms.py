@@ -255,7 +255,8 @@ def _filled(numbers: tuple[float, ...], step: float) -> Table:
 
 def own_command(stage: str, variable: str) -> str:
     """Name of the value that a term of a stage is asked with: of its own drive, the command that it follows by now."""
-    return {("shaft", "shaft_rpm"): TOLD_RPM, ("gate", "opening_mm"): TOLD_MM}.get((stage, variable), variable)
+    commands = {("shaft", "shaft_rpm"): COMMANDED_RPM, ("gate", "opening_mm"): COMMANDED_MM}
+    return commands.get((stage, variable), variable)
 
 
 def needed(term: Term) -> tuple[str, ...]:
@@ -263,7 +264,7 @@ def needed(term: Term) -> tuple[str, ...]:
     return tuple(own_command(term.stage, name) for name in term.variables)
 
 
-TOLD_RPM, TOLD_MM = "told_rpm", "told_mm"
+COMMANDED_RPM, COMMANDED_MM = "told_rpm", "told_mm"
 
 # -- old machine files -------------------------------------------------------------------------------------------------
 

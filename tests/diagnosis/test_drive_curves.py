@@ -11,7 +11,7 @@ from control.diagnosis.extend import extend
 from control.diagnosis.result import Diagnosis
 from control.diagnosis.runs.channels import channels, drive_rows
 from control.diagnosis.runs.diagnose import diagnose_run, series_of_log
-from control.diagnosis.runs.hypothesis import Part, schedule, stages_of
+from control.diagnosis.runs.hypothesis import EffectInstance, schedule, stages_of
 from control.diagnosis.runs.log import gate
 from control.diagnosis.runs.search import Search
 from control.diagnosis.runs.stages import whole_drives
@@ -103,7 +103,7 @@ def test_freedom_of_form_moves_no_size() -> None:
     columns = {name: np.asarray(values) for name, values in staircase(1).items()}
     _, data, _ = series_of_log(columns, DRIVE)
     search = Search([channels(data, DRIVE)["shaft"]], DRIVE, data)
-    parts = (Part("shaft.gain", 100.0), Part("shaft.dead_zone", 90.0))
+    parts = (EffectInstance("shaft.gain", 100.0), EffectInstance("shaft.dead_zone", 90.0))
     slopes = search.columns.slopes(parts)
     for form in search.columns.form_columns(parts, slopes):
         for slope in slopes:

@@ -71,14 +71,14 @@ def test_cells_that_no_machine_reads_are_left_out_and_said(value: float, said: s
 
 def test_our_own_trouble_with_one_group_leaves_the_others_judged(monkeypatch: pytest.MonkeyPatch) -> None:
     """Before, the whole diagnosis ended in `Array must not contain infs or NaNs`."""
-    judged = diagnose.judged
+    judged = diagnose.judge_group
 
     def fails(search: Any) -> Any:
         if "shaft" in search.model.names:
             raise np.linalg.LinAlgError("Array must not contain infs or NaNs.")
         return judged(search)
 
-    monkeypatch.setattr(diagnose, "judged", fails)
+    monkeypatch.setattr(diagnose, "judge_group", fails)
     found = diagnose_run(speeds(), Machine())
     assert {cause.id for cause in found.causes} <= {"speed.wheel_radius", "speed.wheel_slip"} and found.causes
     assert {row.channel for row in found.channels} == {"speed"}

@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 
 from control.diagnosis.judgement.noise import Noise
-from control.diagnosis.live.change import Begun, begun
+from control.diagnosis.live.change import ChangePoint, change_points
 from control.diagnosis.live.departure import Departure
 from control.diagnosis.live.rolling import Rolling
 from control.diagnosis.live.watch import BARS, LOOK_S, NAMED_AFTER_S, QUARTER_S, LiveCheck, departure_of
 from control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Rival, Size, Unexplained
-from control.diagnosis.runs.hypothesis import Part
+from control.diagnosis.runs.hypothesis import EffectInstance
 from control.machine.machine import Machine
 
+WHEEL, GATE = EffectInstance("speed.wheel_radius", 1.0, 300.0), EffectInstance("gate.offset", 0.1, 500.0)
 MACHINE = Machine()
 
 
@@ -47,9 +48,9 @@ def cause(effect_id: str, *rivals: Rival, onset_s: float | None = None) -> Cause
 
 
 def test_the_test_sees_a_wheel_that_begins_to_read_too_much_and_nothing_before() -> None:
-    calm = begun(wheel_log(500.0), MACHINE)
+    calm = change_points(wheel_log(500.0), MACHINE)
     assert [one.group for one in calm] == ["speed"] and calm[0].gain < BARS["speed"]
-    (found,) = begun(wheel_log(500.0, 400.0), MACHINE)
+    (found,) = change_points(wheel_log(500.0, 400.0), MACHINE)
     assert found.part.id.startswith("speed.wheel_") and found.gain > BARS["speed"]
     assert found.part.onset_s == pytest.approx(400.0, abs=10.0)
     assert found.part.size == pytest.approx(4.0, abs=1.0)
@@ -66,7 +67,7 @@ def test_a_departure_is_said_with_its_time_and_its_name() -> None:
 @pytest.mark.exam
 def test_times_are_those_of_the_log_however_late_it_is() -> None:
     late = wheel_log(2070.0, 1700.0)
-    (found,) = begun(late, MACHINE)
+    (found,) = change_points(late, MACHINE)
     assert found.part.onset_s == pytest.approx(1700.0, abs=10.0)
     said = [one for _, one in fed(LiveCheck(MACHINE), late) if one is not None]
     assert said and all(one.since_s == pytest.approx(1700.0, abs=20.0) for one in said)
@@ -78,21 +79,21 @@ def test_a_beginning_that_the_diagnosis_does_not_bear_out_is_not_said_and_raises
     def diagnose(columns: Any, _: Machine) -> Diagnosis:
         asked.append(float(columns["time_s"][-1]))
         return diagnosis()
-    check = LiveCheck(MACHINE, lambda *_: [Begun("speed", Part("speed.wheel_radius", 1.0, 300.0), 50.0)], diagnose)
+    check = LiveCheck(MACHINE, lambda *_: [ChangePoint("speed", WHEEL, 50.0)], diagnose)
     seen = fed(check, wheel_log(800.0))
     assert all(one is None for _, one in seen)
     assert len(asked) == 1                      # 1.5 times 50 is the bar now
 
 
 def test_another_channels_finding_does_not_bear_it_out() -> None:
-    check = LiveCheck(MACHINE, lambda *_: [Begun("speed", Part("speed.wheel_radius", 1.0, 300.0), 50.0)],
+    check = LiveCheck(MACHINE, lambda *_: [ChangePoint("speed", WHEEL, 50.0)],
                       lambda *_: diagnosis(cause("flow.gain")))
     assert all(one is None for _, one in fed(check, wheel_log(600.0)))
 
 
 def test_a_beginning_is_borne_out_by_what_begins_or_by_the_same_name() -> None:
     def said(found: Cause) -> list[Departure | None]:
-        check = LiveCheck(MACHINE, lambda *_: [Begun("metering", Part("gate.offset", 0.1, 500.0), 50.0)],
+        check = LiveCheck(MACHINE, lambda *_: [ChangePoint("metering", GATE, 50.0)],
                           lambda *_: diagnosis(found))
         return [one for _, one in fed(check, wheel_log(600.0)) if one is not None]
     assert not said(cause("flow.hopper_head"))                  # all along, and another name
@@ -104,9 +105,9 @@ def test_a_beginning_is_borne_out_by_what_begins_or_by_the_same_name() -> None:
 def test_a_beginning_that_two_looks_in_a_row_do_not_see_is_not_diagnosed(onsets_s: tuple[float | None, ...]) -> None:
     each = cycle(onsets_s)
 
-    def test(*_: Any) -> list[Begun]:
+    def test(*_: Any) -> list[ChangePoint]:
         at_s = next(each)
-        return [] if at_s is None else [Begun("speed", Part("speed.wheel_radius", 1.0, at_s), 50.0)]
+        return [] if at_s is None else [ChangePoint("speed", EffectInstance("speed.wheel_radius", 1.0, at_s), 50.0)]
     check = LiveCheck(MACHINE, test, lambda *_: pytest.fail("diagnosed"))
     assert all(one is None for _, one in fed(check, wheel_log(800.0)))
 
@@ -134,8 +135,8 @@ def test_what_has_no_name_must_be_seen_twice(until_s: float, said: bool) -> None
         left = Unexplained("speed", "", 0.3, 0.05, 0.02, "m/s")
         return replace(diagnosis(), verdict="unexplained", unexplained=(left,))
 
-    def begins(_: Any, now_s: float) -> list[Begun]:
-        return [Begun("speed", Part("speed.wheel_radius", 1.0, 400.0), 50.0)] if now_s < until_s else []
+    def begins(_: Any, now_s: float) -> list[ChangePoint]:
+        return [ChangePoint("speed", EffectInstance("speed.wheel_radius", 1.0, 400.0), 50.0)] if now_s < until_s else []
     seen = fed(LiveCheck(MACHINE, begins, nameless), wheel_log(800.0))
     times = [at_s for at_s, one in seen if one is not None]
     assert bool(times) is said and all(at_s >= seen[0][0] + NAMED_AFTER_S for at_s in times)

@@ -61,7 +61,7 @@ def speeds(hum_mps: float, period_s: float = 1.7, wheel_percent: float = 0.0, la
 
 def test_a_hum_is_said_with_its_period_and_is_no_cause() -> None:
     found = diagnose_run(speeds(0.12), MACHINE)
-    assert any("hums with a period of 2 s and 1.6 s" in one for one in found.findings)
+    assert any("oscillates with a period of 2 s and 1.6 s" in one for one in found.findings)
     assert not found.causes
 
 

@@ -13,7 +13,7 @@ from control.diagnosis.runs.channels import channels
 from control.diagnosis.runs.coarsening import even_gain
 from control.diagnosis.runs.columns import Columns
 from control.diagnosis.runs.diagnose import diagnose_run, series_of_log
-from control.diagnosis.runs.hypothesis import Part
+from control.diagnosis.runs.hypothesis import EffectInstance
 from control.diagnosis.runs.model import GROUPS, GroupModel, course, with_course
 from control.diagnosis.runs.search import Search
 from drivers.files.config import load
@@ -30,8 +30,8 @@ def test_nothing_is_told_to_begin_at_either_end_of_a_log(work):
 
 
 @pytest.mark.parametrize("grows", [False, True])
-@pytest.mark.parametrize(("part", "channel"), [(Part("shaft.gain", -3.0), "shaft"),
-                                               (Part("flow.zero_offset", -5.0), "scale")])
+@pytest.mark.parametrize(("part", "channel"), [(EffectInstance("shaft.gain", -3.0), "shaft"),
+                                               (EffectInstance("flow.zero_offset", -5.0), "scale")])
 def test_how_a_cause_may_differ_in_form_is_confined_to_when_it_is_there(work, part, channel, grows):
     """What a part that begins late may be wrong by cannot stand for what was there all along."""
     machine = load("huanghai", MACHINE).model
@@ -71,7 +71,7 @@ def test_the_gain_of_a_box_is_that_of_least_squares(work, machine, id_, channel)
     banded, base = model.banded_residual(()), columns.of_hypothesis(())
     trace = model.difference((), candidate.part)
     p = problem(model.channels, banded, base)
-    found = best_begins(p, model.channels, banded, base, [noise], [candidate], [trace], matters=0.0, boxes=True)
+    found = best_begins(p, model.channels, banded, base, [noise], [candidate], [trace], matters=0.0, temporary=True)
     box = next((one for one in found if one.part.until_s is not None), None)
     assert box is not None and box.part.until_s - box.part.onset_s >= 20.0
 

@@ -7,7 +7,7 @@ import pytest
 from control.diagnosis import effects
 from control.diagnosis.runs import log, stages
 from control.diagnosis.runs.cost import field_cost
-from control.diagnosis.runs.hypothesis import Part
+from control.diagnosis.runs.hypothesis import EffectInstance
 from control.diagnosis.tables import cost as tables
 from control.diagnosis.tables.piece import Candidate, SizedEffect
 from control.machine.machine import Machine
@@ -39,7 +39,7 @@ def data_of(columns):
     (effects.FLOW_FILL_FALLOFF, 8.0, None)])
 def test_runs_and_tables_tell_the_same_dose_at_the_same_operating_point(effect, size, percent):
     machine = Machine()
-    of_run = field_cost(Part(effect.id, size), machine, data_of(a_log(machine.set_points.shaft_rpm)))
+    of_run = field_cost(EffectInstance(effect.id, size), machine, data_of(a_log(machine.set_points.shaft_rpm)))
     of_table = tables.field_cost(machine, SizedEffect(Candidate(effect.id), size), SPEED_MPS)
     assert of_run.rate_error_percent == pytest.approx(of_table.rate_error_percent, abs=0.02)
     if percent is not None:
@@ -52,7 +52,7 @@ def test_runs_and_tables_tell_the_same_dose_at_the_same_operating_point(effect, 
     (effects.SHAFT_SLOW, 0.1, 0.034)])          # of 60 r/min: 0.15 s x 45 + 4.5 less 0.25 s x 35 + 0.5
 def test_what_comes_late_lands_late(effect, size, late_s):
     data = data_of(a_log(np.tile([20.0, 80.0], 50)))
-    found = field_cost(Part(effect.id, size), Machine(), data)
+    found = field_cost(EffectInstance(effect.id, size), Machine(), data)
     assert found.rate_error_percent == 0.0
     assert found.place_error_m == pytest.approx(late_s * SPEED_MPS, abs=0.01)
 
@@ -61,20 +61,20 @@ def test_a_late_receiver_lands_late_where_the_speed_changes():
     columns = a_log(50.0)
     for name in ("speed_mps", "wheel_speed_mps"):
         columns[name] = columns[name] + 0.2 * np.sin(columns["time_s"] / 7.0)
-    found = field_cost(Part(effects.SPEED_GNSS_LATENCY.id, 0.3), Machine(), data_of(columns))
+    found = field_cost(EffectInstance(effects.SPEED_GNSS_LATENCY.id, 0.3), Machine(), data_of(columns))
     assert found.place_error_m == pytest.approx(0.3 * SPEED_MPS, rel=0.05)
 
 
 def test_what_begins_in_the_middle_is_counted_from_then_on():
     data = data_of(a_log(50.0))
-    assert field_cost(Part(effects.SHAFT_STALL.id, 1.0, 300.0), Machine(), data).rate_error_percent < -97.0
-    blocked = field_cost(Part(effects.FLOW_BLOCKED_OUTLET.id, 16.7, 300.0), Machine(), data)
+    assert field_cost(EffectInstance(effects.SHAFT_STALL.id, 1.0, 300.0), Machine(), data).rate_error_percent < -97.0
+    blocked = field_cost(EffectInstance(effects.FLOW_BLOCKED_OUTLET.id, 16.7, 300.0), Machine(), data)
     assert blocked.rate_error_percent == pytest.approx(-16.7)
 
 
 def test_what_has_no_cost_that_a_log_can_tell_says_so():
     data = data_of(a_log(50.0))
-    fouled = field_cost(Part(effects.CANOPY_HEAD_FOULED.id, 5.0, None, 1), Machine(), data)
+    fouled = field_cost(EffectInstance(effects.CANOPY_HEAD_FOULED.id, 5.0, None, 1), Machine(), data)
     assert fouled.rate_error_percent is None and fouled.place_error_m is None
-    steps = field_cost(Part(effects.SHAFT_COARSE_ENCODER.id, 2.0), Machine(), data)
+    steps = field_cost(EffectInstance(effects.SHAFT_COARSE_ENCODER.id, 2.0), Machine(), data)
     assert steps.rate_error_percent == steps.place_error_m == 0.0

@@ -13,7 +13,7 @@ from control.diagnosis.runs import intermittent, log, onset, search, stages
 from control.diagnosis.runs.channels import channels
 from control.diagnosis.runs.diagnose import diagnose_run
 from control.diagnosis.runs.guard import Cancelled
-from control.diagnosis.runs.hypothesis import Part
+from control.diagnosis.runs.hypothesis import EffectInstance
 from control.diagnosis.runs.model import nuisances
 from control.diagnosis.runs.next_run import manoeuvres, separation
 from control.diagnosis.runs.settle import settle
@@ -331,7 +331,7 @@ def test_a_tolerance_of_the_shaft_may_differ_by_speed_and_by_way(monkeypatch):
 
 def test_manoeuvres_separate_what_they_are_for():
     plans = {m.id: m for m in manoeuvres(Machine())}
-    gain = Part("flow.gain", 5.0)
+    gain = EffectInstance("flow.gain", 5.0)
     assert separation(plans["openings"], Machine(), gain, "flow.zero_offset") > 3.0
     assert separation(plans["standing"], Machine(), gain, "flow.zero_offset") < 1.0
     assert separation(plans["refill"], Machine(), gain, "scale.gain") > 3.0

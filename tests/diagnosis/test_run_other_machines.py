@@ -8,7 +8,7 @@ import numpy.typing as npt
 import pytest
 
 from control.diagnosis.runs.diagnose import diagnose_run
-from control.diagnosis.runs.hypothesis import Part
+from control.diagnosis.runs.hypothesis import EffectInstance
 from control.diagnosis.runs.log import gate
 from control.diagnosis.runs.next_run import manoeuvres, separation
 from control.diagnosis.runs.stages import run_data
@@ -149,6 +149,6 @@ def test_a_manoeuvre_of_another_machine_is_within_its_ranges_and_separates() -> 
     for one in plans.values():
         assert one.columns["hopper_kg"].min() > 0.5 * spreader.flow.full_kg
         assert one.columns["opening_mm"].max() <= spreader.limits.opening_high_mm
-    assert separation(plans["openings"], spreader, Part("flow.gain", 5.0), "flow.zero_offset") > 3.0
+    assert separation(plans["openings"], spreader, EffectInstance("flow.gain", 5.0), "flow.zero_offset") > 3.0
 
 

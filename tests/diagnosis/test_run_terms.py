@@ -19,7 +19,7 @@ from control.machine.compiled import shaft_run, term_run
 from control.machine.machine import Machine
 from control.machine.over_log import input_rows, no_switch
 from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start
-from control.machine.term_sums import over_log, told_over_log
+from control.machine.term_sums import commanded_over_log, over_log
 from control.machine.terms import Term, parse_term
 
 ROWS, STEP_S = 6000, 0.1
@@ -47,7 +47,7 @@ def shaft_log(*texts: str, seed: int = 1, machine: Machine = NOMINAL, along: flo
                "pitch_deg": 1.5 * slow(rng, 6.0), "roll_deg": 1.5 * slow(rng, 5.0),
                "engine_torque_nm": 300.0 + 40.0 * slow(rng, 12.0)}
     columns["engine_torque_nm"] = columns["engine_torque_nm"] + along * columns["roll_deg"]
-    values = {**columns, "told_rpm": told_over_log(command, time_s, machine.shaft.dead_time_s)}
+    values = {**columns, "told_rpm": commanded_over_log(command, time_s, machine.shaft.dead_time_s)}
     terms = [parse_term(text, Term.model_validate) for text in texts]
     more = over_log(terms, values, time_s, term_run)
     rows = input_rows(ShaftInput, ROWS, command_rpm=command, opening_mm=20.0, supply_v=columns["supply_v"],
@@ -220,7 +220,7 @@ def test_what_was_seen_up_and_down_a_field_is_told_of_these_headings_alone(axis_
     ahead = float(along.mix[:2, 0] @ [np.sin(np.radians(axis_deg)), np.cos(np.radians(axis_deg))])
     nodes, values = term_forms.table_of(along, np.array([0.5 * ahead]), 0.1, {"heading_deg": heading})
     assert term_forms.coefficients(along, np.array([0.5]), 0.1, {"heading_deg": heading}) == {}
-    term = Term.model_validate({"id": "shaft.table", "acts_on": "shaft_percent", "form": term_forms.told_as(along),
+    term = Term.model_validate({"id": "shaft.table", "acts_on": "shaft_percent", "form": term_forms.reported_form(along),
                                 "over": [{"name": "heading_deg"}], "nodes": nodes, "values": values})
     asked = np.mod(axis_deg + np.array([-10.0, 0.0, 10.0, 40.0, 90.0, 140.0, 170.0, 180.0, 190.0, 220.0, 270.0, 320.0]),
                    360.0)
@@ -229,7 +229,7 @@ def test_what_was_seen_up_and_down_a_field_is_told_of_these_headings_alone(axis_
 
 
 @pytest.mark.parametrize(("low", "high"), [(-0.4, 0.3), (0.6, 1.4), (-2.0, -1.9)])
-def test_a_saturation_is_told_as_it_was_fitted_without_a_large_level(low: float, high: float) -> None:
+def test_a_saturation_is_reported_as_it_was_fitted_without_a_large_level(low: float, high: float) -> None:
     rng, time_s = np.random.default_rng(1), np.arange(500.0)
     roll = term_forms.scaled("roll_deg", 4.0 + 3.0 * rng.standard_normal(500), np.ones(500, bool))
     form = term_forms.Tried(term_forms.Form.SATURATION, ("roll_deg",), {"low_end": low, "high_end": high},

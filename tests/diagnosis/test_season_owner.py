@@ -1,4 +1,4 @@
-"""What the owner of machines is told of a course: where it was repaired, whether it wears, what it is at a time."""
+"""What the owner of machines is one_log of a course: where it was repaired, whether it wears, what it is at a time."""
 from __future__ import annotations
 
 import math
@@ -17,7 +17,7 @@ from control.diagnosis.season.courses import (
 )
 from control.diagnosis.season.evidence import Worked
 from control.diagnosis.season.mixed import Alternative
-from control.diagnosis.season.owner import Told, at, machines, still_there
+from control.diagnosis.season.owner import OwnersLog, at, machines, still_there
 
 
 def piece(begin_d: float, end_d: float, begin: float, end: float, *, half: float = 0.1,
@@ -39,8 +39,8 @@ def test_a_repair_makes_an_effect_less_and_not_as_large_the_other_way(sign: floa
     assert _nearer_zero(sign * 10.0, 1.0, sign * left, 1.0) == pytest.approx(0.5), "on the edge"
 
 
-def told(percent: dict[str, float], kg: float = 100.0, **shared: str) -> Told:
-    return Told("a", "m01", 0.0, Worked(1.0, kg, 1.0, 0.0, 0), percent, shared)
+def one_log(percent: dict[str, float], kg: float = 100.0, **shared: str) -> OwnersLog:
+    return OwnersLog("a", "m01", 0.0, Worked(1.0, kg, 1.0, 0.0, 0), percent, shared)
 
 
 def alternative(effect: str, size: float, probability: float) -> Alternative:
@@ -54,14 +54,14 @@ def test_the_dose_is_that_on_which_a_set_agrees() -> None:
     no_dose = one._replace(alternatives=(alternative("flow.gain", -5.0, 0.6), alternative("scale.drift", 5.5, 0.4)))
     percent = {"flow.gain": 1.0, "flow.leak": 1.0}
     assert [(each.wrong_kg, each.most_kg) for set_ in (one, two_doses, no_dose)
-            for each in machines([told(percent)], Fit((set_,)))] == [(5.0, 5.0), (3.0, 5.0), (0.0, 5.0)]
+            for each in machines([one_log(percent)], Fit((set_,)))] == [(5.0, 5.0), (3.0, 5.0), (0.0, 5.0)]
 
 
 def test_what_a_machine_does_now_stands_apart_from_its_operators_share() -> None:
     by_li = Shared("operator", "Li", "flow.gain", -4.0, 0.1, 1.0, 9)
-    (one,) = machines([told({"flow.gain": 1.0}, operator="Li")], Fit((course(piece(0.0, 9.0, 1.0, 1.0)),), (by_li,)))
+    (one,) = machines([one_log({"flow.gain": 1.0}, operator="Li")], Fit((course(piece(0.0, 9.0, 1.0, 1.0)),), (by_li,)))
     assert one.now_percent == 1.0 and one.others_percent == -4.0 and one.wrong_kg == 3.0
-    (other,) = machines([told({"flow.gain": 1.0}, operator="Wang")], Fit((), (by_li,)))
+    (other,) = machines([one_log({"flow.gain": 1.0}, operator="Wang")], Fit((), (by_li,)))
     assert other.others_percent == 0.0 and not other.shared
 
 

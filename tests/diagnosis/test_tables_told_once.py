@@ -10,7 +10,7 @@ from console.reports.table_views import table_views
 from control.calibration.bench_table import BenchTable
 from control.diagnosis.result import Diagnosis
 from control.diagnosis.tables import diagnose_tables
-from control.diagnosis.tables.retold import told_once
+from control.diagnosis.tables.duplicate_rows import without_duplicates
 from control.machine.machine import Machine
 from drivers.files.bench_table import read_bench_table
 
@@ -66,7 +66,7 @@ def test_times_that_have_most_rows_become_the_distances_that_they_were() -> None
     means = times.columns["lag_s"][:7] * 1.27
     before = BenchTable("place", {"shaft_rpm": np.unique(RPM)[:6], "speed_mps": np.full(6, 1.2),
                                   "miss_m": np.round(means[:6], 2)}, "stage", "gain.csv", np.full(6, "before"))
-    once = told_once([times, before], Machine())
+    once = without_duplicates([times, before], Machine())
     assert [(table.path, table.kind, table.rows) for table in once.tables] == [("times.csv", "lag", 7),
                                                                               ("times.csv", "lag", 7)]
     distances = next(table for table in once.tables if "lag_m" in table.columns)
@@ -79,9 +79,9 @@ def test_times_that_have_most_rows_become_the_distances_that_they_were() -> None
 def test_times_of_their_own_are_not_taken_for_worked_out() -> None:
     driven, _ = distances_and_times_worked_out_of_them(1.2)
     own = BenchTable("lag", {"shaft_rpm": RPM, "lag_s": np.round(1.24 * LAG_S + noise(5), 3)}, path="own.csv")
-    assert told_once([driven, own], Machine()).retellings == ()
+    assert without_duplicates([driven, own], Machine()).retellings == ()
     driven, coarse = distances_and_times_worked_out_of_them(1.2, digits=1)       # a tenth of a second agrees by chance
-    assert told_once([driven, coarse], Machine()).retellings == ()
+    assert without_duplicates([driven, coarse], Machine()).retellings == ()
 
 
 def test_one_speed_in_times_and_in_misses_is_one_cause() -> None:

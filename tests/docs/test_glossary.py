@@ -2,7 +2,9 @@
 console; and each of its terms says where it lives."""
 from __future__ import annotations
 
+import io
 import re
+import tokenize
 from pathlib import Path
 
 import pytest
@@ -10,6 +12,7 @@ import pytest
 from console.locale.po import read_po
 
 ROOT = Path(__file__).parents[2]
+DIAGNOSIS = sorted((ROOT / "control" / "diagnosis").rglob("*.py"))
 GLOSSARY = ROOT / "docs" / "glossary.md"
 GENERATED = ("papers-diagnosed.md",)            # by the sentences of control/diagnosis
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md",
@@ -45,6 +48,22 @@ def test_no_page_uses_a_word_that_the_glossary_replaces(page: Path) -> None:
 def test_no_text_of_the_console_does(texts: Path) -> None:
     refused = _refused()
     assert [said for said in read_po(texts.read_text(encoding="utf-8")) if refused.search(said)] == []
+
+
+def _words_of(source: str) -> list[str]:
+    """Comments, docstrings and names of a source; texts are held by the pages and the .po files."""
+    words = []
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        prose = token.type == tokenize.COMMENT or (token.type == tokenize.STRING and token.string.startswith('"""'))
+        if prose or token.type == tokenize.NAME:
+            words.append(token.string.strip("_").replace("_", " ") if token.type == tokenize.NAME else token.string)
+    return words
+
+
+@pytest.mark.parametrize("source", DIAGNOSIS, ids=lambda path: str(path.relative_to(ROOT / "control" / "diagnosis")))
+def test_no_source_of_the_diagnosis_does(source: Path) -> None:
+    refused = _refused()
+    assert [words for words in _words_of(source.read_text(encoding="utf-8")) if refused.search(words)] == []
 
 
 def test_each_term_has_a_meaning_and_a_place_that_is_there() -> None:

@@ -101,15 +101,15 @@ def test_bounds_are_shares_of_the_machines_own_ranges(name: str, effect_id: str,
 def test_sizes_tried_lie_within_the_bounds(name: str, effect_id: str) -> None:
     machine = of(name)
     row, (low, high) = ROWS[effect_id].on(machine), bounds(effect_id, machine)
-    tried = [*row.ladder, *([] if row.probe is None else [row.probe])]
-    assert all(low <= size <= high for size in tried) and list(row.ladder) == sorted(set(row.ladder))
+    tried = [*row.trial_sizes, *([] if row.probe is None else [row.probe])]
+    assert all(low <= size <= high for size in tried) and list(row.trial_sizes) == sorted(set(row.trial_sizes))
 
 
 def test_thresholds_are_tried_down_to_the_slowest_command() -> None:
-    ladder = ROWS["shaft.dead_band"].on(of("drive_alone")).ladder
+    ladder = ROWS["shaft.dead_band"].on(of("drive_alone")).trial_sizes
     assert 6.5 < ladder[0] < 8.2 and ladder[-1] == pytest.approx(260.0)
     assert all(b / a < 1.31 for a, b in pairwise(ladder))
-    assert ROWS["shaft.dead_band"].on(of("spreader")).ladder[0] == pytest.approx(110.0)     # it turns from 200 on
+    assert ROWS["shaft.dead_band"].on(of("spreader")).trial_sizes[0] == pytest.approx(110.0)     # it turns from 200 on
 
 
 def test_a_size_out_of_bounds_is_refused_with_this_machines_range() -> None:

@@ -11,7 +11,7 @@ import yaml
 from control.machine.compiled import term_run
 from control.machine.machine import Machine
 from control.machine.term_step import TermParams, TermState, over_rows, term_step
-from control.machine.term_sums import NOTHING, TermSums, Told, angle_over_log, over_log, told_over_log
+from control.machine.term_sums import NOTHING, TermSums, Told, angle_over_log, commanded_over_log, over_log
 from control.machine.terms import COEFFICIENTS, Form, Term, needed, params_of, parse_term
 from drivers.files.config import ConfigError, load, save, shipped
 from drivers.files.kinds import MACHINE
@@ -125,7 +125,7 @@ def test_told_is_the_mean_of_the_command_a_dead_time_ago() -> None:
     told, found = Told(machine, command[0], 20.0), []
     for now, value in zip(time_s, command, strict=True):
         found.append(told.step(float(now), float(value), 20.0, 0.05)["told_rpm"])
-    assert told_over_log(command, time_s, machine.shaft.dead_time_s) == pytest.approx(np.array(found))
+    assert commanded_over_log(command, time_s, machine.shaft.dead_time_s) == pytest.approx(np.array(found))
 
 
 @pytest.mark.parametrize(("change", "line"), [

@@ -314,7 +314,7 @@ def test_names_that_differ_in_capitals_or_blanks_are_one() -> None:
             bare("c", "Seeder 7", 20_502.0, operator="li, ming"), bare("d", "Seeder 8", 20_502.0)]
     found = season(logs, (), NOW_D)
     assert {one.machine: one.logs for one in found.machines} == {"Seeder 7": 3, "Seeder 8": 1}
-    assert [one.shared.get("operator") for one in found.told] == ["Li, Ming", "王强", "Li, Ming", None]
+    assert [one.shared.get("operator") for one in found.logs] == ["Li, Ming", "王强", "Li, Ming", None]
 
 
 def test_logs_of_two_models_are_two_machines() -> None:
@@ -361,7 +361,7 @@ def test_page_and_tables(tmp_path: Path) -> None:
         assert pl.read_parquet(tmp_path / f"{name}.parquet").columns == list(columns)
     product = Shared("product", "compound", "speed.wheel_radius", 5.0, 0.1, 1.0, 4)
     told = [one._replace(shared={"product": "compound"}, worked=one.worked._replace(applied_kg=10.0))
-            for one in whole.told if one.machine == "two"]
+            for one in whole.logs if one.machine == "two"]
     (costs,) = machines(told, Fit((), (product,)))
     assert costs.wrong_kg == pytest.approx(costs.shared[0].kg) and costs.wrong_kg > 0.0
     assert service([costs])[0].startswith("product compound: ") and costliest(costs).startswith("product compound: ")

@@ -28,7 +28,7 @@ def is_loud(noise: Noise, prior: NoisePrior, left: Array | None = None) -> bool:
 
 
 def drifts(noise: Noise, prior: NoisePrior) -> bool:
-    """Whether the slow noise is stronger beside the fast one than a sensor's drift can be."""
+    """Whether the slow noise is stronger, with the fast one fitted, than a sensor's drift can be."""
     fast = max(noise.theta[0], start(prior).theta[0])
     return _beyond(noise.theta[2] - fast - float(np.log(prior.slow_share)), prior.spread[2])
 

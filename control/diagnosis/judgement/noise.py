@@ -104,7 +104,7 @@ class NoisePrior(NamedTuple):
     fast_s: float
     floor_sd: float
     slow_share: float = 0.2         # of the fast component
-    slow_s: float = 120.0           # drift that remembers for longer cannot be told from a constant in an hour
+    slow_s: float = 120.0           # drift that remembers for longer looks like a constant in an hour
     spread: tuple[float, float, float, float] = (0.7, 1.0, 0.7, 1.0)
     walk_sd: float = 0.0            # of each sample's step of a random walk: what adds up unseen (between rows)
 

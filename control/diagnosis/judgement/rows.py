@@ -28,7 +28,7 @@ BoolArray = npt.NDArray[np.bool_]
 DOF = 2.0                   # what is known of the noise beforehand is worth so many rows
 # What the rows of one setting share, over their own noise, and how often: mostly nothing, rarely as much as the noise.
 SHARED = ((0.0, 0.8), (0.3, 0.1), (0.6, 0.06), (1.2, 0.04))
-# What the s.d. of rows without replicates is wrong by beside that of other rows, and how often.
+# What the s.d. of rows without replicates is wrong by, where other rows have theirs, and how often.
 ALONE = ((0.6, 0.2), (1.0, 0.4), (1.7, 0.25), (2.8, 0.15))
 STRENGTHS = np.exp(np.linspace(np.log(0.02), np.log(50.0), 60))      # s: a grid of steps of 14 %
 

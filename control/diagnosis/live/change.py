@@ -1,4 +1,4 @@
-"""The sequential test: has an effect begun within the last minutes?
+"""The sequential test: has an effect started within the last minutes?
 
 The window-limited generalised likelihood ratio of Willsky and Jones (IEEE Transactions on Automatic Control 21, 1976,
 108), whose run length Lai (IEEE Transactions on Information Theory 44, 1998, 2917) shows to be the best that a window
@@ -18,17 +18,17 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from control.diagnosis.runs.hypothesis import Part
+from control.diagnosis.runs.hypothesis import EffectInstance
 from control.machine.machine import Machine
 
 from .rolling import Rolling, Rows
 
 
-class Begun(NamedTuple):
+class ChangePoint(NamedTuple):
     """The likeliest beginning in one group of channels."""
 
     group: str
-    part: Part                  # its onset in s of the log
+    part: EffectInstance                  # its onset in s of the log
     gain: float                 # of twice the log-likelihood
 
 
@@ -38,17 +38,17 @@ class Beginnings:
     def __init__(self, machine: Machine) -> None:
         self._rolling = Rolling(machine)
 
-    def __call__(self, rows: Rows, now_s: float) -> list[Begun]:
+    def __call__(self, rows: Rows, now_s: float) -> list[ChangePoint]:
         """For each group of channels that the rows can show, what likeliest began within the last minutes.
 
         rows : columns of a run log since a time. Raises ValueError in one line where nothing can be judged.
         """
         self._rolling.take(rows, now_s)
         best = {group: self._rolling.best(group) for group in self._rolling.groups}
-        return [Begun(group, found.part, found.gain) for group, found in best.items() if found is not None]
+        return [ChangePoint(group, found.part, found.gain) for group, found in best.items() if found is not None]
 
 
-def begun(columns: Mapping[str, npt.NDArray[Any]], machine: Machine) -> list[Begun]:
+def change_points(columns: Mapping[str, npt.NDArray[Any]], machine: Machine) -> list[ChangePoint]:
     """The same asked once, of the end of a log."""
     time_s = np.asarray(columns["time_s"])
 

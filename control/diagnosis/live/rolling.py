@@ -23,7 +23,7 @@ from control.diagnosis.runs.diagnose import series_of_log
 from control.diagnosis.runs.log import HEADS, MIN_ROWS, Clean, gate
 from control.diagnosis.runs.model import GROUPS, GroupModel, adds_up
 from control.diagnosis.runs.row_order import Move, moved, order_of
-from control.diagnosis.runs.search import Candidate, Scanned, candidates
+from control.diagnosis.runs.search import Candidate, ScoreTest, candidates
 from control.diagnosis.runs.stages import Grid
 from control.machine.machine import Machine
 
@@ -103,7 +103,7 @@ class Rolling:
             self._kept[group] = before | {name: _joined(before.get(name), one) for name, one in new.items()}
         return piece.unfinished
 
-    def best(self, group: str) -> Scanned | None:
+    def best(self, group: str) -> ScoreTest | None:
         """The likeliest beginning among the effects of a group; None where too little is known."""
         since_s = self._until_s - self._window_s
         members = [_since(one, since_s) for one in self._kept.get(group, {}).values()]

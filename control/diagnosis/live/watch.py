@@ -1,8 +1,8 @@
 """A log that is still being written, looked at every half minute: since when does the machine depart from its model?
 
-Two things may say so. The sequential test (`change.py`) says that something has begun; a full diagnosis of the stretch
-around it must then agree. And full diagnoses of quarters of an hour find what was there from the start or grew too
-slowly; two in a row, which share no row, must say the same. While nothing stands, the first of such two is diagnosed
+Two things may say so. The sequential test (`change.py`) says that something has started; a full diagnosis of
+the stretch around it must then agree. And full diagnoses of quarters of an hour find what was there from the start or
+grew too slowly; two in a row, which share no row, must say the same. While nothing stands, the first of such two is diagnosed
 only once the second says something: alone it says nothing. Pure: rows come in, what stands comes out; whoever calls
 decides when.
 """
@@ -21,7 +21,7 @@ from control.diagnosis.runs.diagnose import diagnose_run
 from control.diagnosis.runs.model import GROUPS
 from control.machine.machine import Machine
 
-from .change import Beginnings, Begun
+from .change import Beginnings, ChangePoint
 from .departure import Departure
 from .rolling import Rows
 
@@ -54,7 +54,7 @@ class _Stretch(NamedTuple):
 class LiveCheck:
     """Rows in, departures out. `standing`: what departs now, None where nothing does."""
 
-    def __init__(self, machine: Machine, test: Callable[[Rows, float], list[Begun]] | None = None,
+    def __init__(self, machine: Machine, test: Callable[[Rows, float], list[ChangePoint]] | None = None,
                  diagnose: Callable[[Columns, Machine], Diagnosis] = diagnose_run,
                  bars: Mapping[str, float] = BARS) -> None:
         self._machine, self._test, self._diagnose = machine, test or Beginnings(machine), diagnose
@@ -64,7 +64,7 @@ class LiveCheck:
         self._nameless: dict[str, float] = {}       # when a beginning without a name was seen first, by group
         self._rows: list[dict[str, Array]] = []     # pieces as they came
         self._begin_s: float | None = None
-        self._looked_s = self._diagnosed_s = self._told_s = 0.0
+        self._looked_s = self._diagnosed_s = self._reported_s = 0.0
         self._last: Departure | _Stretch | None = None      # of the quarter before
         self.standing: Departure | None = None
         self.diagnoses = 0
@@ -103,9 +103,9 @@ class LiveCheck:
     def _named(self) -> None:
         """A name for what began and has none yet."""
         found = self.standing
-        if found is None or found.cause or found.since_s is None or self.now_s - self._told_s < NAMED_AFTER_S:
+        if found is None or found.cause or found.since_s is None or self.now_s - self._reported_s < NAMED_AFTER_S:
             return
-        departure = self._told(found.since_s - BEFORE_S, _GROUP_OF.get(found.channel))
+        departure = self._departure(found.since_s - BEFORE_S, _GROUP_OF.get(found.channel))
         if departure is not None and departure.cause:
             self.standing = _dated(departure, found.since_s)
 
@@ -127,7 +127,7 @@ class LiveCheck:
         seen_s = self._nameless.get(first.group, -np.inf)
         if self.now_s - seen_s < NAMED_AFTER_S:
             return
-        departure = self._told(onset_s - BEFORE_S, first.group)
+        departure = self._departure(onset_s - BEFORE_S, first.group)
         if departure is None or not _borne_out(first, departure):
             self._raised[first.group] = REFUSED * first.gain
         elif departure.cause or self.now_s - seen_s < QUARTER_S:
@@ -158,12 +158,12 @@ class LiveCheck:
         self._last = departure
 
     def _of_stretch(self, stretch: _Stretch) -> Departure | None:
-        return self._told(stretch.begin_s, None, stretch.end_s)
+        return self._departure(stretch.begin_s, None, stretch.end_s)
 
-    def _told(self, begin_s: float, group: str | None, end_s: float = np.inf) -> Departure | None:
+    def _departure(self, begin_s: float, group: str | None, end_s: float = np.inf) -> Departure | None:
         """What a full diagnosis says of a stretch of the log, about one group or all; times of the log."""
         self.diagnoses += 1
-        self._told_s = self.now_s
+        self._reported_s = self.now_s
         rows = self._since(max(begin_s, min(self.now_s, end_s) - MOST_S), end_s)
         try:
             found = departure_of(self._diagnose(rows, self._machine), group)
@@ -171,7 +171,7 @@ class LiveCheck:
             return None
         if found is None or found.since_s is None:
             return found
-        return found._replace(since_s=found.since_s + float(rows["time_s"][0]))     # told from its first row
+        return found._replace(since_s=found.since_s + float(rows["time_s"][0]))     # counted from its first row
 
     def _since(self, begin_s: float, end_s: float = np.inf) -> dict[str, Array]:
         """Columns of the rows from a time to another."""
@@ -205,21 +205,21 @@ def _of_cause(cause: Cause, found: Diagnosis) -> Departure:
                      cause.size.value, cause.size.unit)
 
 
-def _onset_s(begun: Begun, now_s: float) -> float:
-    return now_s if begun.part.onset_s is None else begun.part.onset_s
+def _onset_s(change: ChangePoint, now_s: float) -> float:
+    return now_s if change.part.onset_s is None else change.part.onset_s
 
 
-def _borne_out(begun: Begun, told: Departure) -> bool:
+def _borne_out(change: ChangePoint, found: Departure) -> bool:
     """Whether a diagnosis agrees that something began: it dates it, names the same effect, or has no name for it.
 
     What it finds all along under another name did not begin then; two quarters of an hour may say it.
     """
-    return told.since_s is not None or told.cause in ("", begun.part.id)
+    return found.since_s is not None or found.cause in ("", change.part.id)
 
 
-def _dated(told: Departure, since_s: float) -> Departure:
+def _dated(found: Departure, since_s: float) -> Departure:
     """With the time from which on it is seen, where the diagnosis itself does not say."""
-    return told if told.since_s is not None else told._replace(since_s=since_s)
+    return found if found.since_s is not None else found._replace(since_s=since_s)
 
 
 def _same(one: Departure, other: Departure) -> bool:

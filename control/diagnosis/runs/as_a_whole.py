@@ -17,32 +17,33 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.effects import SHAFT_DEAD_ZONE, SHAFT_GAIN, SHAFT_SATURATION
+from control.diagnosis.judgement.evidence import Z90
 from control.diagnosis.result import Fitted, Size
 from control.machine.machine import unit_of
+from control.machine.terms import COMMANDED_RPM
 
-from .hypothesis import Parts, stages_of
+from .hypothesis import Hypothesis, stages_of
 from .search import Search
-from .selection import Judged
+from .selection import GroupResult
 from .together import BACKWARDS, FAMILY, MOVES, fitted_together
 from .verdict import Remains
 
 Array = npt.NDArray[np.float64]
 
 FOLDS = 5                   # pieces of a log, each in turn not fitted to
-OF_THE_DRIVE = frozenset({"shaft_rpm", "told_rpm", "shaft_rpm_cmd"})      # variables that its own curve is over
+OF_THE_DRIVE = frozenset({"shaft_rpm", COMMANDED_RPM})      # variables that its own curve is over
 SPEEDS_EACH = 2             # asked for, for each size of a curve: through as many speeds as sizes any curve goes
-Z90 = 1.645                 # half an interval of 90 % in s.d.
 
 
 class _Tried(NamedTuple):
     """A set of names, fitted to all rows, and its mean square error on each piece that it was not fitted to."""
 
-    parts: Parts
+    parts: Hypothesis
     errors: Array               # (FOLDS,)
-    folds: tuple[Parts, ...]    # as fitted without each piece
+    folds: tuple[Hypothesis, ...]    # as fitted without each piece
 
 
-def as_a_whole(one: Judged, rest: Sequence[Remains]) -> Fitted | None:
+def as_a_whole(one: GroupResult, rest: Sequence[Remains]) -> Fitted | None:
     """The drive of a judged group fitted as a whole; None where the judgement's model leaves noise alone, or where rows
     that nothing was fitted to are not predicted better by it than by the machine file, and by its names and terms."""
     search = one.search
@@ -62,7 +63,7 @@ def as_a_whole(one: Judged, rest: Sequence[Remains]) -> Fitted | None:
     by_terms = float(np.prod([1.0 - max(0.0, term.held_out) for term in one.terms]))
     gained = _surely(before.errors - chosen.errors) and float(chosen.errors.mean()) < by_terms * float(named.mean())
     sds = {part.id: sd for part, sd in zip(one.found.parts, one.found.sd, strict=True)}
-    return _told(search, chosen, before, [sds[part.id] for part in others]) if gained else None
+    return _result(search, chosen, before, [sds[part.id] for part in others]) if gained else None
 
 
 def _sets(search: Search) -> list[tuple[str, ...]]:
@@ -78,7 +79,7 @@ def _sets(search: Search) -> list[tuple[str, ...]]:
     return sorted(dict.fromkeys(held), key=len)
 
 
-def _fitted(search: Search, others: Parts, names: tuple[str, ...]) -> _Tried:
+def _fitted(search: Search, others: Hypothesis, names: tuple[str, ...]) -> _Tried:
     if not names:
         return _Tried(others, _errors(search, (others,) * FOLDS), (others,) * FOLDS)
     whole = fitted_together(search, others, names)
@@ -98,7 +99,7 @@ def _speeds(search: Search) -> int:
     return 0 if drive is None else len(np.unique(np.quantile(drive.command, np.linspace(0.0, 1.0, FOLDS + 1))))
 
 
-def _errors(search: Search, folds: Sequence[Parts]) -> Array:
+def _errors(search: Search, folds: Sequence[Hypothesis]) -> Array:
     """Mean square error on each piece, of the machine file with the parts fitted without it."""
     channel, base = search.model.channel("shaft"), stages_of(search.model.machine)
     left = [channel.measured - search.model.run(parts, base, ("shaft",))["shaft"] for parts in folds]
@@ -127,7 +128,7 @@ def _surely(gained: Array) -> bool:
     return bool(gained.mean() > np.std(gained, ddof=1) / np.sqrt(FOLDS))
 
 
-def _told(search: Search, chosen: _Tried, before: _Tried, others: Sequence[float]) -> Fitted:
+def _result(search: Search, chosen: _Tried, before: _Tried, others: Sequence[float]) -> Fitted:
     """others : s.d. of the sizes that stood, the first ones."""
     machine, sizes = search.model.machine, []
     for k, part in enumerate(chosen.parts):

@@ -29,12 +29,12 @@ from control.diagnosis.judgement.evidence import (
 from control.diagnosis.judgement.noise import Noise
 from control.machine.machine import CATALOGUE
 
-from .begun import Alike, Ground, alike, begun_rows, grounded, pulls
-from .boxes import box
+from .changepoint import Alike, WhitenedResidual, alike, rows_from_onset, scores_by_onset, whitened_residual
 from .channels import ChannelSeries
 from .columns import Columns
-from .hypothesis import Parts
-from .search import Candidate, Scanned
+from .hypothesis import Hypothesis
+from .search import Candidate, ScoreTest
+from .temporary import best_temporary
 
 Array = npt.NDArray[np.float64]
 
@@ -42,15 +42,15 @@ TIMES = 8                   # at which the information is had exactly ...
 FEW_TIMES = 3               # ... once it is had at these and the gain may matter
 MAY_MATTER = 6.0            # of twice the log-likelihood
 MOST_CELLS = 1_000_000      # of one sample each: candidates are looked at side by side
-END_S = 8.0                 # from either end of the log: nothing is told to begin there
+END_S = 8.0                 # from either end of the log: no change point is looked for there
 
 
-def changes(columns: Columns, parts: Parts, noise: dict[str, Noise], tried: Sequence[Candidate],
-            boxes: bool = False) -> list[Scanned]:
+def changes(columns: Columns, parts: Hypothesis, noise: dict[str, Noise], tried: Sequence[Candidate],
+            temporary: bool = False) -> list[ScoreTest]:
     """Every candidate with the best time to begin, at once and growing: best gain first, noise as given and calm.
 
-    The gain is of twice the log-likelihood under a noise that is not fitted again. boxes : with them, each with the
-    best times to begin and to end.
+    The gain is of twice the log-likelihood under a noise that is not fitted again. temporary : with temporary
+    effects, each with the best times to begin and to end.
     """
     begins = that_may_begin(tried)
     if not begins:
@@ -62,7 +62,7 @@ def changes(columns: Columns, parts: Parts, noise: dict[str, Noise], tried: Sequ
     at_ease = adapted(p, np.arange(len(base)), fit.amplitude, calm(fit.noise, channels))
     under = [fit.noise] if at_ease == fit.noise else [fit.noise, at_ease]
     behind = [fit.log_evidence - fitted(p, np.arange(len(base)), one, rounds=0).log_evidence for one in under]
-    return best_begins(p, channels, banded, base, under, begins, traces, boxes=boxes, behind=behind)
+    return best_begins(p, channels, banded, base, under, begins, traces, temporary=temporary, behind=behind)
 
 
 def that_may_begin(tried: Sequence[Candidate]) -> list[Candidate]:
@@ -74,27 +74,27 @@ def that_may_begin(tried: Sequence[Candidate]) -> list[Candidate]:
 
 def best_begins(p: Problem, channels: Sequence[ChannelSeries], banded: dict[str, Array], base: Sequence[Column],
                 under: Sequence[dict[str, Noise]], begins: Sequence[Candidate], traces: Sequence[dict[str, Array]],
-                matters: float = MAY_MATTER, end_s: float = END_S, boxes: bool = False,
-                behind: Sequence[float] = (0.0, 0.0)) -> list[Scanned]:
+                matters: float = MAY_MATTER, end_s: float = END_S, temporary: bool = False,
+                behind: Sequence[float] = (0.0, 0.0)) -> list[ScoreTest]:
     """The same of series, however they were had. traces : what each candidate does all along, (m,) by channel.
 
     banded : cosine coefficients of the residual by channel. base : what the hypothesis can take up. p : both as one
     problem. under : noises, of which each candidate has the one that speaks most for it. matters : gain from which on
     the information is had at more times. end_s : from either end, within which nothing is looked for.
     """
-    best: dict[tuple[str, int | None, bool, bool], Scanned] = {}
+    best: dict[tuple[str, int | None, bool, bool], ScoreTest] = {}
     for noise, less in zip(under, behind, strict=False):
         amplitude, _ = solved(p, np.arange(len(base)), noise)
-        ground = grounded(channels, taken_off(banded, base, amplitude), base, noise)
+        ground = whitened_residual(channels, taken_off(banded, base, amplitude), base, noise)
         found = []
         for group in alike(ground, begins, traces, MOST_CELLS):
-            time_s, pull = pulls(group, grows=False)
-            found += _begun(ground, group, time_s, pull, False, matters, end_s)
-            if boxes:
-                found += box(ground, group, time_s, pull, matters, end_s)
+            time_s, score = scores_by_onset(group, grows=False)
+            found += _from_onsets(ground, group, time_s, score, False, matters, end_s)
+            if temporary:
+                found += best_temporary(ground, group, time_s, score, matters, end_s)
             growing = group.only([not ROWS[one.candidate.part.id].threshold for one in group.ones])
             if growing.ones:
-                found += _begun(ground, growing, *pulls(growing, grows=True), True, matters, end_s)
+                found += _from_onsets(ground, growing, *scores_by_onset(growing, grows=True), True, matters, end_s)
         for one in (each._replace(evidence=each.evidence - less, gain=each.gain - 2.0 * less) for each in found):
             name = (one.part.id, one.part.member, one.part.grows, one.part.until_s is not None)
             if name not in best or one.evidence > best[name].evidence:
@@ -102,14 +102,14 @@ def best_begins(p: Problem, channels: Sequence[ChannelSeries], banded: dict[str,
     return sorted(best.values(), key=lambda one: -one.evidence)
 
 
-def _begun(ground: Ground, group: Alike, time_s: Array, pull: Array, grows: bool, matters: float,
-           end_s: float) -> list[Scanned]:
+def _from_onsets(ground: WhitenedResidual, group: Alike, time_s: Array, score: Array, grows: bool, matters: float,
+           end_s: float) -> list[ScoreTest]:
     """The best time to begin for candidates that touch the same channels in the same way."""
     inside = (time_s > time_s[0] + end_s) & (time_s < time_s[-1] - end_s)
     if not inside.any():
         return []
     left = np.arange(len(group.ones))
-    found: dict[int, Scanned] = {}
+    found: dict[int, ScoreTest] = {}
     usual = group.usual
     for count in (FEW_TIMES, TIMES):
         exact_s = np.linspace(time_s[0] + end_s, time_s[-1] - end_s, count)
@@ -117,7 +117,7 @@ def _begun(ground: Ground, group: Alike, time_s: Array, pull: Array, grows: bool
         more = []
         for k, line in zip(left.tolist(), exact, strict=True):
             information = np.maximum(np.interp(time_s, exact_s, line), 1e-12)
-            found[k] = _at_best(group.ones[k].candidate, pull[k], information, inside, time_s, grows, usual[k])
+            found[k] = _at_best(group.ones[k].candidate, score[k], information, inside, time_s, grows, usual[k])
             if found[k].gain >= matters:
                 more.append(k)
         left = np.array(more, int)
@@ -126,23 +126,23 @@ def _begun(ground: Ground, group: Alike, time_s: Array, pull: Array, grows: bool
     return [found[k] for k in range(len(group.ones))]
 
 
-def _at_best(candidate: Candidate, pull: Array, information: Array, inside: npt.NDArray[np.bool_], time_s: Array,
-             grows: bool, usual: float) -> Scanned:
-    """One candidate at its best time, its evidence averaged over all times. pull, information : were it to begin at
+def _at_best(candidate: Candidate, score: Array, information: Array, inside: npt.NDArray[np.bool_], time_s: Array,
+             grows: bool, usual: float) -> ScoreTest:
+    """One candidate at its best time, its evidence averaged over all times. score, information : were it to begin at
     each sample (m,). usual : s.d. of its size's prior."""
-    size = np.clip(pull / information, candidate.low, candidate.high)
+    size = np.clip(score / information, candidate.low, candidate.high)
     if ROWS[candidate.part.id].threshold:       # half a threshold's column is not what half a threshold does
         size = np.full(len(time_s), candidate.part.size)
-    gain = np.where(inside, 2.0 * pull * size - information * size ** 2, -np.inf)
+    gain = np.where(inside, 2.0 * score * size - information * size ** 2, -np.inf)
     at = int(np.argmax(gain))
     log_odds = np.where(inside, 0.5 * (gain - np.log1p(information * usual ** 2)), -np.inf)
     evidence = float(logsumexp(log_odds)) - float(np.log(len(time_s)))
-    return Scanned(candidate.part._replace(size=float(size[at]), onset_s=float(time_s[at]), grows=grows),
+    return ScoreTest(candidate.part._replace(size=float(size[at]), onset_s=float(time_s[at]), grows=grows),
                    float(gain[at]), evidence, float(log_odds[at]) - evidence)
 
 
-def _information(ground: Ground, group: Alike, onsets_s: Array, grows: bool) -> Array:
+def _information(ground: WhitenedResidual, group: Alike, onsets_s: Array, grows: bool) -> Array:
     """Information on sizes by onset, (k, onsets), once the hypothesis has taken up what it can."""
-    rows, taken = begun_rows(ground, group, onsets_s, grows)
+    rows, taken = rows_from_onset(ground, group, onsets_s, grows)
     own = sum(np.einsum("kij,kij->ki", whole, whole) for whole in rows)
     return np.asarray(own - np.sum(taken ** 2, axis=2))

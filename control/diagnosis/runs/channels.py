@@ -127,7 +127,7 @@ def _hopper_levels(h: Hopper, over_full_kg: float) -> Callable[[Schedule], Array
     pieces = _pieces(h)
     refill_kg = h.refill_kg.copy()
     refill_kg[[begin for begin, _, _ in pieces]] = 0.0
-    share = refill_kg / LEAST_STEPS         # the model fills in what it is told in every one of its steps
+    share = refill_kg / LEAST_STEPS         # the model fills in what it is given in every one of its steps
 
     def levels(plan: Schedule) -> Array:
         flow_sets, rows = switches(plan, "flow", h.time_s)
@@ -158,8 +158,8 @@ def _pieces(h: Hopper) -> list[tuple[int, int, float]]:
     """
     count = len(h.time_s) - 1
     fills = h.jumps if len(h.jumps) > MAX_CHAINED else ()
-    level_told = set(h.grid.rows.tolist())
-    gap_ends = {end for end, _ in h.gaps if end in level_told}
+    level_known = set(h.grid.rows.tolist())
+    gap_ends = {end for end, _ in h.gaps if end in level_known}
     begins = [0, *sorted({j for j in (*fills, *gap_ends) if 0 < j < count})]
     levels = [h.start_kg, *(_level(h.reading_kg[j:j + 6], h.start_kg) for j in begins[1:])]
     return list(zip(begins, [*begins[1:], count], levels, strict=True))

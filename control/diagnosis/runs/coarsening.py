@@ -25,7 +25,7 @@ from control.diagnosis.judgement import noise as noises
 from control.diagnosis.judgement.evidence import Column, problem, solved, taken_off, weighted
 from control.diagnosis.judgement.noise import Noise, series_of
 
-from .hypothesis import Parts
+from .hypothesis import Hypothesis
 from .search import Search
 
 Array = npt.NDArray[np.float64]
@@ -48,12 +48,12 @@ class Blocks(NamedTuple):
     samples: Array
 
 
-def even_gain(search: Search, others: Parts, noise: dict[str, Noise], trace: Column,
+def even_gain(search: Search, others: Hypothesis, noise: dict[str, Noise], trace: Column,
               more: Sequence[Column] = ()) -> float:
     """What a trace gains in log-likelihood on top of a model, by its scores block by block.
 
-    others : the model without it; more : columns of it beside those of its parts. What these take up of the trace is
-    none of its evidence.
+    others : the model without it; more : columns of it along with those of its parts. What these take up of the trace
+    is none of its evidence.
     """
     columns, model = search.columns, search.model
     base = [*columns.of_hypothesis(others), *more]
@@ -118,7 +118,7 @@ def _student(without: Array, within: Array, count: Array) -> float:
 
 
 def _unevenness(b: Blocks, size: float) -> float:
-    """Block-robust over model variance of a trace's score, beside it; 1 where the blocks agree better."""
+    """Block-robust over model variance of a trace's score, along with it; 1 where the blocks agree better."""
     known = b.trace_trace > LEAST_ENERGY * max(float(b.trace_trace.sum()), 1e-300)
     if not known.any():
         return 1.0

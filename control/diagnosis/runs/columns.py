@@ -17,7 +17,7 @@ from control.machine.over_log import MOST_STEP_S
 from control.machine.terms import own_command
 
 from .channels import ChannelSeries
-from .hypothesis import Part, Parts, schedule
+from .hypothesis import EffectInstance, Hypothesis, schedule
 from .model import GroupModel, adds_up, course, stamp_sd_s, stood_for, with_course
 from .smooth import TABLES, series, span
 
@@ -83,20 +83,20 @@ def _of_readings(model: GroupModel, channel: ChannelSeries) -> list[Column]:
         bins, hopper = np.arange(len(data.hopper.reading_kg)), of_nominal(model.machine, HOPPER)
         steps = [channel.grid.of((bins >= jump).astype(np.float64)) for jump in data.hopper.jumps]
         return [_column(model, label, {"scale": np.ones(len(channel.measured))}, hopper * UNKNOWN_KG),
-                *(_column(model, Label(Role.READING, WRITTEN) if told else label, {"scale": after},
-                          hopper * (REFILL_SD_KG if told else UNKNOWN_KG))
-                  for after, told in zip(steps, data.hopper.told, strict=True)),
+                *(_column(model, Label(Role.READING, WRITTEN) if written else label, {"scale": after},
+                          hopper * (REFILL_SD_KG if written else UNKNOWN_KG))
+                  for after, written in zip(steps, data.hopper.written, strict=True)),
                 *(_column(model, label, {"scale": channel.grid.of((bins >= end).astype(np.float64))},
                           metered * model.machine.flow.grams_per_rev_mm / 60_000.0)
                   for end, metered in data.hopper.gaps)]
     if channel.name == "speed":
         row = effects.SPEED_GNSS_LATENCY
         assert row.slope_step is not None
-        late = model.difference((), Part(row.id, row.slope_step))
+        late = model.difference((), EffectInstance(row.id, row.slope_step))
         stamp = {name: change / row.slope_step for name, change in late.items()}
         return [_column(model, label, stamp, stamp_sd_s(model.machine, channel.grid.step_s))]
     if channel.name == "heads":
-        ones = [model.difference((), Part(effects.CANOPY_HEAD_FOULED.id, 1.0, None, k + 1))
+        ones = [model.difference((), EffectInstance(effects.CANOPY_HEAD_FOULED.id, 1.0, None, k + 1))
                 for k in range(model.heads)]
         return [_column(model, label, one, model.machine.tolerance.head_percent) for one in ones]
     return []
@@ -111,7 +111,7 @@ class Forms:
                        if table.channel in model.names and stage != "scale"}
         self._made: dict[tuple[str, str], list[Column]] = {}
 
-    def over(self, stage: str, variable: str, moves: Parts = ()) -> list[Column]:
+    def over(self, stage: str, variable: str, moves: Hypothesis = ()) -> list[Column]:
         """Columns of a stage over a variable (empty: the variable hardly moves). moves : parts of a hypothesis that
         change how the stage's drive moves: a form comes when the drive does."""
         if moves:
@@ -120,7 +120,7 @@ class Forms:
             self._made[(stage, variable)] = self._columns(stage, variable, ())
         return self._made[(stage, variable)]
 
-    def _columns(self, stage: str, variable: str, moves: Parts) -> list[Column]:
+    def _columns(self, stage: str, variable: str, moves: Hypothesis) -> list[Column]:
         model, name, data = self._model, TABLES[stage].channel, self._model.data
         over = span(data, variable, model.machine)
         if over is None or name not in model.names:
@@ -131,7 +131,7 @@ class Forms:
         return [_column(model, Label(Role.FORM), {name: row}) for row in rows]
 
 
-def _unit(model: GroupModel, part: Part, others: Parts = ()) -> Array:
+def _unit(model: GroupModel, part: EffectInstance, others: Hypothesis = ()) -> Array:
     """What one unit of an effect does to the first channel that it moves, from the slope at its probe."""
     size = ROWS[part.id].on(model.machine).probe
     assert size is not None
@@ -144,8 +144,8 @@ class Columns:
     def __init__(self, model: GroupModel) -> None:
         self.model = model
         self.forms = Forms(model)
-        self._kept: dict[tuple[Parts, Part], Column] = {}
-        self._courses: dict[Part, Array] = {}       # of the shaft's gain, by when it is there
+        self._kept: dict[tuple[Hypothesis, EffectInstance], Column] = {}
+        self._courses: dict[EffectInstance, Array] = {}       # of the shaft's gain, by when it is there
         self._fixed: list[Column] = []
         self._made_at = -1          # of the model's moves
 
@@ -156,13 +156,13 @@ class Columns:
             self._courses.clear()
             self._fixed = nuisance_columns(self.model)
 
-    def fixed(self, parts: Parts = ()) -> list[Column]:
+    def fixed(self, parts: Hypothesis = ()) -> list[Column]:
         """The nuisances, at the nominal values as they stand, but for those that a part of the hypothesis moves."""
         self._refresh()
         moved = stood_for(parts)
         return [c for c in self._fixed if c.label.role is not Role.TOLERANCE or c.label.name not in moved]
 
-    def slopes(self, parts: Parts) -> list[Column]:
+    def slopes(self, parts: Hypothesis) -> list[Column]:
         """Slope of the prediction in each part's size, at the hypothesis."""
         model, found = self.model, []
         for k, part in enumerate(parts):
@@ -177,7 +177,7 @@ class Columns:
                                  sd_of_size(part.size, row.on(model.machine).usual), -part.size))
         return found
 
-    def form_columns(self, parts: Parts, slopes: Sequence[Column], share: float = FORM_SHARE) -> list[Column]:
+    def form_columns(self, parts: Hypothesis, slopes: Sequence[Column], share: float = FORM_SHARE) -> list[Column]:
         """Freedom of form of each part: smooth shapes of its variable with a prior in proportion to its signal."""
         found: list[Column] = []
         fixed = self.fixed(parts)
@@ -196,10 +196,10 @@ class Columns:
                 ratio = max(own, 0.0) / max(normal[at, at], 1e-12) / len(wobbles)
                 sd = share * abs(part.size) * np.sqrt(ratio)
                 free = wobble._replace(label=Label(Role.FORM, part.id, slope.label.part), sd=max(1e-9, float(sd)))
-                found.append(_beside(free, slopes))
+                found.append(_less_slopes(free, slopes))
         return found
 
-    def _bends(self, parts: Parts, k: int, share: float) -> list[Column]:
+    def _bends(self, parts: Hypothesis, k: int, share: float) -> list[Column]:
         """Shapes in time by which part k may grow unevenly: none where it does not grow."""
         part, model = parts[k], self.model
         if not part.grows or part.size == 0.0:
@@ -214,7 +214,7 @@ class Columns:
                         max(1e-9, share * bend * abs(part.size)))
                 for waves, bend in enumerate(BENDS, start=1)]
 
-    def _wobbles(self, parts: Parts, part: Part) -> list[Column]:
+    def _wobbles(self, parts: Hypothesis, part: EffectInstance) -> list[Column]:
         """Shapes by which a part's form may differ, where and as it is there: over its own variable, and those of its
         siblings."""
         row = ROWS[part.id]
@@ -222,12 +222,12 @@ class Columns:
         over = self.forms.over(row.stage, row.form_over, moves) if row.form_over else []
         found = [self._while_there(column, part, row.stage) for column in over]
         for sibling in row.siblings:
-            step = ROWS[sibling].on(self.model.machine).ladder[1]
+            step = ROWS[sibling].on(self.model.machine).trial_sizes[1]
             change = self.model.difference(parts, part._replace(id=sibling, size=step))
             found.append(_column(self.model, Label(Role.FORM), {name: one / step for name, one in change.items()}))
         return found
 
-    def _while_there(self, column: Column, part: Part, stage: str) -> Column:
+    def _while_there(self, column: Column, part: EffectInstance, stage: str) -> Column:
         """A column of a stage's form in the course of a part that begins, ends or grows."""
         if part.onset_s is None:
             return column
@@ -242,7 +242,7 @@ class Columns:
                                                       adds_up(part, channel.name))
         return _column(self.model, column.label, found)
 
-    def _shaft_course(self, channel: ChannelSeries, part: Part) -> Array:
+    def _shaft_course(self, channel: ChannelSeries, part: EffectInstance) -> Array:
         """How much of a constant gain of the shaft shows at each sample if it is there as a part is: (m,)."""
         self._refresh()
         unit = TABLES["shaft"].unit
@@ -258,7 +258,7 @@ class Columns:
             self._courses[here] = np.divide(there, all_along, out=course(channel, part), where=turns)
         return self._courses[here]
 
-    def of_candidate(self, parts: Parts, part: Part) -> Column:
+    def of_candidate(self, parts: Hypothesis, part: EffectInstance) -> Column:
         """What one unit of a further part does on top of a hypothesis."""
         self._refresh()
         if (parts, part) not in self._kept:
@@ -270,29 +270,29 @@ class Columns:
                                                     ROWS[part.id].on(self.model.machine).usual)
         return self._kept[(parts, part)]
 
-    def trace(self, parts: Parts, k: int) -> Column:
+    def trace(self, parts: Hypothesis, k: int) -> Column:
         """What the whole of part k does, the others in place."""
         return _column(self.model, Label(Role.TRACE, parts[k].id, k),
                            self.model.difference((*parts[:k], *parts[k + 1:]), parts[k]))
 
-    def between(self, parts: Parts, others: Parts) -> Column:
+    def between(self, parts: Hypothesis, others: Hypothesis) -> Column:
         """What a hypothesis does more than another: the others' sizes may have moved far in its place."""
         with_it, without = self.model.predicted(parts), self.model.predicted(others)
         return _column(self.model, Label(Role.TRACE), {name: one - without[name] for name, one in with_it.items()})
 
-    def of_hypothesis(self, parts: Parts, share: float = FORM_SHARE) -> list[Column]:
+    def of_hypothesis(self, parts: Hypothesis, share: float = FORM_SHARE) -> list[Column]:
         """Nuisances, slopes and forms of a hypothesis, in the order of `compressed`."""
         slopes = self.slopes(parts)
         return [*self.fixed(parts), *slopes, *self.form_columns(parts, slopes, share)]
 
-    def compressed(self, parts: Parts, more: Sequence[Column] = ()) -> tuple[Problem, int]:
+    def compressed(self, parts: Hypothesis, more: Sequence[Column] = ()) -> tuple[Problem, int]:
         """Problem at a hypothesis: nuisances, slopes, forms, then `more`; and how many come before `more`."""
         base = self.of_hypothesis(parts)
         self.model.ask()
         return problem(self.model.channels, self.model.banded_residual(parts), [*base, *more]), len(base)
 
-    def by_channel(self, parts: Parts) -> dict[str, list[tuple[Column, Array]]]:
-        """By channel: nuisances and slopes of a hypothesis that touch it, beside their series (m,)."""
+    def by_channel(self, parts: Hypothesis) -> dict[str, list[tuple[Column, Array]]]:
+        """By channel: nuisances and slopes of a hypothesis that touch it, along with their series (m,)."""
         found: dict[str, list[tuple[Column, Array]]] = {c.name: [] for c in self.model.channels}
         for column in [*self.fixed(parts), *self.slopes(parts)]:
             for channel in self.model.channels:
@@ -301,7 +301,7 @@ class Columns:
         return found
 
 
-def _beside(form: Column, slopes: Sequence[Column]) -> Column:
+def _less_slopes(form: Column, slopes: Sequence[Column]) -> Column:
     """A form without what the sizes of the parts do, over all rows alike: sizes are then those with which the machine
     file, which has no freedom of form, predicts best (Plumlee, JASA 112, 2017, 1274: orthogonal discrepancy)."""
     found = {}
@@ -312,11 +312,11 @@ def _beside(form: Column, slopes: Sequence[Column]) -> Column:
     return form._replace(coefficients=found)
 
 
-def _slope_step(part: Part, machine: Machine) -> float:
+def _slope_step(part: EffectInstance, machine: Machine) -> float:
     """Difference of size over which a part's slope is taken, away from the bound of its size."""
     row = ROWS[part.id].on(machine)
     step = row.probe or max(0.002, 0.02 * abs(part.size))
-    if row.ladder:
-        step = max(0.02 * abs(part.size), 0.02 * abs(row.ladder[-1]))
+    if row.trial_sizes:
+        step = max(0.02 * abs(part.size), 0.02 * abs(row.trial_sizes[-1]))
     step = row.slope_step or step
     return step if part.size + step <= bounds(part.id, machine).high else -step

@@ -11,7 +11,7 @@ from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
 from .channels import SEAM_S, drive_rows, speed_rows
-from .hypothesis import Part, Schedule, schedule, stages_of, with_part
+from .hypothesis import EffectInstance, Schedule, schedule, stages_of, with_part
 from .log import MOVING_MPS
 from .stages import Drive, RunData, joined
 
@@ -21,10 +21,10 @@ MAX_POINTS = 500            # of a log, evenly over it
 MIN_WINDOW_S = 5.0          # in which a drive falls behind: longer than any delay
 
 
-def field_cost(part: Part, machine: Machine, data: RunData) -> FieldCost:
+def field_cost(part: EffectInstance, machine: Machine, data: RunData) -> FieldCost:
     """Mean change of the dose, %, and of the landing place, m (late positive), over the log from the effect's onset on.
 
-    None: it has no such cost that a log can tell. Effects of one speed sensor are counted as if it alone told the
+    None: it has no such cost that a log can tell. Effects of one speed sensor are counted as if it alone gave the
     speed, those of the scale as if the flow followed it.
     """
     costs = ROWS[part.id].costs
@@ -39,12 +39,12 @@ def field_cost(part: Part, machine: Machine, data: RunData) -> FieldCost:
     return FieldCost(None if rate is None else round(rate, 2), 0.0)
 
 
-def _plans(part: Part, machine: Machine) -> tuple[Schedule, Schedule]:
+def _plans(part: EffectInstance, machine: Machine) -> tuple[Schedule, Schedule]:
     base = stages_of(machine)
     return schedule(base, ()), schedule(base, (part,))
 
 
-def _rate_percent(part: Part, machine: Machine, data: RunData) -> float | None:
+def _rate_percent(part: EffectInstance, machine: Machine, data: RunData) -> float | None:
     drive = {"shaft": data.shaft, "gate": data.gate}.get(ROWS[part.id].stage)
     onset_s = part.onset_s or -np.inf
     time_s = np.linspace(data.time_s[0], data.time_s[-1], MAX_POINTS) if drive is None else drive.time_s
@@ -85,7 +85,7 @@ def _placed(points: list[Point], drive: Drive, standing: Array) -> list[Point]:
     return [point._replace(**{field: float(value)}) for point, value in zip(points, standing, strict=True)]
 
 
-def _late_s(part: Part, machine: Machine, data: RunData) -> float | None:
+def _late_s(part: EffectInstance, machine: Machine, data: RunData) -> float | None:
     """By how much later a drive or a sensor follows, s; None where the log does not move it."""
     plans = _plans(part, machine)
     stage = ROWS[part.id].stage

@@ -16,16 +16,16 @@ from control.machine.machine import Machine
 from .channels import ChannelSeries, channels
 from .findings import between_rows, hardly_read, on_the_whole, turned_back, unsure_drives
 from .guard import Cancelled, attempt, is_finite, named
-from .hum import without_hum
 from .intermittent import ReadOff, without_spells
 from .log import Clean, gate, readable
 from .model import GROUPS
+from .narrowband import without_narrowband
 from .quantised import without_steps
 from .rates import rates, sentence
 from .report import report
 from .row_order import in_order
 from .search import Search
-from .selection import Judged, judged
+from .selection import GroupResult, judge_group
 from .stages import RunData, run_data
 
 HALF_WAY = 200              # runs of the model, in which a group is half judged: how many it needs nobody knows
@@ -39,7 +39,7 @@ class JudgedRun(NamedTuple):
 
     found: Diagnosis
     data: RunData
-    groups: tuple[Judged, ...]
+    groups: tuple[GroupResult, ...]
 
 
 def diagnose_run(columns: Any, machine: Machine | str, *, path: str = "",
@@ -140,7 +140,7 @@ def judged_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, pat
     with np.errstate(all="ignore"):         # what comes of it is looked at (`_sound`)
         seen = channels(data, machine)
     step(0.05, "channels")
-    without = attempt("a speed sensor's hum", lambda: without_hum(seen, machine), findings)
+    without = attempt("a speed sensor's narrowband noise", lambda: without_narrowband(seen, machine), findings)
     if without is not None:
         seen = without[0]
         findings += without[1]
@@ -157,14 +157,14 @@ def judged_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, pat
     return JudgedRun(_with_rates(found, columns) if found.verdict == "not_judged" else found, data, tuple(groups))
 
 
-def _sound(groups: list[Judged], read_off: tuple[ReadOff, ...], data: RunData, machine: Machine,
-           findings: list[str]) -> tuple[list[Judged], tuple[ReadOff, ...]]:
+def _sound(groups: list[GroupResult], read_off: tuple[ReadOff, ...], data: RunData, machine: Machine,
+           findings: list[str]) -> tuple[list[GroupResult], tuple[ReadOff, ...]]:
     """The groups and the effects read off whose results are numbers throughout; the others are left out and said."""
-    def holds(what: str, some: list[Judged], seen: tuple[ReadOff, ...]) -> bool:
-        told = attempt(what, lambda: report(data, machine, some, seen, "", ()), findings)
-        if told is not None and not is_finite(told):
+    def holds(what: str, some: list[GroupResult], seen: tuple[ReadOff, ...]) -> bool:
+        reported = attempt(what, lambda: report(data, machine, some, seen, "", ()), findings)
+        if reported is not None and not is_finite(reported):
             findings.append(f"{what}: left out: the numbers of this log lead beyond what a computer can hold")
-        return told is not None and is_finite(told)
+        return reported is not None and is_finite(reported)
 
     return ([one for one in groups if holds(named(one.search.model.names), [one], ())],
             tuple(one for one in read_off if holds(one.part.id, [], (one,))))
@@ -217,18 +217,18 @@ def _without_spells(data: RunData, machine: Machine, failed: list[str]) -> tuple
 
 
 def _judged(seen: Mapping[str, ChannelSeries], machine: Machine, data: RunData, step: Callable[[float, str], None],
-            each: Each, findings: list[str]) -> list[Judged]:
+            each: Each, findings: list[str]) -> list[GroupResult]:
     """Each group of channels judged: they share nothing but the log."""
     groups = {word: [seen[c] for c in names if c in seen] for word, names in GROUPS.items()}
     words = [word for word, members in groups.items() if members]
     runs = dict.fromkeys(words, 0)          # of the model, by group: how much of the work is done
 
-    def judge(word: str) -> Judged | None:
+    def judge(word: str) -> GroupResult | None:
         def ask() -> None:
             runs[word] += 1
             step(0.1 + 0.8 * sum(k / (k + HALF_WAY) for k in runs.values()) / len(words), word)
 
         what = named(one.name for one in groups[word])
-        return attempt(what, lambda: judged(Search(groups[word], machine, data, ask)), findings)
+        return attempt(what, lambda: judge_group(Search(groups[word], machine, data, ask)), findings)
 
     return [one for one in each(judge, words) if one is not None]

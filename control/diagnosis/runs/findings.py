@@ -12,14 +12,14 @@ from control.machine.over_log import MOST_STEP_S
 from .channels import drive_channel
 from .hypothesis import schedule
 from .log import Clean
-from .selection import Judged
+from .selection import GroupResult
 from .stages import FINE_LOG_S, RunData, against_the_way, looked_at, whole_drives
 
 TICK_S = 0.05               # control's usual tick
 LOST_SHARE = 0.01           # of the rows
 
 
-def on_the_whole(log: Clean, judged: Sequence[Judged], machine: Machine) -> list[str]:
+def on_the_whole(log: Clean, judged: Sequence[GroupResult], machine: Machine) -> list[str]:
     """Sentences on a long log: the share of rows looked at, and the error over all rows before and after naming.
 
     Flow and scale are always judged over the whole time; empty for a log that was looked at in full.

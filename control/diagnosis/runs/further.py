@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-MOST = 24                   # beside the ten published variables: 560 products of two
+MOST = 24                   # besides the ten published variables: 560 products of two
 PIECES = 400                # means of so many pieces of the log are held against each other: transients are over in one
 LEAST_PIECES = 20
 COPY = 0.99999              # correlation of rows: the same reading, in another unit or rounded

@@ -12,7 +12,7 @@ from control.diagnosis.judgement.noise import Noise, series_of
 from control.diagnosis.result import Gain
 
 from .held_out import BLOCKS, HELD_OUT, HeldOut, amplitudes, errors_of, held_out
-from .selection import Judged
+from .selection import GroupResult
 from .smooth import DOWNSTREAM, TABLES, variables_of
 
 Array = npt.NDArray[np.float64]
@@ -20,7 +20,7 @@ Array = npt.NDArray[np.float64]
 PIECES_OF_ERROR = 24            # of the held-out rows: each is longer than the noise remembers
 
 
-def measure_gain(judged: Judged) -> list[Gain]:
+def measure_gain(judged: GroupResult) -> list[Gain]:
     """Error of each touched channel before and after, on held-out blocks, sizes refitted on the others.
 
     Low and high: 90 % interval of `after`, from the spread between the held-out pieces.
@@ -39,7 +39,7 @@ def measure_gain(judged: Judged) -> list[Gain]:
     return found
 
 
-def _channel_gain(judged: Judged, blocks: HeldOut, columns: Sequence[tuple[Column, Array]], before: Array,
+def _channel_gain(judged: GroupResult, blocks: HeldOut, columns: Sequence[tuple[Column, Array]], before: Array,
                   at_fit: Array) -> list[Gain]:
     """Gains of one channel: of the names, of the best nameless corrector, and of a placebo."""
     noise = judged.found.noise
@@ -68,7 +68,7 @@ def _gain(channel: str, metric: str, before: float, errors_after: Array, held_ou
     return Gain(channel, metric, before, rms, max(0.0, rms - Z90 * sd), rms + Z90 * sd, held_out)
 
 
-def _instead(judged: Judged, channel: str) -> list[tuple[str, list[Column]]]:
+def _instead(judged: GroupResult, channel: str) -> list[tuple[str, list[Column]]]:
     """What else might be put in: the best nameless smooth corrector, and the cause that the log speaks least for."""
     search, found = judged.search, []
     best: tuple[float, str, list[Column]] | None = None
@@ -96,7 +96,7 @@ def _instead(judged: Judged, channel: str) -> list[tuple[str, list[Column]]]:
 
 def _corrected(blocks: HeldOut, fixed: Sequence[tuple[Column, Array]], others: Sequence[Column], before: Array,
                noise: dict[str, Noise]) -> Array:
-    """The error once `others` are fitted, beside the tolerances, to the fitted blocks, and taken off everywhere."""
+    """The error once `others` are fitted, along with the tolerances, to the fitted blocks, and taken off everywhere."""
     shapes = [series_of(c.coefficients[blocks.whole.name], blocks.whole.cut) for c in others]
     amplitude = amplitudes(blocks, [*fixed, *zip(others, shapes, strict=True)], before, noise)[len(fixed):]
     return np.asarray(before - sum(a * series for a, series in zip(amplitude, shapes, strict=True)))

@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 
 class Cancelled(Exception):
-    """The diagnosis was told to end."""
+    """The diagnosis was asked to end."""
 
 
 def attempt(what: str, work: Callable[[], T], findings: list[str]) -> T | None:

@@ -8,7 +8,7 @@ from control.machine.machine import CATALOGUE, STAGES, Machine
 MAX_SWITCHES = 5           # parameter sets of one run are compiled for this many beginnings and ends
 
 
-class Part(NamedTuple):
+class EffectInstance(NamedTuple):
     """One hypothesised effect. `size` in its catalogue unit (1 for an effect whose size is its onset).
 
     onset_s : when it begins; None: it was there all along. until_s : when it ends; None: not in this log. grows : from
@@ -28,15 +28,15 @@ class Part(NamedTuple):
         return () if self.grows else tuple(t for t in (self.onset_s, self.until_s) if t is not None and t > 0.0)
 
 
-Parts = tuple[Part, ...]
+Hypothesis = tuple[EffectInstance, ...]
 
 
-def replaced(parts: Parts, k: int, part: Part) -> Parts:
+def replaced(parts: Hypothesis, k: int, part: EffectInstance) -> Hypothesis:
     """A hypothesis with another part in place k."""
     return (*parts[:k], part, *parts[k + 1:])
 
 
-def without(parts: Parts, k: int) -> Parts:
+def without(parts: Hypothesis, k: int) -> Hypothesis:
     """A hypothesis without its part in place k."""
     return (*parts[:k], *parts[k + 1:])
 
@@ -54,7 +54,7 @@ def stages_of(machine: Machine) -> Stages:
     return Stages({name: getattr(machine, name) for name in STAGES})
 
 
-def with_part(stages: Stages, part: Part) -> Stages:
+def with_part(stages: Stages, part: EffectInstance) -> Stages:
     """Stages with one more effect on top of what they have; no bounds are looked at."""
     entry = CATALOGUE[part.id]
     before = getattr(stages.by_name[entry.stage], entry.field)
@@ -71,7 +71,7 @@ class Schedule(NamedTuple):
     from_s: tuple[float, ...]
 
 
-def schedule(stages: Stages, parts: Parts) -> Schedule:
+def schedule(stages: Stages, parts: Hypothesis) -> Schedule:
     """When which stages are in force under a hypothesis; what grows is left out (`GroupModel.run` has it).
 
     Raises ValueError for too many beginnings and ends.
@@ -83,8 +83,8 @@ def schedule(stages: Stages, parts: Parts) -> Schedule:
     for begin in (0.0, *times):
         now = stages
         for part in parts:
-            begun = part.onset_s is None or part.onset_s <= begin
-            if begun and not part.grows and (part.until_s is None or begin < part.until_s):
+            started = part.onset_s is None or part.onset_s <= begin
+            if started and not part.grows and (part.until_s is None or begin < part.until_s):
                 now = with_part(now, part)
         sets.append(now)
     return Schedule(tuple(sets), tuple(times))

@@ -16,7 +16,7 @@ from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
 from .channels import hopper_channel
-from .hypothesis import Part, schedule, stages_of
+from .hypothesis import EffectInstance, schedule, stages_of
 from .stages import Hopper, RunData, Speed
 
 Array = npt.NDArray[np.float64]
@@ -55,7 +55,7 @@ FAST_MPS = 0.6              # below this speed a reading says little about the r
 class ReadOff(NamedTuple):
     """An effect read off the data."""
 
-    part: Part
+    part: EffectInstance
     sd: float
     gain: float                 # of twice the log-likelihood
 
@@ -111,7 +111,8 @@ def _without_dips(s: Speed, where: Sequence[Array]) -> tuple[Speed, ReadOff | No
     share = 100.0 * float(missing.mean()) / usual
     wheel = np.where(dips, s.wheel_mps * usual / np.maximum(ratio, 0.05), s.wheel_mps)
     sd = share * np.sqrt(2.0 / starts)
-    return s._replace(wheel_mps=wheel), ReadOff(Part(effects.SPEED_MISSED_PULSES.id, share), float(sd), 10.0 * starts)
+    missed = EffectInstance(effects.SPEED_MISSED_PULSES.id, share)
+    return s._replace(wheel_mps=wheel), ReadOff(missed, float(sd), 10.0 * starts)
 
 
 def _follows(on: npt.NDArray[np.bool_], values: Array) -> bool:
@@ -121,12 +122,12 @@ def _follows(on: npt.NDArray[np.bool_], values: Array) -> bool:
     of, share = np.searchsorted(edges, values), float(np.mean(on))
     counts = np.maximum(1, np.bincount(of, minlength=len(edges) + 1))
     shares = np.bincount(of, on, minlength=len(counts)) / counts
-    told = float(np.sum(counts * (shares - share) ** 2) / max(1e-12, len(on) * share * (1.0 - share)))
-    begun = np.bincount(of, on & ~np.insert(on[:-1], 0, False), minlength=len(counts))
-    even = counts * float(begun.sum()) / float(counts.sum())
-    chi2 = float(np.sum((begun - even) ** 2 / np.maximum(even, 1e-12)))
-    uneven = (chi2 - len(edges)) / max(1.0, float(begun.sum()))
-    return told > FOLLOWS or (chi2 > BEGINS_CHI2 and uneven > BEGINS_WITH)
+    follows = float(np.sum(counts * (shares - share) ** 2) / max(1e-12, len(on) * share * (1.0 - share)))
+    starts_in = np.bincount(of, on & ~np.insert(on[:-1], 0, False), minlength=len(counts))
+    even = counts * float(starts_in.sum()) / float(counts.sum())
+    chi2 = float(np.sum((starts_in - even) ** 2 / np.maximum(even, 1e-12)))
+    uneven = (chi2 - len(edges)) / max(1.0, float(starts_in.sum()))
+    return follows > FOLLOWS or (chi2 > BEGINS_CHI2 and uneven > BEGINS_WITH)
 
 
 def _usual(ratio: Array) -> tuple[float, float]:
@@ -194,7 +195,7 @@ def _short_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, ReadOff] | None
     middle = h.time_s[:-1] + 0.5 * step_s
     stayed = np.interp(middle, h.grid.even_s, kept)
     sd_share = 100.0 * sd * (len(ups) ** 0.5 + 1.0) / max(flowed, 1e-9) + UNSEEN_SD * 100.0 * unseen / max(flowed, 1e-9)
-    seen = ReadOff(Part(effects.FLOW_BRIDGING.id, share), float(sd_share), gain)
+    seen = ReadOff(EffectInstance(effects.FLOW_BRIDGING.id, share), float(sd_share), gain)
     return h._replace(reading_kg=h.reading_kg - stayed), seen
 
 
@@ -257,7 +258,7 @@ def _long_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, ReadOff] | None:
     stayed = np.interp(h.time_s[:-1] + 0.5 * h.grid.step_s, times, kept)
     sd_share = 100.0 * starts ** 0.5 * hop * h.grid.step_s / (working.sum() * hop * h.grid.step_s)
     return (h._replace(reading_kg=h.reading_kg - stayed),
-            ReadOff(Part(effects.FLOW_BRIDGING.id, share), float(sd_share), 2.0 * gain))
+            ReadOff(EffectInstance(effects.FLOW_BRIDGING.id, share), float(sd_share), 2.0 * gain))
 
 
 def _spells(score: Array) -> tuple[npt.NDArray[np.bool_], float]:

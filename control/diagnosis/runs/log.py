@@ -41,7 +41,7 @@ MOVING_MPS = 0.3            # below, both speeds are held at zero and say nothin
 MAX_HELD_S = 3.0
 MIN_KNOWN = 0.5             # of the rows, of a further column
 MOST = 1e9                  # a number beyond this is no reading of a machine, in any unit (so are a machine file's) ...
-LEAST = 1e-9                # ... and one so small is nothing: its square would be lost beside any other
+LEAST = 1e-9                # ... and one so small is nothing: its square would be lost next to any other
 
 
 class Clean(NamedTuple):

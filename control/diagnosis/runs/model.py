@@ -15,7 +15,7 @@ from control.machine.machine import CATALOGUE, Machine, of_nominal
 from control.machine.over_log import MOST_STEP_S
 
 from .channels import ChannelSeries
-from .hypothesis import Part, Parts, Stages, schedule, stages_of
+from .hypothesis import EffectInstance, Hypothesis, Stages, schedule, stages_of
 from .stages import RunData
 
 Array = npt.NDArray[np.float64]
@@ -72,8 +72,8 @@ def tolerance_of(effect_id: str, machine: Machine) -> float:
     return sum(n.sd for n in nuisances(row.stage, machine) if n.field == row.moves)
 
 
-def stood_for(parts: Parts) -> frozenset[str]:
-    """Nominal values (by key) that a steady part moves: its size says how far, and no tolerance beside it."""
+def stood_for(parts: Hypothesis) -> frozenset[str]:
+    """Nominal values (by key) that a steady part moves: its size says how far, and no tolerance along with it."""
     rows = [ROWS[part.id] for part in parts if part.onset_s is None]
     return frozenset(f"{row.stage}.{row.moves}" for row in rows if row.moves)
 
@@ -83,12 +83,12 @@ def stamp_sd_s(machine: Machine, step_s: float) -> float:
     return float(np.hypot(machine.tolerance.dead_time_s, GNSS_STAMP_SHARE * step_s))
 
 
-def adds_up(part: Part, channel: str) -> bool:
+def adds_up(part: EffectInstance, channel: str) -> bool:
     """Whether a channel reads the sum of what an effect did until then: a scale reads all that flowed."""
     return channel == "scale" and ROWS[part.id].stage != "scale"
 
 
-def in_course(change: Array, channel: ChannelSeries, part: Part) -> Array:
+def in_course(change: Array, channel: ChannelSeries, part: EffectInstance) -> Array:
     """What an effect does to a channel in the course of a log, from what it would do all along: both (m,).
 
     A scale reads what flowed until then: what begins late has changed nothing before. Every other channel answers at
@@ -97,7 +97,7 @@ def in_course(change: Array, channel: ChannelSeries, part: Part) -> Array:
     return with_course(change, course(channel, part), channel.copies, adds_up(part, channel.name))
 
 
-def course(channel: ChannelSeries, part: Part) -> Array:
+def course(channel: ChannelSeries, part: EffectInstance) -> Array:
     """How much of a part is there at each sample, from 0 to 1: (m,)."""
     time_s, onset_s = channel.grid.even_s, 0.0 if part.onset_s is None else part.onset_s
     weight = (time_s >= onset_s).astype(np.float64)
@@ -134,7 +134,7 @@ class GroupModel:
         self.offsets: dict[str, float] = {}
         self.moves = 0
         self.drawn_in: dict[str, Array] = {c.name: np.zeros(len(c.measured)) for c in channels}
-        self._predictions: dict[Parts, dict[str, Array]] = {}
+        self._predictions: dict[Hypothesis, dict[str, Array]] = {}
         self.data = self._with_hopper_level(data)
 
     def _with_hopper_level(self, data: RunData) -> RunData:
@@ -158,7 +158,7 @@ class GroupModel:
         """Every tolerance that bears on the group, with its channel."""
         return tuple((c, n) for c in self.channels for n in nuisances(c.name, self.machine))
 
-    def predicted(self, parts: Parts) -> dict[str, Array]:
+    def predicted(self, parts: Hypothesis) -> dict[str, Array]:
         """What each channel would read under a hypothesis: (m,) by channel."""
         if parts not in self._predictions:
             if len(self._predictions) > MAX_PREDICTIONS:
@@ -166,7 +166,8 @@ class GroupModel:
             self._predictions[parts] = self.run(parts)
         return self._predictions[parts]
 
-    def run(self, parts: Parts, base: Stages | None = None, only: Collection[str] | None = None) -> dict[str, Array]:
+    def run(self, parts: Hypothesis, base: Stages | None = None,
+            only: Collection[str] | None = None) -> dict[str, Array]:
         """The model run under a hypothesis: (m,) by channel. base : other stages; only : these channels."""
         channels = [c for c in self.channels if only is None or c.name in only]
         if not any(part.grows for part in parts):
@@ -182,19 +183,19 @@ class GroupModel:
                     now[c.name] = now[c.name] + in_course(grown[c.name] - steady[c.name], c, part)
         return now
 
-    def _steady(self, parts: Parts, channels: Sequence[ChannelSeries], base: Stages | None) -> dict[str, Array]:
+    def _steady(self, parts: Hypothesis, channels: Sequence[ChannelSeries], base: Stages | None) -> dict[str, Array]:
         self.ask()
         plan = schedule(base or self.base, parts)
         return {c.name: c.predict(plan, MOST_STEP_S) for c in channels}
 
-    def _known(self, parts: Parts, channels: Sequence[ChannelSeries], base: Stages | None) -> dict[str, Array]:
+    def _known(self, parts: Hypothesis, channels: Sequence[ChannelSeries], base: Stages | None) -> dict[str, Array]:
         """The same, kept where all channels are asked for: growths of many sizes share them."""
         if base is not None or (parts not in self._predictions and len(channels) < len(self.channels)):
             return self._steady(parts, channels, base)
         known = self.predicted(parts)
         return {c.name: known[c.name] for c in channels}
 
-    def residual(self, parts: Parts) -> dict[str, Array]:
+    def residual(self, parts: Hypothesis) -> dict[str, Array]:
         """Measured, tails drawn in, less predicted: (m,) by channel; 0 while a drive that halts runs down."""
         now = self.predicted(parts)
         left = {c.name: c.measured - self.drawn_in[c.name] - now[c.name] for c in self.channels}
@@ -205,12 +206,12 @@ class GroupModel:
                 left[channel.name] = np.where((after_s > -HALT_S) & (after_s < HALT_S), 0.0, left[channel.name])
         return left
 
-    def banded_residual(self, parts: Parts) -> dict[str, Array]:
+    def banded_residual(self, parts: Hypothesis) -> dict[str, Array]:
         """Cosine coefficients of the residual, sorted by band: (m,) by channel."""
         left = self.residual(parts)
         return {c.name: coefficients(left[c.name], c.cut) for c in self.channels}
 
-    def difference(self, parts: Parts, more: Part) -> dict[str, Array]:
+    def difference(self, parts: Hypothesis, more: EffectInstance) -> dict[str, Array]:
         """What one more part does to the channels that it touches: (m,) by channel."""
         now = self.predicted(parts)
         return {name: one - now[name] for name, one in self.run((*parts, more), only=ROWS[more.id].channels).items()}

@@ -16,7 +16,7 @@ from control.machine.effect import HOPPER
 from control.machine.machine import CATALOGUE, Machine, of_nominal
 
 from .channels import channels
-from .hypothesis import Part
+from .hypothesis import EffectInstance
 from .log import gate
 from .model import GROUPS
 from .search import Search
@@ -110,7 +110,7 @@ def next_run(causes: Sequence[Cause], machine: Machine) -> NextRun | None:
     value = cause.size.value or ROWS[cause.id].probe or 1.0
     best: tuple[float, Manoeuvre] | None = None
     for manoeuvre in manoeuvres(machine):
-        z = separation(manoeuvre, machine, Part(cause.id, value, None, cause.member), rival)
+        z = separation(manoeuvre, machine, EffectInstance(cause.id, value, None, cause.member), rival)
         score = z / manoeuvre.minutes ** 0.5
         if z >= MIN_SEPARATION_SD and (best is None or score > best[0]):
             best = (score, manoeuvre)
@@ -121,7 +121,7 @@ def next_run(causes: Sequence[Cause], machine: Machine) -> NextRun | None:
     return NextRun(why, run.plan, run.id, run.minutes, run.steps)
 
 
-def separation(manoeuvre: Manoeuvre, machine: Machine, part: Part, rival_id: str) -> float:
+def separation(manoeuvre: Manoeuvre, machine: Machine, part: EffectInstance, rival_id: str) -> float:
     """What is left of an effect's trace, in standard deviations, once its rival is fitted to the manoeuvre's log."""
     log = gate(manoeuvre.columns)
     data = run_data(log, machine)

@@ -11,9 +11,9 @@ from control.machine.effect import OPENING_RANGE, SHAFT_RANGE
 from control.machine.machine import CATALOGUE, of_nominal
 
 from .changes import END_S
-from .hypothesis import Part, Parts, replaced
+from .hypothesis import EffectInstance, Hypothesis, replaced
 from .model import HALT_S, GroupModel
-from .search import Candidate, Refit, Search
+from .search import Candidate, FittedHypothesis, Search
 from .stages import RunData
 
 Array = npt.NDArray[np.float64]
@@ -58,7 +58,7 @@ def stops(model: GroupModel) -> list[Candidate]:
         else:
             continue
         if at is not None and at > 0:
-            found.append(Candidate(Part(effect, 1.0, float(channel.grid.even_s[at])), 1.0, 1.0))
+            found.append(Candidate(EffectInstance(effect, 1.0, float(channel.grid.even_s[at])), 1.0, 1.0))
     return found
 
 
@@ -70,21 +70,21 @@ def stands_below(model: GroupModel) -> list[Candidate]:
     if channel.settled:
         return []
     rows = np.ones(max(3, round(EPISODE_S / channel.grid.step_s)), bool)
-    told = asked > of_nominal(model.machine, SHAFT_RANGE) * TURNING_RPM
+    commanded = asked > of_nominal(model.machine, SHAFT_RANGE) * TURNING_RPM
     turns = median_filter(channel.measured, MEDIAN_SAMPLES) > TURNS_SHARE * asked
-    stood = np.flatnonzero(binary_opening(told & ~turns, rows))
+    stood = np.flatnonzero(binary_opening(commanded & ~turns, rows))
     if not len(stood):
         return []
     size_rpm = float(asked[stood].max())
-    obeyed = np.flatnonzero(binary_opening(told & turns & (asked < size_rpm), rows))
+    obeyed = np.flatnonzero(binary_opening(commanded & turns & (asked < size_rpm), rows))
     before = obeyed[obeyed < stood[0]]
     if not len(before) or len(obeyed) > len(before) + MAX_OBEYED * len(stood):
         return []
     onset_s = 0.5 * float(channel.grid.even_s[before[-1]] + channel.grid.even_s[stood[0]])
-    return [Candidate(Part(effects.SHAFT_DEAD_BAND.id, size_rpm, onset_s), size_rpm, size_rpm)]
+    return [Candidate(EffectInstance(effects.SHAFT_DEAD_BAND.id, size_rpm, onset_s), size_rpm, size_rpm)]
 
 
-def still_disobeys(model: GroupModel, parts: Parts, stop: Part) -> bool:
+def still_disobeys(model: GroupModel, parts: Hypothesis, stop: EffectInstance) -> bool:
     """Whether a drive that stopped still does other than asked, well after it stopped, once `parts` are known."""
     channel = model.channel(ROWS[stop.id].stage)
     second = max(1, round(1.0 / channel.grid.step_s))
@@ -94,7 +94,7 @@ def still_disobeys(model: GroupModel, parts: Parts, stop: Part) -> bool:
 
 
 def _still_from(measured: Array, predicted: Array, noise: float, least: int) -> int | None:
-    """Sample from which a reading is better told by one constant than by its prediction, to the end of the log.
+    """Sample from which a reading is better predicted by one constant than by its prediction, to the end of the log.
 
     Moves smaller than the noise of one reading add up: sums of squares from every sample to the end are compared, each
     about its own mean, for a gate that stands a little off its command is not stuck.
@@ -123,7 +123,7 @@ def _stuck_at(measured: Array, predicted: Array, at: int, step_s: float, near_mm
     return int(near[np.argmin(away)])
 
 
-def stop_interval(model: GroupModel, part: Part) -> tuple[float, float]:
+def stop_interval(model: GroupModel, part: EffectInstance) -> tuple[float, float]:
     """Times between which a drive may have stopped: while it was asked to stand where it stands, nobody can tell."""
     channel = model.channel(ROWS[part.id].stage)
     at_s = float(part.onset_s or 0.0)
@@ -146,14 +146,14 @@ def _last_obeyed(asked: npt.NDArray[np.bool_], obeyed: npt.NDArray[np.bool_], st
     return last + 1 if asked[last + 1:].sum() * step_s > MIN_STILL_S else None
 
 
-def as_begun(part: Part) -> Part:
+def as_started(part: EffectInstance) -> EffectInstance:
     """The part by the name that it has where it begins within a run."""
-    begun = ROWS[part.id].loss_begins_as
+    started_as = ROWS[part.id].loss_begins_as
     within = part.onset_s is not None and not part.grows
-    return part._replace(id=begun, size=-part.size) if begun and within and part.size < 0.0 else part
+    return part._replace(id=started_as, size=-part.size) if started_as and within and part.size < 0.0 else part
 
 
-def refined(search: Search, found: Refit, data: RunData) -> Refit:
+def refined(search: Search, found: FittedHypothesis, data: RunData) -> FittedHypothesis:
     """Onsets and ends moved to where they fit best, in ever smaller steps down to a row: an edge that is a row off is
     explained by nothing else."""
     best = found
@@ -173,7 +173,7 @@ def refined(search: Search, found: Refit, data: RunData) -> Refit:
     return best
 
 
-def _moved(part: Part, by_s: float) -> list[Part]:
+def _moved(part: EffectInstance, by_s: float) -> list[EffectInstance]:
     """The part with its beginning moved, and with its end moved where it has one."""
     assert part.onset_s is not None
     found = [part._replace(onset_s=part.onset_s + by_s)]

@@ -18,7 +18,7 @@ from control.machine.machine import Machine, of_nominal
 from control.machine.over_log import MOST_STEP_S
 
 from .channels import drive_channel
-from .hypothesis import Part, schedule, stages_of
+from .hypothesis import EffectInstance, schedule, stages_of
 from .intermittent import ReadOff
 from .log import Clean
 from .model import GroupModel
@@ -188,7 +188,7 @@ def without_steps(log: Clean, machine: Machine) -> WithoutSteps | None:
         turned_rpm = readings.copy()
         turned_rpm[there] = true + np.sign(off) * np.maximum(np.abs(off) - 0.5 * steps.step_rpm, 0.0)
     onset_s = float(log.time_s[steps.first]) if steps.first else None
-    part = Part(effects.SHAFT_COARSE_ENCODER.id, steps.step_rpm, onset_s)
+    part = EffectInstance(effects.SHAFT_COARSE_ENCODER.id, steps.step_rpm, onset_s)
     return WithoutSteps(log._replace(columns={**log.columns, "shaft_rpm": read_rpm}),
                         log._replace(columns={**log.columns, "shaft_rpm": turned_rpm}),
                         ReadOff(part, steps.sd_rpm, float(steps.readings)))
@@ -222,4 +222,4 @@ def encoder_steps(model: GroupModel) -> list[Candidate]:
             best, best_score = float(part[k]), float(score[k] ** 2)
     if best_score < MIN_SAW_TOOTH:
         return []
-    return [Candidate(Part(effects.SHAFT_COARSE_ENCODER.id, best), best, best)]
+    return [Candidate(EffectInstance(effects.SHAFT_COARSE_ENCODER.id, best), best, best)]

@@ -72,7 +72,7 @@ def rates(columns: Mapping[str, npt.NDArray[Any]]) -> tuple[tuple[RateFit, ...],
              if one is not None]
     if not found:
         return (), f"no pass of {MIN_PASS_S:g} s with both rates in {MIN_ROWS} rows and more"
-    row_s = 0.0 if STRETCHES in columns else step / np.sqrt(12.0)     # where in its row a value holds is not told
+    row_s = 0.0 if STRETCHES in columns else step / np.sqrt(12.0)     # where in its row a value holds is not known
     fits = tuple(_fit(number, [one], lags, row_s) for number, one in enumerate(found, 1))
     return ((_fit(None, found, lags, row_s), *fits) if len(fits) > 1 else (_fit(None, found, lags, row_s),)), ""
 
@@ -80,10 +80,10 @@ def rates(columns: Mapping[str, npt.NDArray[Any]]) -> tuple[tuple[RateFit, ...],
 def sentence(fit: RateFit) -> str:
     """One fit in words."""
     where = f"over {fit.passes} passes" if fit.passes > 1 else "over one pass"
-    return f"applied against target {where}: {told(fit)}"
+    return f"applied against target {where}: {in_words(fit)}"
 
 
-def told(fit: RateFit) -> str:
+def in_words(fit: RateFit) -> str:
     lag, gain = fit.lag, fit.gain
     late = "lag not judged: the target changes too little" if lag.value is None else (
         f"lag {lag.value:.2f} s (90 %: {lag.low:.2f} to {lag.high:.2f})")

@@ -38,10 +38,10 @@ from .model import tolerance_of
 from .next_run import next_run
 from .onset import stop_interval
 from .search import Candidate
-from .selection import Judged
+from .selection import GroupResult
 from .stages import RunData
 from .term_seen import marginal, means_along
-from .terms import Found
+from .terms import FittedTerm
 from .verdict import Remains, remains, unknown_share
 
 Array = npt.NDArray[np.float64]
@@ -50,7 +50,7 @@ WINDOW_S = 10.0             # flow is read off the scale over windows of this le
 RISE_KG = 1.0               # over one: a refill; on the nominal machine
 
 
-def channel_rows(one: Judged, data: RunData) -> list[Channel]:
+def channel_rows(one: GroupResult, data: RunData) -> list[Channel]:
     """Channels of one group in the result's words; the scale's reading gives both flow and scale."""
     left = one.search.model.residual(())
     found: list[Channel] = []
@@ -72,11 +72,12 @@ def channel_rows(one: Judged, data: RunData) -> list[Channel]:
 
 def by_chance(gain: float) -> float:
     """Probability that one size gains as much where there is nothing (chi-square, one degree of freedom). A part that
-    its equal beside it makes superfluous may gain less than nothing: that is 1, and no probability is not a number."""
+    its equal in the same model makes superfluous may gain less than nothing: that is 1; a
+    probability is always a number."""
     return float(chdtrc(1.0, max(0.0, gain)))
 
 
-def _structure_p(one: Judged) -> float:
+def _structure_p(one: GroupResult) -> float:
     """Probability that there is nothing in a group: by the odds of the likeliest thing that is said to be there."""
     best = max([*one.worths, *(term.worth for term in one.terms)], default=-np.inf)
     return float(1.0 / (1.0 + np.exp(min(best, MOST_LOG_ODDS))))
@@ -101,7 +102,7 @@ def _flow(time_s: Array, reading: Array, residual: Array, noise_kg: float, p: fl
                    float(1.0 - np.var(wrong) / spread) if spread > 0.0 else 0.0, p)
 
 
-def not_shown(one: Judged) -> list[NotShown]:
+def not_shown(one: GroupResult) -> list[NotShown]:
     """Smallest size at which an effect that is not named would have been (Fisher information)."""
     search, now = one.search, one.found
     named = {p.id for p in now.parts}
@@ -130,10 +131,10 @@ def _detectable(candidate: Candidate, information: float, machine: Machine, odds
     size = smallest_said(candidate.usual, 1.0 / (1.0 / information + tolerance_of(part.id, machine) ** 2), odds)
     if row.threshold:
         size = abs(part.size) if size <= abs(part.size) else np.inf
-    return np.inf if row.ladder and size > abs(part.size) * 2.0 else size
+    return np.inf if row.trial_sizes and size > abs(part.size) * 2.0 else size
 
 
-def report(data: RunData, machine: Machine, judged: Sequence[Judged], read_off: Sequence[ReadOff], path: str,
+def report(data: RunData, machine: Machine, judged: Sequence[GroupResult], read_off: Sequence[ReadOff], path: str,
            findings: tuple[str, ...]) -> Diagnosis:
     """The published result. read_off : effects that were taken out of the data before the search."""
     rows = [row for one in judged for row in channel_rows(one, data)]
@@ -185,7 +186,7 @@ def _never_shown(there: set[str], machine: Machine) -> list[NotShown]:
             for effect_id, entry in CATALOGUE.items() if effect_id not in there and machine.has(entry.stage)]
 
 
-def _unexplained(one: Judged, rest: Sequence[Remains], rows: Sequence[Channel]) -> list[Unexplained]:
+def _unexplained(one: GroupResult, rest: Sequence[Remains], rows: Sequence[Channel]) -> list[Unexplained]:
     """What of a group is not noise and has no name: its smooth dependence, else what its channels have left."""
     by_name = {row.channel: row for row in rows}
     if one.terms:
@@ -200,13 +201,13 @@ def _unexplained(one: Judged, rest: Sequence[Remains], rows: Sequence[Channel]) 
                          by_name[r.channel].unit, None, r.hint, None, r.period_s) for r in rest]
 
 
-def _tables(one: Judged, data: RunData) -> list[TableFit]:
+def _tables(one: GroupResult, data: RunData) -> list[TableFit]:
     """Smooth dependences, one for each entry of `_unexplained`: the search's own, or how each variable's term runs."""
     return [TableFit(term.stage, variable, *marginal(term.term, variable, data))
             for term in one.terms for variable in term.tried.over]
 
 
-def _term(group: Judged, found: Found, data: RunData) -> TermFound:
+def _term(group: GroupResult, found: FittedTerm, data: RunData) -> TermFound:
     search, now = group.search, group.found
     gain = None if found.tried.form is Form.SPAN else found.held_out
     plain = found.term.model_copy(update={"held_out_gain": gain}).model_dump(mode="json")
@@ -227,7 +228,7 @@ def _read_off_cause(seen: ReadOff, machine: Machine, data: RunData) -> Cause:
                  field_cost(seen.part, machine, data))
 
 
-def _cause(one: Judged, k: int, machine: Machine, data: RunData, left: float) -> Cause:
+def _cause(one: GroupResult, k: int, machine: Machine, data: RunData, left: float) -> Cause:
     """left : probability that the name is something else altogether, by what the whole model leaves."""
     part, sd = one.found.parts[k], one.found.sd[k]
     entry = CATALOGUE[part.id]

@@ -18,7 +18,7 @@ from control.machine.compiled import remembered_run
 
 from .channels import ChannelSeries
 from .columns import Columns
-from .hypothesis import Parts
+from .hypothesis import Hypothesis
 from .stages import RunData
 
 Array = npt.NDArray[np.float64]
@@ -33,7 +33,7 @@ MIN_SAMPLES = 400           # samples: fewer say nothing about tails
 
 # What is a tail at all (`draw_in`).
 OUTLIER_SD = 4.5            # a lone reading further off than this is drawn in to it
-BESIDE = 0.7                # of OUTLIER_SD: with a neighbour that far off a reading is not alone
+NEIGHBOUR = 0.7                # of OUTLIER_SD: with a neighbour that far off a reading is not alone
 ANSWERED_S = 2.0            # after a command, a drive has answered it
 
 
@@ -73,11 +73,11 @@ def _memory(left: Array, free: npt.NDArray[np.bool_]) -> float:
     return float(np.clip(np.sum(calm[1:][both] * calm[:-1][both]) / total, 0.0, 0.95)) if total > 0.0 else 0.0
 
 
-def draw_in(columns: Columns, parts: Parts, more: Sequence[Column]) -> None:
+def draw_in(columns: Columns, parts: Hypothesis, more: Sequence[Column]) -> None:
     """Lone readings far off the richest fit are drawn in; steady or repeated deviations are left as they are.
 
-    more : columns of what might be there beside `parts`, each with the spread that its size may have; what they explain
-    is no outlier.
+    more : columns of what might be there along with `parts`, each with the spread that its size may have; what they
+    explain is no outlier.
     """
     model = columns.model
     every = [*columns.of_hypothesis(parts), *more]
@@ -103,8 +103,8 @@ def _lone(left: Array) -> Array:
     """What single readings are off by beyond OUTLIER_SD, where their neighbours are not."""
     sd = 1.4826 * float(np.median(np.abs(left - np.median(left))))
     size = np.abs(left - np.median(left))
-    beside = np.maximum(np.append(size[1:], 0.0), np.insert(size[:-1], 0, 0.0))
-    lone = (size > OUTLIER_SD * sd) & (beside < BESIDE * OUTLIER_SD * sd)
+    neighbour = np.maximum(np.append(size[1:], 0.0), np.insert(size[:-1], 0, 0.0))
+    lone = (size > OUTLIER_SD * sd) & (neighbour < NEIGHBOUR * OUTLIER_SD * sd)
     return np.where(lone, left - np.sign(left) * OUTLIER_SD * sd, 0.0)
 
 

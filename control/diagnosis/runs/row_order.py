@@ -18,7 +18,7 @@ from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
 from .channels import ChannelSeries, channels
-from .hypothesis import Part, Schedule, schedule, stages_of
+from .hypothesis import EffectInstance, Schedule, schedule, stages_of
 from .log import Clean
 from .stages import run_data
 
@@ -120,7 +120,7 @@ def _residuals(seen: Mapping[str, ChannelSeries], plan: Schedule, words: Sequenc
 
 def _slow_gate_gain(as_it_is: dict[str, Array], seen: Mapping[str, ChannelSeries], machine: Machine) -> float:
     """What a gate that slews too slowly gains at most: with a shaft that is late by itself it looks like rows."""
-    plans = [schedule(stages_of(machine), (Part(GATE_SLOW.id, size),)) for size in GATE_SLOW.ladder]
+    plans = [schedule(stages_of(machine), (EffectInstance(GATE_SLOW.id, size),)) for size in GATE_SLOW.trial_sizes]
     return max(_gains(as_it_is, _residuals(seen, plan, ("gate",))).get("gate", 0.0) for plan in plans)
 
 

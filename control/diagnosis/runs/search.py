@@ -26,13 +26,13 @@ from control.machine.machine import CATALOGUE, Machine, bounds, size_scale
 
 from .channels import ChannelSeries
 from .columns import WRITTEN, Columns
-from .hypothesis import Part, Parts, replaced
+from .hypothesis import EffectInstance, Hypothesis, replaced
 from .model import GroupModel
 from .stages import RunData
 
 Array = npt.NDArray[np.float64]
 
-MAX_TANGLED = 0.999         # cosine of two effects' traces, above which rounding decides what either of them is
+MAX_COLLINEARITY = 0.999         # cosine of two effects' traces, above which rounding decides what either of them is
 MAX_ROUNDS = 4              # rounds of a refit: the model is run, then sizes are fitted
 SETTLED_SD = 0.05           # in s.d. of a size: a refit ends where no size moves by more
 FITTED_FROM = 4.0           # gain in twice the log-likelihood from which on the noise is fitted too
@@ -46,29 +46,29 @@ THRESHOLD_GAP = 2.7         # of twice the log-likelihood: 90 % for one size (ch
 class Candidate(NamedTuple):
     """An effect as it is tried: what is added, and between which sizes its amplitude is believed."""
 
-    part: Part
+    part: EffectInstance
     low: float
     high: float
     usual: float = np.inf       # s.d. of its prior
 
 
-class Scanned(NamedTuple):
+class ScoreTest(NamedTuple):
     """A candidate as the scan sees it."""
 
-    part: Part                  # with the estimated size
+    part: EffectInstance                  # with the estimated size
     gain: float                 # of twice the log-likelihood
     evidence: float = 0.0       # of the log evidence, its size and times integrated
     spent: float = 0.0          # ... of which its times cost so much: they were not known
 
 
-class Refit(NamedTuple):
+class FittedHypothesis(NamedTuple):
     """A hypothesis refitted in full."""
 
-    parts: Parts
+    parts: Hypothesis
     sd: tuple[float, ...]       # of the sizes
     log_likelihood: float
     noise: dict[str, Noise]
-    tangled: float = 0.0        # largest correlation between two sizes
+    collinearity: float = 0.0        # largest correlation between two sizes
     log_evidence: float = 0.0   # sizes integrated; priors of the parts and of their times left out
 
 
@@ -85,7 +85,8 @@ class Search:
                            if excited(c, data, machine)]
         self._all_over: set[str] = set()        # thresholds that were looked for all over
 
-    def scan(self, parts: Parts, noise: dict[str, Noise], only: Sequence[Candidate] | None = None) -> list[Scanned]:
+    def scan(self, parts: Hypothesis, noise: dict[str, Noise],
+             only: Sequence[Candidate] | None = None) -> list[ScoreTest]:
         """Every candidate added to a refitted hypothesis, best first, one entry per effect, member and onset.
 
         The score test: one step from the hypothesis along the candidate's column; where that gains something the noise
@@ -98,10 +99,10 @@ class Search:
         null = best_fitted(p, fixed, noise, self.model.channels)
         starts = [null.noise, adapted(p, fixed, null.amplitude, calm(null.noise, self.model.channels))]
         normals = [projected(p, fixed, start) for start in starts]
-        best: dict[tuple[str, int | None, float | None], Scanned] = {}
+        best: dict[tuple[str, int | None, float | None], ScoreTest] = {}
         for k, c in enumerate(tried):
             self.model.ask()
-            found = Scanned(c.part, -np.inf, -np.inf)
+            found = ScoreTest(c.part, -np.inf, -np.inf)
             for start, (normal, right) in zip(starts, normals, strict=True):
                 found = max(found, _added(p, before + k, c, null, start, normal, right), key=lambda f: f.evidence)
             name = (c.part.id, c.part.member, c.part.onset_s)
@@ -109,7 +110,7 @@ class Search:
                 best[name] = found
         return sorted(best.values(), key=lambda f: -f.evidence)
 
-    def refit(self, parts: Parts, noise: dict[str, Noise] | None = None) -> Refit:
+    def refit(self, parts: Hypothesis, noise: dict[str, Noise] | None = None) -> FittedHypothesis:
         """Sizes, their s.d. and likelihood of a hypothesis, its model rerun until the sizes stand still."""
         now, last, best = parts, noise or self.model.noise, None
         for _ in range(MAX_ROUNDS):
@@ -119,7 +120,8 @@ class Search:
                 p, fit = self._fit(now, last)
             moved, sd, biggest = _stepped(now, p, fit, self.model.machine)
             last = fit.noise
-            best = Refit(now, sd, fit.log_likelihood, fit.noise, self._tangled(p, fit.noise), self._of_forms(p, fit))
+            best = FittedHypothesis(now, sd, fit.log_likelihood, fit.noise, self._collinearity(p, fit.noise),
+                                    self._of_forms(p, fit))
             if biggest < SETTLED_SD:
                 best = best._replace(parts=moved)
                 break
@@ -143,7 +145,7 @@ class Search:
         exact = fitted(p, np.setdiff1d(np.arange(len(fit.amplitude)), [*forms, *stand]), fit.noise)
         return float(np.logaddexp(fit.log_evidence, exact.log_evidence) - np.log(2.0))
 
-    def _fit(self, parts: Parts, noise: dict[str, Noise]) -> tuple[Problem, Fit]:
+    def _fit(self, parts: Hypothesis, noise: dict[str, Noise]) -> tuple[Problem, Fit]:
         """The best fit about a hypothesis; a size at its bound that is pulled beyond stands, its amplitude 0."""
         p, count = self.columns.compressed(parts)
         fit = best_fitted(p, np.arange(count), noise, self.model.channels)
@@ -167,7 +169,7 @@ class Search:
         amplitude[free], covariance[np.ix_(free, free)] = inside.amplitude, inside.covariance
         return p, inside._replace(amplitude=amplitude, covariance=covariance)
 
-    def _where_run(self, found: Refit, p: Problem, fit: Fit) -> Refit:
+    def _where_run(self, found: FittedHypothesis, p: Problem, fit: Fit) -> FittedHypothesis:
         """The same, with the likelihood of the sizes that the model was run with."""
         held = np.setdiff1d(np.arange(len(fit.amplitude)), p.places(Role.SLOPE))
         there = best_fitted(p, held, found.noise, self.model.channels)
@@ -175,7 +177,7 @@ class Search:
         return found._replace(log_likelihood=there.log_likelihood, noise=there.noise,
                               log_evidence=found.log_evidence - lost)
 
-    def _tangled(self, p: Problem, noise: dict[str, Noise]) -> float:
+    def _collinearity(self, p: Problem, noise: dict[str, Noise]) -> float:
         """Largest likeness of two parts' traces, nuisances taken out and their forms as the catalogue has them."""
         places = p.places(Role.SLOPE)
         if len(places) < 2:
@@ -185,7 +187,7 @@ class Search:
         scale = np.sqrt(np.maximum(np.diag(part), 1e-300))
         return float((np.abs(part) / scale[:, None] / scale - np.eye(len(places))).max())
 
-    def _threshold(self, found: Refit) -> Refit:
+    def _threshold(self, found: FittedHypothesis) -> FittedHypothesis:
         """The threshold moved, in ever smaller steps, to where it fits best; its interval is what the log leaves open.
 
         A threshold acts on the commands that were given: between two of them every value is as good.
@@ -193,7 +195,7 @@ class Search:
         k = next(k for k, part in enumerate(found.parts) if ROWS[part.id].threshold)
         part = found.parts[k]
         edges = self._commands_between(*bounds(part.id, self.model.machine))
-        tried: dict[int, Refit] = {}
+        tried: dict[int, FittedHypothesis] = {}
 
         def value(place: int) -> float:
             if place not in tried:
@@ -223,7 +225,7 @@ class Search:
         return best._replace(parts=replaced(best.parts, k, part._replace(size=0.5 * (low + high))),
                              sd=(*best.sd[:k], 0.5 * (high - low) / Z90, *best.sd[k + 1:]))
 
-    def walked(self, found: Refit) -> Refit:
+    def walked(self, found: FittedHypothesis) -> FittedHypothesis:
         """The hypothesis with each delay walked to where it fits best, in ever smaller steps.
 
         A drive answers stairs between two rows of the log; where all its answers pass a row at once the likelihood
@@ -231,7 +233,7 @@ class Search:
         """
         best = found
         for k, part in enumerate(found.parts):
-            if not ROWS[part.id].ladder or ROWS[part.id].threshold:
+            if not ROWS[part.id].trial_sizes or ROWS[part.id].threshold:
                 continue
             low, high = bounds(part.id, self.model.machine)
             step = WALK_ROWS * self.model.channel(ROWS[part.id].channels[0]).grid.step_s
@@ -242,7 +244,7 @@ class Search:
                 step, best = (step, better) if better is not best else (0.5 * step, best)
         return best
 
-    def _sized(self, found: Refit, k: int, size: float) -> Refit:
+    def _sized(self, found: FittedHypothesis, k: int, size: float) -> FittedHypothesis:
         parts = replaced(found.parts, k, found.parts[k]._replace(size=size))
         _, fit = self._fit(parts, found.noise)
         return found._replace(parts=parts, log_likelihood=fit.log_likelihood, noise=fit.noise,
@@ -281,13 +283,13 @@ def candidates(channel_names: tuple[str, ...], machine: Machine, heads: int, ref
             continue
         low, high = bounds(effect_id, machine)
         probe = size_scale(effect_id, machine) * entry.effect.probes[0] if row.probe is None else row.probe
-        if row.ladder:
-            found += [Candidate(Part(effect_id, size), max(low, 0.5 * size), min(high, 1.9 * size))
-                      for size in row.ladder]
+        if row.trial_sizes:
+            found += [Candidate(EffectInstance(effect_id, size), max(low, 0.5 * size), min(high, 1.9 * size))
+                      for size in row.trial_sizes]
         elif entry.effect.member_field:
-            found += [Candidate(Part(effect_id, probe, None, k + 1), low, high) for k in range(heads)]
+            found += [Candidate(EffectInstance(effect_id, probe, None, k + 1), low, high) for k in range(heads)]
         else:
-            found.append(Candidate(Part(effect_id, probe), low, high))
+            found.append(Candidate(EffectInstance(effect_id, probe), low, high))
     return found
 
 
@@ -318,11 +320,11 @@ def excited(candidate: Candidate, data: RunData, machine: Machine) -> bool:
 
 
 def _added(p: Problem, at: int, c: Candidate, null: Fit, start: dict[str, Noise], normal: Array,
-           right: Array) -> Scanned:
-    """One candidate column beside the fixed ones, its noise fitted from `start` where the gain may matter."""
+           right: Array) -> ScoreTest:
+    """One candidate column along with the fixed ones, its noise fitted from `start` where the gain may matter."""
     stiff, before = normal[at, at], len(null.amplitude)
     if stiff <= 0.0:
-        return Scanned(c.part, -np.inf, -np.inf)
+        return ScoreTest(c.part, -np.inf, -np.inf)
     whole = ROWS[c.part.id].threshold           # half a threshold's column is not what half a threshold does
     size = c.part.size if whole else float(np.clip(right[at] / stiff, c.low, c.high))
     gain = 2.0 * right[at] * size - stiff * size * size
@@ -336,12 +338,12 @@ def _added(p: Problem, at: int, c: Candidate, null: Fit, start: dict[str, Noise]
         gain = 2.0 * (full.log_likelihood - null.log_likelihood) if size == full.amplitude[-1] else \
             min(gain, 2.0 * (full.log_likelihood - null.log_likelihood))
     elif start is not null.noise and not whole:
-        return Scanned(c.part, -np.inf, -np.inf)
-    return Scanned(c.part._replace(size=size), float(gain), 0.5 * float(gain) - spread)
+        return ScoreTest(c.part, -np.inf, -np.inf)
+    return ScoreTest(c.part._replace(size=size), float(gain), 0.5 * float(gain) - spread)
 
 
-def _stepped(parts: Parts, p: Problem, fit: Fit, machine: Machine) -> tuple[Parts, tuple[float, ...], float]:
-    """Parts with the sizes that a fit asks for, the s.d. of each, and the largest step in its own s.d."""
+def _stepped(parts: Hypothesis, p: Problem, fit: Fit, machine: Machine) -> tuple[Hypothesis, tuple[float, ...], float]:
+    """Hypothesis with the sizes that a fit asks for, the s.d. of each, and the largest step in its own s.d."""
     moved, sd, biggest = list(parts), [0.0] * len(parts), 0.0
     for at in p.places(Role.SLOPE):
         k = p.labels[at].part

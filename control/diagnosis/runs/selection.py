@@ -20,15 +20,15 @@ from control.machine.machine import CATALOGUE
 
 from .changes import changes
 from .coarsening import even_gain
-from .hypothesis import MAX_SWITCHES, Part, Parts, replaced, without
+from .hypothesis import MAX_SWITCHES, EffectInstance, Hypothesis, replaced, without
 from .model import tolerance_of
 from .names_or_terms import beyond_names
-from .onset import as_begun, refined, stands_below, still_disobeys, stops
+from .onset import as_started, refined, stands_below, still_disobeys, stops
 from .quantised import encoder_steps
 from .robust import draw_in
-from .search import MAX_TANGLED, Refit, Scanned, Search
+from .search import MAX_COLLINEARITY, FittedHypothesis, ScoreTest, Search
 from .settle import MAX_OFFSET_SD, settle
-from .terms import Found
+from .terms import FittedTerm
 from .together import started
 
 Array = npt.NDArray[np.float64]
@@ -47,20 +47,20 @@ WINDOW = 7.0                # of the log score behind the best: models that are 
 class RivalOf(NamedTuple):
     """What could stand in a part's place."""
 
-    part: Part
+    part: EffectInstance
     behind: float               # by so much of the log score
 
 
-class Judged(NamedTuple):
+class GroupResult(NamedTuple):
     """What one group of channels shows."""
 
     search: Search
-    null: Refit
-    found: Refit
+    null: FittedHypothesis
+    found: FittedHypothesis
     worths: tuple[float, ...]                   # of each part: its log posterior odds against nothing in its place
     rivals: tuple[tuple[RivalOf, ...], ...]     # by part
-    scan: tuple[Scanned, ...]                   # the whole catalogue on top of nothing
-    terms: tuple[Found, ...] = ()               # beyond the catalogue
+    scan: tuple[ScoreTest, ...]                   # the whole catalogue on top of nothing
+    terms: tuple[FittedTerm, ...] = ()               # beyond the catalogue
     unknown: tuple[float, ...] = ()             # of each part: log odds of something unknown in its place
 
 
@@ -71,10 +71,10 @@ class Board:
         self.search = search
         self._names = len({c.part.id for c in search.candidates})
         self._spent: dict[tuple[str, int | None, str], float] = {}
-        self._kept: dict[Parts, Refit] = {}
+        self._kept: dict[Hypothesis, FittedHypothesis] = {}
         self._kept_at = -1              # of the model's moves
 
-    def prior(self, part: Part) -> float:
+    def prior(self, part: EffectInstance) -> float:
         """Log prior odds of a part, the price of its times taken off."""
         course = course_of(part.onset_s, part.until_s, part.grows)
         if CATALOGUE[part.id].effect.onset_only:
@@ -85,13 +85,13 @@ class Board:
         known += float(np.log(row.ends)) if course == "ends" else 0.0
         return known - self._spent.get((part.id, part.member, course), 0.0)
 
-    def take(self, found: Iterable[Scanned]) -> None:
+    def take(self, found: Iterable[ScoreTest]) -> None:
         """Keep what the times of beginning cost."""
         for one in found:
-            part = as_begun(one.part)
+            part = as_started(one.part)
             self._spent[(part.id, part.member, course_of(part.onset_s, part.until_s, part.grows))] = max(0.0, one.spent)
 
-    def refit(self, parts: Parts, now: Refit) -> Refit:
+    def refit(self, parts: Hypothesis, now: FittedHypothesis) -> FittedHypothesis:
         """A model refitted from the noise of another, kept while the nominal values stand."""
         if self._kept_at != self.search.model.moves:
             self._kept.clear()
@@ -105,7 +105,7 @@ class Board:
         """The data have changed: outliers were drawn in anew."""
         self._kept.clear()
 
-    def worth(self, found: Refit, k: int, alone: Refit) -> float:
+    def worth(self, found: FittedHypothesis, k: int, alone: FittedHypothesis) -> float:
         """Log posterior odds of a model's part against nothing in its place. alone : the model without it."""
         gain = found.log_likelihood - alone.log_likelihood
         integrated = found.log_evidence - found.log_likelihood - (alone.log_evidence - alone.log_likelihood)
@@ -115,7 +115,7 @@ class Board:
             gain = min(gain, even_gain(self.search, alone.parts, found.noise, trace))
         return min(gain, self._most(part)) + integrated + self.prior(part)
 
-    def ahead(self, one: Refit, k: int, other: Refit, j: int) -> float:
+    def ahead(self, one: FittedHypothesis, k: int, other: FittedHypothesis, j: int) -> float:
         """Log posterior odds of a model against another that differs from it in one part: k of the one, j of the other.
         As far as it is evidence, what one of them fits better is held against the other, not each against nothing."""
         gain = one.log_likelihood - other.log_likelihood
@@ -128,10 +128,10 @@ class Board:
         integrated = one.log_evidence - one.log_likelihood - (other.log_evidence - other.log_likelihood)
         return held + integrated + self.prior(mine) - self.prior(its)
 
-    def _most(self, part: Part) -> float:
+    def _most(self, part: EffectInstance) -> float:
         return self._of_tolerance(part) if part.onset_s is None else np.inf
 
-    def _of_tolerance(self, part: Part) -> float:
+    def _of_tolerance(self, part: EffectInstance) -> float:
         """What a steady part gains over the nominal value that does the same, moved as far as its tolerance lets it."""
         model, row = self.search.model, ROWS[part.id]
         tolerance = tolerance_of(part.id, model.machine)
@@ -142,16 +142,16 @@ class Board:
             return np.inf
         return 0.5 * ((moved + part.size) ** 2 - moved ** 2) / tolerance ** 2
 
-    def score(self, found: Refit) -> float:
+    def score(self, found: FittedHypothesis) -> float:
         """Log evidence and log prior odds of a whole model."""
         return found.log_evidence + sum(self.prior(part) for part in found.parts)
 
-    def rough(self, one: Scanned) -> float:
+    def rough(self, one: ScoreTest) -> float:
         """The same of what a scan adds, roughly."""
-        return one.evidence + one.spent + self.prior(as_begun(one.part))
+        return one.evidence + one.spent + self.prior(as_started(one.part))
 
 
-def judged(search: Search) -> Judged:
+def judge_group(search: Search) -> GroupResult:
     """Judge a group: forward selection, each step reviewed; then what is beyond the catalogue."""
     null = _nothing(search)
     board = Board(search)
@@ -169,10 +169,10 @@ def judged(search: Search) -> Judged:
     null = search.refit(())
     beyond = beyond_names(search, current, null, worths, sum(board.prior(part) for part in current.parts))
     worths, rivals = tuple(worths[k] for k in beyond.kept), tuple(rivals[k] for k in beyond.kept)
-    return Judged(search, null, beyond.now, worths, rivals, tuple(first), beyond.terms, beyond.unknown)
+    return GroupResult(search, null, beyond.now, worths, rivals, tuple(first), beyond.terms, beyond.unknown)
 
 
-def _nothing(search: Search) -> Refit:
+def _nothing(search: Search) -> FittedHypothesis:
     """The group with nothing wrong, once what is read off the drives is among the candidates."""
     search.candidates += [c._replace(usual=ROWS[c.part.id].on(search.model.machine).usual) for c in (
         *stops(search.model), *stands_below(search.model), *encoder_steps(search.model))]
@@ -184,8 +184,8 @@ def _nothing(search: Search) -> Refit:
     return search.refit(())
 
 
-def _settled(board: Board, now: Refit) -> Refit:
-    """A model once more, beside it the nominal values and outliers."""
+def _settled(board: Board, now: FittedHypothesis) -> FittedHypothesis:
+    """A model once more, along with it the nominal values and outliers."""
     search = board.search
     now = search.walked(now)
     search.model.move({})       # what the nominal values took upon themselves may be the effect's
@@ -195,18 +195,18 @@ def _settled(board: Board, now: Refit) -> Refit:
     return search.refit(settle(search.columns, now.parts), now.noise)
 
 
-def _draw_in(search: Search, parts: Parts) -> None:
-    """Tails drawn in beside the richest fit: a hypothesis with every other candidate."""
+def _draw_in(search: Search, parts: Hypothesis) -> None:
+    """Tails drawn in along with the richest fit: a hypothesis with every other candidate."""
     more = [search.columns.of_candidate(parts, c.part)
             for c in search.candidates if not any(p.id == c.part.id and p.member == c.part.member for p in parts)]
     draw_in(search.columns, parts, more)
 
 
-def _forward(board: Board, now: Refit) -> Refit | None:
+def _forward(board: Board, now: FittedHypothesis) -> FittedHypothesis | None:
     """The best model with one more part, where it is likelier than without."""
     scanned = _proposed(board, now)
     refits = [board.refit((*now.parts, part), now) for part in scanned]
-    refits = sorted((one for one in refits if one.tangled < MAX_TANGLED),
+    refits = sorted((one for one in refits if one.collinearity < MAX_COLLINEARITY),
                     key=lambda one: -(one.log_evidence + board.prior(one.parts[-1])))[:REFINED]
     best = max(refits, key=lambda one: board.worth(one, len(now.parts), now), default=None)
     if best is None:
@@ -215,7 +215,7 @@ def _forward(board: Board, now: Refit) -> Refit | None:
     return best if board.worth(best, len(now.parts), now) > SAID else None
 
 
-def _together(board: Board, now: Refit, better: Refit | None) -> Refit | None:
+def _together(board: Board, now: FittedHypothesis, better: FittedHypothesis | None) -> FittedHypothesis | None:
     """The likeliest of a model with one more part and of those whose curve is fitted as a whole; the latter are tried
     where something is there: a part, or more noise than the machine file's can be."""
     model = board.search.model
@@ -224,11 +224,11 @@ def _together(board: Board, now: Refit, better: Refit | None) -> Refit | None:
         return None
     least = board.score(now) + SAID if better is None else board.score(better)
     every = [board.refit(parts, now) for parts in started(board.search, now.parts)]
-    ahead = [one for one in every if one.tangled < MAX_TANGLED and board.score(one) > least]
+    ahead = [one for one in every if one.collinearity < MAX_COLLINEARITY and board.score(one) > least]
     return max(ahead, key=board.score, default=better)
 
 
-def _refined(board: Board, found: Refit) -> Refit:
+def _refined(board: Board, found: FittedHypothesis) -> FittedHypothesis:
     """A model whose last part begins within the log, its times moved to where they fit best."""
     last = found.parts[-1]
     if last.onset_s is None or CATALOGUE[last.id].effect.onset_only:
@@ -236,7 +236,7 @@ def _refined(board: Board, found: Refit) -> Refit:
     return refined(board.search, found, board.search.model.data)
 
 
-def _proposed(board: Board, now: Refit) -> list[Part]:
+def _proposed(board: Board, now: FittedHypothesis) -> list[EffectInstance]:
     """The best parts to add by their scans, of every course in time."""
     search = board.search
     found = _one_of_each(search.scan(now.parts, now.noise))
@@ -244,15 +244,15 @@ def _proposed(board: Board, now: Refit) -> list[Part]:
                and still_disobeys(search.model, now.parts, f.part)]
     steady = [f for f in found if not CATALOGUE[f.part.id].effect.onset_only][:REFITTED]
     near = _near(board, [*steady, *_begin(board, now)])
-    # Where a threshold lies no scan says: the noise that nothing leaves beside it hides all but the nearest.
+    # Where a threshold lies no scan says: the noise that nothing leaves in it hides all but the nearest.
     thresholds = [f for f in found if ROWS[f.part.id].threshold and f.part.onset_s is None and f not in near]
-    return [as_begun(f.part) for f in (*near, *thresholds, *stopped)]
+    return [as_started(f.part) for f in (*near, *thresholds, *stopped)]
 
 
-def _near(board: Board, scanned: list[Scanned]) -> list[Scanned]:
+def _near(board: Board, scanned: list[ScoreTest]) -> list[ScoreTest]:
     """Those of a scan that may be the likeliest: near the best of their course in time by their rough odds. Courses are
     not held against each other before a refit: a scan fits the noise of steady effects only."""
-    courses: dict[str, list[Scanned]] = {}
+    courses: dict[str, list[ScoreTest]] = {}
     for one in scanned:
         courses.setdefault(course_of(one.part.onset_s, one.part.until_s, one.part.grows), []).append(one)
     found = []
@@ -262,7 +262,7 @@ def _near(board: Board, scanned: list[Scanned]) -> list[Scanned]:
     return found
 
 
-def _begin(board: Board, now: Refit) -> list[Scanned]:
+def _begin(board: Board, now: FittedHypothesis) -> list[ScoreTest]:
     """The best parts that begin within the log, at once or growing, or come and go, a few of each."""
     search = board.search
     shaft = search.model.data.shaft if "shaft" in search.model.names else None
@@ -275,24 +275,25 @@ def _begin(board: Board, now: Refit) -> list[Scanned]:
     tried = [c for c in search.candidates if (c.part.id, c.part.member) not in taken]
     found = changes(search.columns, now.parts, now.noise, tried, switches + 2 <= MAX_SWITCHES)
     board.take(found)
-    courses: dict[str, list[Scanned]] = {}
+    courses: dict[str, list[ScoreTest]] = {}
     for one in found:
         courses.setdefault(course_of(one.part.onset_s, one.part.until_s, one.part.grows), []).append(one)
     return [one for several in courses.values() for one in several[:REFITTED]]
 
 
-def _one_of_each(found: list[Scanned]) -> list[Scanned]:
-    best: dict[tuple[str, int | None], Scanned] = {}
+def _one_of_each(found: list[ScoreTest]) -> list[ScoreTest]:
+    best: dict[tuple[str, int | None], ScoreTest] = {}
     for f in found:
         best.setdefault((f.part.id, f.part.member), f)
     return list(best.values())
 
 
-def _reviewed(board: Board, now: Refit) -> tuple[Refit, tuple[float, ...], tuple[tuple[RivalOf, ...], ...]]:
+def _reviewed(board: Board, now: FittedHypothesis
+              ) -> tuple[FittedHypothesis, tuple[float, ...], tuple[tuple[RivalOf, ...], ...]]:
     """The model with each part against what could stand in its place and against nothing, until none is better; of the
     models on the way whose parts are all likelier than nothing, the likeliest. A rival that is ahead of it where only
     even evidence counts, and behind where all does, is as likely as it is."""
-    visited: list[tuple[Refit, tuple[float, ...], tuple[tuple[RivalOf, ...], ...]]] = []
+    visited: list[tuple[FittedHypothesis, tuple[float, ...], tuple[tuple[RivalOf, ...], ...]]] = []
     for _ in range(REVIEWS):
         worths, rivals = _rivals(board, now)
         if not worths or min(worths) > SAID:
@@ -319,13 +320,13 @@ def _reviewed(board: Board, now: Refit) -> tuple[Refit, tuple[float, ...], tuple
                                     if one.part.id != part.id) for part, several in zip(now.parts, rivals, strict=True))
 
 
-def _listed_before(one: Part, other: Part) -> bool:
+def _listed_before(one: EffectInstance, other: EffectInstance) -> bool:
     """Which of two effects stands for both where no log tells them apart: the catalogue's first."""
     order = list(ROWS)
     return order.index(one.id) < order.index(other.id)
 
 
-def _rivals(board: Board, now: Refit) -> tuple[tuple[float, ...], tuple[tuple[RivalOf, ...], ...]]:
+def _rivals(board: Board, now: FittedHypothesis) -> tuple[tuple[float, ...], tuple[tuple[RivalOf, ...], ...]]:
     """What each part is worth, and what could stand in its place within the window. How far one model is ahead of
     another is had directly, and by what each is worth over nothing: either counts even evidence alone and is a lower
     bound, so that the higher one holds."""
@@ -337,7 +338,7 @@ def _rivals(board: Board, now: Refit) -> tuple[tuple[float, ...], tuple[tuple[Ri
         found = []
         for rival in _in_its_place(board, alone, part):
             tried = board.refit((*alone.parts, rival), alone)
-            if tried.tangled < MAX_TANGLED:
+            if tried.collinearity < MAX_COLLINEARITY:
                 place = len(alone.parts)
                 over_nothing = own - board.worth(tried, place, alone)
                 higher = max if now.log_likelihood > tried.log_likelihood else min
@@ -349,15 +350,15 @@ def _rivals(board: Board, now: Refit) -> tuple[tuple[float, ...], tuple[tuple[Ri
     return tuple(worths), tuple(rivals)
 
 
-def _in_its_place(board: Board, alone: Refit, part: Part) -> list[Part]:
+def _in_its_place(board: Board, alone: FittedHypothesis, part: EffectInstance) -> list[EffectInstance]:
     """What could stand in a part's place: steady, or in a course of its own; of the part itself its other courses."""
     search = board.search
     scanned = _one_of_each(search.scan(alone.parts, alone.noise))
     if not CATALOGUE[part.id].effect.onset_only:
         scanned += _begin(board, alone)
     others = [f for f in scanned if not CATALOGUE[f.part.id].effect.onset_only
-              and as_begun(f.part)._replace(size=0.0) != part._replace(size=0.0)]
-    near = [as_begun(f.part) for f in sorted(_near(board, others), key=board.rough)[-MAX_RIVALS:]]
+              and as_started(f.part)._replace(size=0.0) != part._replace(size=0.0)]
+    near = [as_started(f.part) for f in sorted(_near(board, others), key=board.rough)[-MAX_RIVALS:]]
     course = course_of(part.onset_s, part.until_s, part.grows)
     alike = [one._replace(onset_s=part.onset_s, until_s=part.until_s) for one in near if part.onset_s is not None
              and one.id != part.id and course_of(one.onset_s, one.until_s, one.grows) == course]

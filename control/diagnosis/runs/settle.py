@@ -9,7 +9,7 @@ from control.machine.machine import Machine, bounds
 
 from .channels import ChannelSeries
 from .columns import Columns
-from .hypothesis import Part, Parts
+from .hypothesis import EffectInstance, Hypothesis
 from .model import Nuisance, stood_for
 
 MAX_ROUNDS = 4
@@ -22,8 +22,8 @@ HALVINGS = 5                        # of a tolerance, when one of these is looke
 TIME_GAIN = 2.0                     # gain in log-likelihood below which it is not moved
 
 
-def settle(columns: Columns, parts: Parts) -> Parts:
-    """Moves the model's nominal values to where they fit best beside a hypothesis.
+def settle(columns: Columns, parts: Hypothesis) -> Hypothesis:
+    """Moves the model's nominal values to where they fit best along with a hypothesis.
 
     The parts' sizes move along, for a size and a tolerance may stand for the same thing; they are returned. Values that
     a part of the hypothesis moves stand as the machine file has them.
@@ -52,7 +52,7 @@ def settle(columns: Columns, parts: Parts) -> Parts:
     return parts
 
 
-def _wanted(columns: Columns, parts: Parts) -> tuple[list[tuple[Nuisance, float]], dict[int, float]]:
+def _wanted(columns: Columns, parts: Hypothesis) -> tuple[list[tuple[Nuisance, float]], dict[int, float]]:
     """The step that a fit asks of each nominal value, and of the size of each part (by its place)."""
     model = columns.model
     p, count = columns.compressed(parts)
@@ -62,7 +62,7 @@ def _wanted(columns: Columns, parts: Parts) -> tuple[list[tuple[Nuisance, float]
     return [(n, of_value.get(n.key, -model.offsets.get(n.key, 0.0))) for _, n in model.nuisances], of_part
 
 
-def _at_rest(columns: Columns, parts: Parts) -> float:
+def _at_rest(columns: Columns, parts: Hypothesis) -> float:
     """Log-likelihood with the nominal values exactly where they stand."""
     model = columns.model
     kept = [c for c in columns.fixed() if c.label.role not in (Role.TOLERANCE, Role.TRAIT)]
@@ -73,10 +73,10 @@ def _at_rest(columns: Columns, parts: Parts) -> float:
     return value
 
 
-def _try_times(columns: Columns, parts: Parts) -> None:
+def _try_times(columns: Columns, parts: Hypothesis) -> None:
     """Dead times and slews moved to the best of a grid: rows see only the end of a short move, so slopes lead nowhere.
 
-    A move shorter than a row is over before it is read, or has not begun: the likelihood has kinks there.
+    A move shorter than a row is over before it is read, or has not started: the likelihood has kinks there.
     """
     moved = stood_for(parts)
     for channel, n in columns.model.nuisances:
@@ -84,7 +84,7 @@ def _try_times(columns: Columns, parts: Parts) -> None:
             _move_time(columns, parts, channel, n)
 
 
-def _move_time(columns: Columns, parts: Parts, channel: ChannelSeries, n: Nuisance) -> None:
+def _move_time(columns: Columns, parts: Hypothesis, channel: ChannelSeries, n: Nuisance) -> None:
     model, name = columns.model, channel.name
     kept = [c for c in columns.fixed() if name in c.coefficients
             and not (c.label.role is Role.TOLERANCE and c.label.name == n.key)]
@@ -111,6 +111,6 @@ def _move_time(columns: Columns, parts: Parts, channel: ChannelSeries, n: Nuisan
         model.move({**model.offsets, n.key: best})
 
 
-def _grown(part: Part, by: float, machine: Machine) -> Part:
+def _grown(part: EffectInstance, by: float, machine: Machine) -> EffectInstance:
     low, high = bounds(part.id, machine)
     return part._replace(size=min(high, max(low, part.size + float(by))))

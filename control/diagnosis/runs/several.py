@@ -1,4 +1,4 @@
-"""Several logs of one machine: what they share is found once, on all of them; what differs is told by log."""
+"""Several logs of one machine: what they share is found once, on all of them; what differs is reported by log."""
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence

@@ -14,7 +14,7 @@ from control.machine.machine import Machine, of_nominal
 from control.machine.over_log import MOST_STEP_S
 
 from .channels import ChannelSeries, hopper_channel
-from .hypothesis import Part, Stages, schedule
+from .hypothesis import EffectInstance, Stages, schedule
 from .stages import Hopper, RunData
 
 Array = npt.NDArray[np.float64]
@@ -47,15 +47,15 @@ class StageTable(NamedTuple):
     """The smooth extension of one stage: the channel that shows it, and the effect whose column it multiplies."""
 
     channel: str
-    unit: Part
+    unit: EffectInstance
 
 
 TABLES: dict[str, StageTable] = {
-    "shaft": StageTable("shaft", Part(effects.SHAFT_GAIN.id, 1.0)),
-    "gate": StageTable("gate", Part(effects.GATE_HOME_ERROR.id, 1.0)),
-    "flow": StageTable("scale", Part(effects.FLOW_GAIN.id, 1.0)),
-    "scale": StageTable("scale", Part(effects.SCALE_DRIFT.id, 1.0)),
-    "speed": StageTable("speed", Part(effects.SPEED_WHEEL_RADIUS.id, 1.0)),
+    "shaft": StageTable("shaft", EffectInstance(effects.SHAFT_GAIN.id, 1.0)),
+    "gate": StageTable("gate", EffectInstance(effects.GATE_HOME_ERROR.id, 1.0)),
+    "flow": StageTable("scale", EffectInstance(effects.FLOW_GAIN.id, 1.0)),
+    "scale": StageTable("scale", EffectInstance(effects.SCALE_DRIFT.id, 1.0)),
+    "speed": StageTable("speed", EffectInstance(effects.SPEED_WHEEL_RADIUS.id, 1.0)),
 }
 
 

@@ -10,8 +10,8 @@ from scipy.ndimage import convolve1d, maximum_filter1d
 from control.machine.compiled import term_run
 from control.machine.effect import HOPPER, OPENING_RANGE, SHAFT_RANGE
 from control.machine.machine import Machine, of_nominal
-from control.machine.term_sums import angle_over_log, dead_times_s, over_log, told_over_log
-from control.machine.terms import SHAFT_ANGLE, TOLD_MM, TOLD_RPM
+from control.machine.term_sums import angle_over_log, commanded_over_log, dead_times_s, over_log
+from control.machine.terms import COMMANDED_MM, COMMANDED_RPM, SHAFT_ANGLE
 
 from .log import HEADS, MIN_ROWS, MIN_SETTLED, MOVING_MPS, Clean
 
@@ -43,13 +43,13 @@ SMOOTH_S = 1.5              # of slowly varying sensors that serve as inputs
 # r/min and kg are those of the nominal machine: a share of another's range.
 STOPPED_RPM = 1.0           # a shaft read slower than this stands still: the reading cannot fall below 0
 READ_BACKWARDS_SD = 6.0     # of the reading's noise: further below 0 a shaft truly turns backwards
-STILL_READ_RPM = 1.5        # noise of a shaft that was told to stand still
+STILL_READ_RPM = 1.5        # noise of a shaft that was commanded to stand still
 STILL_AFTER_S = 1.5         # after the command to stop: it has run down by then
 REFILL_KG = 3.0
 REFILL_SD = 8.0             # of the scale's noise, at least: a large hopper's share is more, a small one's may be less
 WORKING_RPM = 2.0
-TOLD_WITHIN_S = 120.0       # of a fill: an event so near belongs to it
-MIN_TOLD = 400              # readings from which two sensors' noises are told apart
+STATED_WITHIN_S = 120.0     # of a fill: an event so near belongs to it
+MIN_READINGS_APART = 400    # readings from which two sensors' noises are told apart
 SPEED_WINDOW_S = 3.0        # parabola through the speed: a tractor's acceleration is slower than its sensors' noise
 MAX_BRIDGED_STEPS = 5.0     # a longer gap of a grid is left out
 
@@ -108,7 +108,7 @@ class Hopper(NamedTuple):
     refill_kg: Array            # (m+1,)
     start_kg: float
     jumps: tuple[int, ...]      # bins from which a refill counts
-    told: tuple[bool, ...]      # whether the operator wrote down how much a refill was
+    written: tuple[bool, ...]      # whether the operator wrote down how much a refill was
     grid: Grid                  # over the m bins
     unseen: float = 0.0         # r/min x mm x s (1 s.d.), metered in a bin where no row says how
     gaps: tuple[tuple[int, float], ...] = ()    # bin at which a long gap ends, and the same of what it metered
@@ -222,14 +222,14 @@ def term_inputs(log: Clean, every: _Rows, machine: Machine) -> dict[str, Array]:
     What a log lacks is left out, and so are the terms over it.
     """
     time, found = every.time_s, {"time_s": every.time_s}
-    for name, told, command, dead_s in zip(("shaft_rpm", "opening_mm"), (TOLD_RPM, TOLD_MM),
+    for name, written, command, dead_s in zip(("shaft_rpm", "opening_mm"), (COMMANDED_RPM, COMMANDED_MM),
                                            (every.command_rpm, every.command_mm), dead_times_s(machine), strict=True):
         if np.isfinite(command).all():
-            found[told] = told_over_log(command, time, dead_s)
+            found[written] = commanded_over_log(command, time, dead_s)
         if log.has(name):
             found[name] = every.shaft_rpm if name == "shaft_rpm" else every.opening_mm
-            if told not in found:
-                found[told] = found[name]
+            if written not in found:
+                found[written] = found[name]
     if log.has("shaft_rpm"):
         found[SHAFT_ANGLE] = angle_over_log(every.shaft_rpm, time)
     further = {name: _bridged(time, series, series) for name, series in log.further.items()}
@@ -237,7 +237,7 @@ def term_inputs(log: Clean, every: _Rows, machine: Machine) -> dict[str, Array]:
 
 
 def _read_slowly(log: Clean, every: _Rows) -> dict[str, Array]:
-    """What is read beside the drives, smoothed, (n,) by name: sensors' noise is no motion of the machine."""
+    """Readings of other sensors than the drives', smoothed, (n,) by name: their noise is no motion of the machine."""
     found = {name: series for name, series in (("supply_v", every.supply_v), ("pitch_deg", every.pitch_deg))
              if log.has(name)}
     for name in ("roll_deg", "hopper_kg", "speed_mps"):
@@ -409,8 +409,8 @@ def _windows(time: Array, step_s: float) -> tuple[npt.NDArray[np.int64], Array, 
     spans = np.diff(time[rows], prepend=time[rows[0]])
     seam = np.diff(rows, prepend=rows[0]) > 1
     clock = time[rows[0]] + np.cumsum(np.where(seam, step_s, spans))
-    begun = np.maximum.accumulate(np.where(seam, clock, clock[0]))
-    return rows, clock, clock - begun
+    started = np.maximum.accumulate(np.where(seam, clock, clock[0]))
+    return rows, clock, clock - started
 
 
 def looked_at(count: int) -> npt.NDArray[np.int64]:
@@ -423,7 +423,7 @@ def looked_at(count: int) -> npt.NDArray[np.int64]:
 
 
 def known_rows(count: int) -> npt.NDArray[np.int64]:
-    """Rows at which the recorded variables are kept: all, or those looked at and every EVERY_ROW-th beside them."""
+    """Rows at which the recorded variables are kept: all, or those looked at and every EVERY_ROW-th of the others."""
     rows = looked_at(count)
     return rows if len(rows) == count else np.union1d(rows, np.arange(0, count, EVERY_ROW))
 
@@ -444,17 +444,17 @@ def _hopper(every: _Rows, reading: Array, written: list[tuple[float, float]], ma
     read_at = np.where(seen > 0, within / np.maximum(1, seen), 0.5)
     rise_kg = max(of_nominal(machine, HOPPER) * REFILL_KG, REFILL_SD * machine.noise.scale_kg)
     refill, jumps, hidden = _refills(kg, rise_kg)
-    told = []
+    stated = []
     for jump in jumps:
-        close = [amount for at, amount in written if abs(at - edges[jump]) < TOLD_WITHIN_S]
-        told.append(bool(close))
+        close = [amount for at, amount in written if abs(at - edges[jump]) < STATED_WITHIN_S]
+        stated.append(bool(close))
         if close:
             refill[jump] = close[0]
     good = np.isfinite(kg) & ~hidden
     if good.sum() < MIN_BINS:
         return None
     return Hopper(edges, turned, wide, level, kg, read_at, np.append(refill, 0.0), float(np.median(kg[good][:10])),
-                  jumps, tuple(told), _grid(edges[:-1] + 0.5 * width, good, width),
+                  jumps, tuple(stated), _grid(edges[:-1] + 0.5 * width, good, width),
                   *_unseen(every, edges, of_nominal(machine, SHAFT_RANGE) * STOPPED_RPM),
                   *_of_terms(every, edges))
 
@@ -491,7 +491,7 @@ def metered_mean(series: Array, metered: Array, time: Array, edges: Array) -> Ar
 
 
 def _unseen(every: _Rows, edges: Array, stopped_rpm: float) -> tuple[float, tuple[tuple[int, float], ...]]:
-    """What may have been metered between rows beside a straight line from one to the next (`Hopper.unseen`, `gaps`)."""
+    """What may have been metered between rows, over a straight line from one to the next (`Hopper.unseen`, `gaps`)."""
     if not every.lost.any():
         return 0.0, ()
     rate = np.where(every.shaft_rpm < stopped_rpm, 0.0, every.shaft_rpm) * every.opening_mm
@@ -594,7 +594,7 @@ def _trust(gnss: Array, wheel: Array, machine: Machine) -> float:
 
     Of what changes between two readings, the part that both have in common is the ground's; the rest is each one's own.
     """
-    if len(gnss) < MIN_TOLD:
+    if len(gnss) < MIN_READINGS_APART:
         own = np.array([machine.noise.gnss_mps, machine.noise.wheel_mps]) ** 2 + 1e-12
     else:
         steps = np.diff(np.array([gnss, wheel]), axis=1)

@@ -9,7 +9,7 @@ from control.machine.over_log import MOST_STEP_S
 from control.machine.terms import Acts
 
 from .channels import drive_rows
-from .hypothesis import Part, Parts, schedule
+from .hypothesis import EffectInstance, Hypothesis, schedule
 from .model import GroupModel
 from .stages import Drive, bin_mean, metered_mean
 
@@ -18,10 +18,10 @@ Array = npt.NDArray[np.float64]
 CHANNEL_OF: dict[Acts, str] = {
     Acts.SHAFT_PERCENT: "shaft", Acts.SHAFT_RPM: "shaft", Acts.GATE_MM: "gate", Acts.FLOW_PERCENT: "scale",
     Acts.SCALE_KG: "scale", Acts.WHEEL_PERCENT: "speed"}
-FLOW_UNIT = Part(effects.FLOW_GAIN.id, 1.0)
+FLOW_UNIT = EffectInstance(effects.FLOW_GAIN.id, 1.0)
 SHAFT_PROBE = 0.5           # % or r/min, for a slope ...
 SHAFT_NOTHING = 1e-6        # ... and r/min of it that are rounding
-WHEEL_UNIT = Part(effects.SPEED_WHEEL_RADIUS.id, 1.0)
+WHEEL_UNIT = EffectInstance(effects.SPEED_WHEEL_RADIUS.id, 1.0)
 
 
 def tried(model: GroupModel) -> list[Acts]:
@@ -34,7 +34,7 @@ def tried(model: GroupModel) -> list[Acts]:
 class ActedOn:
     """One quantity under a hypothesis: series over the log's rows to series of its channel."""
 
-    def __init__(self, model: GroupModel, parts: Parts, acts: Acts) -> None:
+    def __init__(self, model: GroupModel, parts: Hypothesis, acts: Acts) -> None:
         self.channel = model.channel(CHANNEL_OF[acts])
         self.acts, self._model, self._parts = acts, model, parts
         unit = {Acts.FLOW_PERCENT: FLOW_UNIT, Acts.WHEEL_PERCENT: WHEEL_UNIT}.get(acts)

@@ -28,11 +28,11 @@ PER_AMPLITUDE = 4.0
 
 
 class Tried(NamedTuple):
-    """A form with what is not linear in it settled. `knobs` : those settings, for `again`."""
+    """A form with what is not linear in it settled. `shape_params` : those settings, for `columns_at`."""
 
     form: Form
     over: tuple[str, ...]
-    knobs: dict[str, float]
+    shape_params: dict[str, float]
     mix: Array                  # (basis, amplitudes): the form's columns from those of the basis
     places: int                 # so many such forms are tried, at different places or of different memory
 
@@ -106,13 +106,13 @@ class _Mixer:
         self._name, self._size = name, size
         self.forms: list[Tried] = []
 
-    def add(self, form: Form, knobs: dict[str, float], columns: list[dict[int, float]], places: int = 1) -> None:
+    def add(self, form: Form, shape_params: dict[str, float], columns: list[dict[int, float]], places: int = 1) -> None:
         """columns : weight of each series, for each amplitude. places : so many such forms are tried."""
         mix = np.zeros((self._size, len(columns)))
         for j, one in enumerate(columns):
             for row, weight in one.items():
                 mix[row, j] += weight
-        self.forms.append(Tried(form, (self._name,), knobs, mix, places))
+        self.forms.append(Tried(form, (self._name,), shape_params, mix, places))
 
 
 def over_one(v: Scaled, time_s: Array, work: npt.NDArray[np.bool_]) -> Basis:
@@ -208,42 +208,43 @@ def _products(variables: Sequence[Scaled], pairs: Sequence[tuple[int, int]], sec
     forms = []
     for k, (i, j) in enumerate(pairs):
         over, product = (variables[i].name, variables[j].name), len(zs) + k
-        for knobs, columns in (({}, [product]), ({"mains": 1.0}, [i, j, product] if second_main else [i, product])):
+        with_mains = [i, j, product] if second_main else [i, product]
+        for shape_params, columns in (({}, [product]), ({"mains": 1.0}, with_mains)):
             mix = np.zeros((len(series), len(columns)))
             mix[columns, range(len(columns))] = 1.0
-            forms.append(Tried(Form.PRODUCT, over, knobs, mix, 1))
+            forms.append(Tried(Form.PRODUCT, over, shape_params, mix, 1))
     return Basis(series, tuple(forms))
 
 
-def again(one: Tried, by: dict[str, Scaled], time_s: Array, **knobs: float) -> Array:
-    """A form's columns (amplitudes, rows) with other knobs."""
-    v, knob = by[one.over[0]], {**one.knobs, **knobs}
+def columns_at(one: Tried, by: dict[str, Scaled], time_s: Array, **shape_params: float) -> Array:
+    """A form's columns (amplitudes, rows) with other shape parameters."""
+    v, shape = by[one.over[0]], {**one.shape_params, **shape_params}
     z = v.z
     if one.form is Form.HINGE:
-        return np.array([z, np.maximum(0.0, z - knob["at"])])
+        return np.array([z, np.maximum(0.0, z - shape["at"])])
     if one.form is Form.THRESHOLD:
-        return (z > knob["at"]).astype(np.float64)[None]
+        return (z > shape["at"]).astype(np.float64)[None]
     if one.form in (Form.SATURATION, Form.DEAD_ZONE):
-        held = np.clip(z, knob["low_end"], knob["high_end"])
-        return np.asarray((held - _held_at_0(knob) if one.form is Form.SATURATION else z - held)[None])
+        held = np.clip(z, shape["low_end"], shape["high_end"])
+        return np.asarray((held - _held_at_0(shape) if one.form is Form.SATURATION else z - held)[None])
     if one.form is Form.MEMORY:
-        slow = remembered(v, knob["tau_s"], time_s)
-        return np.array([z, slow]) if "both" in knob else slow[None]
+        slow = remembered(v, shape["tau_s"], time_s)
+        return np.array([z, slow]) if "both" in shape else slow[None]
     if one.form is Form.SIDE:
-        return moving(v, knob["tau_s"], time_s)[None]
+        return moving(v, shape["tau_s"], time_s)[None]
     if one.form is Form.SPAN:
-        return ((v.x >= knob["low_end"]) & (v.x < knob["high_end"])).astype(np.float64)[None]
-    raise ValueError(f"form {one.form.value} has no knob")
+        return ((v.x >= shape["low_end"]) & (v.x < shape["high_end"])).astype(np.float64)[None]
+    raise ValueError(f"form {one.form.value} has no shape")
 
 
-def _held_at_0(knob: dict[str, float]) -> float:
+def _held_at_0(shape: dict[str, float]) -> float:
     """z = 0 held between the ends of a saturation: there it is fitted as nothing."""
-    return float(np.clip(0.0, knob["low_end"], knob["high_end"]))
+    return float(np.clip(0.0, shape["low_end"], shape["high_end"]))
 
 
 def moved(one: Tried, name: str, steps: float, by: dict[str, Scaled]) -> float:
-    """A knob that many steps away: a step is a factor of 2 of a time constant, 0.3 of a spread of a place."""
-    value = one.knobs[name]
+    """A shape that many steps away: a step is a factor of 2 of a time constant, 0.3 of a spread of a place."""
+    value = one.shape_params[name]
     if name == "tau_s":
         return float(value * 2.0 ** steps)
     width = 0.3 if one.form is not Form.SPAN else float(np.ptp(by["time_s"].x)) / SPAN_EDGES / 2.0
@@ -251,21 +252,21 @@ def moved(one: Tried, name: str, steps: float, by: dict[str, Scaled]) -> float:
 
 
 def movable(one: Tried) -> list[str]:
-    """Knobs that may be moved."""
+    """Shape parameters that may be moved."""
     if one.form in (Form.TABLE, Form.SIDE):
         return []
-    return [name for name in one.knobs if name in ("tau_s", "at", "low_end", "high_end")]
+    return [name for name in one.shape_params if name in ("tau_s", "at", "low_end", "high_end")]
 
 
 def coefficients(one: Tried, amplitude: Array, level: float, by: dict[str, Scaled]) -> dict[str, float]:
     """A form's coefficients in its variable's own unit; those of a table are `table_of`."""
-    v, a, knob = by[one.over[0]], [float(size) for size in amplitude], one.knobs
+    v, a, shape = by[one.over[0]], [float(size) for size in amplitude], one.shape_params
     if one.form is Form.PRODUCT:
         return _product(a, level, v, by[one.over[1]])
-    if told_as(one) is Form.TABLE:
+    if reported_form(one) is Form.TABLE:
         return {}
     at, s = v.middle, v.spread
-    place = {name: value if one.form is Form.SPAN else float(at + s * value) for name, value in knob.items()
+    place = {name: value if one.form is Form.SPAN else float(at + s * value) for name, value in shape.items()
              if name in ("at", "low_end", "high_end")}
     found: dict[Form, dict[str, float]] = {
         Form.SLOPE: {"slope": a[0] / s, "at": at},
@@ -275,15 +276,15 @@ def coefficients(one: Tried, amplitude: Array, level: float, by: dict[str, Scale
         Form.SATURATION: {"slope": a[0] / s, **place},
         Form.DEAD_ZONE: {"slope": a[0] / s, **place},
         Form.MEMORY: {"slope": a[0] / s if len(a) > 1 else 0.0, "bend": a[-1] / s, "at": at,
-                      "tau_s": knob.get("tau_s", 0.0)},
-        Form.SIDE: {"above": a[0], "below": -a[0], "high_end": WAY_SHARE * s, "tau_s": knob.get("tau_s", 0.0)},
-        Form.PERIODIC: {"cycles": knob.get("cycles", 0.0), **_waves(one, amplitude)},
+                      "tau_s": shape.get("tau_s", 0.0)},
+        Form.SIDE: {"above": a[0], "below": -a[0], "high_end": WAY_SHARE * s, "tau_s": shape.get("tau_s", 0.0)},
+        Form.PERIODIC: {"cycles": shape.get("cycles", 0.0), **_waves(one, amplitude)},
         Form.SPAN: {**place, "above": a[0]}}
     zero = 0.0                                  # the z at which a form with its coefficients is 0
     if one.form is Form.HINGE:
-        zero = knob["at"]
+        zero = shape["at"]
     elif one.form is Form.SATURATION:
-        zero = knob["low_end"] - _held_at_0(knob)
+        zero = shape["low_end"] - _held_at_0(shape)
     return {**found[one.form], "level": level + a[0] * zero}
 
 
@@ -291,12 +292,12 @@ def _waves(one: Tried, amplitude: Array) -> dict[str, float]:
     """Sine and cosine of a cycle."""
     if one.form is not Form.PERIODIC:
         return {}
-    k = CYCLES[one.over[0]].index(int(one.knobs["cycles"]))
+    k = CYCLES[one.over[0]].index(int(one.shape_params["cycles"]))
     sine, cosine = one.mix[2 * k:2 * k + 2] @ amplitude
     return {"sine": float(sine), "cosine": float(cosine)}
 
 
-def told_as(one: Tried) -> Form:
+def reported_form(one: Tried) -> Form:
     """The form that a machine file is given: of a cycle that was driven along one axis alone a table, which says
     nothing of the other headings."""
     return Form.TABLE if one.form is Form.PERIODIC and one.mix.shape[1] == 1 else one.form
@@ -304,13 +305,13 @@ def told_as(one: Tried) -> Form:
 
 def table_of(one: Tried, amplitude: Array, level: float, by: dict[str, Scaled]) -> tuple[list[float], list[float]]:
     """Nodes and values of a table; both empty of every other form."""
-    if told_as(one) is not Form.TABLE:
+    if reported_form(one) is not Form.TABLE:
         return [], []
     if one.form is Form.PERIODIC:
         return _along_axis(one, float(amplitude[0]), level)
     v, share = by[one.over[0]], np.linspace(0.0, 1.0, NODES)
     waves = np.array([np.cos(np.pi * n * share) for n in range(1, SHAPES + 1)])
-    nodes = v.middle + v.spread * np.linspace(one.knobs["low"], one.knobs["high"], NODES)
+    nodes = v.middle + v.spread * np.linspace(one.shape_params["low"], one.shape_params["high"], NODES)
     return nodes.tolist(), (level + amplitude @ waves).tolist()
 
 

@@ -6,10 +6,10 @@ import numpy.typing as npt
 
 from control.machine.terms import Term, own_command
 
-from .search import Refit, Search
+from .search import FittedHypothesis, Search
 from .stages import RunData
 from .term_columns import ActedOn
-from .terms import Found, series_of_term
+from .terms import FittedTerm, series_of_term
 
 Array = npt.NDArray[np.float64]
 Eight = tuple[float, float, float, float, float, float, float, float]
@@ -37,12 +37,13 @@ def _eight(numbers: Array) -> Eight:
     return a, b, c, d, e, f, g, h
 
 
-def means_along(search: Search, now: Refit, found: Found, data: RunData) -> tuple[tuple[float, float, float], ...]:
+def means_along(search: Search, now: FittedHypothesis, found: FittedTerm,
+                data: RunData) -> tuple[tuple[float, float, float], ...]:
     """By classes of the term's first variable (of a product: of what the term says): place, the data's own mean, the
     term's mean.
 
-    The data's mean is what the channel leaves beside the hypothesis, in the unit of what the term acts on: least
-    squares of one constant for each class.
+    The data's mean is what the channel leaves once the hypothesis is fitted, in the unit of what the term acts on:
+    least squares of one constant for each class.
     """
     acted = ActedOn(search.model, now.parts, found.term.acts_on)
     channel = acted.channel
@@ -61,5 +62,5 @@ def means_along(search: Search, now: Refit, found: Found, data: RunData) -> tupl
     normal = columns @ columns.T * white ** 2 + 1e-9 * np.eye(len(columns))
     mean = np.linalg.solve(normal, columns @ left * white ** 2)
     count = np.maximum(1.0, inside.sum(axis=1))
-    told = inside @ values / count
-    return tuple(zip((inside @ along / count).tolist(), mean.tolist(), told.tolist(), strict=True))
+    said = inside @ values / count
+    return tuple(zip((inside @ along / count).tolist(), mean.tolist(), said.tolist(), strict=True))

@@ -39,13 +39,13 @@ from . import term_forms
 from .channels import ChannelSeries
 from .coarsening import even_gain
 from .held_out import amplitudes, errors_of, held_out
-from .hypothesis import Part
-from .search import Refit, Search
+from .hypothesis import EffectInstance
+from .search import FittedHypothesis, Search
 from .smooth import DOWNSTREAM, MIN_RANGE, RANGES
 from .stages import RunData
 from .term_columns import CHANNEL_OF, ActedOn, tried
 from .term_forms import Scaled, Tried
-from .term_ground import Ground, gain_of, gains_of_single, without
+from .term_residual import WhitenedResidual, gain_of, gains_of_single, without
 
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.bool_]
@@ -55,9 +55,9 @@ MIN_SCORE = 6.0             # of a scan, for a refit
 MAX_TERMS = 2               # of one group of channels
 VERIFIED = 4                # best of a scan that are refitted, their noise too ...
 FORMS_AGAIN = 3             # ... and best forms over a term's variable under the noise that it leaves
-FINENESS = (1.0, 0.5, 0.25)     # of the steps by which knobs are settled
+FINENESS = (1.0, 0.5, 0.25)     # of the steps by which shape parameters are settled
 FINER = (*FINENESS, 0.12, 0.06)     # of a box's edges
-LONGEST_ID = 76             # letters; adopted beside another of the same name it is given a number
+LONGEST_ID = 76             # letters; where another of the same name was adopted, it is given a number
 LEVEL_SD = 2.0              # s.d. of a level, that it must differ from nothing by ...
 LEVEL_SHARE = 0.05          # ... and so much of what its form does
 A_NAME = 0.97               # correlation with a name's size, above which a level is the name's
@@ -70,11 +70,11 @@ NARROWEST = 1e-3            # of a variable's spread, between two ends: nearer o
 # The wheel is held against the GNSS speed, whose own noise is a dependence on it; in a product with another variable
 # that noise adds up to nothing.
 NEVER_ALONE = {"speed": frozenset({"speed_mps"})}
-TURNS_SHARE = 1e-3          # of the fastest that a shaft is told: below, it is told to stand
+TURNS_SHARE = 1e-3          # of the fastest command: below, the shaft is commanded to stand
 SLOWER_THAN_HZ = 2.5        # forms are chosen by what is slower: the variables are means over a second and a half
 
 
-class Found(NamedTuple):
+class FittedTerm(NamedTuple):
     """A term that a log shows."""
 
     term: Term
@@ -137,34 +137,34 @@ class Dictionary:
         return self._made[acts]
 
 
-def found_terms(search: Search, dictionary: Dictionary, now: Refit,
-                not_over: frozenset[str] = frozenset()) -> list[Found]:
+def found_terms(search: Search, dictionary: Dictionary, now: FittedHypothesis,
+                not_over: frozenset[str] = frozenset()) -> list[FittedTerm]:
     """Terms on top of a hypothesis, the strongest first, each likelier with than without it. not_over : variables that
     no term is over alone."""
-    terms: list[Found] = []
+    terms: list[FittedTerm] = []
     for _ in range(MAX_TERMS):
         best = _best(search, dictionary, now, terms, not_over)
         if best is None:
             break
         terms.append(best)
-    return told_together(search, dictionary, now, terms) if len(terms) > 1 else terms
+    return refit_jointly(search, dictionary, now, terms) if len(terms) > 1 else terms
 
 
-def best_span(search: Search, dictionary: Dictionary, now: Refit, part: Part) -> Found | None:
+def best_span(search: Search, dictionary: Dictionary, now: FittedHypothesis, part: EffectInstance) -> FittedTerm | None:
     """The best constant that is there as long as a part, of any quantity, on top of a hypothesis: something unknown in
     the part's place. None where no quantity is looked at over time."""
     base = search.columns.of_hypothesis(now.parts)
-    knobs = {"low_end": part.onset_s or 0.0, "high_end": part.until_s or np.inf}
-    span = Tried(Form.SPAN, ("time_s",), knobs, np.ones((1, 1)), term_forms.SPAN_PLACES ** 2)
+    shape_params = {"low_end": part.onset_s or 0.0, "high_end": part.until_s or np.inf}
+    span = Tried(Form.SPAN, ("time_s",), shape_params, np.ones((1, 1)), term_forms.SPAN_PLACES ** 2)
     found = [_verified(search, now, base, 0, now.noise, _Candidate(acts, span, 0.0, 0.0), acted, variables)
              for acts, (acted, variables) in dictionary.of.items() if "time_s" in variables.one]
     best = max(found, key=lambda one: one.worth, default=None)
     return best and best._replace(field_percent=_field_percent(best.term, search.model.data))
 
 
-def told_together(search: Search, dictionary: Dictionary, now: Refit, terms: Sequence[Found]) -> list[Found]:
-    """The same terms with the sizes that they have beside each other and a hypothesis: the first was fitted before the
-    others came."""
+def refit_jointly(search: Search, dictionary: Dictionary, now: FittedHypothesis,
+                  terms: Sequence[FittedTerm]) -> list[FittedTerm]:
+    """The same terms with the sizes that they have together: the first was fitted before the others came."""
     names = search.columns.of_hypothesis(now.parts)
     columns: list[Column] = []
     levels: dict[Acts, int] = {}        # a quantity has one level, whatever terms act on it
@@ -190,20 +190,20 @@ def told_together(search: Search, dictionary: Dictionary, now: Refit, terms: Seq
     return found
 
 
-def levels_of(one: Found) -> int:
+def levels_of(one: FittedTerm) -> int:
     """How many of a term's columns are its level: none or one."""
     return int(len(one.columns) > one.tried.mix.shape[1])
 
 
-def _best(search: Search, dictionary: Dictionary, now: Refit, terms: Sequence[Found],
-          not_over: frozenset[str]) -> Found | None:
+def _best(search: Search, dictionary: Dictionary, now: FittedHypothesis, terms: Sequence[FittedTerm],
+          not_over: frozenset[str]) -> FittedTerm | None:
     """The likeliest term on top of a hypothesis and other terms; None where it is likelier without."""
     noise = terms[-1].noise if terms else now.noise
     held = [column for one in terms for column in one.columns]
     base = [*search.columns.of_hypothesis(now.parts), *held]
     verified = [_verified(search, now, base, len(held), noise, candidate, *dictionary.of[candidate.acts])
                 for candidate in _candidates(search, dictionary, now, base, noise)
-                if not set(candidate.tried.over) <= not_over or "constant" in candidate.tried.knobs]
+                if not set(candidate.tried.over) <= not_over or "constant" in candidate.tried.shape_params]
     best = max(verified, key=lambda one: one.worth, default=None)
     if best is None or best.worth <= prior.SAID:
         return None
@@ -212,14 +212,14 @@ def _best(search: Search, dictionary: Dictionary, now: Refit, terms: Sequence[Fo
                          held_out=held_out_gain(search, now, base, best))
 
 
-def _form_again(search: Search, now: Refit, base: Sequence[Column], held: int, one: Found,
-                dictionary: Dictionary) -> Found:
+def _form_again(search: Search, now: FittedHypothesis, base: Sequence[Column], held: int, one: FittedTerm,
+                dictionary: Dictionary) -> FittedTerm:
     """The best form over the same variable under the noise that a term leaves: without it drift stood for a part of
     what it does, and bent the choice."""
-    if len(one.tried.over) > 1 or one.tried.form in (Form.SPAN, Form.PERIODIC) or "constant" in one.tried.knobs:
+    if len(one.tried.over) > 1 or one.tried.form in (Form.SPAN, Form.PERIODIC) or "constant" in one.tried.shape_params:
         return one
     acted, variables = dictionary.of[one.term.acts_on]
-    ground = Ground(search.columns, now.parts, base, one.noise)
+    ground = WhitenedResidual(search.columns, now.parts, base, one.noise)
     entries = [entry._replace(forms=tuple(form for form in entry.forms if form.form is kind))
                for entry in dictionary.entries(one.term.acts_on) if entry.forms[0].over == one.tried.over
                for kind in dict.fromkeys(form.form for form in entry.forms)]
@@ -228,16 +228,16 @@ def _form_again(search: Search, now: Refit, base: Sequence[Column], held: int, o
     return max([one, *again], key=lambda found: found.worth)
 
 
-def _candidates(search: Search, dictionary: Dictionary, now: Refit, base: Sequence[Column],
+def _candidates(search: Search, dictionary: Dictionary, now: FittedHypothesis, base: Sequence[Column],
                 noise: dict[str, Noise]) -> list[_Candidate]:
     """The best under the noise that the hypothesis leaves, which may hide a slow form, and under a calm one, under
     which drift looks like one: of each quantity and variables one form under each."""
     chosen: dict[tuple[Acts, tuple[str, ...], Form, int], _Candidate] = {}
-    still = Ground(search.columns, now.parts, base, _still(noise))
-    boxes = _scanned(still, dictionary, of_boxes=True)
+    still = WhitenedResidual(search.columns, now.parts, base, _still(noise))
+    temporary = _scanned(still, dictionary, of_temporary=True)
     for start in _starts(search, noise):
-        ground = Ground(search.columns, now.parts, base, start)
-        found = sorted([*_scanned(ground, dictionary, of_boxes=False), *boxes], key=lambda c: -c.score)
+        ground = WhitenedResidual(search.columns, now.parts, base, start)
+        found = sorted([*_scanned(ground, dictionary, of_temporary=False), *temporary], key=lambda c: -c.score)
         plain = [one for one in found if len(one.tried.over) == 1 and one.tried.form is not Form.SPAN]
         jumps = [one for one in plain if one.tried.form in OF_JUMPS]
         for one in (*found[:VERIFIED], *plain[:1], *jumps[:1]):     # a strong form of one leads in many products
@@ -252,7 +252,7 @@ def _starts(search: Search, noise: dict[str, Noise]) -> list[dict[str, Noise]]:
 
 
 def _still(noise: dict[str, Noise]) -> dict[str, Noise]:
-    """The same with hardly a drift: only then is a box in time told whose edges are half a class off."""
+    """The same with hardly a drift: only then is a temporary term seen whose edges are half a class off."""
     return {name: Noise((*one.theta[:2], float(np.log(STILL * one.fast_sd)), one.theta[3]))
             for name, one in noise.items()}
 
@@ -282,7 +282,7 @@ def _variables(data: RunData, machine: Machine, acts: Acts) -> _Variables:
 
 
 def _names(data: RunData, acts: Acts) -> list[str]:
-    """What a quantity may depend on; of the shaft, boxes in time are looked for in r/min."""
+    """What a quantity may depend on; of the shaft, temporary terms are looked for in r/min."""
     stage = STAGE_OF[acts]
     further = [name for name in data.variables if name not in MIN_RANGE]
     names = [name for name in (*MIN_RANGE, *further)
@@ -308,15 +308,15 @@ def _with_one(variables: _Variables, names: Sequence[str], last: str) -> term_fo
 
 
 def _has_level(acts: Acts, form: Tried) -> bool:
-    """Whether a level is open beside a form: it would take upon itself what a variable does that is never alone."""
+    """Whether a form has a free level: it would take up what a variable does that is never alone."""
     never_alone = NEVER_ALONE.get(STAGE_OF[acts], frozenset())
-    return "constant" not in form.knobs and form.over != ("time_s",) and not never_alone & set(form.over)
+    return "constant" not in form.shape_params and form.over != ("time_s",) and not never_alone & set(form.over)
 
 
 def _entries(acted: ActedOn, variables: _Variables, data: RunData) -> Iterator[_Entry]:
     """The dictionary of one quantity."""
     ones, channel = acted.of(np.ones((1, len(data.row_s)))), acted.channel
-    if acted.acts is Acts.SHAFT_RPM:            # a constant number of r/min lost of whatever the shaft is told
+    if acted.acts is Acts.SHAFT_RPM:            # a constant number of r/min lost of every command
         form = Tried(Form.SATURATION, ("shaft_rpm",), {"constant": 1.0}, np.ones((1, 1)), 1)
         yield _Entry((form,), _kept(ones, channel, 1.0), False)
     share = min(1.0, 2.0 * SLOWER_THAN_HZ * channel.grid.step_s)
@@ -342,13 +342,13 @@ def _kept(series: Array, channel: ChannelSeries, share: float) -> npt.NDArray[np
     return np.ascontiguousarray(every[:, :max(64, int(share * every.shape[1]))], dtype=np.float32)
 
 
-def _scanned(ground: Ground, dictionary: Dictionary, of_boxes: bool) -> list[_Candidate]:
-    """The whole dictionary under a given noise: its boxes in time, or all else."""
+def _scanned(ground: WhitenedResidual, dictionary: Dictionary, of_temporary: bool) -> list[_Candidate]:
+    """The whole dictionary under a given noise: its temporary terms, or all else."""
     return [one for acts, (acted, _) in dictionary.of.items() for one in _scan(ground, acted, [
-        entry for entry in dictionary.entries(acts) if (entry.forms[0].form is Form.SPAN) == of_boxes])]
+        entry for entry in dictionary.entries(acts) if (entry.forms[0].form is Form.SPAN) == of_temporary])]
 
 
-def _scan(ground: Ground, acted: ActedOn, entries: Sequence[_Entry]) -> list[_Candidate]:
+def _scan(ground: WhitenedResidual, acted: ActedOn, entries: Sequence[_Entry]) -> list[_Candidate]:
     """The best form over each variable, or two, under a given noise."""
     found: list[_Candidate] = []
     for entry in entries:
@@ -371,10 +371,10 @@ def _scan(ground: Ground, acted: ActedOn, entries: Sequence[_Entry]) -> list[_Ca
 
 def _form_series(one: Tried, variables: _Variables, data: RunData) -> Array:
     """A form's columns over the rows: (amplitudes, rows)."""
-    if "constant" in one.knobs:
+    if "constant" in one.shape_params:
         return np.ones((1, len(data.row_s)))
     if one.form in (Form.HINGE, Form.THRESHOLD, Form.SATURATION, Form.DEAD_ZONE, Form.MEMORY, Form.SIDE, Form.SPAN):
-        return term_forms.again(one, variables.by_name, data.row_s)
+        return term_forms.columns_at(one, variables.by_name, data.row_s)
     if one.form is not Form.PRODUCT:
         basis = term_forms.over_one(variables.by_name[one.over[0]], data.row_s, variables.work)
     elif one.over[1] in variables.never_alone:
@@ -382,13 +382,13 @@ def _form_series(one: Tried, variables: _Variables, data: RunData) -> Array:
     else:
         basis = term_forms.over_two([variables.by_name[name] for name in one.over])
     for form in basis.forms:
-        if form.form is one.form and form.knobs == one.knobs:
+        if form.form is one.form and form.shape_params == one.shape_params:
             return np.asarray(form.mix.T @ basis.series)
     raise ValueError(f"form {one.form.value} is not among those tried")
 
 
-def _settled(ground: Ground, one: Tried, acted: ActedOn, variables: _Variables, data: RunData) -> Tried:
-    """Knobs moved in ever smaller steps to where they gain most."""
+def _settled(ground: WhitenedResidual, one: Tried, acted: ActedOn, variables: _Variables, data: RunData) -> Tried:
+    """Shape parameters moved in ever smaller steps to where they gain most."""
     level = _has_level(acted.acts, one)
 
     def gain(form: Tried) -> float:
@@ -396,15 +396,15 @@ def _settled(ground: Ground, one: Tried, acted: ActedOn, variables: _Variables, 
         if level:
             series = np.concatenate((series, acted.of(np.ones((1, len(data.row_s))))))
         return gain_of(*ground.products(acted.channel, series), np.eye(len(series)))[0]
-    if "constant" in one.knobs:
+    if "constant" in one.shape_params:
         return one
     best = gain(one)
     for fineness in FINER if one.form in OF_JUMPS else FINENESS:
         for name in term_forms.movable(one):
             for way in (-1.0, 1.0):
                 value = term_forms.moved(one, name, way * fineness, variables.by_name)
-                form = one._replace(knobs={**one.knobs, name: value})
-                if form.knobs.get("high_end", np.inf) - form.knobs.get("low_end", -np.inf) < NARROWEST:
+                form = one._replace(shape_params={**one.shape_params, name: value})
+                if form.shape_params.get("high_end", np.inf) - form.shape_params.get("low_end", -np.inf) < NARROWEST:
                     continue
                 here = gain(form)
                 if here > best:
@@ -428,8 +428,8 @@ class _Fits(NamedTuple):
         return 2.0 * (self.full.log_likelihood - self.plain.log_likelihood)
 
 
-def _fits(search: Search, now: Refit, base: Sequence[Column], held: int, noise: dict[str, Noise], form: Tried,
-          acted: ActedOn, variables: _Variables) -> _Fits:
+def _fits(search: Search, now: FittedHypothesis, base: Sequence[Column], held: int, noise: dict[str, Noise],
+          form: Tried, acted: ActedOn, variables: _Variables) -> _Fits:
     data, channel = search.model.data, acted.channel
     series = acted.of(_form_series(form, variables, data))
     level = acted.of(np.ones((1, len(data.row_s)))) if _has_level(acted.acts, form) else series[:0]
@@ -452,7 +452,7 @@ def _fits(search: Search, now: Refit, base: Sequence[Column], held: int, noise: 
 
 
 class _Level(NamedTuple):
-    """The level that a quantity has beside a form."""
+    """The level that a quantity has along with a form."""
 
     value: float                        # in its unit, what the tolerances give of it with it; 0: not sure
     tolerance: float                    # s.d. of what the tolerances may give of it
@@ -462,12 +462,12 @@ NO_LEVEL = _Level(0.0, 0.0)
 
 
 def _level(fit: Fit, at: int, base: Sequence[Column], own: Column, spread: float) -> _Level:
-    """The level that a fit has in place `at` beside a form, where the log holds it: a slow drift of this log is no
+    """The level that a fit has in place `at` along with a form, where the log holds it: a slow drift of this log is no
     trait of the machine, and what a name of the hypothesis does is the name's.
 
-    What is the form's mean and what a nominal value that is off within its tolerance no log tells; their sum is told,
-    and is what the machine does. base : columns before the terms'. own : the level's. spread : of the form over the
-    log, s.d.: no form is quite right, and a small share of it is no level.
+    What is the form's mean and what a nominal value that is off within its tolerance no log tells; their sum is
+    reported, and is what the machine does. base : columns before the terms'. own : the level's. spread : of the form
+    over the log, s.d.: no form is quite right, and a small share of it is no level.
     """
     covariance = fit.covariance
     sd = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
@@ -496,12 +496,12 @@ def _along(one: Column, level: Column) -> float:
     return along / max(size, 1e-300) if abs(along) > A_LEVEL * np.sqrt(float(a @ a) * size) else 0.0
 
 
-def _verified(search: Search, now: Refit, base: Sequence[Column], held: int, noise: dict[str, Noise], one: _Candidate,
-              acted: ActedOn, variables: _Variables) -> Found:
-    """A candidate with its knobs settled, refitted with the noise."""
+def _verified(search: Search, now: FittedHypothesis, base: Sequence[Column], held: int, noise: dict[str, Noise],
+              one: _Candidate, acted: ActedOn, variables: _Variables) -> FittedTerm:
+    """A candidate with its shape parameters settled, refitted with the noise."""
     data, channel = search.model.data, acted.channel
     quiet = _still(noise) if one.tried.form in OF_JUMPS else _starts(search, noise)[-1]
-    form = _settled(Ground(search.columns, now.parts, base, quiet), one.tried, acted, variables, data)
+    form = _settled(WhitenedResidual(search.columns, now.parts, base, quiet), one.tried, acted, variables, data)
     fits = _fits(search, now, base, held, noise, form, acted, variables)
     amplitude, levels = fits.full.amplitude[len(base):], fits.levels
     trace = coefficients(amplitude @ fits.series, channel.cut)
@@ -509,14 +509,14 @@ def _verified(search: Search, now: Refit, base: Sequence[Column], held: int, noi
     spread = float(np.std(amplitude[levels:] @ _form_series(form, variables, data)))
     level = _level(fits.full, len(base), base, fits.columns[0], spread) if levels else NO_LEVEL
     log_prior = _log_prior(search, one, variables) + fits.log_weight
-    return Found(_term(one.acts, form, amplitude[levels:], level.value, fits.full, len(base) + levels, variables, data),
-                 form, fits.gain, _worth(search, now, base, held, fits, trace, channel.name) + log_prior,
+    term = _term(one.acts, form, amplitude[levels:], level.value, fits.full, len(base) + levels, variables, data)
+    return FittedTerm(term, form, fits.gain, _worth(search, now, base, held, fits, trace, channel.name) + log_prior,
                  fits.columns, Column(Label(Role.TRACE), {channel.name: trace}, np.inf),
                  _explained(search, now, base, held, fits, channel.name, own), 0.0, fits.full.noise,
                  fits.full.log_evidence, log_prior, tolerance=level.tolerance)
 
 
-def _worth(search: Search, now: Refit, base: Sequence[Column], held: int, fits: _Fits, trace: Array,
+def _worth(search: Search, now: FittedHypothesis, base: Sequence[Column], held: int, fits: _Fits, trace: Array,
            name: str) -> float:
     """What a form adds to the log evidence: its likelihood as far as it is evidence, its sizes integrated."""
     gain = fits.full.log_likelihood - fits.plain.log_likelihood
@@ -533,7 +533,7 @@ def _log_prior(search: Search, one: _Candidate, variables: _Variables) -> float:
     return prior.log_odds_of_form(len(tried(search.model)), count, one.tried.places, one.tried.form is Form.SPAN)
 
 
-def _explained(search: Search, now: Refit, base: Sequence[Column], held: int, fits: _Fits, name: str,
+def _explained(search: Search, now: FittedHypothesis, base: Sequence[Column], held: int, fits: _Fits, name: str,
                own: Array) -> float:
     """Share of what is left of a channel that a form explains, as variance."""
     p, _ = search.columns.compressed(now.parts, [*base[len(base) - held:], *fits.columns])
@@ -544,16 +544,16 @@ def _explained(search: Search, now: Refit, base: Sequence[Column], held: int, fi
 def _term(acts: Acts, form: Tried, sizes: Array, level: float, fit: Fit, at: int, variables: _Variables,
           data: RunData) -> Term:
     """The term of a form's amplitudes, which a fit has from place `at` on, and its level."""
-    stage, told_as = STAGE_OF[acts], term_forms.told_as(form)
+    stage, reported_form = STAGE_OF[acts], term_forms.reported_form(form)
     over: list[dict[str, Any]]
     nodes: list[float]
     values: list[float]
     sd = np.sqrt(np.maximum(np.diag(fit.covariance)[at:], 0.0))
     within = Z90 * float(np.max(sd / np.maximum(np.abs(sizes), 1e-300))) if len(sizes) == 1 else None
-    if "constant" in form.knobs:
-        told = data.inputs[own_command("shaft", "shaft_rpm")]
-        turning = told > TURNS_SHARE * float(told.max(initial=0.0))
-        least = float(np.min(told[turning], initial=abs(float(sizes[0])) + 1e-3))
+    if "constant" in form.shape_params:
+        commanded = data.inputs[own_command("shaft", "shaft_rpm")]
+        turning = commanded > TURNS_SHARE * float(commanded.max(initial=0.0))
+        least = float(np.min(commanded[turning], initial=abs(float(sizes[0])) + 1e-3))
         end = min(max(abs(float(sizes[0])), 1e-3), least)
         numbers = {"slope": float(sizes[0]) / end, "low_end": 0.0, "high_end": end}
         over = [{"name": "shaft_rpm"}]
@@ -569,7 +569,7 @@ def _term(acts: Acts, form: Tried, sizes: Array, level: float, fit: Fit, at: int
         middle, half = numbers[main], abs(numbers[main]) * within
         intervals = (Interval(main, middle - half, middle + half),)
     return Term.model_validate({
-        "id": _id(f"{stage}.{told_as.value}_{'_'.join(form.over)}"), "acts_on": acts, "form": told_as,
+        "id": _id(f"{stage}.{reported_form.value}_{'_'.join(form.over)}"), "acts_on": acts, "form": reported_form,
         "over": over, "coefficients": {name: float(value) for name, value in numbers.items()}, "intervals": intervals,
         "nodes": tuple(nodes), "values": tuple(values)})
 
@@ -597,7 +597,7 @@ def _field_percent(term: Term, data: RunData) -> float:
     return float(np.std(wrong))
 
 
-def held_out_gain(search: Search, now: Refit, base: Sequence[Column], one: Found) -> float:
+def held_out_gain(search: Search, now: FittedHypothesis, base: Sequence[Column], one: FittedTerm) -> float:
     """Share of the held-out mean square error that a term takes away, its amplitudes fitted to the other blocks."""
     name = CHANNEL_OF[one.term.acts_on]
     channel = search.model.channel(name)

@@ -25,7 +25,7 @@ from control.diagnosis.effects import (
 )
 from control.machine.machine import Machine, bounds
 
-from .hypothesis import Part, Parts, stages_of
+from .hypothesis import EffectInstance, Hypothesis, stages_of
 from .search import Search
 
 Array = npt.NDArray[np.float64]
@@ -44,11 +44,11 @@ NUDGE = 0.01                # of the usual size: difference for a slope
 STARTS_AT = 0.2             # of the usual size: inside the bounds, where every slope can be taken
 
 
-def started(search: Search, now: Parts) -> Iterator[Parts]:
+def started(search: Search, now: Hypothesis) -> Iterator[Hypothesis]:
     """Hypotheses with several sizes fitted together, in place of whatever of the same curve a hypothesis holds."""
     model = search.model
     if "shaft" not in model.names or (now and not model.channel("shaft").settled):
-        return              # beside moves a curve's parts are also seen one by one: once will do
+        return              # in a log of moves a curve's parts are also seen one by one: once will do
     tried = {c.part.id for c in search.candidates if c.part.onset_s is None}
     back = tuple(one for one in BACKWARDS if one in tried)
     others = tuple(part for part in now if part.id not in FAMILY or part.onset_s is not None)
@@ -59,18 +59,18 @@ def started(search: Search, now: Parts) -> Iterator[Parts]:
                 yield fitted_together(search, others, (*curve, *more))
 
 
-def fitted_together(search: Search, others: Parts, names: Sequence[str], rows: Rows | None = None,
-                    start: Parts = ()) -> Parts:
-    """Parts of these names beside others, with the sizes of least squares over all rows alike. rows : of the channel's
-    even grid, that are fitted to (m,). start : the same parts with sizes to start from."""
+def fitted_together(search: Search, others: Hypothesis, names: Sequence[str], rows: Rows | None = None,
+                    start: Hypothesis = ()) -> Hypothesis:
+    """Parts of these names, fitted with the others by least squares over all rows alike. rows : of the channel's even
+    grid, that are fitted to (m,). start : the same parts with sizes to start from."""
     from scipy.optimize import least_squares  # three tenths of a second: where it is asked for
     model, machine = search.model, search.model.machine
     channel, base = model.channel("shaft"), stages_of(machine)
     usual = np.array([ROWS[name].on(machine).usual for name in names])
     low, high = np.array([bounds(name, machine) for name in names]).T
 
-    def parts(sizes: Array) -> Parts:
-        return (*others, *(Part(name, float(size)) for name, size in zip(names, sizes, strict=True)))
+    def parts(sizes: Array) -> Hypothesis:
+        return (*others, *(EffectInstance(name, float(size)) for name, size in zip(names, sizes, strict=True)))
 
     def left(sizes: Array) -> Array:
         whole = channel.measured - model.run(parts(sizes), base, ("shaft",))["shaft"]

@@ -12,8 +12,8 @@ from control.diagnosis.judgement.checks import drifts, is_loud, line_s
 from control.diagnosis.judgement.evidence import problem, solved, taken_off
 
 from .channels import ChannelSeries
-from .hum import QUICK_S
-from .selection import Judged
+from .narrowband import QUICK_S
+from .selection import GroupResult
 
 Array = npt.NDArray[np.float64]
 
@@ -35,7 +35,7 @@ class Remains(NamedTuple):
         return float(np.sum(self.rest ** 2))
 
 
-def unknown_share(one: Judged, k: int, rest: Collection[Remains]) -> float:
+def unknown_share(one: GroupResult, k: int, rest: Collection[Remains]) -> float:
     """Probability that part k stands for something else, where channels that it moves have more left than noise: of
     all that is no noise there, the share that the model with the part does not take away."""
     if not rest:
@@ -49,7 +49,7 @@ def unknown_share(one: Judged, k: int, rest: Collection[Remains]) -> float:
     return share
 
 
-def remains(one: Judged, read_off: Collection[str] = ()) -> list[Remains]:
+def remains(one: GroupResult, read_off: Collection[str] = ()) -> list[Remains]:
     """What the channels of a group have left, once their named effects and tolerances are off, that is not noise.
 
     read_off : channels whose spells were taken out before the search: the short ones, unseen, leave a drift behind.
@@ -73,7 +73,7 @@ def remains(one: Judged, read_off: Collection[str] = ()) -> list[Remains]:
     return found
 
 
-def _rest(one: Judged) -> dict[str, Array]:
+def _rest(one: GroupResult) -> dict[str, Array]:
     """Banded coefficients (m,) by channel, with all taken off that the hypothesis can take up."""
     columns, parts = one.search.columns, one.found.parts
     base, banded = columns.of_hypothesis(parts), columns.model.banded_residual(parts)
@@ -82,7 +82,7 @@ def _rest(one: Judged) -> dict[str, Array]:
     return taken_off(banded, base, amplitude)
 
 
-def _nearest(one: Judged, channel: ChannelSeries, left: Array) -> str:
+def _nearest(one: GroupResult, channel: ChannelSeries, left: Array) -> str:
     """The effect whose trace is most like what is `left` of a channel (m,), noise apart; "" where none is like it."""
     best, like = "", LIKE
     for candidate in one.search.candidates:

@@ -11,17 +11,18 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import expit, ndtr
 
+from control.diagnosis.judgement.evidence import Z90
+
 from .changes import NEAR, Stretch
 from .evidence import Array
 from .forms import Logs, OneLog, stacked
 from .mixed import MACHINE, Alternative, Cause, Levels, Solved, found, levels_of, scan, solved
 
-Z90 = 1.645
 WEAR_P = 1e-3               # of a slope, that it is noise
 REPAIR_SHARE = 0.25         # of an effect, that a repair takes away at least
 SAID = 0.1                  # probability from which on a change is named
 AROUND = 5                  # logs on either side of a change, of which its sizes are taken
-SAME_LOGS = 0.9             # of two levels' logs: then the one is not told from the other
+SAME_LOGS = 0.9             # of two levels' logs: then the two are not told apart
 
 
 class Piece(NamedTuple):
@@ -103,7 +104,7 @@ class Same(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """levels: of every effect that is told, every level of every factor, what is told among them."""
+    """levels: of every effect that is reported, every level of every factor, those reported among them."""
 
     courses: tuple[Course, ...] = ()
     shared: tuple[Shared, ...] = ()
@@ -133,7 +134,7 @@ def fitted(logs: Sequence[OneLog]) -> Fit:
 
 
 def _course(logs: Logs, cause: Cause, mean: Array, cov: Array, post: Solved) -> Course:
-    """Each log's own size: what all other terms leave, at their means beside this one."""
+    """Each log's own size: what all other terms leave, at their means, with this one left in."""
     assert cause.course is not None
     at, times_d = cause.at, logs.times_d[cause.at]
     variance = 1.0 / post.normal[at, cause.effect, cause.effect]        # the scatter in it
@@ -192,16 +193,16 @@ def _nearer_zero(was: float, was_variance: float, is_: float, is_variance: float
 
 def _levels(logs: Logs, levels: Levels, causes: Sequence[Cause], post: Solved, courses_: Sequence[Course],
             shared: Sequence[Shared]) -> Iterator[Shared]:
-    """Every level of every effect that is told: as told, else shrunk to zero by the other levels of its factor."""
+    """Every level of every effect that is reported: as reported, else shrunk by the other levels of its factor."""
     seen = scan(logs, post, levels, causes)
-    told = {(one.factor, one.level, one.effect): one for one in shared} | {
+    shown = {(one.factor, one.level, one.effect): one for one in shared} | {
         (MACHINE, one.machine, one.effect): Shared(MACHINE, one.machine, one.effect, one.mean, one.mean_half,
                                                    one.probability, len(one.times_d), one.alternatives)
         for one in courses_}
     for effect in sorted({cause.effect for cause in causes}):
         for row in np.flatnonzero(seen.odds[:, effect] > -np.inf):      # what a level cannot do is no row
             factor, level = levels.keys[row]
-            own = told.get((factor, level, logs.names[effect]))
+            own = shown.get((factor, level, logs.names[effect]))
             precision = seen.information[row, effect] + seen.tau[row, effect] ** -2.0
             yield own if own is not None else Shared(
                 factor, level, logs.names[effect], float(seen.score[row, effect] / precision),

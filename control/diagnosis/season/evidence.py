@@ -18,7 +18,7 @@ from control.diagnosis.judgement.evidence import Column, Role, calm, fitted, sol
 from control.diagnosis.result import Diagnosis
 from control.diagnosis.runs.cost import field_cost
 from control.diagnosis.runs.diagnose import judged_run
-from control.diagnosis.runs.selection import Judged
+from control.diagnosis.runs.selection import GroupResult
 from control.diagnosis.runs.stages import RunData
 from control.machine.machine import Machine, unit_of
 
@@ -63,7 +63,7 @@ class LogEvidence(NamedTuple):
 
 
 def evidence(columns: Columns, machine: Machine, path: str = "") -> LogEvidence:
-    """A full diagnosis, and the forms beside it. Raises ValueError as `diagnose_run` does."""
+    """A full diagnosis, and the forms along with it. Raises ValueError as `diagnose_run` does."""
     run = judged_run(columns, machine, path=path)
     forms = tuple(form for one in run.groups if (form := _form(one)) is not None)
     percent, units = {}, {}
@@ -77,7 +77,7 @@ def evidence(columns: Columns, machine: Machine, path: str = "") -> LogEvidence:
     return LogEvidence(run.found, forms, percent, units, worked(columns, machine))
 
 
-def _form(one: Judged) -> Form | None:
+def _form(one: GroupResult) -> Form | None:
     """Of one group, near nothing wrong.
 
     The noise is fitted with every effect free and what was found in place: noise fitted to what an effect has left
@@ -126,10 +126,10 @@ def _name(effect_id: str, member: int | None) -> str:
 
 
 def _percent(effect_id: str, machine: Machine, data: RunData) -> float | None:
-    from control.diagnosis.runs.hypothesis import Part
+    from control.diagnosis.runs.hypothesis import EffectInstance
     probe = ROWS[effect_id].on(machine).probe
     assert probe is not None
-    error = field_cost(Part(effect_id, 4.0 * probe), machine, data).rate_error_percent      # it is rounded
+    error = field_cost(EffectInstance(effect_id, 4.0 * probe), machine, data).rate_error_percent      # it is rounded
     return None if error is None else error / (4.0 * probe)
 
 

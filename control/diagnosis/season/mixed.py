@@ -1,6 +1,6 @@
 """One model of a whole season: what machine, operator, product, field and time each do to every effect.
 
-The size of effect e in log j is a sum over the levels that the log has, beside its own scatter:
+The size of effect e in log j is a sum over the levels that the log has, along with its own scatter:
 
     x_je = machine_me(t) + operator_oe + product_pe + field_fe + fleet_e + scatter_je
 
@@ -45,7 +45,7 @@ from .evidence import Array
 from .forms import Ints, Logs, with_scatter
 
 PRIOR = 1e-3                # that one level does one effect: of the some thousand pairs of a season about one does
-SURE = 0.95                 # probability from which on a level is told; of thousands of pairs noise gives 0.1
+SURE = 0.95                 # probability from which on a level is reported; of thousands of pairs noise gives 0.1
 GRID = (0.1, 0.3, 1.0)      # of an effect's usual size: tau of the slab; levels of a factor may differ by less
 COARSE = 0.005              # of a gain: what tempers alternatives; behind by 3 % of it is one in twenty
 MOST = 60                   # causes of a season
@@ -54,7 +54,7 @@ SHOWN = 0.05                # probability from which on an alternative is named
 CURVE_DF, LEAST_LOGS = 5, 3             # of a smooth course, and logs for each number of it
 NOTHING = 1e-6              # of a level's information: what no other term takes, to rounding
 MACHINE, FLEET = "machine", "fleet"
-SHAPES = ("rise", "fall")   # of a machine's course, beside one that stands
+SHAPES = ("rise", "fall")   # of a machine's course, besides one that stands
 # Stages whose effects a single machine has, or all by the way in which they are made and calibrated: what a scale
 # reads wrong comes from its cells, its amplifier and its calibration weight. They are bolted to the machine, whoever
 # drives it, whatever it spreads and wherever it stands; pitch and time of day are inputs of their effects.
@@ -120,7 +120,7 @@ class Scattered(NamedTuple):
 
 
 class Scan(NamedTuple):
-    """Every level and effect beside what is there: (levels, q). odds: log of, for against."""
+    """Every level and effect along with what is there: (levels, q). odds: log of, for against."""
 
     score: Array
     information: Array
@@ -202,12 +202,12 @@ def smooth(times_d: Array, score: Array, information: Array) -> tuple[Array, flo
     weighted = rows * information[:, None]
     inverse = np.linalg.pinv(rows.T @ weighted)
     curve = rows @ (inverse @ (rows.T @ score))
-    told = information > 0.0
-    free = int(told.sum()) - int(np.linalg.matrix_rank(rows[told])) if told.any() else 0
+    known = information > 0.0
+    free = int(known.sum()) - int(np.linalg.matrix_rank(rows[known])) if known.any() else 0
     reach = float(information.sum()) - float(np.trace(inverse @ (weighted.T @ weighted)))
     if free < 1 or reach <= 0.0:
         return curve, 0.0
-    excess = float(np.sum((score - information * curve)[told] ** 2 / information[told])) - free
+    excess = float(np.sum((score - information * curve)[known] ** 2 / information[known])) - free
     return curve, max(0.0, excess / reach)
 
 
@@ -298,7 +298,7 @@ def found(logs: Logs) -> list[Cause]:
 
 
 def _swept(logs: Logs, levels: Levels, causes: list[Cause], by_machines: bool) -> list[Cause]:
-    """Each cause left out and asked again beside the others."""
+    """Each cause left out and asked again along with the others."""
     for cause in list(causes):
         at = next((k for k, one in enumerate(causes) if one is cause), None)
         if at is None:                  # something else stands for it by now
@@ -347,7 +347,7 @@ def _with_shapes(logs: Logs, levels: Levels) -> Levels:
 
 def _next(logs: Logs, levels: Levels, causes: Sequence[Cause], only: Sequence[int] | None = None,
           effect: int | None = None) -> Cause | None:
-    """What is surest beside what is there; of `only` these levels and this effect, where they are given."""
+    """What is surest along with what is there; of `only` these levels and this effect, where they are given."""
     shaped = _with_shapes(logs, levels)
     seen = scan(logs, solved(logs, causes), shaped, causes).odds
     odds = seen[:len(levels.keys)].copy()
@@ -439,7 +439,7 @@ def _of_stretches(times_d: Array, at: Ints, course: Partition, sd: float) -> tup
 
 
 def _asked_again(logs: Logs, levels: Levels, others: Sequence[Cause], cause: Cause) -> Cause | None:
-    """The cause beside all others as they stand now, under its likeliest name; None where it is not sure any more."""
+    """The cause along with all others as they stand now, under its likeliest name; None where it is no longer sure."""
     post, prior = solved(logs, others), names_prior(logs, levels, others)
     extra = scatters(logs, post, _taken(logs, others))
     alike = _alternatives(logs, levels, others, post, extra, prior, cause)

@@ -15,8 +15,8 @@ LEAST_OPERATOR_LOGS = 5
 LOW_RATIO = 2.0             # times the others' minutes an hour
 
 
-class Told(NamedTuple):
-    """One log beside its evidence. percent: dose error per unit of an effect. shared: factor -> level."""
+class OwnersLog(NamedTuple):
+    """One log along with its evidence. percent: dose error per unit of an effect. shared: factor -> level."""
 
     key: str
     machine: str
@@ -64,14 +64,14 @@ class Low(NamedTuple):
     p: float
 
 
-def machines(told: Sequence[Told], fit: Fit) -> list[MachineSeason]:
+def machines(logs: Sequence[OwnersLog], fit: Fit) -> list[MachineSeason]:
     """Worst first, by kilograms. What a product shares is the product's, and counts where it was spread.
 
     Each effect's kilograms count by themselves; in the sum of a log effects may make up for each other.
     """
     result = []
-    for machine in sorted({one.machine for one in told}):
-        own = sorted((one for one in told if one.machine == machine), key=lambda one: one.time_d)
+    for machine in sorted({one.machine for one in logs}):
+        own = sorted((one for one in logs if one.machine == machine), key=lambda one: one.time_d)
         kg = np.array([one.worked.applied_kg for one in own])
         mine = [_doses(one, own) for one in fit.courses if one.machine == machine]
         others = [_doses(one, own) for one in fit.shared]
@@ -93,7 +93,7 @@ def _costs(of: Sequence[Doses], kg: Array) -> tuple[Cost, ...]:
     return tuple(sorted(found, key=lambda one: (-one.kg, -one.most_kg)))
 
 
-def _doses(cause: Course | Shared, own: Sequence[Told]) -> Doses:
+def _doses(cause: Course | Shared, own: Sequence[OwnersLog]) -> Doses:
     """Dose error in % of each log: what all of the set agree on, and that of the set's largest."""
     sizes = np.array([at(cause, one.time_d) if isinstance(cause, Course) else cause.size * has(cause, one)
                       for one in own])
@@ -107,7 +107,7 @@ def _doses(cause: Course | Shared, own: Sequence[Told]) -> Doses:
     return cause, agreed, doses[np.argmax(np.abs(doses), axis=0), np.arange(len(own))]
 
 
-def has(one: Shared, log: Told) -> bool:
+def has(one: Shared, log: OwnersLog) -> bool:
     """Whether a log is of a level."""
     return one.factor == FLEET or log.shared.get(one.factor) == one.level
 
@@ -131,11 +131,11 @@ def still_there(cause: Course | Shared) -> bool:
     return abs(last.end) > last.end_half
 
 
-def low_hoppers(told: Sequence[Told]) -> list[Low]:
+def low_hoppers(logs: Sequence[OwnersLog]) -> list[Low]:
     """Operators whose hours with a nearly empty hopper are more than the others' (Mann and Whitney's test)."""
     found = []
     rates = [(one.shared.get("operator", ""), 60.0 * one.worked.low_minutes / max(60.0 * one.worked.hours, 1e-9))
-             for one in told if one.worked.hours > 0.0]
+             for one in logs if one.worked.hours > 0.0]
     for operator in sorted({name for name, _ in rates if name}):
         own = [rate for name, rate in rates if name == operator]
         others = [rate for name, rate in rates if name and name != operator]

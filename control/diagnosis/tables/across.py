@@ -2,7 +2,7 @@
 them, in its own unit.
 
 A lag measured as a distance and one measured as a time are reconciled by a speed; two times by a factor or a delay; two
-distances by a factor or a length. Of the two that are possible the one that leaves the smaller residual is told first.
+distances by a factor or a length. Of the two that are possible the one that leaves the smaller residual is shown first.
 """
 from __future__ import annotations
 
@@ -170,22 +170,22 @@ def sentence(pair: Across) -> str:
         return f"{pair.first.name} and {pair.second.name} say the same: {pair.kind} {_span(pair, 1.0, '.3f')}, in " \
                f"{pair.holds} of {pair.rows} rows"
     if pair.kind == "speed":
-        told = f"a speed of {_span(pair, KMH, '.2f')} km/h"
+        by_what = f"a speed of {_span(pair, KMH, '.2f')} km/h"
         written = "" if pair.first.mps is None else f"; {KMH * pair.first.mps:.2f} km/h is written"
     else:
-        told, written = {"factor": f"a factor of {_span(pair, 1.0, '.3f')}", "delay": f"a delay of "
+        by_what, written = {"factor": f"a factor of {_span(pair, 1.0, '.3f')}", "delay": f"a delay of "
                          f"{_span(pair, 1.0, '.3f')} s",
                          "length": f"a length of {_span(pair, 1.0, '.3f')} m"}[pair.kind], ""
     names = f"{pair.first.name} ({pair.first.unit}) and {pair.second.name} ({pair.second.unit})"
     if 2 * pair.holds < pair.rows:
-        return f"{names}: no one quantity reconciles them; {told} holds in {pair.holds} of {pair.rows} rows{written}"
+        return f"{names}: no one quantity reconciles them; {by_what} holds in {pair.holds} of {pair.rows} rows{written}"
     other = ""
     if pair.other:
         scale, unit = {"speed": (KMH, " km/h"), "delay": (1.0, " s"), "length": (1.0, " m"), "factor": (1.0,
                                                                                                         "")}[pair.other]
         other = (f"; a {pair.other} of {scale * pair.other_value:.3g}{unit} fits "
                  f"{'less well' if pair.other_worse else 'nearly as well'}")
-    return f"{names} are reconciled by {told}, which holds in {pair.holds} of {pair.rows} rows{written}{other}"
+    return f"{names} are reconciled by {by_what}, which holds in {pair.holds} of {pair.rows} rows{written}{other}"
 
 
 def _alike(pair: Across) -> bool:

@@ -7,10 +7,10 @@ from control.calibration.bench_table import BenchTable, usable
 from control.diagnosis.result import Data, Diagnosis
 from control.machine.machine import Machine
 
+from .duplicate_rows import without_duplicates
 from .gain import held_out_gain, not_shown
 from .problem import problem_of
 from .report import causes_of, channels_of, findings_of, next_run_of, two_rates_of, verdict_of
-from .retold import told_once
 from .rows import pieces_of
 from .search import search
 from .verdict import judged
@@ -83,7 +83,7 @@ def diagnose_tables(tables: Sequence[BenchTable], machine: Machine, *, seed: int
     tell = progress or (lambda share, what: None)
     tables = [usable(table) for table in tables]
     _refuse_twins(tables)
-    once = told_once(tables, machine)
+    once = without_duplicates(tables, machine)
     pieces = [piece for table in once.tables for piece in pieces_of(table, machine)]
     tell(0.1, "noise and steps in the times")
     problem = problem_of(pieces, machine, seed + 20)
@@ -92,13 +92,13 @@ def diagnose_tables(tables: Sequence[BenchTable], machine: Machine, *, seed: int
     tell(0.6, "verdict")
     judgement = judged(found)
     causes = causes_of(problem, tables, judgement)
-    told = frozenset([*(c.id for c in causes), *(r.id for c in causes for r in c.rivals)])
+    shown = frozenset([*(c.id for c in causes), *(r.id for c in causes for r in c.rivals)])
     tell(0.7, "gain")
     return Diagnosis(
         data=Data(" + ".join(table.path for table in tables), "+".join(dict.fromkeys(t.kind for t in tables)),
                   sum(table.rows for table in tables), None, machine.id),
         channels=channels_of(problem, judgement.nothing), verdict=verdict_of(judgement, causes), causes=causes,
-        not_shown=not_shown(found, told), unexplained=judgement.unexplained,
+        not_shown=not_shown(found, shown), unexplained=judgement.unexplained,
         next_run=next_run_of(problem, judgement) or two_rates_of(tables, machine),
         gain=held_out_gain(found, judgement.effects, seed),
         extended_machine=None, findings=findings_of(problem, tables, judgement, once.retellings))

@@ -79,11 +79,11 @@ def _rms(values: Array, setting: IntArray, drawn: IntArray, rows: BoolArray) -> 
     return float(np.sqrt(sums[drawn].sum() / counts[drawn].sum()))
 
 
-def not_shown(search: Search, told: frozenset[str]) -> tuple[NotShown, ...]:
-    """Every catalogued effect that is neither named nor a rival (`told`). None: these rows cannot show it at all."""
+def not_shown(search: Search, shown: frozenset[str]) -> tuple[NotShown, ...]:
+    """Every catalogued effect that is neither named nor a rival (`shown`). None: these rows cannot show it at all."""
     smallest = smallest_shown(search)
     return tuple(NotShown(effect_id, Detectable(smallest.get(effect_id), unit_of(effect_id, search.problem.machine)))
-                 for effect_id in CATALOGUE if effect_id not in told)
+                 for effect_id in CATALOGUE if effect_id not in shown)
 
 
 def smallest_shown(search: Search) -> dict[str, float]:

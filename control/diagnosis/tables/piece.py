@@ -1,4 +1,4 @@
-"""One measured column of a bench table beside what the machine model says about it."""
+"""One measured column of a bench table, and what the machine model says about it."""
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping

@@ -15,12 +15,12 @@ from control.machine.machine import CATALOGUE, Machine, bounds, unit_of
 from .across import across
 from .clock import Clock
 from .cost import field_cost
+from .duplicate_rows import DuplicateRows, sentences
 from .experiments import TWO_RATES, Pair, Plan, separating
 from .gain import label_contrasts
 from .noise import MAX_ROBUST_SD, UNEQUAL_P
 from .piece import BoolArray, Candidate, Piece, SizedEffect
 from .problem import Problem
-from .retold import Retelling, sentences
 from .verdict import Judgement, Named
 
 METRES_OF_A_PERCENT = 10.0      # causes are listed by consequence: 0.1 m of place counts as 1 % of rate
@@ -144,7 +144,7 @@ def _names(pairs: Sequence[Pair]) -> str:
 
 
 def findings_of(problem: Problem, tables: Sequence[BenchTable], judgement: Judgement,
-                retellings: Sequence[Retelling]) -> tuple[str, ...]:
+                retellings: Sequence[DuplicateRows]) -> tuple[str, ...]:
     """Plain sentences about the rows themselves; columns that could not be judged first.
 
     `tables`: as given; `retellings`: what of them was set aside because another tells it.
@@ -204,9 +204,9 @@ def _noise_sentences(problem: Problem, index: int, piece: Piece) -> list[str]:
     usual = float(np.median([s for _, _, s in noise.setting_sd]))
     loud = [(k, s) for k, rows, s in noise.setting_sd if s > OUTSTANDING * usual and rows > 2]
     loud.sort(key=lambda one: -one[1])
-    told = "; ".join(f"{_setting(piece, own == k + first)}: {s:.3g}" for k, s in loud[:MAX_SHOWN_SETTINGS])
+    where = "; ".join(f"{_setting(piece, own == k + first)}: {s:.3g}" for k, s in loud[:MAX_SHOWN_SETTINGS])
     out.append(f"{piece.name}: the scatter is not the same everywhere (p {noise.unequal_p:.2g}): usually "
-               f"{usual:.3g} {piece.unit}" + (f", at {told}" if told else "") + "; rows are weighted accordingly")
+               f"{usual:.3g} {piece.unit}" + (f", at {where}" if where else "") + "; rows are weighted accordingly")
     return out
 
 

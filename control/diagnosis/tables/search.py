@@ -35,7 +35,7 @@ SETTLED = 1e-3              # s.d. that a round may still move a size
 
 
 class Model(NamedTuple):
-    """Places of its effects, and of what is unknown beside them (None: nothing)."""
+    """Places of its effects, and of what is unknown along with them (None: nothing)."""
 
     effects: tuple[int, ...]
     unknown: int | None = None
@@ -147,7 +147,7 @@ def _probable(problem: Problem, effects: Sequence[Effect], unknowns: Sequence[Un
 
 
 def _worth_trying(table: _Table, effects: Sequence[Effect], unknowns: Sequence[Unknown], model: Model) -> list[int]:
-    """What is unknown and might be beside a model: of single rows and settings those that it leaves farthest off."""
+    """What is unknown and might be in a model: of single rows and settings those that it leaves farthest off."""
     found = scored(table, effects, unknowns, model)[1]
     index = _columns_of(table, model)
     left = np.abs(table.y - table.columns[:, index] @ found.mean)

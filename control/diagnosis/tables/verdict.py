@@ -39,7 +39,7 @@ class Named(NamedTuple):
 
 
 class Judgement(NamedTuple):
-    """`nothing`: probability that there is nothing but noise. `model`: the one that is told, None: nothing is.
+    """`nothing`: probability that there is nothing but noise. `model`: the one that is reported, None: nothing is.
 
     `nearest`: an effect that comes nearest to what is unexplained, with a size that it cannot have.
     """
@@ -75,7 +75,7 @@ def judged(search: Search) -> Judgement:
 
 
 def _said(search: Search, nothing: float, unknown: float) -> Fitted:
-    """The model that is told: of those with or without something unknown."""
+    """The model that is reported: of those with or without something unknown."""
     some = [one for one in search.fitted if not one.is_nothing]
     strange = next((one for one in some if one.is_unknown), None)
     known = next((one for one in some if not one.is_unknown), None)

@@ -1,4 +1,4 @@
-"""Bench tables as pieces, a file a kind: what each row measured beside what the machine model says of it."""
+"""Bench tables as pieces, a file a kind: what each row measured, and what the machine model says of it."""
 from __future__ import annotations
 
 from collections.abc import Callable

@@ -92,7 +92,7 @@ def _falloffs(nominal: Array, rpm: Array, tested_rpm: Array, full_rpm: float) ->
 
 
 def _pulse(angle: Array, begins: float) -> Array:
-    """Mean of the model's sine (flow_step) over a catch of that many radians of flutes, begun at `begins`, (n,)."""
+    """Mean of the model's sine (flow_step) over a catch of that many radians of flutes, started at `begins`, (n,)."""
     angle = np.maximum(angle, 1e-9)
     return np.asarray((np.cos(begins) - np.cos(begins + angle)) / angle)
 

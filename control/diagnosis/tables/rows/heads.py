@@ -14,7 +14,7 @@ from .labels import column_of, labels_of
 WARM_S = 100.0 * WARM_UP_S      # on for so long where the table does not say: warm
 MIN_LEVELS_LEFT = 3             # times that free shapes of warming up must leave, or they would fit anything
 DENSE_NDVI = 0.8                # at which the catalogue gives what a head loses in a dense canopy
-WARM_UP_RATES = (0.5, 2.0, 0.25)    # time constants tried beside the model's, as shares of it
+WARM_UP_RATES = (0.5, 2.0, 0.25)    # time constants tried besides the model's, as shares of it
 
 
 def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:

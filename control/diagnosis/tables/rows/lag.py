@@ -40,7 +40,7 @@ def _piece(table: BenchTable, machine: Machine, name: str) -> Piece:
         observed = observed / speed
     label = labels_of(table)[keep]
     roles = roles_of(where(table, keep))
-    # A column of times beside one of distances is the detector's; any other may have been read off distances.
+    # A column of times next to one of distances is the detector's; any other may have been read off distances.
     by_distance = name == "lag_m" or (name == "lag_s" and "lag_m" not in table.columns)
 
     def predict(m: Machine) -> Array:

@@ -27,7 +27,7 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
     eq 1). Driven faster than written, all of the lag grows and the correction does not.
 
     A wrong test speed (lag.speed_scale) is not offered by the misses alone, where latency and lever arm say the same
-    with less; where a lag table with distances beside them asks for it, the misses have their say.
+    with less; where a lag table with distances asks for it, the misses have their say.
 
     The lag corrected for is the table's own `corrected_lag_s`, else 0 for rows labelled `before`, else what the machine
     file in use says.

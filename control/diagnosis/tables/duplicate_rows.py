@@ -2,7 +2,7 @@
 
 Papers print the same drives as distances, as times worked out of them with one speed, as means, and as the first half
 of a comparison. Taken for new evidence they would narrow intervals that they know nothing of, and a speed used to work
-them out would be named beside the speed that was driven.
+them out would be named along with the speed that was driven.
 """
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FINE_SHARE = 0.005      # of a value that its last digit may be: coarser ones ag
 MEASURED = ("lag_m", "lag_s", "miss_m")     # columns that hold a whole lag, as measured
 
 
-class Retelling(NamedTuple):
+class DuplicateRows(NamedTuple):
     """`speed_mps`: of times worked out of distances, the speed that they were worked out with."""
 
     kept: Series
@@ -34,21 +34,21 @@ class Retelling(NamedTuple):
 
     @property
     def silent(self) -> str:
-        """Name of the series that needs no sentence of its own beside other tables: the other one speaks for both."""
+        """Name of the series that needs no sentence of its own: the other one speaks for both."""
         return self.kept.name if self.speed_mps is not None and self.kept.unit == "s" else self.again.name
 
 
-class ToldOnce(NamedTuple):
+class WithoutDuplicates(NamedTuple):
     """Tables in which every measurement stands once, in the order given, and what was set aside."""
 
     tables: tuple[BenchTable, ...]
-    retellings: tuple[Retelling, ...]
+    retellings: tuple[DuplicateRows, ...]
 
 
-def told_once(tables: Sequence[BenchTable], machine: Machine) -> ToldOnce:
+def without_duplicates(tables: Sequence[BenchTable], machine: Machine) -> WithoutDuplicates:
     """The tables without what another of them tells once more.
 
-    The series with most rows is kept, of equals the first. Times worked out of distances that stand beside them become
+    The series with most rows is kept, of equals the first. Times worked out of distances of the same table become
     those distances again, at the written speed.
     """
     of_table = [[one for one in series_of(table, machine) if one.column in MEASURED]
@@ -68,13 +68,13 @@ def told_once(tables: Sequence[BenchTable], machine: Machine) -> ToldOnce:
                 twice = rows
             kept = _without(kept, series.column, twice)
         out.append(_filled(kept))
-    return ToldOnce(tuple(table for table in out if table.rows), tuple(found))
+    return WithoutDuplicates(tuple(table for table in out if table.rows), tuple(found))
 
 
-def _retellings(of_table: Sequence[Sequence[Series]]) -> list[Retelling]:
+def _retellings(of_table: Sequence[Sequence[Series]]) -> list[DuplicateRows]:
     """Every series that tells another table's once more, with the one that is kept."""
     every = sorted(((k, one) for k, own in enumerate(of_table) for one in own), key=lambda pair: -pair[1].rows)
-    found: list[Retelling] = []
+    found: list[DuplicateRows] = []
     for (k, one), (other_k, other) in combinations(every, 2):
         done = [pair.again for pair in found]
         if k != other_k and not any(one is again or other is again for again in done):
@@ -83,7 +83,7 @@ def _retellings(of_table: Sequence[Sequence[Series]]) -> list[Retelling]:
     return found
 
 
-def retold(kept: Series, again: Series) -> Retelling | None:
+def retold(kept: Series, again: Series) -> DuplicateRows | None:
     """Whether one series is the other, to their last digits: the same in one unit, times one speed in two."""
     distances, times = (again, kept) if kept.unit == "s" else (kept, again)
     rpm, at_distances, at_times = np.intersect1d(distances.shaft_rpm, times.shaft_rpm, return_indices=True)
@@ -97,7 +97,7 @@ def retold(kept: Series, again: Series) -> Retelling | None:
     ratio = 1.0 if alike else float(np.mean(a) / np.mean(b))
     if ratio <= 0.0 or float(np.max(np.abs(a - ratio * b))) > digits[0] + ratio * digits[1] + 1e-12:
         return None
-    return Retelling(kept, again, None if alike else ratio)
+    return DuplicateRows(kept, again, None if alike else ratio)
 
 
 def _rows_of(table: BenchTable, series: Series) -> BoolArray:
@@ -118,8 +118,8 @@ def _filled(table: BenchTable) -> BenchTable:
     return where(table, np.any([np.isfinite(values) for values in measured], axis=0))
 
 
-def _as_distances(table: BenchTable, rows: BoolArray, pair: Retelling) -> BenchTable:
-    """Times worked out with one speed as the distances that they were, beside the speed that is written."""
+def _as_distances(table: BenchTable, rows: BoolArray, pair: DuplicateRows) -> BenchTable:
+    """Times worked out with one speed as the distances that they were, next to the speed that is written."""
     times, distances = (pair.kept, pair.again) if pair.kept.unit == "s" else (pair.again, pair.kept)
     assert pair.speed_mps is not None
     some = where(table, rows)
@@ -129,16 +129,16 @@ def _as_distances(table: BenchTable, rows: BoolArray, pair: Retelling) -> BenchT
                                   "speed_mps": np.full(some.rows, written)}, findings=())
 
 
-def sentences(pairs: Sequence[Across], retellings: Sequence[Retelling]) -> tuple[str, ...]:
+def sentences(pairs: Sequence[Across], retellings: Sequence[DuplicateRows]) -> tuple[str, ...]:
     """What the tables say of each other, each thing once, and what counts once."""
-    told = {frozenset((one.kept.name, one.again.name)) for one in retellings}
+    sure = {frozenset((one.kept.name, one.again.name)) for one in retellings}
     silent = {one.silent for one in retellings}
-    return (*(sentence(pair) for pair in pairs if frozenset((pair.first.name, pair.second.name)) in told
+    return (*(sentence(pair) for pair in pairs if frozenset((pair.first.name, pair.second.name)) in sure
               or not silent & {pair.first.name, pair.second.name}),
             *(_said(one) for one in retellings))
 
 
-def _said(pair: Retelling) -> str:
+def _said(pair: DuplicateRows) -> str:
     said = f"{pair.again.name} tells {pair.kept.name} once more, to the last digit"
     if pair.speed_mps is not None:
         said += f": the times were worked out of the distances with {KMH * pair.speed_mps:.2f} km/h"

@@ -1,8 +1,8 @@
-"""A speed sensor that hums: only what is slower than its hum is compared.
+"""Narrowband noise of a speed sensor: only what is slower than it is compared.
 
-The two speeds are held against each other, and both have errors: shifted in time, the hum of one cancels against
-itself, so that it passes for a latency; and a noise model of two first-order components takes the power of its one
-line for noise at every frequency about it. No tractor swings as quickly, so that nothing is lost.
+The two speeds are held against each other, and both have errors: shifted in time, the oscillation of one cancels
+against itself, so that it passes for a latency; and a noise model of two first-order components takes the power of its
+one line for noise at every frequency about it. No tractor swings as quickly, so that nothing is lost.
 """
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from .channels import ChannelSeries
 from .hypothesis import schedule, stages_of
 
 QUICK_S = 4.5               # a longer period may be the ground's
-SLOWER = 1.5                # times the period of the hum: a hum that is damped reaches so far
+SLOWER = 1.5                # times that period: a damped oscillation reaches so far
 STANDS_OUT = 4.0            # times what the bands about it have over the noise that is fitted to all
 ABOUT = 4                   # bands on either side
 LEAST = 30                  # coefficients of a band that is judged: the power of so many is known to a quarter
 
 
-def without_hum(seen: dict[str, ChannelSeries], machine: Machine) -> tuple[dict[str, ChannelSeries], list[str]]:
-    """The channels, the speed's without what is as quick as a hum; a sentence where there was one."""
+def without_narrowband(seen: dict[str, ChannelSeries], machine: Machine) -> tuple[dict[str, ChannelSeries], list[str]]:
+    """The channels, the speed's without its narrowband noise; a sentence where there was any."""
     if "speed" not in seen:
         return seen, []
     channel = seen["speed"]
-    periods_s = hums(channel, machine)
+    periods_s = narrowband_periods_s(channel, machine)
     if not len(periods_s):
         return seen, []
     least_s = max(QUICK_S, SLOWER * float(periods_s.max()))
@@ -37,11 +37,11 @@ def without_hum(seen: dict[str, ChannelSeries], machine: Machine) -> tuple[dict[
         return seen, []
     said = " and ".join(f"{period_s:.2g} s" for period_s in periods_s)
     return ({**seen, "speed": channel._replace(cut=noises.leaving_out(channel.cut, quick))},
-            [f"speed: a sensor hums with a period of {said}; the speeds are compared over periods longer than "
-             f"{least_s:.2g} s"])
+            [f"speed: a sensor oscillates with a period of {said}; the speeds are compared over "
+             f"periods longer than {least_s:.2g} s"])
 
 
-def hums(channel: ChannelSeries, machine: Machine) -> npt.NDArray[np.float64]:
+def narrowband_periods_s(channel: ChannelSeries, machine: Machine) -> npt.NDArray[np.float64]:
     """Periods at which the nominal machine leaves a quick line in a channel, s, longest first (k,)."""
     left = channel.measured - channel.predict(schedule(stages_of(machine), ()), MOST_STEP_S)
     cut, step_s = channel.cut, channel.grid.step_s

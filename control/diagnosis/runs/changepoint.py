@@ -11,7 +11,7 @@ from control.diagnosis.judgement.evidence import Column
 from control.diagnosis.judgement.noise import Noise, coefficients, series_of, strengths
 
 from .channels import ChannelSeries
-from .hypothesis import Part
+from .hypothesis import EffectInstance
 from .model import adds_up, course, with_course
 from .search import Candidate
 
@@ -34,7 +34,7 @@ class Tried(NamedTuple):
     units: list[Array]
 
 
-class Ground(NamedTuple):
+class WhitenedResidual(NamedTuple):
     """What a hypothesis leaves, and an orthonormal basis of what it can take up (whitened, priors as rows)."""
 
     channels: dict[str, Whitened]
@@ -62,7 +62,7 @@ class Alike(NamedTuple):
         return self._replace(ones=[one for one, chosen in zip(self.ones, which, strict=True) if chosen])
 
 
-def alike(ground: Ground, tried: Sequence[Candidate], traces: Sequence[dict[str, Array]],
+def alike(ground: WhitenedResidual, tried: Sequence[Candidate], traces: Sequence[dict[str, Array]],
           cells: int) -> Iterator[Alike]:
     """Candidates gathered by the channels that they touch. traces : what each does all along, (m,) by channel.
 
@@ -82,8 +82,8 @@ def alike(ground: Ground, tried: Sequence[Candidate], traces: Sequence[dict[str,
             yield Alike(seen, summed, ones[begin:begin + each])
 
 
-def grounded(channels: Sequence[ChannelSeries], left: dict[str, Array], base: Sequence[Column],
-             noise: dict[str, Noise]) -> Ground:
+def whitened_residual(channels: Sequence[ChannelSeries], left: dict[str, Array], base: Sequence[Column],
+             noise: dict[str, Noise]) -> WhitenedResidual:
     """left : what the base leaves of the banded residual, (m,) by channel."""
     found, begin = {}, 0
     for channel in channels:
@@ -99,19 +99,19 @@ def grounded(channels: Sequence[ChannelSeries], left: dict[str, Array], base: Se
                 stack[one.place, k] = column.coefficients[name] * one.scale
         stack[begin + k, k] = 1.0 / column.sd
     stack /= np.maximum(np.linalg.norm(stack, axis=0), 1e-300)
-    return Ground(found, np.linalg.qr(stack)[0])
+    return WhitenedResidual(found, np.linalg.qr(stack)[0])
 
 
-def pulls(group: Alike, grows: bool) -> tuple[Array, Array]:
+def scores_by_onset(group: Alike, grows: bool) -> tuple[Array, Array]:
     """Times of the finest channel (m,), and the sum of weighted residual x trace, were it to begin then: (k, m)."""
     finest = max((one.channel for one in group.seen), key=lambda c: len(c.grid.even_s))
     time_s = finest.grid.even_s
-    pull = np.zeros((len(group.ones), len(time_s)))
+    score = np.zeros((len(group.ones), len(time_s)))
     for one, unit, adds in zip(group.seen, group.units(), group.summed, strict=True):
         sums = _sums_from(one, unit.reshape(len(group.ones), one.channel.copies, -1), adds, grows)
-        pull += sums if one.channel is finest else np.array([np.interp(time_s, one.channel.grid.even_s, row)
+        score += sums if one.channel is finest else np.array([np.interp(time_s, one.channel.grid.even_s, row)
                                                              for row in sums])
-    return time_s, pull
+    return time_s, score
 
 
 def _sums_from(seen: Whitened, trace: Array, summed: bool, grows: bool) -> Array:
@@ -135,16 +135,16 @@ def _ahead(values: Array) -> Array:
     return np.asarray(np.cumsum(values[..., ::-1].sum(axis=-2), axis=-1)[..., ::-1])
 
 
-def begun_rows(ground: Ground, group: Alike, onsets_s: Array, grows: bool) -> tuple[list[Array], Array]:
+def rows_from_onset(ground: WhitenedResidual, group: Alike, onsets_s: Array, grows: bool) -> tuple[list[Array], Array]:
     """What one unit of each does that begins at each time, whitened: (k, onsets, coefficients) by channel, and what the
     hypothesis takes up of it, in its basis (k, onsets, columns)."""
     count = len(group.ones)
     taken = np.zeros((count, len(onsets_s), ground.basis.shape[1]))
     rows = []
     for one, unit, adds in zip(group.seen, group.units(), group.summed, strict=True):
-        weight = np.array([course(one.channel, Part("", 1.0, float(at), grows=grows)) for at in onsets_s])
-        begun = with_course(unit[:, None, :], weight, one.channel.copies, adds).reshape(count * len(onsets_s), -1)
-        whole = (coefficients(begun, one.channel.cut) * one.scale).reshape(count, len(onsets_s), -1)
+        weight = np.array([course(one.channel, EffectInstance("", 1.0, float(at), grows=grows)) for at in onsets_s])
+        delayed = with_course(unit[:, None, :], weight, one.channel.copies, adds).reshape(count * len(onsets_s), -1)
+        whole = (coefficients(delayed, one.channel.cut) * one.scale).reshape(count, len(onsets_s), -1)
         taken += whole @ ground.basis[one.place]
         rows.append(whole)
     return rows, taken

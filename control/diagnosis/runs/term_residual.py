@@ -12,7 +12,7 @@ from control.diagnosis.judgement.noise import Noise, coefficients
 
 from .channels import ChannelSeries
 from .columns import Columns
-from .hypothesis import Parts
+from .hypothesis import Hypothesis
 
 Array = npt.NDArray[np.float64]
 
@@ -20,10 +20,10 @@ LEAST_ENERGY = 1e-6         # whitened: a series of less does nothing
 LEAST_OWN = 1e-3            # whitened energy of a level that the hypothesis must leave to it
 
 
-class Ground:
+class WhitenedResidual:
     """A hypothesis and further columns, fitted and taken off under a given noise; priors are rows of their own."""
 
-    def __init__(self, columns: Columns, parts: Parts, base: Sequence[Column], noise: dict[str, Noise]) -> None:
+    def __init__(self, columns: Columns, parts: Hypothesis, base: Sequence[Column], noise: dict[str, Noise]) -> None:
         model, begin = columns.model, 0
         self._scale: dict[str, Array] = {}
         self._place: dict[str, slice] = {}
