@@ -220,7 +220,8 @@ def test_what_was_seen_up_and_down_a_field_is_told_of_these_headings_alone(axis_
     ahead = float(along.mix[:2, 0] @ [np.sin(np.radians(axis_deg)), np.cos(np.radians(axis_deg))])
     nodes, values = term_forms.table_of(along, np.array([0.5 * ahead]), 0.1, {"heading_deg": heading})
     assert term_forms.coefficients(along, np.array([0.5]), 0.1, {"heading_deg": heading}) == {}
-    term = Term.model_validate({"id": "shaft.table", "acts_on": "shaft_percent", "form": term_forms.reported_form(along),
+    form = term_forms.reported_form(along)
+    term = Term.model_validate({"id": "shaft.table", "acts_on": "shaft_percent", "form": form,
                                 "over": [{"name": "heading_deg"}], "nodes": nodes, "values": values})
     asked = np.mod(axis_deg + np.array([-10.0, 0.0, 10.0, 40.0, 90.0, 140.0, 170.0, 180.0, 190.0, 220.0, 270.0, 320.0]),
                    360.0)
@@ -235,7 +236,7 @@ def test_a_saturation_is_reported_as_it_was_fitted_without_a_large_level(low: fl
     form = term_forms.Tried(term_forms.Form.SATURATION, ("roll_deg",), {"low_end": low, "high_end": high},
                             np.ones((1, 1)), 4.0)
     by = {"roll_deg": roll}
-    [series] = term_forms.again(form, by, time_s)
+    [series] = term_forms.columns_at(form, by, time_s)
     numbers = term_forms.coefficients(form, np.array([30.0]), 0.2, by)
     term = Term.model_validate({"id": "shaft.saturation", "acts_on": "shaft_percent", "form": "saturation",
                                 "over": [roll.variable.model_dump()], "coefficients": numbers})
