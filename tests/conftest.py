@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import gc
+import signal
 from collections import Counter
 from pathlib import Path
 
@@ -13,6 +14,10 @@ few_for_matrices()
 # Python looks for garbage after 700 new objects, and through all 10^6 of a session after some 70,000: a third of what a
 # test of the console costs (127 tests of its number fields: 11.0 s of processor, 7.0 s with these).
 gc.set_threshold(20_000, 20, 20)
+
+# A shell that starts a job in the background has it ignore Ctrl+C, and every program that the tests start inherits that.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.hookimpl(trylast=True)

@@ -118,7 +118,7 @@ def test_what_fits_better_with_a_size_out_of_bounds_is_not_named_by_two_others()
 
 def test_what_a_refused_name_showed_is_not_forgotten() -> None:
     table = lags(np.tile(np.arange(10.0, 71.0, 10.0), 3), 4.0, np.random.default_rng(1))
-    found = judged(search(problem_of(pieces_of(table, MACHINE), MACHINE)))
+    found = judged(search(problem_of(pieces_of(table, MACHINE), MACHINE)), True)
     assert not found.named and found.nearest is not None and found.nothing < 1e-6
 
 

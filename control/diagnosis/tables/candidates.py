@@ -1,7 +1,7 @@
 """What a model of bench tables may be made of: effects of the catalogue, and dependences that none of them has."""
 from __future__ import annotations
 
-from itertools import combinations_with_replacement
+from itertools import combinations
 from math import log
 from typing import NamedTuple
 
@@ -114,11 +114,11 @@ def _forms(problem: Problem, candidate: Candidate, column: Array) -> tuple[Array
 
 def unknowns_of(problem: Problem, effects: list[Effect]) -> list[Unknown]:
     """Every recorded setting of every piece, its labels, a constant, settings in no order, and one setting alone."""
-    found = []
+    known, found = _spanned(effects), []
     for index, piece in enumerate(problem.pieces):
         inside = problem.piece == index
         usual = _usual_signal(effects, inside)
-        shapes = _shapes(problem, piece, inside, effects)
+        shapes = _shapes(problem, piece, inside, known)
         for name, several in shapes.items():
             odds = log(UNKNOWN / len(problem.pieces) / len(shapes) / len(several))
             found += [Unknown(piece.channel, name, shape, usual / float(np.sqrt(shape.shape[1])), odds)
@@ -147,8 +147,8 @@ def _usual_signal(effects: list[Effect], inside: BoolArray) -> float:
     return max([1.0, *sizes])
 
 
-def _shapes(problem: Problem, piece: Piece, inside: BoolArray, effects: list[Effect]) -> dict[str, list[Array]]:
-    """Columns (n, k) of every kind of dependence, by its variable."""
+def _shapes(problem: Problem, piece: Piece, inside: BoolArray, known: list[Array]) -> dict[str, list[Array]]:
+    """Columns (n, k) of every kind of dependence, by its variable; without those that `known` spaces hold."""
     rows = int(inside.sum())
     found: dict[str, list[Array]] = {}
     for name, values in piece.variables.items():
@@ -168,7 +168,7 @@ def _shapes(problem: Problem, piece: Piece, inside: BoolArray, effects: list[Eff
         each = np.column_stack([problem.setting == k for k in settings.tolist()]).astype(float)
         found[name] = [*found.get(name, []), each]
     return {name: kept for name, several in found.items()
-            if (kept := [one for one in several if not _known(one, effects)])}
+            if (kept := [one for one in several if not any(_within(one, basis) for basis in known)])}
 
 
 def _inside(inside: BoolArray, columns: Array) -> Array:
@@ -177,13 +177,14 @@ def _inside(inside: BoolArray, columns: Array) -> Array:
     return whole
 
 
-def _known(columns: Array, effects: list[Effect]) -> bool:
-    """Whether one or two effects do the same: then it is those."""
+def _spanned(effects: list[Effect]) -> list[Array]:
+    """Orthonormal bases of what one effect or two do: (n, 1) or (n, 2)."""
     wide = [one for one in effects if one.candidate.scope is None]
-    for one, two in combinations_with_replacement(wide, 2):
-        if one.candidate.id != two.candidate.id or one is two:
-            basis = np.linalg.qr(np.column_stack([one.column, two.column] if one is not two else [one.column]))[0]
-            inside = np.linalg.norm(basis.T @ columns, axis=0)
-            if np.all(inside >= ALIKE * np.linalg.norm(columns, axis=0)):
-                return True
-    return False
+    pairs = [(one, two) for one, two in combinations(wide, 2) if one.candidate.id != two.candidate.id]
+    return [np.linalg.qr(np.column_stack([one.column for one in some]))[0] for some in [*((one,) for one in wide), *pairs]]
+
+
+def _within(columns: Array, basis: Array) -> bool:
+    """Whether all columns (n, k) lie in a space: then it is those effects."""
+    inside = np.linalg.norm(basis.T @ columns, axis=0)
+    return bool(np.all(inside >= ALIKE * np.linalg.norm(columns, axis=0)))

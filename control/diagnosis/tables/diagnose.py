@@ -8,7 +8,7 @@ from control.diagnosis.result import Data, Diagnosis
 from control.machine.machine import Machine
 
 from .duplicate_rows import without_duplicates
-from .gain import held_out_gain, not_shown
+from .gain import held_out_gain, not_shown, smallest_shown
 from .problem import problem_of
 from .report import causes_of, channels_of, findings_of, next_run_of, two_rates_of, verdict_of
 from .rows import pieces_of
@@ -90,7 +90,8 @@ def diagnose_tables(tables: Sequence[BenchTable], machine: Machine, *, seed: int
     tell(0.2, "search")
     found = search(problem)
     tell(0.6, "verdict")
-    judgement = judged(found)
+    smallest = smallest_shown(found)
+    judgement = judged(found, bool(smallest))
     causes = causes_of(problem, tables, judgement)
     shown = frozenset([*(c.id for c in causes), *(r.id for c in causes for r in c.rivals)])
     tell(0.7, "gain")
@@ -98,7 +99,7 @@ def diagnose_tables(tables: Sequence[BenchTable], machine: Machine, *, seed: int
         data=Data(" + ".join(table.path for table in tables), "+".join(dict.fromkeys(t.kind for t in tables)),
                   sum(table.rows for table in tables), None, machine.id),
         channels=channels_of(problem, judgement.nothing), verdict=verdict_of(judgement, causes), causes=causes,
-        not_shown=not_shown(found, shown), unexplained=judgement.unexplained,
+        not_shown=not_shown(smallest, shown, machine), unexplained=judgement.unexplained,
         next_run=next_run_of(problem, judgement) or two_rates_of(tables, machine),
         gain=held_out_gain(found, judgement.effects, seed),
         extended_machine=None, findings=findings_of(problem, tables, judgement, once.retellings))

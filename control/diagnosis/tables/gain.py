@@ -1,7 +1,7 @@
 """What the rows can show: the held-out gain of what is named, the smallest size of the rest, labels side by side."""
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +10,7 @@ from scipy.stats import t as student
 from control.diagnosis.effects import LAG_COARSE_CLOCK
 from control.diagnosis.judgement.prior import smallest_said
 from control.diagnosis.result import Detectable, Gain, NotShown
-from control.machine.machine import CATALOGUE, unit_of
+from control.machine.machine import CATALOGUE, Machine, unit_of
 
 from .piece import Array, BoolArray, IntArray, Piece, SizedEffect
 from .problem import Problem
@@ -79,10 +79,9 @@ def _rms(values: Array, setting: IntArray, drawn: IntArray, rows: BoolArray) -> 
     return float(np.sqrt(sums[drawn].sum() / counts[drawn].sum()))
 
 
-def not_shown(search: Search, shown: frozenset[str]) -> tuple[NotShown, ...]:
+def not_shown(smallest: Mapping[str, float], shown: frozenset[str], machine: Machine) -> tuple[NotShown, ...]:
     """Every catalogued effect that is neither named nor a rival (`shown`). None: these rows cannot show it at all."""
-    smallest = smallest_shown(search)
-    return tuple(NotShown(effect_id, Detectable(smallest.get(effect_id), unit_of(effect_id, search.problem.machine)))
+    return tuple(NotShown(effect_id, Detectable(smallest.get(effect_id), unit_of(effect_id, machine)))
                  for effect_id in CATALOGUE if effect_id not in shown)
 
 

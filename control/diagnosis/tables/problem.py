@@ -39,7 +39,7 @@ class Problem(NamedTuple):
 
     @property
     def min_variance(self) -> float:
-        """In units of sd squared: rows that scatter less than their replicates or digits do not narrow tolerances."""
+        """In units of sd squared: the rows' variance is not believed to be less than that of their last digit."""
         return max(1e-9, min(noise.min_variance for noise in self.noise))
 
     def predicted(self, effects: Sequence[SizedEffect]) -> Array:

@@ -30,6 +30,7 @@ FARTHEST = 3                # rows, and settings, that are tried as misread or s
 MOST_ALONE = 2              # tables without replicates that have a factor of their own on their noise
 FREE = 0.5                  # probability that an effect has another shape than the catalogue's
 NO_FREEDOM = 1e-6           # s.d. of what is held at nothing
+RIDGE = 1e-3                # of a column's own length: of columns that are nearly the same none runs away
 ROUNDS = 3                  # of Gauss-Newton
 SETTLED = 1e-3              # s.d. that a round may still move a size
 
@@ -214,9 +215,6 @@ def _guess(rows: Rows, index: IntArray, free: int) -> Array:
     normal = normal * scale[:, None] * scale
     normal[np.diag_indices_from(normal)] += np.where(np.arange(len(index)) < free, RIDGE, 1.0)
     return np.asarray(np.linalg.solve(normal, rows.grams[0][0, index + 1] * scale) * scale)
-
-
-RIDGE = 1e-3                # of a column's own length: of columns that are nearly the same none runs away
 
 
 def refined(problem: Problem, effects: Sequence[Effect], unknowns: Sequence[Unknown], model: Model,

@@ -16,7 +16,7 @@ import numpy as np
 from control.diagnosis.judgement.prior import LISTED, NAMED
 from control.diagnosis.result import UNKNOWN, Unexplained, Verdict
 
-from .gain import MIN_ROWS, smallest_shown
+from .gain import MIN_ROWS
 from .piece import Candidate, SizedEffect
 from .search import Fitted, Search
 
@@ -58,13 +58,13 @@ class Judgement(NamedTuple):
         return tuple(one.effect for one in self.named)
 
 
-def judged(search: Search) -> Judgement:
-    """The verdict, clocks apart."""
+def judged(search: Search, shows: bool) -> Judgement:
+    """The verdict, clocks apart. shows : whether these rows would show any effect within its bounds."""
     every = list(zip(search.fitted, search.probability, strict=True))
     nothing = sum(p for one, p in every if one.is_nothing)
     unknown = sum(p for one, p in every if one.is_unknown)
     if nothing >= 0.5 or len(search.problem.observed) < MIN_ROWS:
-        verdict: Verdict = "none" if smallest_shown(search) else "not_judged"
+        verdict: Verdict = "none" if shows else "not_judged"
         return Judgement(search, None, verdict, (), (), nothing, unknown, None)
     model = _said(search, nothing, unknown)
     named = tuple(_named(search, model, k) for k in range(len(model.sized)) if k not in model.outside)
