@@ -15,7 +15,7 @@ few_for_matrices()
 # test of the console costs (127 tests of its number fields: 11.0 s of processor, 7.0 s with these).
 gc.set_threshold(20_000, 20, 20)
 
-# A shell that starts a job in the background has it ignore Ctrl+C, and every program that the tests start inherits that.
+# A shell that starts a job in the background has it ignore Ctrl+C; every program that the tests start inherits that.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 

@@ -181,7 +181,8 @@ def _spanned(effects: list[Effect]) -> list[Array]:
     """Orthonormal bases of what one effect or two do: (n, 1) or (n, 2)."""
     wide = [one for one in effects if one.candidate.scope is None]
     pairs = [(one, two) for one, two in combinations(wide, 2) if one.candidate.id != two.candidate.id]
-    return [np.linalg.qr(np.column_stack([one.column for one in some]))[0] for some in [*((one,) for one in wide), *pairs]]
+    alone = [(one,) for one in wide]
+    return [np.linalg.qr(np.column_stack([one.column for one in some]))[0] for some in (*alone, *pairs)]
 
 
 def _within(columns: Array, basis: Array) -> bool:
