@@ -25,7 +25,13 @@ $(VENV)/.installed: $(VENV)/.program requirements/dev.txt
 	$(LOCKED) requirements/dev.txt
 	@touch $@
 
-run: $(VENV)/.program
+# The machine model compiled for this computer, once for these sources: a first diagnosis then takes as long as any other.
+# Nothing depends on it, so a computer without room for it goes on.
+$(VENV)/.compiled: $(VENV)/.program $(wildcard control/machine/*.py) control/diagnosis/judgement/noise_fit.py
+	-$(BIN)/python -m console.prepare
+	@touch $@
+
+run: $(VENV)/.compiled
 	$(BIN)/topdress
 
 # Compiled tests and sources are kept even where the shell says not to (some container images do): compiling them anew
@@ -34,7 +40,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 # The tests of a file share what they look at: one process has them all. Three processes for two cores: some wait for
 # a started program or for a screen to come to rest while others compute. Their order is that of tests/conftest.py.
-test: $(VENV)/.installed
+test: $(VENV)/.installed $(VENV)/.compiled
 	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 # Hidden examinations, long logs, many kills, minutes of odd files: tests marked `exam`.

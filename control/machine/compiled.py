@@ -35,6 +35,18 @@ for _piece in (elements.line_put, elements.line_mean, elements.line_held, elemen
     register_jitable(_piece)
 
 
+def _sources_of(run: Callable[..., Any]) -> str:
+    """A hash of what is compiled into it: these files, and its own where it stands elsewhere. A module's constants
+    stand in no bytecode, so that numba's own key does not see them change."""
+    code: Any = run.__code__
+    file = pathlib.Path(code.co_filename)
+    if file.parent == _here:
+        return _SOURCES
+    with contextlib.suppress(OSError):
+        return hashlib.sha256(_sources + file.read_bytes()).hexdigest()[:12]
+    return _SOURCES
+
+
 def compiled(run: Callable[..., Any], makes_arrays: bool = True) -> Callable[..., Any]:
     """A function of numbers and arrays compiled when it is first called, kept on disk where there is room.
 
@@ -45,7 +57,7 @@ def compiled(run: Callable[..., Any], makes_arrays: bool = True) -> Callable[...
     options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": makes_arrays}
     dispatcher: Any = numba.njit(**options)(apart)
     with contextlib.suppress(RuntimeError, OSError):        # nowhere to keep it: compiled anew in each process
-        dispatcher._cache = KeptCode(apart, _SOURCES)
+        dispatcher._cache = KeptCode(apart, _sources_of(run))
     made: Callable[..., Any] = dispatcher
     return made
 

@@ -106,3 +106,15 @@ def test_variants_that_two_processes_kept_live_together_in_a_third(tmp_path: Pat
                               timeout=300)
         assert done.returncode == 0 and done.stdout.strip() == wanted, done.stderr[-2000:]
     assert len(kept(tmp_path / "cache")) == 2
+
+
+def test_a_number_that_changed_in_its_own_file_is_compiled_anew(tmp_path: Path, folder: Path) -> None:
+    """A constant of a module stands in no bytecode: the kept code of before would go on with the old one."""
+    file = tmp_path / "scaled.py"
+
+    def answer(factor: float) -> float:
+        file.write_text(f"FACTOR = {factor}\n\ndef run(values):\n    return FACTOR * values[0]\n")
+        space: dict[str, Any] = {}
+        exec(compile(file.read_text(), str(file), "exec"), space)
+        return float(compiled.compiled(space["run"])(np.ones(1)))
+    assert answer(2.0) == 2.0 and answer(3.0) == 3.0
