@@ -120,13 +120,15 @@ def _is_run(data: list[Path]) -> bool:
 
 
 def _columns(path: Path, machine: Machine, where: str = "") -> dict[str, Any]:
-    """A log's columns; what was odd about it is said."""
+    """A log's columns that a diagnosis reads; what was odd about the log is said."""
+    from control.diagnosis.runs.log import UNREAD
+    from control.log_row import TEXT_COLUMNS
     from drivers.files.any_log import open_log
-    log = open_log(path)
+    log = open_log(path, UNREAD & TEXT_COLUMNS)         # numbers are examined, and what is odd about them is said
     for finding in log.findings:
         if finding.id != "missing" or not machine.stages:       # what the machine has not got is not missed
             typer.echo(f"note: {where}{finding}", err=True)
-    return dict(log.columns)
+    return {name: array for name, array in log.columns.items() if name not in UNREAD}
 
 
 def _run(data: Path, machine: Machine, seed: int) -> tuple[Diagnosis, dict[str, Any]]:

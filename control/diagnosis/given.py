@@ -27,6 +27,7 @@ def columns_of(data: Any) -> Columns:
 
     data : a table with named columns. A column `time_ms` (`time_us`, `time_min`, ...) and dates in `time_s`, `time`,
     `timestamp`, `utc` or the index of a data frame become `time_s`, from the first row on. Empty columns are left out.
+    Arrays that are as they should be are not copied: a log of a million rows would be in memory twice.
 
     Raises ValueError, one line that names the column, the row and what is allowed.
     """
@@ -105,10 +106,10 @@ def _values(name: str, raw: Any) -> npt.NDArray[Any] | None:
     if np.issubdtype(array.dtype, np.timedelta64):
         return np.asarray(array / np.timedelta64(1, "s"), np.float64)
     if array.dtype.kind in "biuf":
-        return array.astype(np.float64)
+        return array.astype(np.float64, copy=False)
     if array.dtype.kind in "OUS" and name not in TEXT_COLUMNS:
-        return _of_objects(name, array.astype(object))
-    return array.astype(object)
+        return _of_objects(name, array.astype(object, copy=False))
+    return array.astype(object, copy=False)
 
 
 def _of_objects(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any] | None:

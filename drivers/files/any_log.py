@@ -3,6 +3,7 @@ it, else where nothing is unsure."""
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,12 +24,13 @@ OTHERS = {b"PK\x03\x04": "a zip or an Excel workbook", b"PAR1": "a Parquet file"
 KNOWN_SHARE = 0.5               # of the columns; fewer are another program's log, which the import reads better
 
 
-def open_log(path: Path) -> RunLog:
-    """Raises LogError, ImportTrouble (the open questions, where the import is not sure of all), OSError."""
+def open_log(path: Path, without: Collection[str] = ()) -> RunLog:
+    """`without`: columns that need not be read. Raises LogError, ImportTrouble (the open questions, where the import is
+    not sure of all), OSError."""
     _not_by_another_name(path)
     if not is_foreign(path):
         try:
-            return read_rows(path)
+            return read_rows(path, without)
         except LogError:
             if is_store(path) or "time_s" in [name.strip().lower() for name in header_of(path)]:
                 raise                       # our own; of another's with names as ours the import knows more

@@ -20,6 +20,7 @@ from drivers.files.run_meta import RunMeta, meta_from_yaml
 from drivers.files.table import Columns, TableError, read_table
 from drivers.plain_text import OneLine
 
+SLOW_STEP_S = 2.0           # rows farther apart may be milliseconds, which another column shows: all are read
 _NUMBERS = frozenset(COLUMNS) - TEXT_COLUMNS - {"time_s"}        # times may be dates
 
 
@@ -95,12 +96,21 @@ class RunLog:
         return [None if value != value else value for value in array.tolist()]
 
 
-def read_log(path: str | Path, only: Collection[str] | None = None) -> RunLog:
+def read_log(path: str | Path, only: Collection[str] | None = None, without: Collection[str] = ()) -> RunLog:
     """Opens a run log of any program, cut anywhere by a power loss; or its store (`log_store`).
 
-    `only`: names of the columns wanted (None: all); `time_s` comes always. Raises LogError.
+    `only`: names of the columns wanted (None: all); `time_s` comes always. `without`: names of columns not wanted: a
+    million texts that nobody looks at take 0.2 GB. Raises LogError.
     """
     path = Path(path)
+    if without:
+        log = _read_log(path, only, without)
+        if not log.step_s >= SLOW_STEP_S:
+            return log
+    return _read_log(path, only)
+
+
+def _read_log(path: Path, only: Collection[str] | None, without: Collection[str] = ()) -> RunLog:
     if is_store(path):
         try:
             return RunLog(path, *read_store(path, only))
@@ -114,7 +124,8 @@ def read_log(path: str | Path, only: Collection[str] | None = None) -> RunLog:
         return RunLog(path, columns, meta, (*meta_findings, found))
     try:
         table = read_table(path, _NUMBERS, TEXT_COLUMNS, rename=our_names, own_header=_own_columns(meta),
-                           choose=None if only is None else lambda names: needed(names, only))
+                           choose=None if only is None and not without else lambda names: needed(
+                               names, [name for name in names if name not in without] if only is None else only))
         columns, findings = examined(table.columns, table.names)
     except TableError as error:
         raise LogError(str(error)) from None
@@ -125,9 +136,10 @@ def read_log(path: str | Path, only: Collection[str] | None = None) -> RunLog:
     return RunLog(path, columns, meta, (*meta_findings, *table.findings, *findings))
 
 
-def read_rows(path: str | Path) -> RunLog:
-    """A run log of which there is something to work on. Raises LogError also where it has no whole row."""
-    log = read_log(path)
+def read_rows(path: str | Path, without: Collection[str] = ()) -> RunLog:
+    """A run log of which there is something to work on, `without` as of `read_log`. Raises LogError also where it has
+    no whole row."""
+    log = read_log(path, without=without)
     if len(log) == 0:
         raise LogError(f"{log.path}: no whole row below the header")
     return log

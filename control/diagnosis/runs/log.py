@@ -34,6 +34,9 @@ NEEDED = {
 }
 NUMBERS = ("shaft_rpm_cmd", "shaft_rpm", "opening_mm_cmd", "opening_mm", "hopper_kg", "supply_v", "pitch_deg",
            "roll_deg", "heading_deg", "speed_mps", "wheel_speed_mps", "work_switch", *HEADS)
+# Of the published columns, those that no diagnosis of a log reads: neither the channels nor `rates`.
+UNREAD = frozenset(COLUMNS) - {"time_s", *NUMBERS, "events", "state", "lat_deg", "lon_deg", "target_rate_kg_ha",
+                               "applied_rate_kg_ha"}
 PRINTED_DIGITS = 8          # after the point: logs print three to six, places (which are not read here) eight
 MIN_ROWS = 40
 MIN_SETTLED = 20            # of settled answers: each is a mean of its own, and a staircase up has as many steps
@@ -81,10 +84,11 @@ def gate(columns: Mapping[str, npt.NDArray[Any]], has: Callable[[str], bool] = l
     held = any(COMMANDS_HELD in str(text).split(";") for text in columns.get("events", ()))
     least = MIN_SETTLED if held else MIN_ROWS
     time, order = _times(np.asarray(columns["time_s"], np.float64), least, findings)
+    rows = _rows(order, len(columns["time_s"]))
     found: dict[str, Array] = {}
     for name in NUMBERS:
         raw = columns.get(name)
-        values = np.full(len(time), np.nan) if raw is None else _readings(np.asarray(raw, np.float64)[order])
+        values = np.full(len(time), np.nan) if raw is None else _readings(np.asarray(raw, np.float64)[rows])
         found[name] = _without_sentinels(name, values, findings)
     _units(found, findings)
     for name in ("shaft_rpm", "opening_mm", "hopper_kg"):
@@ -106,20 +110,26 @@ def gate(columns: Mapping[str, npt.NDArray[Any]], has: Callable[[str], bool] = l
     if "flow" in stages:
         stages.append("scale")
     step = float(np.median(np.diff(time)))
-    further = _further(columns, order, {**found, "time_s": time}, findings)
+    further = _further(columns, rows, {**found, "time_s": time}, findings)
     events = _texts(columns, "events", order)
     return Clean(time, step, found, events, _texts(columns, "state", order), tuple(stages), tuple(findings), further,
                  held)
 
 
-def _further(columns: Mapping[str, npt.NDArray[Any]], order: npt.NDArray[np.int64],
+def _rows(order: npt.NDArray[np.int64], count: int) -> npt.NDArray[np.int64] | slice:
+    """The rows in order; where that is all as they are, the slice that copies nothing."""
+    as_they_are = len(order) == count and bool(np.array_equal(order, np.arange(count)))
+    return slice(None) if as_they_are else order
+
+
+def _further(columns: Mapping[str, npt.NDArray[Any]], rows: npt.NDArray[np.int64] | slice,
              published: Mapping[str, Array], findings: list[str]) -> dict[str, Array]:
     """Columns of numbers that are not of the published ones and change: something may depend on them."""
     found = {}
     for name, raw in columns.items():
         if name in COLUMNS or not np.issubdtype(np.asarray(raw).dtype, np.number):
             continue
-        values = _without_sentinels(name, _readings(np.asarray(raw, np.float64)[order]), findings)
+        values = _without_sentinels(name, _readings(np.asarray(raw, np.float64)[rows]), findings)
         known = values[np.isfinite(values)]
         if len(known) >= max(MIN_ROWS, MIN_KNOWN * len(values)) and np.ptp(np.percentile(known, (1.0, 99.0))) > 0.0:
             found[name] = values
@@ -165,6 +175,8 @@ def _readings(values: Array) -> Array:
     evidence, and must not hang on the last bits of a float."""
     with np.errstate(over="ignore"):
         rounded = np.round(values, PRINTED_DIGITS)
+    if np.array_equal(rounded, values, equal_nan=True):
+        return values                   # as a log prints them: a million rows are not kept twice
     return np.where(np.isfinite(rounded), rounded, values)
 
 
@@ -185,7 +197,10 @@ def _without_sentinels(name: str, values: Array, findings: list[str]) -> Array:
 def readable(values: Array) -> Array:
     """Numbers (n,) that a machine can have read; NaN for the others."""
     sane = np.where(np.isfinite(values) & ~(np.abs(values) > MOST), values, np.nan)
-    return np.where(np.abs(sane) < LEAST, 0.0, sane)
+    sane[np.abs(sane) < LEAST] = 0.0
+    if np.array_equal(sane, values, equal_nan=True) and not np.signbit(values[values == 0.0]).any():
+        return values                   # nothing in it was otherwise: a million rows are not kept twice
+    return sane
 
 
 def _units(found: dict[str, Array], findings: list[str]) -> None:
@@ -246,8 +261,9 @@ def _without_held(name: str, values: Array, step_s: float, findings: list[str]) 
     odd = (lengths > longest) & (lengths * step_s < MAX_HELD_S)
     for start, length in zip(starts[odd], lengths[odd], strict=True):
         held[start + 1:start + length] = True
-    if held.any():
-        findings.append(f"column {name}: {int(held.sum())} cells only repeat an older reading and are not used")
+    if not held.any():
+        return values
+    findings.append(f"column {name}: {int(held.sum())} cells only repeat an older reading and are not used")
     return np.where(held, np.nan, values)
 
 
