@@ -184,18 +184,24 @@ def stops(console: TappedConsole, tap: Tap, times: int) -> tuple[list[float], in
 
 def work(console: TappedConsole, tap: Tap) -> None:
     """Until the drives turn. Alarms are acknowledged on the way."""
-    until_s = time.monotonic() + 180.0
+    terminal, until_s = console.terminal, time.monotonic() + 180.0
     while not tap.turning:
         if time.monotonic() > until_s:
-            raise TimeoutError(f"the machine does not come to work:\n{console.terminal.text()}")
-        first = console.terminal.text().splitlines()[0]
-        key = "r" if "OFF" in first or "FAULT" in first else "s" if "READY" in first or "HELD" in first else ""
-        if key == "s" and not console.terminal.shows("no alarms"):
-            console.terminal.type("a")
-            time.sleep(0.3)
-        console.terminal.type(key)
+            raise TimeoutError(f"the machine does not come to work:\n{terminal.text()}")
+        key = _next_key(terminal)
+        if key == "s" and not terminal.shows("no alarms"):
+            terminal.type("a")
+            with suppress(TimeoutError):
+                wait(lambda: terminal.shows("no alarms"), 0.3, "no alarms")
+        terminal.type(key)
         with suppress(TimeoutError):
-            wait(lambda: tap.turning, 1.5, "turning")
+            wait(lambda key=key: tap.turning or _next_key(terminal) != key, 1.5, "turning")  # type: ignore[misc]
+
+
+def _next_key(terminal: Terminal) -> str:
+    """What is pressed to come to work from the state that the screen shows; "" where there is nothing to press."""
+    first = terminal.text().splitlines()[0]
+    return "r" if "OFF" in first or "FAULT" in first else "s" if "READY" in first or "HELD" in first else ""
 
 
 def told(row: Row) -> str:
