@@ -6,6 +6,12 @@ and the marks that turn the direction of writing round, with which a text can sh
 """
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple, Self
+
 _STEERING = [*(code for code in range(32) if chr(code) not in "\n\t"), *range(127, 160), 0x061C, 0x200E, 0x200F,
              *range(0x202A, 0x202F), *range(0x2066, 0x206A)]
 _WITHOUT = dict.fromkeys(_STEERING)
@@ -26,3 +32,52 @@ class OneLine(ValueError):
 
     def __init__(self, text: str = "") -> None:
         super().__init__(one_line(text))
+
+    @classmethod
+    def of(cls, error: Refused) -> Self:
+        """Another reader's refusal as one of this kind."""
+        return cls(str(error))
+
+
+@dataclass(frozen=True)
+class Reason:
+    """A sentence as catalogues of translations have it, and the values of its {names}; a value may be a Reason."""
+
+    text: str
+    values: Mapping[str, object] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        return self.text.format(**self.values)
+
+
+class Where(NamedTuple):
+    """A place in a file: the file, and the way down to what is meant, from the outside in."""
+
+    file: str
+    inside: tuple[Reason, ...] = ()
+
+    def at(self, text: str, **values: object) -> Where:
+        """One step further down."""
+        return self._replace(inside=(*self.inside, Reason(text, values)))
+
+    def __str__(self) -> str:
+        return ": ".join(part for part in (self.file, *map(str, self.inside)) if part)
+
+
+class Refused(OneLine):
+    """Where, and why. Its one line is for a terminal; a screen says the same in its own language from `where` and
+    `reason`. `hint`: what only the user of a command can do about it (an option, a program to run)."""
+
+    def __init__(self, where: Where | Path | str, text: str, hint: str = "", **values: object) -> None:
+        self.where = where if isinstance(where, Where) else Where(str(where))
+        self.reason, self.hint = Reason(text, values), hint
+        super().__init__(": ".join(part for part in (str(self.where), f"{self.reason}{hint}") if part))
+
+    @classmethod
+    def of(cls, error: Refused, where: Where | Path | str | None = None, hint: str = "") -> Self:
+        """The same refusal as one of this kind; where: instead of the place that it names. hint: one more."""
+        return cls(error.where if where is None else where, error.reason.text, error.hint + hint, **error.reason.values)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """From one process to another as what it is, not as its line."""
+        return partial(type(self), self.where, self.reason.text, self.hint, **self.reason.values), (), self.__dict__

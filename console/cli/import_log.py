@@ -113,13 +113,13 @@ def _guess(files: list[Path], place: Path, given: _Given, force: bool) -> None:
     raw, found = _guessed(files, given)
     write_atomically(place, first_import_file(found, files, place))
     typer.echo(f"{place}: {found.unsure}")
-    for line in (*found.questions(raw.path), *_elements(raw)):
-        typer.echo(line)
+    for line in (*found.questions, *_elements(raw)):
+        typer.echo(f"{raw.path}: {line}")
 
 
 def _elements(raw: RawTable) -> list[str]:
     """What the parts of a machine are that columns are called by, where there is a question about them."""
-    return [f"{raw.path}: {finding}" for finding in raw.findings if finding.id == "elements"]
+    return [str(finding) for finding in raw.findings if finding.id == "elements"]
 
 
 def _guessed(files: list[Path], given: _Given) -> tuple[RawTable, Guess]:
@@ -198,6 +198,6 @@ def _mapping(files: list[Path], place: Path | None, given: _Given) -> tuple[RawT
         return None, mapping.model_copy(update={"source": mapping.source.model_copy(update=given.said)})
     raw, found = _guessed(files, given)
     if not found.sure:
-        raise ImportTrouble(*found.questions(raw.path), *_elements(raw), f"{raw.path}: not imported: --guess writes an "
-                            "import file in which these lines can be put right")
+        raise ImportTrouble(raw.path, *found.questions, *_elements(raw), "not imported: --guess writes an import file "
+                            "in which these lines can be put right")
     return raw, found.mapping

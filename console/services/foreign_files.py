@@ -61,7 +61,7 @@ def brought_in(path: Path, folder: Path) -> tuple[Path, tuple[str, ...]]:
     first = first_import_file(found, [data], place)
     if not found.sure and (mapping_file is None or place.read_text(encoding="utf-8") == first):
         _write_first(place, first)
-        raise OpenQuestions(found.questions(data), str(place))
+        raise OpenQuestions(found.questions, str(place))
     if mapping_file is not None:
         mapping = load(mapping_file, IMPORT).model
         raw = read_raw(data, mapping.source)

@@ -29,7 +29,6 @@ from console.app.pages.job.service import (
 )
 from console.services.at_work import earlier
 from console.services.launcher import Launcher, data_folder
-from console.services.map_refused import in_words, refused
 from console.worker import resume
 from control.orders import BY_MAP, TargetSource
 from drivers.files.config import Loaded, load, save, shipped
@@ -44,6 +43,7 @@ if TYPE_CHECKING:
     from control.field.job import Job
     from control.machine.machine import Machine
     from control.targets.map_check import MapCheck
+    from drivers.files.prescriptions.words import PrescriptionError
     from drivers.files.setup import Setup
 
 OFFERED_DAYS = 14           # a job that was cut off longer ago is not asked about
@@ -58,7 +58,7 @@ class JobFiles:
         self._launcher = launcher
         self._folder = folder or data_folder()
         self._next: tuple[str, ...] | None = None       # files of a start that is asked about; not those in use
-        self._checked: tuple[object, MapCheck | str] | None = None      # of the map as it stood, and what was found
+        self._checked: tuple[object, MapCheck | PrescriptionError | OSError] | None = None  # of the map as it stood
         self._scratch: tempfile.TemporaryDirectory[str] | None = None   # of maps that are only looked at
 
     # --- facts --------------------------------------------------------------------------------------------------
@@ -124,10 +124,14 @@ class JobFiles:
                 assert check is not None
                 self._checked = key, check
             except (PrescriptionError, OSError) as error:
-                self._checked = key, str(error).splitlines()[0]
+                self._checked = key, error
         checked = self._checked[1]
-        return _MapFacts(map_file=str(path), map_check=None if isinstance(checked, str) else checked,
-                         map_trouble=checked if isinstance(checked, str) else "")
+        if isinstance(checked, PrescriptionError):
+            from console.services.map_refused import in_words
+            return _MapFacts(map_file=str(path), map_check=None, map_trouble=f"{path}: {in_words(checked, path)}")
+        if isinstance(checked, OSError):
+            return _MapFacts(map_file=str(path), map_check=None, map_trouble=f"{path}: {checked.strerror or checked}")
+        return _MapFacts(map_file=str(path), map_check=checked, map_trouble="")
 
     def _files(self, folder: str, now: Path | None) -> tuple[File, ...]:
         """The one in use, the user's own, the newest first, and those that are shipped."""
@@ -201,10 +205,11 @@ class JobFiles:
     def preview(self, path: str, reading: Reading) -> MapPreview:
         """Raises ValueError."""
         from console.services.field import picture_of
+        from console.services.map_refused import in_words, refused
         from control.targets.prescription import statistics
         from drivers.files.prescriptions.for_job import check_of_job
         from drivers.files.prescriptions.read import read_prescription
-        from drivers.files.prescriptions.words import Choice, NotAMap, PrescriptionError, RateQuestion
+        from drivers.files.prescriptions.words import UNIT_NOT_NAMED, Choice, PrescriptionError, RateQuestion
         from drivers.files.prescriptions.write import write_prescription
         from drivers.files.setup import setup_of
         choice = Choice(column=reading.column or None, unit=reading.unit or None)
@@ -212,11 +217,9 @@ class JobFiles:
         try:
             read = read_prescription(path, choice)
         except RateQuestion as question:
-            asked = in_words(str(question).splitlines()[0].removeprefix(f"{path}: "))
-            return MapPreview(path, reading, question.columns, asked)
+            return MapPreview(path, reading, question.columns, in_words(question, Path(path)))
         except PrescriptionError as error:
-            said = str(error).splitlines()[0].removeprefix(f"{path}: ")
-            raise ValueError(f"{refused(Path(path), said, isinstance(error, NotAMap))} ({Path(path).name})") from None
+            raise ValueError(f"{refused(Path(path), error)} ({Path(path).name})") from None
         except OSError as error:
             raise ValueError(f"{error.strerror or error}: {path}") from None
         if self._scratch is None:
@@ -446,7 +449,6 @@ class JobFiles:
         return await self._launcher.link()
 
 
-UNIT_NOT_NAMED = "as the file names no unit"        # as `drivers.files.prescriptions.rate_column` says it
 FAR_ABOVE, FAR_BELOW_KG_HA = 2.0, 10.0              # times the crop's limit; less than any dressing
 
 

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import hypot
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -49,7 +49,7 @@ class MapLayers:
             log = _opened(Path(path))
             return laid(log, plane_of(frame, meta), _width_m(meta), frame)
         except OpenQuestions as asked:
-            raise ValueError(_asked(Path(path), asked.questions[0])) from None
+            raise ValueError(_asked(Path(path), asked.questions)) from None
         except (ValueError, OSError) as error:
             raise ValueError(str(error).splitlines()[0].replace(f"{path}", Path(path).name)) from None
 
@@ -57,23 +57,20 @@ class MapLayers:
 def _opened(path: Path) -> RunLog:
     """By its import file where one stands next to it. Raises ValueError, OSError."""
     from drivers.files.any_log import open_log
-    from drivers.files.imports.trouble import ImportTrouble
+    from drivers.files.imports.trouble import Unsure
     from drivers.files.read_log import read_rows
     if not path.with_name(f"{path.stem}{IMPORT_FILE}").exists():
         try:
             return open_log(path)
-        except ImportTrouble as trouble:
-            said = str(trouble).splitlines()
-            if len(said) > 1 and "not opened" in said[-1]:
-                raise ValueError(_asked(path, said[0])) from None
-            raise
+        except Unsure as asked:
+            raise ValueError(_asked(path, asked.reasons)) from None
     with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
         return read_rows(brought_in(path, Path(folder))[0])
 
 
-def _asked(path: Path, question: str) -> str:
+def _asked(path: Path, questions: Sequence[str]) -> str:
     """The Diagnosis page asks, and keeps the answer next to the file, where it is found here too."""
-    return f"{path.name}: Diagnosis asks about it first: {question.removeprefix(f'{path}: ')}"
+    return f"{path.name}: Diagnosis asks about it first: {questions[0]}"
 
 
 def laid(log: RunLog, plane: TangentPlane, width_m: float, frame: Frame) -> LaidFile:

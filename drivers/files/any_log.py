@@ -59,7 +59,7 @@ def raw_and_mapping(path: Path, called: Path | None = None) -> tuple[RawTable, I
     """
     from drivers.files.imports.beside import import_file
     from drivers.files.imports.read import read_raw
-    from drivers.files.imports.trouble import ImportTrouble
+    from drivers.files.imports.trouble import Unsure
     called = called or path
     place = import_file(called)
     if place is not None:
@@ -71,8 +71,8 @@ def raw_and_mapping(path: Path, called: Path | None = None) -> tuple[RawTable, I
     raw = read_raw(path)
     found = guess(raw)
     if not found.sure:
-        raise ImportTrouble(*found.questions(called), f"{called}: not opened: topdress import {called} --guess writes "
-                            "an import file in which these lines can be put right")
+        raise Unsure(called, *found.questions, f"not opened: topdress import {called} --guess writes an import file in "
+                     "which these lines can be put right")
     return raw, found.mapping, None
 
 

@@ -8,14 +8,14 @@ from pathlib import Path, PurePosixPath
 from typing import Protocol
 
 from drivers.files.limits import DAMAGED_ZIP, SHAPES
-from drivers.plain_text import OneLine
+from drivers.plain_text import Refused
 
 DEEPEST = 4                     # folders in one another that are looked into
 HIDDEN = ("__macosx", "$recycle.bin", "system volume information")
 
 
-class ArchiveError(OneLine):
-    """What lies there cannot be read; one line."""
+class ArchiveError(Refused):
+    """What lies there cannot be read."""
 
 
 class Files(Protocol):
@@ -64,7 +64,7 @@ class Zip:
             with zipfile.ZipFile(self.path) as archive:
                 found = [info.filename for info in archive.infolist() if info.filename and not info.is_dir()]
         except DAMAGED_ZIP as error:
-            raise ArchiveError(f"{self.path}: {error}") from None
+            raise ArchiveError(self.path, "not readable as a zip: {why}", why=error) from None
         return sorted(name for name in found if _counts(name))
 
     def read(self, name: str) -> bytes:
@@ -73,7 +73,7 @@ class Zip:
                 _check_size(self.label(name), archive.getinfo(name).file_size)
                 return archive.read(name)
         except DAMAGED_ZIP as error:
-            raise ArchiveError(f"{self.label(name)}: {error}") from None
+            raise ArchiveError(self.label(name), "not readable: {why}", why=error) from None
 
     def label(self, name: str) -> str:
         return f"{self.path}/{name}"
@@ -105,4 +105,5 @@ def _counts(name: str) -> bool:
 
 def _check_size(label: str, size: int) -> None:
     if size > SHAPES.most:
-        raise ArchiveError(f"{label}: {size >> 20} MB: allowed up to {SHAPES.most >> 20} MB")
+        raise ArchiveError(label, "{found}: allowed up to {most}", found=f"{size >> 20} MB",
+                           most=f"{SHAPES.most >> 20} MB")

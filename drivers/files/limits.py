@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from drivers.plain_text import OneLine
+from drivers.plain_text import Refused, Where
 
 MB = 1 << 20
 
@@ -62,14 +62,15 @@ _QUOTED = re.compile(rb'"[^"]*"')                   # a cell of a text: what sta
 DAMAGED_ZIP = (zipfile.BadZipFile, zlib.error, struct.error, RuntimeError, EOFError)
 
 
-class BeyondLimits(OneLine):
+class BeyondLimits(Refused):
     """The file is larger, or holds more, than is read; one line, naming it."""
 
 
-def held_to(limit: Limit, found: int, label: str) -> None:
+def held_to(limit: Limit, found: int, label: Where | Path | str) -> None:
     """Raises BeyondLimits where more was found than is allowed."""
     if found > limit.most:
-        raise BeyondLimits(f"{label}: {_amount(found, limit.unit)}: allowed up to {_amount(limit.most, limit.unit)}")
+        raise BeyondLimits(label, "{found}: allowed up to {most}", found=_amount(found, limit.unit),
+                           most=_amount(limit.most, limit.unit))
 
 
 def check_file(path: Path) -> None:
@@ -85,7 +86,7 @@ def check_file(path: Path) -> None:
         return
     if not path.is_file():
         if path.exists():
-            raise BeyondLimits(f"{path}: a pipe or a device: allowed is a file")       # reading may never end
+            raise BeyondLimits(path, "a pipe or a device: allowed is a file")       # reading may never end
         return
     if path.suffix.lower() in _ZIPPED and zipfile.is_zipfile(path):
         _check_zip(path)
@@ -102,7 +103,7 @@ def check_text(data: bytes, label: str) -> None:
     """A text table's bytes: no endless line at its beginning, no endless header. Raises BeyondLimits."""
     held_to(TEXT, len(data), label)
     lines = data[:MB].replace(b"\r", b"\n").split(b"\n")
-    held_to(LINE, max(map(len, lines)), f"{label}: one of its first lines")
+    held_to(LINE, max(map(len, lines)), Where(label).at("one of its first lines"))
     for line in [_QUOTED.sub(b"", one) for one in lines if one][:50]:
         for sign in (b",", b";", b"\t", b"|"):
             held_to(COLUMNS, line.count(sign), label)
@@ -133,17 +134,18 @@ def _check_zip(path: Path) -> None:
     except (*DAMAGED_ZIP, ValueError):
         return                                  # no zip: the reader says so
     held_to(ENTRIES, len(entries), str(path))
-    held_to(whole, sum(entry.file_size for entry in entries), f"{path}, unpacked")
+    held_to(whole, sum(entry.file_size for entry in entries), Where(str(path)).at("unpacked"))
     seen: set[str] = set()
     for entry in entries:
         label = f"{path}/{entry.filename}"
         if entry.filename in seen:
-            raise BeyondLimits(f"{label}: stands twice in the zip: allowed once")
+            raise BeyondLimits(label, "stands twice in the zip: allowed once")
         seen.add(entry.filename)
         if entry.flag_bits & _ENCRYPTED:
-            raise BeyondLimits(f"{label}: encrypted: allowed is a zip without a password")
+            raise BeyondLimits(label, "encrypted: allowed is a zip without a password")
         if entry.compress_type not in _METHODS:
-            raise BeyondLimits(f"{label}: compression {entry.compress_type}: allowed are stored and deflated")
+            raise BeyondLimits(label, "compression {number}: allowed are stored and deflated",
+                               number=entry.compress_type)
         if whole is UNPACKED:
             _check_size(Path(entry.filename).suffix, entry.file_size, label)
 

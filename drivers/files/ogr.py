@@ -14,7 +14,7 @@ import shapely
 from drivers.files.extras import install_line
 from drivers.files.limits import DAMAGED_ZIP, BeyondLimits, check_file
 from drivers.files.prescriptions.projected import TransverseMercator, projection_of
-from drivers.plain_text import OneLine
+from drivers.plain_text import Refused, Where
 
 FORMATS = {".gpkg": "GPKG", ".kml": "KML", ".kmz": "KML"}
 DEGREES = ("EPSG:4326", "OGC:CRS84", "EPSG:4258", "EPSG:4490", "EPSG:4269")     # WGS84, and within 2 m of it
@@ -23,8 +23,8 @@ _OF_KML = frozenset({"Name", "description", "timestamp", "begin", "end", "altitu
                      "visibility", "drawOrder", "icon", "Description", "id"})
 
 
-class ShapesError(OneLine):
-    """The file cannot be used; one line."""
+class ShapesError(Refused):
+    """The file cannot be used."""
 
 
 class Layer(NamedTuple):
@@ -41,7 +41,7 @@ def read_layers(path: Path) -> list[Layer]:
     try:
         check_file(path)
     except BeyondLimits as error:
-        raise ShapesError(str(error)) from None
+        raise ShapesError.of(error) from None
     pyogrio = _pyogrio(path)
     if path.suffix.lower() == ".kmz":
         return _of_kmz(path)
@@ -51,9 +51,10 @@ def read_layers(path: Path) -> list[Layer]:
     except ShapesError:
         raise
     except pyogrio.errors.DataSourceError as error:
-        raise ShapesError(f"{path}: not readable as {path.suffix[1:]}: {str(error).splitlines()[0][:150]}") from None
+        raise ShapesError(path, "not readable as {kind}: {why}", kind=path.suffix[1:],
+                          why=str(error).splitlines()[0][:150]) from None
     except (pyogrio.errors.DataLayerError, ValueError) as error:
-        raise ShapesError(f"{path}: {str(error).splitlines()[0][:150]}") from None
+        raise ShapesError(path, "{why}", why=str(error).splitlines()[0][:150]) from None
 
 
 def _pyogrio(path: Path) -> Any:
@@ -61,7 +62,8 @@ def _pyogrio(path: Path) -> Any:
         import pyogrio
         import pyogrio.raw
     except ImportError:
-        raise ShapesError(f"{path}: {path.suffix[1:].upper()} needs the extra gis: {install_line('gis')}") from None
+        raise ShapesError(path, "{kind} needs the extra gis", f": {install_line('gis')}",
+                          kind=path.suffix[1:].upper()) from None
     return pyogrio
 
 
@@ -71,16 +73,16 @@ def _of_kmz(path: Path) -> list[Layer]:
             inside = next((name for name in archive.namelist() if name.lower().endswith(".kml")), None)
             data = b"" if inside is None else archive.read(inside)
     except DAMAGED_ZIP as error:
-        raise ShapesError(f"{path}: {error}") from None
+        raise ShapesError(path, "not readable as a zip: {why}", why=error) from None
     if not data:
-        raise ShapesError(f"{path}: no .kml in it")
+        raise ShapesError(path, "no .kml in it")
     with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
         plain = Path(folder) / f"{path.stem}.kml"
         plain.write_bytes(data)
         try:
             return read_layers(plain)
         except ShapesError as error:
-            raise ShapesError(str(error).replace(str(plain), str(path))) from None
+            raise ShapesError.of(error, error.where._replace(file=str(path))) from None
 
 
 def _raw(pyogrio: Any, path: Path, name: str) -> tuple[Any, Any, Any]:
@@ -102,10 +104,10 @@ def _plain(value: Any) -> Any:
 
 
 def _in_degrees(path: Path, layer: str, shapes: Any, crs: str | None) -> tuple[Any, str]:
+    where = Where(str(path)).at("layer {layer}", layer=layer)
     if crs is None or crs in DEGREES:
         if crs is None and len(shapes) and np.abs(shapely.get_coordinates(shapes)).max(initial=0.0) > 180.0:
-            raise ShapesError(f"{path}: layer {layer}: coordinates in no known system: allowed are degrees, or UTM "
-                              "that the file names")
+            raise ShapesError(where, "coordinates in no known system: allowed are degrees, or UTM that the file names")
         return shapes, ""
     found = _UTM.match(crs)
     if found is not None:
@@ -118,8 +120,8 @@ def _in_degrees(path: Path, layer: str, shapes: Any, crs: str | None) -> tuple[A
         except ValueError:
             by_text = None
         if by_text is None:
-            raise ShapesError(f"{path}: layer {layer}: coordinates in {crs[:60]}: allowed are degrees on WGS84, or "
-                              "UTM: export it again in WGS84 (EPSG:4326)")
+            raise ShapesError(where, "coordinates in {system}: allowed are degrees on WGS84, or UTM",
+                              ": export it again in WGS84 (EPSG:4326)", system=crs[:60])
         projection = by_text
 
     def turned(places: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:

@@ -17,7 +17,9 @@ import shapefile
 
 from drivers.files.archives import ArchiveError, Files, Folder, files_at
 from drivers.files.imports.dialect import encoding_of
+from drivers.files.imports.trouble import ImportTrouble
 from drivers.files.limits import DAMAGED_ZIP
+from drivers.plain_text import OneLine, Refused
 
 # Byte 29 of a .dbf: the language driver, as dBase, FoxPro and Esri number them.
 DRIVERS = {0x01: "cp437", 0x02: "cp850", 0x03: "cp1252", 0x57: "cp1252", 0x58: "cp1252", 0x59: "cp1252",
@@ -98,21 +100,21 @@ class ShapeSet:
 
 
 @contextmanager
-def damage_said(label: str, error: type[Exception]) -> Iterator[None]:
+def damage_said(label: str, error: type[OneLine | ImportTrouble]) -> Iterator[None]:
     """Whatever a reader of shapefiles raises on damaged ones, as one line of this kind."""
     try:
         yield
     except error:
         raise
     except ArchiveError as trouble:
-        raise error(str(trouble)) from None
+        raise error.of(trouble) from None
     except (shapefile.ShapefileException, UnicodeDecodeError, *DAMAGED_ZIP) as trouble:
         said = (str(trouble).splitlines() or [type(trouble).__name__])[0]
-        raise error(f"{label}: not readable as a shapefile: {said}") from None
+        raise error.of(Refused(label, "not readable as a shapefile: {why}", why=said)) from None
     except KeyError as trouble:
-        raise error(f"{label}: not a shapefile: no type of shapes is {trouble}") from None
+        raise error.of(Refused(label, "not a shapefile: no type of shapes is {number}", number=trouble)) from None
     except (ValueError, IndexError, OverflowError, MemoryError) as trouble:
-        raise error(f"{label}: damaged shapefile ({type(trouble).__name__})") from None
+        raise error.of(Refused(label, "damaged shapefile ({kind})", kind=type(trouble).__name__)) from None
 
 
 def shape_sets(path: Path) -> list[ShapeSet]:

@@ -72,7 +72,8 @@ def _unpacked(archive: zipfile.ZipFile, info: zipfile.ZipInfo, label: str) -> It
         for chunk in _chunks(entry):
             found += len(chunk)
             if found > stated:
-                raise BeyondLimits(f"{label}: unpacks to more than the {stated} bytes that its directory says")
+                raise BeyondLimits(label, "unpacks to more than the {stated} bytes that its directory says",
+                                   stated=stated)
             yield chunk
 
 

@@ -35,8 +35,26 @@ def marked() -> dict[str, str]:
     return texts
 
 
+REFUSALS_BY = {"Reason": 0, "at": 0, "NoLattice": 0, "Refused": 1, "BeyondLimits": 1, "ArchiveError": 1,
+               "ShapesError": 1, "PrescriptionError": 1, "NotAMap": 1, "NoPolygons": 1, "RateQuestion": 1, "_asked": 1}
+
+
+def refused() -> dict[str, str]:
+    """Every text with which a reader of files refuses a prescription, with its file: the call's first text."""
+    texts = {}
+    for path in sorted((APP.parents[1] / "drivers" / "files").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call):
+                made = {one.id if isinstance(one, ast.Name) else getattr(one, "attr", "")
+                        for one in ast.walk(node.func) if isinstance(one, ast.Name | ast.Attribute)}
+                for argument in (node.args[REFUSALS_BY[name]:][:1] for name in made & set(REFUSALS_BY)):
+                    texts |= dict.fromkeys((one.value for part in argument for one in ast.walk(part)
+                                            if isinstance(one, ast.Constant) and isinstance(one.value, str)), path.name)
+    return {text: where for text, where in texts.items() if re.search("[a-z]", re.sub(r"{[^}]*}", "", text))}
+
+
 def all_texts() -> dict[str, str]:
-    texts = marked()
+    texts = marked() | refused()
     for kind in ALARMS.values():
         texts |= dict.fromkeys((kind.text, kind.todo, kind.place), "alarms")
     return texts | dict.fromkeys(REFUSALS.values(), "refusals") | dict.fromkeys(crop_notes(), "crop notes")
@@ -58,6 +76,12 @@ def test_every_text_is_translated_and_keeps_its_values(language):
     missing = {text: where for text, where in all_texts().items() if not known.get(text)}
     assert not missing
     assert {text for text in all_texts() if fields(text) != fields(known[text])} == set()
+
+
+def test_the_refusals_of_a_prescription_are_found():
+    """Of each reader at least one: a new way of refusing may not slip by the test above."""
+    assert {"words.py", "rate_column.py", "csv_zones.py", "lattice.py", "raster.py", "geojson.py", "isoxml_read.py",
+            "task_files.py", "shapes.py", "shapefiles.py", "limits.py", "archives.py"} <= set(refused().values())
 
 
 def test_every_word_of_the_shared_vocabulary_is_known():

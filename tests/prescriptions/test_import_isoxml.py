@@ -231,7 +231,7 @@ BROKEN = [
     ("count per area", lambda t: t.replace('"0006"', '"000B"'), "only DDI 000B: allowed"),
     ("no zones", lambda t: t.replace("TZN", "XYZ"), "no treatment zones"),
     ("latitude", lambda t: t.replace('C="40.0"', 'C="140.0"'), "PNT C: 140: allowed -90 to 90"),
-    ("no corners", lambda t: t.replace("PNT", "QQQ"), "polygon of 0 corners: allowed 3 or more"),
+    ("no corners", lambda t: t.replace("PNT", "QQQ"), "a ring of less than 3 corners: allowed 3 or more"),
     ("wrong fallback", lambda t: t.replace('H="0"', 'H="77"'), "default zone 77: allowed 0, 1, 5"),
     ("no polygon", lambda t: t.replace("PLN", "XXX"), "neither a grid nor zones"),
 ]

@@ -312,6 +312,12 @@ REFUSED = {
     "much.csv": f'wkt,rate_kg_ha\n"{SQUARE}",90000\n'.encode(),
     "swapped.csv": f'wkt,rate_kg_ha\n"{SQUARE.replace("119.88", "x").replace("34.28", "119.88").replace("x", "34.28")}"'
                    ',200\n'.encode(),
+    "short.csv": f'wkt,rate_kg_ha\n"{SQUARE}"\n'.encode(),
+    "srid.csv": f'wkt,rate_kg_ha\n"SRID=3857;{SQUARE}",9\n'.encode(),
+    "uneven.csv": b"lat,lon,rate kg/ha\n34.28,119.88,90\n34.2811,119.8803,90\n34.2817,119.8818,90\n34.29,119.9,90\n",
+    "ring.geojson": b'{"type": "FeatureCollection", "features": [{"type": "Feature", "properties": {"rate": 9}, '
+                    b'"geometry": {"type": "Polygon", "coordinates": [[[1, 2], [3, 4]]]}}]}',
+    "TASKDATA.XML": b'<ISO11783_TaskData><TSK A="TSK1"/></ISO11783_TaskData>', "none.zip": b"PK\5\6" + bytes(18),
 }
 
 
@@ -321,7 +327,7 @@ def test_a_refused_map_is_refused_in_chinese_on_a_chinese_screen(desk, tmp_path)
 
     from console.locale import use
     kept = {"pdf", "csv", "wkt", "gzip", "json", "html", "png", "kg", "ha", "featurecollection", "rate", "many",
-            "none", "gz"}
+            "none", "gz", "srid", "wgs", "ddi"}
     left = {}
     use("zh")
     try:

@@ -65,10 +65,10 @@ def _all_there(raw: RawTable, mapping: ImportFile) -> None:
     wanted = {f"columns.{name}.from": column.source for name, column in mapping.columns.items()}
     wanted |= {"time.column": mapping.time.column, "time.date_column": mapping.time.date_column}
     wanted["working.column"] = mapping.working.column if mapping.working else None
-    wrong = [f"{raw.path}: {key} {name}: no such column: allowed {listed(raw.names)}{nearest(name, raw.names)}"
+    wrong = [f"{key} {name}: no such column: allowed {listed(raw.names)}{nearest(name, raw.names)}"
              for key, name in wanted.items() if name is not None and name not in raw.names]
     if wrong:
-        raise ImportTrouble(*wrong)
+        raise ImportTrouble(raw.path, *wrong)
 
 
 def _column(raw: RawTable, name: str, column: Column, mapping: ImportFile, findings: list[Finding]) -> pl.Series:
@@ -104,7 +104,7 @@ def _utc(raw: RawTable, column: Column) -> pl.Series:
         return series.dt.timestamp("us").alias(UTC_US)
     us = read_texts(series.cast(pl.String), None, "UTC").us
     if us.null_count() == us.len():
-        raise ImportTrouble(f"{raw.path}: row {raw.first_row}: column {column.source}: value {series[0]}: allowed ISO "
+        raise ImportTrouble(raw.path, f"row {raw.first_row}: column {column.source}: value {series[0]}: allowed ISO "
                             "8601, e.g. 2026-03-20T08:00:00Z")
     return us.alias(UTC_US)
 
@@ -112,7 +112,7 @@ def _utc(raw: RawTable, column: Column) -> pl.Series:
 def _said_bad(raw: RawTable, source: str, found: Numbers, findings: list[Finding]) -> None:
     where = f"row {raw.first_row + found.row}"
     if found.bad > _BAD_SHARE * found.values.len():
-        raise ImportTrouble(f"{raw.path}: {where}: column {source}: value {found.cell[:40]}: allowed a number (of "
+        raise ImportTrouble(raw.path, f"{where}: column {source}: value {found.cell[:40]}: allowed a number (of "
                             f"{found.values.len()} cells {found.bad} are none)")
     findings.append(Finding("not_a_number", f"column {source}: {many(found.bad, 'cell')} such as {found.cell[:20]!r} "
                             f"in {where} emptied: not a number", source, found.bad))
@@ -152,7 +152,7 @@ def _flows_to_rates(raw: RawTable, mapping: ImportFile, columns: dict[str, pl.Se
         return
     speed = next((columns[name] for name in SPEEDS if name in columns), None)
     if speed is None:
-        raise ImportTrouble(f"{raw.path}: columns.{flows[0]}: a flow: allowed with a column speed_mps to divide by")
+        raise ImportTrouble(raw.path, f"columns.{flows[0]}: a flow: allowed with a column speed_mps to divide by")
     assert mapping.width_m is not None
     moving = speed.set((speed <= STANDING_MPS).fill_null(True), None)
     for name in flows:
@@ -179,7 +179,7 @@ def _state(raw: RawTable, working: Working, mapping: ImportFile) -> pl.Series:
             holds = holds & (found < working.below).fill_null(False)
     if not holds.any():
         kinds = listed(repr(value) for value in series.unique().sort().head(6))
-        raise ImportTrouble(f"{raw.path}: working: column {working.column} never fulfils the condition: its values are "
+        raise ImportTrouble(raw.path, f"working: column {working.column} never fulfils the condition: its values are "
                             f"{kinds}")
     frame = pl.DataFrame({"holds": holds, "known": known})
     return frame.select(pl.when(~pl.col("known")).then(None).when("holds").then(pl.lit(State.WORKING.value))
@@ -235,7 +235,7 @@ def _in_order(raw: RawTable, frame: pl.DataFrame, findings: list[Finding]) -> pl
     try:
         good, said = with_good_times({"time_s": time_s, "row": np.arange(len(time_s), dtype=np.float64)}, ("time_s",))
     except UnusableLog as error:
-        raise ImportTrouble(f"{raw.path}: {str(error).replace('time_s', 'time')}") from None
+        raise ImportTrouble(raw.path, f"{str(error).replace('time_s', 'time')}") from None
     findings += said
     rows = good["row"].astype(np.int64)
     kept = frame[rows]

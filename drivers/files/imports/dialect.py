@@ -75,7 +75,7 @@ def dialect_of(label: str, sample: str, encoding: str, said: Source) -> Dialect:
             best = points, Dialect(encoding, delimiter, comma, layout, rows)
     if best is None:
         first = lines[0][:40].strip() if lines else ""
-        raise ImportTrouble(f"{label}: no row of numbers among the first {len(lines)} lines (the first is {first!r}): "
+        raise ImportTrouble(label, f"no row of numbers among the first {len(lines)} lines (the first is {first!r}): "
                             "allowed is a table with a header row and rows of numbers")
     return best[1]
 

@@ -27,24 +27,24 @@ def read_excel(path: Path, said: Source) -> RawTable:
     try:
         check_sheets(path)
     except (BeyondLimits, *DAMAGED_ZIP) as error:
-        raise ImportTrouble(f"{path}: not readable as a workbook: {error}") from None
+        raise ImportTrouble(path, f"not readable as a workbook: {error}") from None
     try:
         with CalamineWorkbook.from_path(str(path)) as book:
             sheets = [said.sheet] if said.sheet else book.sheet_names
             if said.sheet and said.sheet not in book.sheet_names:
-                raise ImportTrouble(f"{path}: source.sheet {said.sheet}: allowed {listed(book.sheet_names)}")
+                raise ImportTrouble(path, f"source.sheet {said.sheet}: allowed {listed(book.sheet_names)}")
             tables = {name: cells_of(book.get_sheet_by_name(name), f"sheet {name}") for name in sheets}
     except (CalamineError, BeyondLimits) as error:
-        raise ImportTrouble(f"{path}: not readable as a workbook: {error}") from None
+        raise ImportTrouble(path, f"not readable as a workbook: {error}") from None
     found = {name: (rows, layout) for name, rows in tables.items() if (layout := _layout(rows, said)) is not None}
     if not found:
-        raise ImportTrouble(f"{path}: no sheet holds a table of numbers below a header (sheets: {listed(tables)})")
+        raise ImportTrouble(path, f"no sheet holds a table of numbers below a header (sheets: {listed(tables)})")
     left = _log_among(found)
     findings = tuple(Finding("other_sheets", f"sheet {name} left out: {many(len(found[name][0]), 'row')} beside a log")
                      for name in found if name not in left)
     found = {name: found[name] for name in left}
     if len(found) > 1:
-        raise ImportTrouble(f"{path}: {len(found)} sheets hold tables: say source.sheet in the import file; allowed "
+        raise ImportTrouble(path, f"{len(found)} sheets hold tables: say source.sheet in the import file; allowed "
                             f"{listed(found)}")
     [(sheet, (rows, layout))] = found.items()
     return _table(path, said, sheet, rows, layout, findings)
@@ -68,7 +68,7 @@ def _layout(rows: list[list[Any]], said: Source) -> Layout | None:
 def _table(path: Path, said: Source, sheet: str, rows: list[list[Any]], layout: Layout,
            findings: tuple[Finding, ...]) -> RawTable:
     if layout.header < 0 and not said.names:
-        raise ImportTrouble(f"{path}: sheet {sheet}: no header row: allowed is a row that names the columns, or "
+        raise ImportTrouble(path, f"sheet {sheet}: no header row: allowed is a row that names the columns, or "
                             "source.names in the import file")
     cells = list(said.names) if said.names else [_as_text(cell).strip() for cell in rows[layout.header]]
     while cells and not cells[-1]:
@@ -80,7 +80,7 @@ def _table(path: Path, said: Source, sheet: str, rows: list[list[Any]], layout: 
                   if (word := _as_text(cell).strip("()[]- "))}
     body = [row for row in rows[layout.body:] if any(cell != "" for cell in row)]
     if not body:
-        raise ImportTrouble(f"{path}: sheet {sheet}: no rows below the header")
+        raise ImportTrouble(path, f"sheet {sheet}: no rows below the header")
     columns = list(zip(*body, strict=False))[:len(names)]
     frame = pl.DataFrame([_series(name, values) for name, values in zip(names, columns, strict=True)])
     source = said.model_copy(update={"kind": "excel", "sheet": sheet, "title_rows": max(layout.header, 0),

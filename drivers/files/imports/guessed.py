@@ -3,7 +3,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +22,9 @@ class Doubt(NamedTuple):
     key: Key
     text: str
 
+    def __str__(self) -> str:
+        return f"{'.'.join(self.key)}: {self.text}"
+
 
 @dataclass
 class Guess:
@@ -40,9 +42,10 @@ class Guess:
     def sure(self) -> bool:
         return not self.doubts
 
-    def questions(self, path: Path) -> tuple[str, ...]:
+    @property
+    def questions(self) -> tuple[str, ...]:
         """What is unsure, a line each."""
-        return tuple(f"{path}: {'.'.join(doubt.key)}: {doubt.text}" for doubt in self.doubts)
+        return tuple(map(str, self.doubts))
 
     @property
     def unsure(self) -> str:

@@ -57,7 +57,7 @@ def _by_clock(parts: Sequence[Converted], join: Join) -> bool:
         return join.order == "clock" or _one_epoch(parts)
     if join.order == "clock" or (_one_epoch(parts) and join.order is None):
         a, b = overlap
-        raise ImportTrouble(f"{b.raw.path}: begins before {a.raw.path.name} ends: allowed are files that follow one "
+        raise ImportTrouble(b.raw.path, f"begins before {a.raw.path.name} ends: allowed are files that follow one "
                             "another, or join.order: runs in the import file")
     return False
 

@@ -27,24 +27,24 @@ def read_geojson(path: Path, said: Source) -> RawTable:
     try:
         root = read_json(path)
     except ValueError as error:
-        raise ImportTrouble(f"{path}: not readable as JSON: {error}") from None
+        raise ImportTrouble(path, f"not readable as JSON: {error}") from None
     features = root.get("features") if isinstance(root, dict) else None
     if not isinstance(features, list) or not features:
-        raise ImportTrouble(f"{path}: no features: allowed is a FeatureCollection of points")
+        raise ImportTrouble(path, "no features: allowed is a FeatureCollection of points")
     points = [(feature["geometry"].get("coordinates"),
                stated if isinstance(stated := feature.get("properties"), dict) else {}) for feature in features
               if isinstance(feature, dict) and isinstance(feature.get("geometry"), dict)
               and feature["geometry"].get("type") == "Point"]
     if not points:
-        raise ImportTrouble(f"{path}: no feature is a point: allowed is a FeatureCollection of points (a map of areas "
+        raise ImportTrouble(path, "no feature is a point: allowed is a FeatureCollection of points (a map of areas "
                             "is read by topdress map)")
     names = list(dict.fromkeys(name for _, properties in points for name in properties))
     try:
         lon, lat = np.array([place[:2] for place, _ in points], np.float64).T
     except (ArithmeticError, TypeError, ValueError):
-        raise ImportTrouble(f"{path}: coordinates of a point are no two numbers: allowed [lon, lat]") from None
+        raise ImportTrouble(path, "coordinates of a point are no two numbers: allowed [lon, lat]") from None
     if not names:
-        raise ImportTrouble(f"{path}: no point tells anything: allowed are points with properties")
+        raise ImportTrouble(path, "no point tells anything: allowed are points with properties")
     columns = [_column(name, [properties.get(name) for _, properties in points]) for name in names]
     others = len(features) - len(points)
     left_out = (Finding("not_points", f"{many(others, 'feature')} that are no points left out", rows=others),)
@@ -70,7 +70,7 @@ def _one_of(path: Path, said: Source) -> ShapeSet:
     if len(found) != 1:
         several = f"{len(found)} shapefiles of points: say source.inside in the import file; allowed " \
             f"{listed(one.name for one in found)}"
-        raise ImportTrouble(f"{path}: {several if found else 'no shapefile in it'}")
+        raise ImportTrouble(path, f"{several if found else 'no shapefile in it'}")
     return found[0]
 
 
@@ -83,13 +83,13 @@ def _of_points(path: Path, shapes: ShapeSet, said: Source) -> RawTable:
     findings: list[Finding] = []
     with shapes.reader(said.encoding) as reader:
         if reader.shapeType not in POINTS:
-            raise ImportTrouble(f"{path}: shapes of type {reader.shapeTypeName}: allowed POINT (a map of areas is "
+            raise ImportTrouble(path, f"shapes of type {reader.shapeTypeName}: allowed POINT (a map of areas is "
                                 "read by topdress map)")
         names = _own_names(column_names(reader))
         found, records = reader.shapes(), reader.records()
     there = [k for k, shape in enumerate(found) if shape.points]
     if not there:
-        raise ImportTrouble(f"{path}: no point in it")
+        raise ImportTrouble(path, "no point in it")
     if len(there) < len(found):
         lost = len(found) - len(there)
         findings.append(Finding("empty_shapes", f"{many(lost)} without a place left out", rows=lost))
@@ -117,7 +117,7 @@ def _projection(shapes: ShapeSet) -> TransverseMercator | None:
     try:
         return None if text is None else projection_of(text.decode("utf-8", "replace"))
     except ValueError as error:
-        raise ImportTrouble(f"{shapes.label}: places in {error}: allowed are degrees on WGS84, or UTM and other "
+        raise ImportTrouble(shapes.label, f"places in {error}: allowed are degrees on WGS84, or UTM and other "
                             "transverse Mercator on it") from None
 
 

@@ -19,23 +19,23 @@ def read_raw(path: Path, said: Source | None = None) -> RawTable:
     """`said`: what an import file says of the reading. Raises ImportTrouble in one line, OSError."""
     said = said or Source()
     if not path.exists():
-        raise ImportTrouble(f"{path}: no such file")
+        raise ImportTrouble(path, "no such file")
     try:
         check_file(path)
     except BeyondLimits as error:
-        raise ImportTrouble(str(error)) from None
+        raise ImportTrouble.of(error) from None
     import polars as pl
     try:
         return _read(path, said)
     except pl.exceptions.PolarsError as error:
-        raise ImportTrouble(f"{path}: not readable as a table: {str(error).splitlines()[0]}") from None
+        raise ImportTrouble(path, f"not readable as a table: {str(error).splitlines()[0]}") from None
 
 
 def _read(path: Path, said: Source) -> RawTable:
     """Raises PolarsError too, where a table's cells are odder than its reader foresaw."""
     kind = said.kind or _kind(path)
     if path.is_dir() and kind not in ("isoxml", "shapefile"):
-        raise ImportTrouble(f"{path}: a folder: allowed is a file, or the folder of a task (TASKDATA.XML)")
+        raise ImportTrouble(path, "a folder: allowed is a file, or the folder of a task (TASKDATA.XML)")
     if kind == "excel":
         from drivers.files.imports.excel import read_excel
         return read_excel(path, said)
@@ -60,7 +60,7 @@ def _kind(path: Path) -> SourceKind:
         try:
             names = [PurePosixPath(name).name.lower() for name in files_at(path).names()]
         except ArchiveError as error:
-            raise ImportTrouble(str(error)) from None
+            raise ImportTrouble.of(error) from None
         worked = any(name.startswith("tlg") and name.endswith(".bin") for name in names)
         return "shapefile" if not worked and any(name.endswith(".shp") for name in names) else "isoxml"
     return _SUFFIXES.get(path.suffix.lower(), "text")
@@ -72,9 +72,9 @@ def _parquet(path: Path, said: Source) -> RawTable:
     try:
         frame = pl.read_parquet(path, use_pyarrow=False)
     except (pl.exceptions.PolarsError, OSError) as error:
-        raise ImportTrouble(f"{path}: not readable as Parquet: {str(error).splitlines()[0]}") from None
+        raise ImportTrouble(path, f"not readable as Parquet: {str(error).splitlines()[0]}") from None
     if frame.height == 0:
-        raise ImportTrouble(f"{path}: no rows in it")
+        raise ImportTrouble(path, "no rows in it")
     frame = frame.with_columns(cs.boolean().cast(pl.Float64), cs.numeric().cast(pl.Float64))
     others = [name for name, kind in frame.schema.items() if not (kind == pl.Float64 or kind.is_temporal())]
     frame = frame.with_columns(pl.col(others).cast(pl.String, strict=False)) if others else frame

@@ -42,10 +42,10 @@ def read_task_log(path: Path, said: Source) -> RawTable:
     try:
         found = task_logs(path, said.inside)
         if found is None:
-            raise ImportTrouble(f"{path}: no TASKDATA.XML there")
+            raise ImportTrouble(path, "no TASKDATA.XML there")
         return _read(path, found, said)
     except PrescriptionError as error:
-        raise ImportTrouble(str(error)) from None
+        raise ImportTrouble.of(error) from None
 
 
 def task_logs(path: Path, inside: str | None = None) -> TaskLogs | None:
@@ -60,16 +60,16 @@ def task_logs(path: Path, inside: str | None = None) -> TaskLogs | None:
 
 def _read(path: Path, found: TaskLogs, said: Source) -> RawTable:
     if not found.logs:
-        raise ImportTrouble(f"{path}: no time log (TLG) in its tasks: allowed is a task that was worked (what is to be "
+        raise ImportTrouble(path, "no time log (TLG) in its tasks: allowed is a task that was worked (what is to be "
                             "applied is read by topdress map)")
     logs = _chosen(path, found, said)
     findings = [Finding("cut_row", f"{log.name}.bin: {log.lost} bytes at its end are no whole record: left out", rows=1)
                 for log in logs if log.lost]
     if empty := [log for log in logs if log.trouble]:
         if len(empty) == len(logs):
-            raise ImportTrouble(*(f"{path}: {log.name}: {log.trouble}" for log in logs))
+            raise ImportTrouble(path, *(f"{log.name}: {log.trouble}" for log in logs))
         if gone := [log for log in empty if "no record" not in log.trouble]:
-            raise ImportTrouble(*(f"{path}: {log.name}: {log.trouble}: --log takes another" for log in gone))
+            raise ImportTrouble(path, *(f"{log.name}: {log.trouble}: --log takes another" for log in gone))
         findings.append(Finding("empty_logs", f"{many(len(empty), 'time log')} without a record left out "
                                 f"({listed(log.name for log in empty)})"))
     logs = sorted((log for log in logs if not log.trouble), key=lambda log: log.first_us)
@@ -101,12 +101,12 @@ def _chosen(path: Path, found: TaskLogs, said: Source) -> list[TimeLog]:
     chosen = [f"{word} {value}" for word, value in (("log", said.task_log), ("task", said.task),
                                                     ("device", said.device)) if value is not None]
     if not logs:
-        raise ImportTrouble(f"{path}: {', '.join(chosen)}: no such time log: allowed with {CHOICES} are",
-                            *log_lines(path, found))
+        raise ImportTrouble(path, f"{', '.join(chosen)}: no such time log: allowed with {CHOICES} are",
+                            *log_lines(found))
     tasks = {log.task for log in logs}
     if len(tasks) > 1:
-        raise ImportTrouble(f"{path}: {len(logs)} time logs of {len(tasks)} tasks: say which with {CHOICES}",
-                            *log_lines(path, found._replace(logs=logs)))
+        raise ImportTrouble(path, f"{len(logs)} time logs of {len(tasks)} tasks: say which with {CHOICES}",
+                            *log_lines(found._replace(logs=logs)))
     return logs
 
 
@@ -118,11 +118,11 @@ def _is_of(one: LoggedValue, device: str) -> bool:
     return one.part is not None and _fits(device, one.part.device, one.part.device_name)
 
 
-def log_lines(path: Path, found: TaskLogs) -> list[str]:
+def log_lines(found: TaskLogs) -> list[str]:
     """A line for each time log: its task, device, dates, rows, hectares and columns."""
-    lines = [f"{path}: {_line(log, found)}" for log in found.logs[:MOST_LISTED]]
+    lines = [_line(log, found) for log in found.logs[:MOST_LISTED]]
     more = len(found.logs) - MOST_LISTED
-    return [*lines, f"{path}: ... {many(more, 'more time log')}"] if more > 0 else lines
+    return [*lines, f"... {many(more, 'more time log')}"] if more > 0 else lines
 
 
 def _line(log: TimeLog, found: TaskLogs) -> str:
@@ -145,9 +145,9 @@ def _check_apart(path: Path, found: TaskLogs, logs: Sequence[TimeLog]) -> None:
     for before, after in pairwise(logs):
         if after.first_us <= before.last_us:
             raise ImportTrouble(
-                f"{path}: {after.name} begins {_moment(after.first_us)}, before {before.name} ends "
+                path, f"{after.name} begins {_moment(after.first_us)}, before {before.name} ends "
                 f"{_moment(before.last_us)}: allowed are logs that follow one another; say which with {CHOICES}",
-                *log_lines(path, found._replace(logs=list(logs))))
+                *log_lines(found._replace(logs=list(logs))))
 
 
 def _presented(path: Path, logged: Sequence[LoggedValue], said: Source, findings: list[Finding]) -> bool:
@@ -160,7 +160,7 @@ def _presented(path: Path, logged: Sequence[LoggedValue], said: Source, findings
     text = (f"{one.meaning.name} ({one.element}): 100 is {_in_log_unit(one.meaning)} by DDI {one.ddi or 0:04X}, and "
             f"{_in_log_unit(one.shown)} as the device shows it")
     if said.values_from is None:
-        raise ImportTrouble(f"{path}: {text}: say which holds: --values-from ddi or presentation (source.values_from)")
+        raise ImportTrouble(path, f"{text}: say which holds: --values-from ddi or presentation (source.values_from)")
     findings.append(Finding("presentation", f"{text}: taken by {said.values_from}"))
     return said.values_from == "presentation"
 

@@ -30,7 +30,7 @@ def task_words(path: Path, inside: str | None = None) -> list[str] | None:
         lines.append(f"{path}: product {_named(product, 'B')}")
     for device in root.findall("DVC"):
         lines.append(f"{path}: {_device(device, found.parts)}")
-    return [*lines, *log_lines(path, found)]
+    return [*lines, *(f"{path}: {line}" for line in log_lines(found))]
 
 
 def _named(element: Element, attribute: str) -> str:

@@ -26,23 +26,23 @@ def read_text(path: Path, said: Source) -> RawTable:
     """Raises ImportTrouble, OSError."""
     data = path.read_bytes()
     if not data.strip(b"\0 \r\n\t"):
-        raise ImportTrouble(f"{path}: the file is empty")
+        raise ImportTrouble(path, "the file is empty")
     encoding = said.encoding or encoding_of(data)
     data, findings = without_long_lines(_utf8(path, data, encoding))
     try:
         check_text(data, str(path))
     except BeyondLimits as error:
-        raise ImportTrouble(str(error)) from None
+        raise ImportTrouble.of(error) from None
     line = unclosed_quote(data)
     if line is not None:
-        raise ImportTrouble(f"{path}: line {line}: a quote is opened and not closed: allowed are pairs of quotes")
+        raise ImportTrouble(path, f"line {line}: a quote is opened and not closed: allowed are pairs of quotes")
     sample = data[:SAMPLE_BYTES].decode(errors="replace")
     if len(data) > SAMPLE_BYTES:
         sample = sample[:sample.rfind("\n")]
     try:
         dialect = dialect_of(str(path), sample, encoding.removesuffix("-sig"), said)
     except csv.Error as error:
-        raise ImportTrouble(f"{path}: not readable as a table: {error}") from None
+        raise ImportTrouble(path, f"not readable as a table: {error}") from None
     if dialect.layout.header < 0 and not said.names:
         first = dialect.rows[dialect.layout.body]
         said = said.model_copy(update={"names": tuple(f"c{k + 1}" for k in range(len(first)))})
@@ -63,7 +63,7 @@ def _utf8(path: Path, data: bytes, encoding: str) -> bytes:
         try:
             data = data.decode(encoding, errors="replace").encode()
         except LookupError:
-            raise ImportTrouble(f"{path}: source.encoding {encoding}: not known; allowed e.g. utf-8, utf-16, latin-1, "
+            raise ImportTrouble(path, f"source.encoding {encoding}: not known; allowed e.g. utf-8, utf-16, latin-1, "
                                 "cp1252, gb18030") from None
     data = data.removeprefix(codecs.BOM_UTF8).replace(b"\0", b"")
     if b"\r" in data and b"\n" not in data:
@@ -102,18 +102,18 @@ def _frame(path: Path, data: bytes, dialect: Dialect, names: list[str], findings
     except pl.exceptions.PolarsError:
         body, left_out = _without_odd_rows(body, sign, len(names), dialect.layout.body)
         if not body:
-            raise ImportTrouble(f"{path}: no row has the header's {len(names)} cells: allowed is one cell for each "
+            raise ImportTrouble(path, f"no row has the header's {len(names)} cells: allowed is one cell for each "
                                 f"column (is the decimal sign a comma, as the delimiter {sign!r} is?)") from None
         findings += left_out
         try:
             frame = _read(body, sign, len(names), ragged=True)
         except pl.exceptions.PolarsError as error:
-            raise ImportTrouble(f"{path}: not readable as a table: {str(error).splitlines()[0]}") from None
+            raise ImportTrouble(path, f"not readable as a table: {str(error).splitlines()[0]}") from None
     frame = frame.rename(dict(zip(frame.columns, names, strict=True)))
     texts = frame.select(pl.all().str.strip_chars())
     kept = texts.filter(~pl.all_horizontal(pl.all().is_null() | (pl.all() == "")))
     if kept.height == 0:
-        raise ImportTrouble(f"{path}: no rows below the header")
+        raise ImportTrouble(path, "no rows below the header")
     return kept
 
 

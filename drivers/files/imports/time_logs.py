@@ -205,7 +205,7 @@ def _steps_m(heads: pl.DataFrame) -> NDArray[np.float64]:
 def frame_of(log: TimeLog, names: dict[tuple[int | None, str], str], presented: bool) -> pl.DataFrame:
     """Time, place and numbers as columns, in their units. names: of (DDI, element); what has none is left out."""
     if log.heads is None or log.values is None:
-        raise ImportTrouble(f"{log.name}: {log.trouble}")
+        raise ImportTrouble(log.name, f"{log.trouble}")
     columns = {}
     for one, values in zip(log.logged, log.values, strict=True):
         name = names.get((one.ddi, one.element))

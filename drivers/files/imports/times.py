@@ -133,7 +133,7 @@ def _parsed(texts: pl.Series, form: str) -> pl.Series:
     try:
         return texts.str.to_datetime(form, time_unit="us", strict=False).cast(pl.Int64)
     except pl.exceptions.PolarsError:
-        raise ImportTrouble(f"time.format {form}: not a format; allowed e.g. %d.%m.%Y %H:%M:%S") from None
+        raise ImportTrouble("", f"time.format {form}: not a format; allowed e.g. %d.%m.%Y %H:%M:%S") from None
 
 
 def _over_midnight(us: pl.Series) -> pl.Series:
@@ -181,5 +181,5 @@ def _check(table: RawTable, times: Times, us: pl.Series) -> None:
     cell = table.frame[times.column][row]
     form = times.format or ("ISO 8601, e.g. 2026-03-20T08:00:00Z" if times.counts == "text" else "a number")
     said = " (time.format says so)" if times.format else ""
-    raise ImportTrouble(f"{table.path}: row {table.first_row + row}: column {times.column}: value {cell}: allowed "
+    raise ImportTrouble(table.path, f"row {table.first_row + row}: column {times.column}: value {cell}: allowed "
                         f"{form}{said}")

@@ -2,16 +2,29 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from pathlib import Path
+from typing import Self
 
-from drivers.plain_text import one_line
+from drivers.plain_text import Refused, one_line
 
 
 class ImportTrouble(ValueError):
-    """The file cannot be brought in; `lines`: one sentence each, naming file, row or key, value and what is allowed."""
+    """The file cannot be brought in; `reasons`: one sentence each, naming row or key, value and what is allowed;
+    `lines`: the same, each with the file before it."""
 
-    def __init__(self, *lines: str) -> None:
-        self.lines = tuple(map(one_line, lines))
+    def __init__(self, where: Path | str, *reasons: str) -> None:
+        self.where, self.reasons = str(where), tuple(map(one_line, reasons))
+        self.lines = tuple(one_line(f"{where}: {reason}" if self.where else reason) for reason in reasons)
         super().__init__("\n".join(self.lines))
+
+    @classmethod
+    def of(cls, error: Refused) -> Self:
+        """Another reader's refusal as trouble of an import."""
+        return cls(str(error.where), f"{error.reason}{error.hint}")
+
+
+class Unsure(ImportTrouble):
+    """What the columns mean is not sure: the reasons are the open questions, the last one what to do about them."""
 
 
 def listed(names: Iterable[object], most: int = 12) -> str:

@@ -13,10 +13,10 @@ from drivers.files.prescriptions.words import Choice, Imported, PrescriptionErro
 def index_choice(choice: Choice, rule: Rule, where: str) -> Choice:
     """How the map is read: the index's column as plain numbers. Raises PrescriptionError."""
     if choice.unit is not None or choice.scale != 1.0:
-        raise PrescriptionError(f"{where}: --unit and --scale: allowed without --rule, whose map holds an index")
+        raise PrescriptionError(where, "--unit and --scale: allowed without --rule, whose map holds an index")
     if not rule.is_ready:
-        raise PrescriptionError(f"{where}: the rule waits for its strips: allowed is a job with ndvi_nrich (and, by "
-                                "the field's response, ndvi_check)")
+        raise PrescriptionError(where, "the rule waits for its strips: allowed is a job with ndvi_nrich (and, by the "
+                                "field's response, ndvi_check)")
     return replace(choice, index=rule.crop.index.upper(), unit="kg/ha")
 
 
@@ -31,7 +31,7 @@ def read_index(path: Path, index: str) -> Imported:
 
 def _need_zones(read: Imported) -> None:
     if read.data.grid is not None:
-        raise PrescriptionError(f"{read.path}: a grid of rates: allowed is a map of the canopy's index")
+        raise PrescriptionError(read.path, "a grid of rates: allowed is a map of the canopy's index")
 
 
 def by_rule(read: Imported, rule: Rule) -> Imported:

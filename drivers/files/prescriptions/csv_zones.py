@@ -13,6 +13,7 @@ from drivers.files.imports.dialect import encoding_of
 from drivers.files.limits import BeyondLimits, check_file
 from drivers.files.prescriptions.features import Feature, imported, ring
 from drivers.files.prescriptions.words import Choice, Imported, PrescriptionError
+from drivers.plain_text import Where
 
 LOOKED_BYTES = 65_536
 LONGEST_CELL = 1 << 24          # letters; a field's outline of 400 000 corners
@@ -25,7 +26,7 @@ def holds_polygons(path: Path) -> bool:
     try:
         check_file(path)
     except BeyondLimits as error:
-        raise PrescriptionError(str(error)) from None
+        raise PrescriptionError.of(error) from None
     with path.open("rb") as file:
         return _IN_BYTES.search(file.read(LOOKED_BYTES).replace(b"\0", b"")) is not None
 
@@ -40,7 +41,7 @@ def read_csv_zones(path: Path, choice: Choice) -> Imported:
     try:
         rows = list(csv.reader(text.splitlines(keepends=True), delimiter=sign, strict=True))
     except csv.Error as error:
-        raise PrescriptionError(f"{path}: not readable as CSV: {error}") from None
+        raise PrescriptionError(path, "not readable as CSV: {why}", why=error) from None
     finally:
         csv.field_size_limit(before)
     names = [name.strip() for name in rows[0]] if rows else []
@@ -48,12 +49,13 @@ def read_csv_zones(path: Path, choice: Choice) -> Imported:
     where = next((k for k in range(len(names)) for _, row in numbered[:50]
                   if len(row) > k and _POLYGON.match(row[k])), None)
     if where is None:
-        raise PrescriptionError(f"{path}: no column of polygons (WKT): allowed is one, e.g. POLYGON ((lon lat, ...))")
+        raise PrescriptionError(path, "no column of polygons (WKT) is in it", ": e.g. POLYGON ((lon lat, ...))")
     findings: list[Finding] = []
     features, others = [], 0
     for number, row in numbered:
         if len(row) != len(names):
-            raise PrescriptionError(f"{path}: row {number}: {len(row)} cells: allowed {len(names)}, as in the header")
+            raise PrescriptionError(_row(path, number), "{cells} cells: allowed {header_cells}, as in the header",
+                                    cells=len(row), header_cells=len(names))
         if not _POLYGON.match(row[where]):
             others += 1
             continue
@@ -65,13 +67,18 @@ def read_csv_zones(path: Path, choice: Choice) -> Imported:
     return imported(path, "csv", features, choice, findings, title=path.stem)
 
 
+def _row(path: Path, number: int) -> Where:
+    return Where(str(path)).at("row {row}", row=number)
+
+
 def _polygons(path: Path, number: int, text: str) -> list[tuple[Floats, ...]]:
     found = _POLYGON.match(text)
     if found is not None and found["srid"] not in (None, "4326"):
-        raise PrescriptionError(f"{path}: row {number}: SRID {found['srid']}: allowed 4326 (WGS84 degrees)")
+        raise PrescriptionError(_row(path, number), "SRID {srid}: allowed 4326 (WGS84 degrees)", srid=found["srid"])
     try:
         shape = shapely.from_wkt(text.partition(";")[2] if found is not None and found["srid"] else text)
     except shapely.errors.GEOSException as error:
-        raise PrescriptionError(f"{path}: row {number}: not readable as WKT: {str(error).splitlines()[0]}") from None
+        raise PrescriptionError(_row(path, number), "not readable as WKT: {why}",
+                                why=str(error).splitlines()[0]) from None
     parts = [part for part in shapely.get_parts(shape) if not part.is_empty]
     return [tuple(ring(shapely.get_coordinates(edge)) for edge in (part.exterior, *part.interiors)) for part in parts]

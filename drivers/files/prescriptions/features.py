@@ -25,6 +25,7 @@ from drivers.files.prescriptions.words import (
     with_choice,
 )
 from drivers.files.shape_sets import Unit
+from drivers.plain_text import Where
 
 NO_UNITS: Mapping[str, Unit] = {}
 KNOWN_EXTRA = ("title",)        # of our own files
@@ -45,18 +46,19 @@ def imported(path: Path, format_name: str, features: Sequence[Feature], choice: 
     """Zones of the features, by the operator's choice. units: what the files next to it say. Raises
     PrescriptionError."""
     if not features:
-        raise NoPolygons(f"{path}: no polygons: allowed is at least one")
+        raise NoPolygons(path, "no polygons: allowed is at least one")
     chosen = rate_column(path, [(feature.number, feature.attributes) for feature in features], choice,
                          units)
     column, unit = chosen.name, chosen.unit
-    factor = factor_kg_ha(choice, unit, f"{path}: column {column}")
+    where = Where(str(path))
+    factor = factor_kg_ha(choice, unit, where.at("column {column}", column=column))
     zones: list[Zone] = []
     empty = 0
     for feature, cell in zip(features, chosen.cells, strict=True):
         if math.isnan(cell.value):
             empty += 1
             continue
-        rate = _checked(choice, cell.value * factor, f"{path}: row {feature.number}: {column}")
+        rate = _checked(choice, cell.value * factor, where.at("row {row}: {column}", row=feature.number, column=column))
         zones += [Zone(rate, rings) for rings in feature.polygons_deg]
     unused = [name for name in dict.fromkeys(name for feature in features for name in feature.attributes)
               if name != column and name not in KNOWN_EXTRA]
@@ -65,14 +67,14 @@ def imported(path: Path, format_name: str, features: Sequence[Feature], choice: 
     if empty:
         findings.append(Finding("empty_rates", f"{many(empty, 'polygon')} without a rate left out", column, empty))
     if not zones:
-        raise PrescriptionError(f"{path}: column {column}: empty everywhere: allowed is a number")
+        raise PrescriptionError(where.at("column {column}", column=column), "empty everywhere: allowed is a number")
     _check_degrees(path, zones)
-    data = MapData(tuple(zones), None, with_choice(fallbacks, choice, str(path)), fields_deg, title, product)
+    data = MapData(tuple(zones), None, with_choice(fallbacks, choice, where), fields_deg, title, product)
     return Imported(path, format_name, data, unit, factor, (column,), tuple(findings),
                     f"{column} ({chosen.why})", chosen.unit_from)
 
 
-def _checked(choice: Choice, value: float, where: str) -> float:
+def _checked(choice: Choice, value: float, where: Where) -> float:
     """Raises PrescriptionError."""
     if choice.index is not None:
         return checked_index(value, choice.index, lambda: where)
@@ -90,7 +92,7 @@ def ring(corners: Sequence[Sequence[float]] | Floats) -> Floats:
 def _check_degrees(path: Path, zones: Sequence[Zone]) -> None:
     corners = np.concatenate([rings[0] for _, rings, _ in zones])
     if not np.isfinite(corners).all():
-        raise PrescriptionError(f"{path}: a corner is not finite: allowed are degrees")
+        raise PrescriptionError(path, "a corner is not finite: allowed are degrees")
     highest = np.abs(corners).max(axis=0)
     if highest[0] > 90.0 or highest[1] > 180.0:
         raise not_degrees(path, float(highest[0]), float(highest[1]))

@@ -31,7 +31,7 @@ def map_of_job(job: Job, folder: Path) -> MapProfile | None:
     try:
         return MapProfile(on_plane(read.data, plane), plane)
     except ValueError as error:
-        raise PrescriptionError(f"{read.path}: {error}") from None
+        raise PrescriptionError(read.path, "{why}", why=error) from None
 
 
 def check_of_job(job: Job, limit_kg_ha: float, folder: Path) -> MapCheck | None:
@@ -46,7 +46,7 @@ def check_of_job(job: Job, limit_kg_ha: float, folder: Path) -> MapCheck | None:
     try:
         return map_check(read.data, limit_kg_ha, field, _plane(job, read.data))
     except ValueError as error:
-        raise PrescriptionError(f"{read.path}: {error}") from None
+        raise PrescriptionError(read.path, "{why}", why=error) from None
 
 
 def _read(path: Path) -> Imported:
@@ -55,7 +55,8 @@ def _read(path: Path) -> Imported:
     try:
         return read_prescription(path)
     except RateQuestion as question:
-        raise RateQuestion(f"{question}; a job takes what topdress map IN ... --out NEW.geojson writes") from None
+        raise RateQuestion.of(question, hint="; a job takes what topdress map IN ... --out NEW.geojson writes") \
+            from None
 
 
 def plants_of_job(job: Job, folder: Path, plane: TangentPlane | None = None) -> PlantList | None:

@@ -11,6 +11,7 @@ from drivers.files.findings import Finding, many
 from drivers.files.limits import read_json
 from drivers.files.prescriptions.features import Feature, imported, ring
 from drivers.files.prescriptions.words import Choice, Imported, NotAMap, PrescriptionError, checked_rate
+from drivers.plain_text import Where
 
 OURS = "topdress"            # foreign member with what GeoJSON has no place for
 WGS84 = ("crs84", "4326")
@@ -21,19 +22,19 @@ def read_geojson(path: Path, choice: Choice) -> Imported:
     try:
         root = read_json(path)
     except ValueError as error:
-        raise NotAMap(f"{path}: not readable as JSON: {error}") from None
+        raise NotAMap(path, "not readable as JSON: {why}", why=error) from None
     found = root.get("features") if isinstance(root, dict) and root.get("type") == "FeatureCollection" else None
     if not isinstance(found, list):
-        raise NotAMap(f"{path}: type {root.get('type') if isinstance(root, dict) else type(root).__name__}: "
-                      "allowed FeatureCollection")
+        raise NotAMap(path, "type {kind}: allowed FeatureCollection",
+                      kind=root.get("type") if isinstance(root, dict) else type(root).__name__)
     crs = json.dumps(root.get("crs") or "crs84").lower()
     if not any(name in crs for name in WGS84):
-        raise PrescriptionError(f"{path}: crs {crs}: allowed is WGS84 (longitude, latitude)")
+        raise PrescriptionError(path, "crs {crs}: allowed is WGS84 (longitude, latitude)", crs=crs)
     findings: list[Finding] = []
     features: list[Feature] = []
     others = 0
     for number, feature in enumerate(found, start=1):
-        polygons = _polygons(feature, f"{path}: feature {number}")
+        polygons = _polygons(feature, Where(str(path)).at("feature {feature}", feature=number))
         if polygons is None:
             others += 1
             continue
@@ -54,7 +55,7 @@ def _properties(feature: dict[str, Any]) -> dict[str, Any]:
     return stated if isinstance(stated, dict) else {}
 
 
-def _polygons(feature: Any, where: str) -> list[tuple[Floats, ...]] | None:
+def _polygons(feature: Any, where: Where) -> list[tuple[Floats, ...]] | None:
     geometry = feature.get("geometry") if isinstance(feature, dict) else None
     if not isinstance(geometry, dict):
         return None
@@ -65,10 +66,10 @@ def _polygons(feature: Any, where: str) -> list[tuple[Floats, ...]] | None:
         parts = [geometry["coordinates"]] if kind == "Polygon" else geometry["coordinates"]
         polygons = [tuple(ring(corners) for corners in part) for part in parts]
     except (ArithmeticError, TypeError, ValueError, LookupError):
-        raise PrescriptionError(f"{where}: coordinates are not rings of numbers: allowed [[[lon, lat], ...]]") from None
+        raise PrescriptionError(where, "coordinates are not rings of numbers: allowed [[[lon, lat], ...]]") from None
     for rings in polygons:
         if not rings or any(len(corners) < 3 for corners in rings):
-            raise PrescriptionError(f"{where}: a ring of less than 3 corners: allowed 3 or more")
+            raise PrescriptionError(where, "a ring of less than 3 corners: allowed 3 or more")
     return polygons
 
 
@@ -78,7 +79,7 @@ def _ours(ours: dict[str, Any], path: Path) -> tuple[Fallbacks, tuple[tuple[Floa
         fallbacks = Fallbacks(**{name: float(value) for name, value in values.items()})
         fields = tuple(tuple(ring(corners) for corners in rings) for rings in ours.get("fields") or ())
     except (TypeError, ValueError) as error:
-        raise PrescriptionError(f"{path}: {OURS}: {error}") from None
+        raise PrescriptionError(path, "{member}: {why}", member=OURS, why=error) from None
     for name, value in fallbacks._asdict().items():
-        checked_rate(value, lambda name=name: f"{path}: {OURS}: {name}")  # type: ignore[misc]
+        checked_rate(value, lambda name=name: Where(str(path)).at("{key}", key=f"{OURS}: {name}"))  # type: ignore[misc]
     return fallbacks, fields

@@ -22,6 +22,7 @@ from drivers.files.prescriptions.words import (
     factor_kg_ha,
     with_choice,
 )
+from drivers.plain_text import Reason, Where
 
 # ISO 11783-11: what one step of the number is worth
 SETPOINTS = {1: ("mm3/m2", 0.01), 6: ("mg/m2", 1.0)}
@@ -46,13 +47,13 @@ def read_isoxml(files: TaskFiles, path: Path, choice: Choice) -> Imported:
     """A prescription out of a task file. Raises PrescriptionError."""
     root = task_tree(files)
     layer, ids = _picked(root, files.label, choice)
-    where = f"{files.label}: task {layer.id}"
+    where = Where(files.label).at("task {task}", task=layer.id)
     values = {_code(zone, where): _value(zone, layer, where) for zone in layer.task.findall("TZN")}
     unit, factor, offset, findings = _meaning(root, layer, where, choice)
     rates = {code: None if value is None else (value + offset) * factor for code, value in values.items()}
     for code, rate in rates.items():
         if rate is not None:
-            checked_rate(rate, lambda code=code: f"{where}: zone {code}")  # type: ignore[misc]
+            checked_rate(rate, lambda code=code: where.at("zone {zone}", zone=code))  # type: ignore[misc]
     fallbacks = with_choice(_fallbacks(layer.task, rates, where, findings), choice, where)
     fields = _fields(root, layer.task, files.label, findings)
     product = next((p.get("B", "") for p in root.findall("PDT") if p.get("A") == layer.product), layer.product)
@@ -74,7 +75,7 @@ def _picked(root: Element, label: str, choice: Choice) -> tuple[_Layer, tuple[st
     others: set[int] = set()
     for task in root.findall("TSK"):
         for variable in task.findall("TZN/PDV"):
-            ddi = _number(variable.get("A", ""), 16, f"{label}: task {task.get('A')}: PDV A")
+            ddi = _number(variable.get("A", ""), 16, Where(label).at("task {task}: PDV A", task=task.get("A")))
             layer = _Layer(task, ddi, variable.get("C", ""))
             if ddi not in SETPOINTS:
                 others.add(ddi)
@@ -82,19 +83,22 @@ def _picked(root: Element, label: str, choice: Choice) -> tuple[_Layer, tuple[st
                 layers.append(layer)
     ids = tuple(layer.id for layer in layers)
     if not layers:
-        found = f"only DDI {', '.join(f'{ddi:04X}' for ddi in sorted(others))}" if others else "no treatment zones"
-        raise PrescriptionError(f"{label}: {found}: allowed are tasks with zones of DDI 0001 (volume per area) or "
-                                "0006 (mass per area)")
+        raise PrescriptionError(
+            label, "only DDI {ddis}: allowed are tasks with zones of DDI 0001 (volume per area) or 0006 (mass per area)"
+            if others else
+            "no treatment zones: allowed are tasks with zones of DDI 0001 (volume per area) or 0006 (mass per area)",
+            ddis=", ".join(f"{ddi:04X}" for ddi in sorted(others)))
     if choice.layer is None and len(layers) == 1:
         return layers[0], ids
     for layer in layers:
         if choice.layer == layer.id:
             return layer, ids
     raise (PrescriptionError if choice.layer else RateQuestion)(
-        f"{label}: layer {choice.layer or 'not chosen'}: allowed {', '.join(ids)}")
+        label, "layer {layer}: allowed {layers}" if choice.layer else "layer not chosen: allowed {layers}",
+        layer=choice.layer, layers=", ".join(ids))
 
 
-def _meaning(root: Element, layer: _Layer, where: str, choice: Choice) -> tuple[str, float, float, list[Finding]]:
+def _meaning(root: Element, layer: _Layer, where: Where, choice: Choice) -> tuple[str, float, float, list[Finding]]:
     """Unit of the numbers, kg/ha for one of them, what is added to each before, and what had to be said about it.
 
     The data dictionary tells what a number is worth; the file's own presentation (VPN) should agree. Where it does
@@ -111,12 +115,15 @@ def _meaning(root: Element, layer: _Layer, where: str, choice: Choice) -> tuple[
         by_shown = factor_kg_ha(choice, shown_unit, where) * scale
         if abs(by_shown - by_ddi) <= 0.01 * by_ddi and offset == 0.0:
             continue
-        added = f", an offset of {offset:g} added," if offset else ""
-        shown = (f"{where}: 100 is {100 * by_ddi / choice.scale:g} kg/ha by DDI {layer.ddi:04X} but{added} "
-                 f"{(100 + offset) * by_shown / choice.scale:g} kg/ha as presented ({presentation.get('A')})")
+        shown = Reason(
+            "100 is {by_ddi:g} kg/ha by DDI {ddi} but, an offset of {offset:g} added, {shown:g} kg/ha as presented "
+            "({presentation})" if offset else
+            "100 is {by_ddi:g} kg/ha by DDI {ddi} but {shown:g} kg/ha as presented ({presentation})",
+            {"by_ddi": 100 * by_ddi / choice.scale, "ddi": f"{layer.ddi:04X}", "offset": offset,
+             "shown": (100 + offset) * by_shown / choice.scale, "presentation": presentation.get("A")})
         if choice.rate_from is None:
-            raise RateQuestion(f"{shown}: rate source not chosen: allowed ddi, presentation")
-        taken = Finding("presentation", f"{shown}: taken by {choice.rate_from}")
+            raise RateQuestion(where, "{shown}: rate source not chosen: allowed ddi, presentation", shown=shown)
+        taken = Finding("presentation", f"{where}: {shown}: taken by {choice.rate_from}")
         if choice.rate_from == "presentation":
             return shown_unit, by_shown, offset, [taken]
         return unit, by_ddi, 0.0, [taken]
@@ -145,14 +152,14 @@ def _presentations(root: Element, layer: _Layer) -> list[Element]:
     return [presentation for presentation in root.findall("VPN") if presentation.get("A") in named]
 
 
-def _value(zone: Element, layer: _Layer, where: str) -> int | None:
+def _value(zone: Element, layer: _Layer, where: Where) -> int | None:
     for variable in zone.findall("PDV"):
         if int(variable.get("A", "0"), 16) == layer.ddi and variable.get("C", "") == layer.product:
-            return _number(variable.get("B", ""), 10, f"{where}: zone {zone.get('A')}: PDV B")
+            return _number(variable.get("B", ""), 10, where.at("zone {zone}: PDV B", zone=zone.get("A")))
     return None
 
 
-def _fallbacks(task: Element, rates: dict[int, float | None], where: str, findings: list[Finding]) -> Fallbacks:
+def _fallbacks(task: Element, rates: dict[int, float | None], where: Where, findings: list[Finding]) -> Fallbacks:
     found = {}
     for field, attribute, name in (("default_kg_ha", "H", "default"), ("lost_kg_ha", "I", "position-lost"),
                                    ("outside_kg_ha", "J", "out-of-field")):
@@ -160,24 +167,25 @@ def _fallbacks(task: Element, rates: dict[int, float | None], where: str, findin
         if text is None:
             findings.append(Finding(f"no_{field[:-6]}_zone", f"no {name} zone: 0 kg/ha there"))
             continue
-        code = _number(text, 10, f"{where}: {attribute}")
+        code = _number(text, 10, where.at("{key}", key=attribute))
         if code not in rates:
-            raise PrescriptionError(f"{where}: {name} zone {code}: allowed {_listed(rates)}")
+            raise PrescriptionError(where, "{name} zone {zone}: allowed {zones}", name=name, zone=code,
+                                    zones=_listed(rates))
         found[field] = rates[code] or 0.0
     return Fallbacks(**found)
 
 
-def _zones(task: Element, rates: dict[int, float | None], where: str) -> tuple[Zone, ...]:
+def _zones(task: Element, rates: dict[int, float | None], where: Where) -> tuple[Zone, ...]:
     zones = []
     for zone in task.findall("TZN"):
         code = int(zone.get("A", "0"))
         rate = rates[code]
         for polygon in zone.findall("PLN"):
-            for rings in _rings(polygon, f"{where}: zone {code}"):
+            for rings in _rings(polygon, where.at("zone {zone}", zone=code)):
                 if rate is not None:
                     zones.append(Zone(rate, rings, zone.get("B", "")))
     if not zones:
-        raise PrescriptionError(f"{where}: neither a grid nor zones with a polygon and a rate")
+        raise PrescriptionError(where, "neither a grid nor zones with a polygon and a rate")
     return tuple(zones)
 
 
@@ -191,7 +199,7 @@ def _fields(root: Element, task: Element, label: str, findings: list[Finding]) -
             continue
         for polygon in field.findall("PLN"):
             if polygon.get("A") == "1":
-                outlines += _rings(polygon, f"{label}: field {field.get('A')}")
+                outlines += _rings(polygon, Where(label).at("field {field}", field=field.get("A")))
     usable = []
     for rings in outlines:
         try:
@@ -203,7 +211,7 @@ def _fields(root: Element, task: Element, label: str, findings: list[Finding]) -
     return tuple(usable)
 
 
-def _rings(polygon: Element, where: str) -> list[tuple[Floats, ...]]:
+def _rings(polygon: Element, where: Where) -> list[tuple[Floats, ...]]:
     outer: list[Floats] = []
     inner: list[Floats] = []
     for line in polygon.findall("LSG"):
@@ -212,30 +220,31 @@ def _rings(polygon: Element, where: str) -> list[tuple[Floats, ...]]:
     return sorted_rings(outer, inner)
 
 
-def _ring(line: Element, where: str) -> Floats:
+def _ring(line: Element, where: Where) -> Floats:
     points = line.findall("PNT")
     if any(point.get("J") for point in points):
-        raise PrescriptionError(f"{where}: points in a binary file ({points[0].get('J')}): allowed are points in the "
-                                "XML")
+        raise PrescriptionError(where, "points in a binary file ({name}): allowed are points in the XML",
+                                name=points[0].get("J"))
     corners = np.array([(_float(point, "C", where), _float(point, "D", where)) for point in points])
     if len(corners) > 1 and (corners[0] == corners[-1]).all():
         corners = corners[:-1]
     if len(corners) < 3:
-        raise PrescriptionError(f"{where}: polygon of {many(len(corners), 'corner')}: allowed 3 or more")
+        raise PrescriptionError(where, "a ring of less than 3 corners: allowed 3 or more")
     return corners
 
 
 def _grid(files: TaskFiles, grid: Element, layer: _Layer, *, rates: dict[int, float | None], factor: float,
-          offset: float, where: str, findings: list[Finding]) -> GridDeg:
+          offset: float, where: Where, findings: list[Finding]) -> GridDeg:
     name, kind = f"{grid.get('G', '')}.bin", grid.get("I", "")
-    columns, rows = (_number(grid.get(key, ""), 10, f"{where}: grid {key}") for key in ("E", "F"))
-    cell_lat, cell_lon = _float(grid, "C", f"{where}: grid"), _float(grid, "D", f"{where}: grid")
+    columns, rows = (_number(grid.get(key, ""), 10, where.at("grid {key}", key=key)) for key in ("E", "F"))
+    cell_lat, cell_lon = (_float(grid, key, where.at("grid")) for key in ("C", "D"))
     if not (rows > 0 and columns > 0 and cell_lat > 0.0 and cell_lon > 0.0):
-        raise PrescriptionError(f"{where}: grid of {rows} rows, {columns} columns, cell {cell_lat:g} x {cell_lon:g} "
-                                "deg: allowed is above 0")
+        raise PrescriptionError(
+            where, "grid of {rows} rows, {columns_across} columns, cell {lat:g} x {lon:g} deg: allowed is above 0",
+            rows=rows, columns_across=columns, lat=cell_lat, lon=cell_lon)
     data = files.read(name)
     if data is None:
-        raise PrescriptionError(f"{where}: {name}, which the grid names, is not there")
+        raise PrescriptionError(where, "{name}, which the grid names, is not there", name=name)
     if kind == "1":
         rate = _by_code(_cells(data, rows, columns, 1, np.dtype("u1"), name, where)[:, :, 0], rates, findings)
     elif kind == "2":
@@ -245,18 +254,21 @@ def _grid(files: TaskFiles, grid: Element, layer: _Layer, *, rates: dict[int, fl
         bad = np.argwhere(~((rate >= 0.0) & (rate <= HIGHEST_KG_HA)))
         if len(bad):
             row, column = bad[0].tolist()
-            checked_rate(float(rate[row, column]), lambda: f"{where}: {name}: row {row}, column {column}")
+            checked_rate(float(rate[row, column]), lambda: where.at("{name}: row {row}, column {column}", name=name,
+                                                                      row=row, column=column))
     else:
-        raise PrescriptionError(f"{where}: grid type {kind}: allowed 1 and 2")
+        raise PrescriptionError(where, "grid type {kind}: allowed 1 and 2", kind=kind)
     return GridDeg(_float(grid, "A", where), _float(grid, "B", where), cell_lat, cell_lon, rate)
 
 
 def _cells(data: bytes, rows: int, columns: int, depth: int, kind: np.dtype[np.generic], name: str,
-           where: str) -> Floats:
+           where: Where) -> Floats:
     wanted = rows * columns * depth * kind.itemsize
     if len(data) != wanted:
-        raise PrescriptionError(f"{where}: {name}: {len(data)} bytes: allowed {wanted} ({rows} rows, {columns} "
-                                f"columns, {depth} x {kind.itemsize} bytes a cell)")
+        raise PrescriptionError(
+            where, "{name}: {found} bytes: allowed {wanted} ({rows} rows, {columns_across} columns, {depth} x {item} "
+            "bytes a cell)", name=name, found=len(data), wanted=wanted, rows=rows, columns_across=columns, depth=depth,
+            item=kind.itemsize)
     return np.frombuffer(data, dtype=kind).reshape(rows, columns, depth).astype(np.float64)
 
 
@@ -273,7 +285,7 @@ def _by_code(codes: Floats, rates: dict[int, float | None], findings: list[Findi
     return np.asarray(table[codes.astype(np.int64)], dtype=np.float64)
 
 
-def _template(layer: _Layer, grid: Element, where: str) -> list[tuple[int, str]]:
+def _template(layer: _Layer, grid: Element, where: Where) -> list[tuple[int, str]]:
     """Which process data a cell of a type 2 grid holds, in order."""
     code = grid.get("J")
     for zone in layer.task.findall("TZN"):
@@ -281,11 +293,12 @@ def _template(layer: _Layer, grid: Element, where: str) -> list[tuple[int, str]]
             order = [(int(v.get("A", "0"), 16), v.get("C", "")) for v in zone.findall("PDV")]
             if (layer.ddi, layer.product) in order:
                 return order
-    raise PrescriptionError(f"{where}: grid of type 2 names zone {code}: allowed is a zone with this layer's data")
+    raise PrescriptionError(where, "grid of type 2 names zone {zone}: allowed is a zone with this layer's data",
+                            zone=code)
 
 
-def _code(zone: Element, where: str) -> int:
-    return _number(zone.get("A", ""), 10, f"{where}: zone code")
+def _code(zone: Element, where: Where) -> int:
+    return _number(zone.get("A", ""), 10, where.at("zone code"))
 
 
 def _listed(rates: dict[int, float | None]) -> str:
@@ -293,21 +306,23 @@ def _listed(rates: dict[int, float | None]) -> str:
     return ", ".join(map(str, codes[:8])) + (", ..." if len(codes) > 8 else "")
 
 
-def _number(text: str, base: int, where: str) -> int:
+def _number(text: str, base: int, where: Where) -> int:
     try:
         return int(text, base)
     except ValueError:
-        raise PrescriptionError(f"{where}: {text!r}: allowed is a whole number") from None
+        raise PrescriptionError(where, "{value}: allowed is a whole number", value=repr(text)) from None
 
 
-def _float(element: Element, attribute: str, where: str) -> float:
+def _float(element: Element, attribute: str, where: Where) -> float:
     text = element.get(attribute, "")
     try:
         value = float(text)
     except ValueError:
-        raise PrescriptionError(f"{where}: {element.tag} {attribute}: {text!r}: allowed is a number") from None
+        raise PrescriptionError(where.at("{key}", key=f"{element.tag} {attribute}"), "{value}: allowed is a number",
+                                value=repr(text)) from None
     limit = {"PNT": {"C": 90.0, "D": 180.0}, "GRD": {"A": 90.0, "B": 180.0}}.get(element.tag, {}).get(attribute)
     if not np.isfinite(value) or (limit is not None and abs(value) > limit):
-        allowed = "a finite number" if limit is None else f"-{limit:g} to {limit:g}"
-        raise PrescriptionError(f"{where}: {element.tag} {attribute}: {value:g}: allowed {allowed}")
+        raise PrescriptionError(
+            where.at("{key}", key=f"{element.tag} {attribute}"), "{value:g}: allowed a finite number"
+            if limit is None else "{value:g}: allowed -{limit:g} to {limit:g}", value=value, limit=limit)
     return value

@@ -29,7 +29,7 @@ from drivers.files.prescriptions.features import Feature, imported
 from drivers.files.prescriptions.words import MASS_UNITS, Choice, Imported, NotAMap, PrescriptionError, not_degrees
 from drivers.files.shape_sets import Unit
 from drivers.files.table import TableError, header_of
-from drivers.plain_text import OneLine
+from drivers.plain_text import Reason
 
 LEAST_POINTS = 4
 _THOUSANDS = re.compile(r"^\s*([-+]?\d{1,3})\.(\d{3})\s*$")
@@ -55,8 +55,12 @@ class Lattice(NamedTuple):
         return float(np.hypot(*self.along)), float(np.hypot(*self.aside))
 
 
-class NoLattice(OneLine):
-    """Why the points are none; part of a line."""
+class NoLattice(ValueError):
+    """Why the points are none: part of a sentence."""
+
+    def __init__(self, text: str, **values: object) -> None:
+        self.reason = Reason(text, values)
+        super().__init__(str(self.reason))
 
 
 def places_without_time(names: tuple[str, ...] | list[str]) -> bool:
@@ -80,23 +84,23 @@ def read_lattice(path: Path, choice: Choice, title: str = "") -> Imported:
     try:
         raw = read_raw(path, Source(inside=choice.inside))
     except ImportTrouble as trouble:
-        raise PrescriptionError(str(trouble).splitlines()[0]) from None
+        raise PrescriptionError(trouble.where, "{why}", why=trouble.reasons[0]) from None
     if not places_without_time(raw.names):
-        raise NotAMap(f"{path}: columns {', '.join(raw.names[:12])}: allowed are latitude, longitude and a "
-                      "rate without times (a log is read by topdress import), or polygons (WKT)")
+        raise NotAMap(path, "columns {columns_there}: allowed are latitude, longitude and a rate without times, or "
+                      "polygons (WKT)", " (a log is read by topdress import)", columns_there=", ".join(raw.names[:12]))
     lat, lon = (_place(raw, column) for column in ("lat_deg", "lon_deg"))
     known = np.isfinite(lat) & np.isfinite(lon)
     rows = np.flatnonzero(known)
     if not len(rows):
-        raise PrescriptionError(f"{path}: no point with latitude and longitude: allowed are degrees")
+        raise PrescriptionError(path, "no point with latitude and longitude: allowed are degrees")
     lat, lon = lat[rows], lon[rows]
     if np.abs(lat).max() > 90.0 or np.abs(lon).max() > 180.0:
         raise not_degrees(path, float(np.abs(lat).max()), float(np.abs(lon).max()))
     try:
         found, corners = _cells(lat, lon)
     except NoLattice as why:
-        raise PrescriptionError(f"{path}: {many(len(rows), 'point')} with no time form no even lattice ({why}): "
-                                "allowed are the middles of even cells, or polygons") from None
+        raise PrescriptionError(path, "points with no time form no even lattice ({why}): allowed are the middles of "
+                                "even cells, or polygons", why=why.reason) from None
     attributes = _attributes(raw)
     features = [Feature(raw.first_row + row, attributes[row], [(corners[k],)]) for k, row in enumerate(rows.tolist())]
     wide, high = found.size_m
@@ -163,12 +167,12 @@ def _cells(lat: Floats, lon: Floats) -> tuple[Lattice, list[Floats]]:
 def lattice_of(places: Floats) -> Lattice:
     """Places (n, 2), m. Raises NoLattice."""
     if len(places) < LEAST_POINTS:
-        raise NoLattice(f"{len(places)} points: {LEAST_POINTS} are the least")
+        raise NoLattice("{count} points: {least} are the least", count=len(places), least=LEAST_POINTS)
     points = shapely.points(places)
     (of, nearest), near = shapely.STRtree(points).query_nearest(points, exclusive=True, return_distance=True)
     twice = len(places) - len(np.unique(np.round(places / SAME_M), axis=0))
     if twice:
-        raise NoLattice(f"{twice} points share their place with another")
+        raise NoLattice("{count} points share their place with another", count=twice)
     apart = float(np.median(near))
     way = places[nearest] - places[of]
     turned = 4.0 * np.arctan2(way[:, 1], way[:, 0])                     # a right angle is a whole turn of this
@@ -188,7 +192,7 @@ def lattice_of(places: Floats) -> Lattice:
     cells = np.rint(exact).astype(np.int64)
     off = float(np.abs(exact - cells).max())
     if off > OFF_CELLS:
-        raise NoLattice(f"a point lies {off:.2f} of a cell off its middle: {OFF_CELLS} is the most")
+        raise NoLattice("a point lies {off:.2f} of a cell off its middle: {most} is the most", off=off, most=OFF_CELLS)
     wide, high = float(np.hypot(*along)), float(np.hypot(*aside))
     _check(cells, wide, high)
     return Lattice(origin, along, aside, cells - cells.min(axis=0), off)._replace(
@@ -215,11 +219,12 @@ def _laid(places: Floats, origin: Floats, along: Floats, aside: Floats) -> tuple
 
 def _check(cells: NDArray[np.int64], wide: float, high: float) -> None:
     if max(wide, high) > LONGEST_CELL * min(wide, high):
-        raise NoLattice(f"cells of {wide:.3g} x {high:.3g} m")
+        raise NoLattice("cells of {wide:.3g} x {high:.3g} m", wide=wide, high=high)
     there = {(i, j) for i, j in cells.tolist()}
     if len(there) < len(cells):
-        raise NoLattice(f"{len(cells) - len(there)} points share their cell with another")
+        raise NoLattice("{count} points share their cell with another", count=len(cells) - len(there))
     for i, j in ((1, 0), (0, 1)):
         beside = sum((a + i, b + j) in there or (a - i, b - j) in there for a, b in there)
         if beside < BESIDE_SHARE * len(there):
-            raise NoLattice(f"{len(there) - beside} of {len(there)} points have none beside them")
+            raise NoLattice("{count} of {total} points have none next to them", count=len(there) - beside,
+                            total=len(there))

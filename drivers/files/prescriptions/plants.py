@@ -9,25 +9,26 @@ import numpy as np
 from control.targets.rate_map import Floats
 from drivers.files.limits import BeyondLimits, check_file, read_json
 from drivers.files.prescriptions.words import PrescriptionError
+from drivers.plain_text import Where
 
 
 def read_plants(path: Path) -> Floats:
     """Places (n, 2), latitude and longitude, in the file's order. Raises PrescriptionError in one line, OSError."""
     if not path.exists():
-        raise PrescriptionError(f"{path}: not there: allowed is a CSV with lat_deg and lon_deg, or GeoJSON points")
+        raise PrescriptionError(path, "not there", ": allowed is a CSV with lat_deg and lon_deg, or GeoJSON points")
     try:
         check_file(path)
     except BeyondLimits as error:
-        raise PrescriptionError(str(error)) from None
+        raise PrescriptionError.of(error) from None
     rows = _geojson(path) if path.suffix.lower() in (".geojson", ".json") else _csv(path)
     if not rows:
-        raise PrescriptionError(f"{path}: no plants: allowed is at least one")
+        raise PrescriptionError(path, "no plants: allowed is at least one")
     places = np.array(rows, dtype=np.float64)
     bad = np.flatnonzero(~((np.abs(places[:, 0]) <= 90.0) & (np.abs(places[:, 1]) <= 180.0)))
     if len(bad):
         lat, lon = places[bad[0]]
-        raise PrescriptionError(f"{path}: plant {bad[0] + 1}: {lat:g}, {lon:g}: allowed are degrees, latitude -90 to "
-                                "90, longitude -180 to 180")
+        raise PrescriptionError(Where(str(path)).at("plant {plant}", plant=bad[0] + 1), "{lat:g}, {lon:g}: allowed are "
+                                "degrees, latitude -90 to 90, longitude -180 to 180", lat=lat, lon=lon)
     return places
 
 
@@ -37,14 +38,15 @@ def _csv(path: Path) -> list[tuple[float, float]]:
         names = reader.fieldnames or []
         for name in ("lat_deg", "lon_deg"):
             if name not in names:
-                raise PrescriptionError(f"{path}: column {name} missing: allowed is a header with lat_deg and lon_deg")
+                raise PrescriptionError(path, "column {column} missing: allowed is a header with lat_deg and lon_deg",
+                                        column=name)
         rows = []
         for number, row in enumerate(reader, start=2):
             try:
                 rows.append((float(row["lat_deg"] or ""), float(row["lon_deg"] or "")))
             except ValueError:
-                raise PrescriptionError(f"{path}: line {number}: {row['lat_deg']}, {row['lon_deg']}: allowed are "
-                                        "numbers") from None
+                raise PrescriptionError(Where(str(path)).at("line {line}", line=number), "{lat}, {lon}: allowed are "
+                                        "numbers", lat=row["lat_deg"], lon=row["lon_deg"]) from None
         return rows
 
 
@@ -55,4 +57,4 @@ def _geojson(path: Path) -> list[tuple[float, float]]:
                   if feature["geometry"]["type"] == "Point"]
         return [(float(point[1]), float(point[0])) for point in points]
     except (ArithmeticError, ValueError, LookupError, TypeError) as error:
-        raise PrescriptionError(f"{path}: not GeoJSON points: {type(error).__name__}: {error}") from None
+        raise PrescriptionError(path, "not GeoJSON points: {why}", why=f"{type(error).__name__}: {error}") from None

@@ -21,19 +21,19 @@ def read_raster(path: Path, choice: Choice) -> Imported:
     try:
         import rasterio
     except ImportError:
-        raise PrescriptionError(f"{path}: this is a GeoTIFF, a raster: install the extra raster: "
-                                f"{install_line('raster')}") from None
+        raise PrescriptionError(path, "this is a GeoTIFF, a raster: install the extra raster",
+                                f": {install_line('raster')}") from None
     try:
         with rasterio.open(path) as file:
             return _read(path, file, choice)
     except rasterio.errors.RasterioError as error:
-        raise NotAMap(f"{path}: not readable as GeoTIFF: {str(error).splitlines()[0][:150]}") from None
+        raise NotAMap(path, "not readable as GeoTIFF: {why}", why=str(error).splitlines()[0][:150]) from None
 
 
 def _read(path: Path, file: Any, choice: Choice) -> Imported:
     projection = _projection(path, file)
     if file.width * file.height > 100 * MOST_CELLS:
-        raise PrescriptionError(f"{path}: {_too_fine(file.width * file.height)}")
+        raise _too_fine(path, file.width * file.height)
     names = [stated or f"band {k}" for k, stated in enumerate(file.descriptions, start=1)]
     bands = [np.where(np.ma.getmaskarray(one), np.nan, np.ma.getdata(one).astype(np.float64))
              for one in (file.read(k, masked=True) for k in range(1, file.count + 1))]
@@ -41,9 +41,9 @@ def _read(path: Path, file: Any, choice: Choice) -> Imported:
     known = np.isfinite(np.array(scaled)).any(axis=0)
     rows, columns = np.nonzero(known)
     if not len(rows):
-        raise PrescriptionError(f"{path}: no cell with a value")
+        raise PrescriptionError(path, "no cell has a value")
     if len(rows) > MOST_CELLS:
-        raise PrescriptionError(f"{path}: {_too_fine(len(rows))}")
+        raise _too_fine(path, len(rows))
     corners = _corners(file.transform, rows, columns, projection)
     features = [Feature(k + 1, {name: float(band[row, column]) for name, band in zip(names, scaled, strict=True)},
                         [(corners[k],)]) for k, (row, column) in enumerate(zip(rows.tolist(), columns.tolist(),
@@ -56,20 +56,21 @@ def _read(path: Path, file: Any, choice: Choice) -> Imported:
     return imported(path, "raster", features, choice, findings, title=path.stem)
 
 
-def _too_fine(cells: int) -> str:
-    return (f"{cells} cells: allowed up to {MOST_CELLS}: resample it to cells of the working width first (in QGIS: "
-            "Warp, average)")
+def _too_fine(path: Path, cells: int) -> PrescriptionError:
+    return PrescriptionError(
+        path, "{cells} cells: allowed up to {most}: resample it to cells of the working width first",
+        " (in QGIS: Warp, average)", cells=cells, most=MOST_CELLS)
 
 
 def _projection(path: Path, file: Any) -> TransverseMercator | None:
     if file.crs is None:
-        raise PrescriptionError(f"{path}: the raster does not say where it lies (no coordinate system): allowed are "
+        raise PrescriptionError(path, "the raster does not say where it lies (no coordinate system): allowed are "
                                 "degrees on WGS84, or UTM")
     try:
         return projection_of(file.crs.to_wkt(version="WKT1_GDAL"))
     except ValueError as error:
-        raise PrescriptionError(f"{path}: coordinates in {error}: allowed are degrees on WGS84, or UTM and other "
-                                "transverse Mercator on it") from None
+        raise PrescriptionError(path, "coordinates in {system}: allowed are degrees on WGS84, or UTM",
+                                " and other transverse Mercator on it", system=error) from None
 
 
 def _corners(transform: Any, rows: Any, columns: Any, projection: TransverseMercator | None) -> Floats:

@@ -16,8 +16,9 @@ from drivers.files.imports.header import named
 from drivers.files.imports.units import unit_named
 from drivers.files.imports.words import wanted_or_done
 from drivers.files.prescriptions.cells import Cell, cell_of
-from drivers.files.prescriptions.words import UNITS, Choice, PrescriptionError, RateQuestion
+from drivers.files.prescriptions.words import UNIT_NOT_NAMED, UNITS, Choice, PrescriptionError, RateQuestion
 from drivers.files.shape_sets import Unit
+from drivers.plain_text import Where
 
 PLAIN_UNIT = "kg/ha"
 MOST_SHOWN = 12
@@ -98,13 +99,14 @@ def rate_column(path: Path, numbered: Sequence[tuple[int, Mapping[str, Any]]], c
         others = ", ".join(one.name for one in rates if one is not best)
         return _with_unit(path, best, choice, "by its name" + (f", not {others}" if others else ""), beside)
     if not numbers:
-        raise PrescriptionError(f"{path}: rate column not chosen: allowed a column of numbers (columns: "
-                                f"{', '.join(names) or 'none'})")
+        raise PrescriptionError(path, "rate column not chosen: allowed a column of numbers (columns: {columns_there})",
+                                columns_there=", ".join(names) or "-")
     why = f"{len(rates)} are named as rates" if len(rates) > 1 else \
         f"{rates[0].name}: {rates[0].doubt}" if rates else "none is named as a rate"
-    raise RateQuestion(f"{path}: rate column not chosen: allowed {', '.join(one.name for one in numbers[:MOST_SHOWN])} "
-                       f"({why}: {'; '.join(one.text for one in numbers[:MOST_SHOWN])}; --column says which)",
-                       tuple(one.name for one in numbers))
+    raise RateQuestion(path, "rate column not chosen: allowed {of_numbers}",
+                       f" ({why}: {'; '.join(one.text for one in numbers[:MOST_SHOWN])}; --column says which)",
+                       tuple(one.name for one in numbers),
+                       of_numbers=", ".join(one.name for one in numbers[:MOST_SHOWN]))
 
 
 def _index_of(path: Path, names: Sequence[str], index: str) -> str:
@@ -112,19 +114,21 @@ def _index_of(path: Path, names: Sequence[str], index: str) -> str:
     named_so = [name for name in names if name.casefold() == index.casefold()]
     found = named_so or [name for name in names if index.casefold() in name.casefold()] or names
     if len(found) != 1:
-        raise RateQuestion(f"{path}: {index} not found: allowed is a column (or band) of this name, of "
-                           f"{', '.join(names[:MOST_SHOWN]) or 'none'}", tuple(names))
+        raise RateQuestion(path, "{index} not found: allowed is a column (or band) of this name, of {columns_there}",
+                           columns=tuple(names), index=index, columns_there=", ".join(names[:MOST_SHOWN]) or "-")
     return found[0]
 
 
 def _chosen(path: Path, numbered: Sequence[tuple[int, Mapping[str, Any]]], names: Sequence[str], choice: Choice,
             column: str, beside: Mapping[str, Unit]) -> RateColumn:
     if column not in names:
-        raise PrescriptionError(f"{path}: column {column}: allowed {', '.join(names) or 'none: there is none'}")
+        raise PrescriptionError(path, "column {column}: allowed {columns_there}", column=column,
+                                columns_there=", ".join(names) or "-")
     cells = _cells(numbered, column)
     if cells is None:
         number, row = next(row for row in numbered if cell_of(row[1].get(column)) is None)
-        raise PrescriptionError(f"{path}: row {number}: {column} {row.get(column)!r}: allowed is a number")
+        raise PrescriptionError(Where(str(path)).at("row {row}", row=number), "{column} {value}: allowed is a number",
+                                column=column, value=repr(row.get(column)))
     return _with_unit(path, _seen(column, cells), choice, "chosen", beside)
 
 
@@ -214,6 +218,10 @@ def _looks_like(cells: Sequence[Cell]) -> str:
     return ""
 
 
+def _column(path: Path, one: _Seen) -> Where:
+    return Where(str(path)).at("column {column}", column=one.name)
+
+
 def _with_unit(path: Path, one: _Seen, choice: Choice, why: str, beside: Mapping[str, Unit]) -> RateColumn:
     """The operator's unit, else the one that the file or one next to it names; a nutrient's rate is no rate of the
     product."""
@@ -223,9 +231,9 @@ def _with_unit(path: Path, one: _Seen, choice: Choice, why: str, beside: Mapping
     if stated is not None:
         unit = _unit(stated.text)
         if unit is None or one.unit not in (None, unit):
-            also = "" if one.unit is None else f", {one.unit} by its own name"
-            raise RateQuestion(f"{path}: column {one.name}: unit {stated.text} in {stated.source}{also}: allowed with "
-                               "--unit, which says what holds")
+            raise RateQuestion(_column(path, one), "unit {stated} in {source}: say which unit holds" if one.unit is None
+                               else "unit {stated} in {source}, {named} by its own name: say which unit holds",
+                               " (--unit)", stated=stated.text, source=stated.source, named=one.unit)
         return RateColumn(one.name, one.cells, unit, f"named in {stated.source}", why)
     nutrient = next((nutrient for word in sorted(one.words) if (nutrient := NUTRIENTS.get(word))), "")
     if nutrient == "nitrogen" and choice.n_fraction is not None:
@@ -233,9 +241,10 @@ def _with_unit(path: Path, one: _Seen, choice: Choice, why: str, beside: Mapping
         return RateColumn(one.name, one.cells, unit, "named in the file", why)
     if nutrient:
         raise RateQuestion(
-            f"{path}: column {one.name}: kg of {nutrient} or of the product: allowed with --unit "
+            _column(path, one), "kg of {nutrient} or of the product: say the unit", ": allowed with --unit "
             + (f"{one.unit or PLAIN_UNIT} (product), or --nitrogen SHARE of N in the product" if nutrient == "nitrogen"
-               else f"{one.unit or PLAIN_UNIT}, and --scale where the product holds only a share of it"))
+               else f"{one.unit or PLAIN_UNIT}, and --scale where the product holds only a share of it"),
+            nutrient=nutrient)
     if one.unit is not None:
         return RateColumn(one.name, one.cells, one.unit, "named in the file", why)
-    return RateColumn(one.name, one.cells, PLAIN_UNIT, "as the file names no unit", why)
+    return RateColumn(one.name, one.cells, PLAIN_UNIT, UNIT_NOT_NAMED, why)

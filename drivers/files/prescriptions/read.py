@@ -25,11 +25,11 @@ def read_prescription(path: str | Path, choice: Choice | None = None) -> Importe
     """Reads a prescription; the operator's choices as given. Raises PrescriptionError in one line, OSError."""
     path, choice = Path(path), choice or Choice()
     if not path.exists():
-        raise PrescriptionError(f"{path}: not there: allowed is {KNOWN}")
+        raise PrescriptionError(path, "not there", f": allowed is {KNOWN}")
     try:
         check_file(path)
     except BeyondLimits as error:
-        raise PrescriptionError(str(error)) from None
+        raise PrescriptionError.of(error) from None
     suffix = "" if path.is_dir() else path.suffix.lower()
     if suffix in (".geojson", ".json"):
         from drivers.files.prescriptions.geojson import read_geojson
@@ -58,17 +58,19 @@ def _of_several(path: Path, choice: Choice) -> Imported:
             named = chosen([one.name for one in shapes], choice.inside)
             shapes = [one for one in shapes if one.name in named]
     except ArchiveError as error:
-        raise PrescriptionError(str(error)) from None
+        raise PrescriptionError.of(error) from None
     files = find_task_files(path, choice.inside)
     if files is not None:
         from drivers.files.prescriptions.isoxml_read import read_isoxml
         return _said(read_isoxml(files, path, choice), shapes)
     if len(shapes) > 1:
-        raise RateQuestion(f"{path}: {len(shapes)} shapefiles: allowed is one of "
-                           f"{listed(one.name for one in shapes)} (--inside says which)")
+        raise RateQuestion(path, "{count} shapefiles: allowed is one of {names}", " (--inside says which)",
+                           count=len(shapes), names=listed(one.name for one in shapes))
     if not shapes:
-        inside = "" if choice.inside is None else f" named {choice.inside}"
-        raise NotAMap(f"{path}: no prescription{inside}: allowed is {KNOWN}{_packed(path)}")
+        packed = _packed(path)
+        raise NotAMap(path, "no prescription" if choice.inside is None else "no prescription named {name}",
+                      f": allowed is {KNOWN}" + (f"; it holds {packed}: unpack that first" if packed else ""),
+                      name=choice.inside)
     from drivers.files.prescriptions.shapefiles import read_shapefile
     return _areas_or_points(partial(read_shapefile, shapes[0], choice, []), path, choice)
 
@@ -93,8 +95,8 @@ def _said(read: Imported, shapes: list[ShapeSet]) -> Imported:
 
 
 def _packed(path: Path) -> str:
-    """What to do about a zip in a zip."""
+    """The zips in a zip."""
     if path.suffix.lower() != ".zip":
         return ""
     packed = [name for name in files_at(path).names() if name.lower().endswith(".zip")]
-    return f"; it holds {listed(packed)}: unpack that first" if packed else ""
+    return listed(packed)

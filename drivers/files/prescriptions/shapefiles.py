@@ -14,6 +14,7 @@ from drivers.files.prescriptions.projected import TransverseMercator, projection
 from drivers.files.prescriptions.rings import sorted_rings
 from drivers.files.prescriptions.words import Choice, Imported, NoPolygons, PrescriptionError
 from drivers.files.shape_sets import ShapeSet, column_names, damage_said
+from drivers.plain_text import Where
 
 POLYGONS = (shapefile.POLYGON, shapefile.POLYGONZ, shapefile.POLYGONM)
 
@@ -25,7 +26,7 @@ def read_shapefile(shapes: ShapeSet, choice: Choice, findings: list[Finding]) ->
         projection = projection_in(shapes)
         with shapes.reader() as reader:
             if reader.shapeType not in POLYGONS:
-                raise NoPolygons(f"{path}: shapes of type {reader.shapeTypeName}: allowed POLYGON")
+                raise NoPolygons(path, "shapes of type {kind}: allowed POLYGON", kind=reader.shapeTypeName)
             features, empty = _features(path, reader, column_names(reader))
         units = shapes.units()
     if projection is not None:
@@ -52,7 +53,8 @@ def _polygons(path: str, number: int, shape: Any) -> list[tuple[Floats, ...]]:
     rings = [ring(shape.points[begin:end]) for begin, end in
              zip(shape.parts, [*shape.parts[1:], len(shape.points)], strict=True)]
     if any(len(corners) < 3 for corners in rings):
-        raise PrescriptionError(f"{path}: row {number}: a ring of less than 3 corners: allowed 3 or more")
+        raise PrescriptionError(Where(path).at("row {row}", row=number),
+                                "a ring of less than 3 corners: allowed 3 or more")
     if len(rings) == 1:
         return [(rings[0],)]
     outlines = [corners for corners in rings if _clockwise(corners)]
@@ -74,8 +76,9 @@ def projection_in(shapes: ShapeSet) -> TransverseMercator | None:
     try:
         return projection_of(text.decode("utf-8", "replace"))
     except ValueError as error:
-        raise PrescriptionError(f"{shapes.label}: coordinates in {error}: allowed are longitude and latitude on WGS84, "
-                                "or UTM and other transverse Mercator on it") from None
+        raise PrescriptionError(
+            shapes.label, "coordinates in {system}: allowed are longitude and latitude on WGS84, or UTM",
+            " and other transverse Mercator on it", system=error) from None
 
 
 def _in_degrees(features: list[Feature], projection: TransverseMercator) -> list[Feature]:

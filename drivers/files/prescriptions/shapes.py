@@ -20,16 +20,16 @@ def read_shapes(path: Path, choice: Choice) -> Imported:
     try:
         layers = read_layers(path)
     except ShapesError as error:
-        raise PrescriptionError(str(error)) from None
+        raise PrescriptionError.of(error) from None
     if choice.inside is not None:
         layers = [layer for layer in layers if layer.name.casefold() == choice.inside.casefold()]
     held = [layer for layer in layers if any(_is_area(shape) for shape in layer.shapes)]
     if len(held) > 1:
-        raise RateQuestion(f"{path}: {len(held)} layers of polygons: allowed is one of "
-                           f"{listed(layer.name for layer in held)} (--inside says which)")
+        raise RateQuestion(path, "{count} layers of polygons: allowed is one of {names}", " (--inside says which)",
+                           count=len(held), names=listed(layer.name for layer in held))
     if not held:
-        inside = "" if choice.inside is None else f" named {choice.inside}"
-        raise NoPolygons(f"{path}: no layer of polygons{inside}: allowed is at least one polygon")
+        raise NoPolygons(path, "no layer of polygons: allowed is at least one polygon" if choice.inside is None else
+                         "no layer of polygons named {name}: allowed is at least one polygon", name=choice.inside)
     layer = held[0]
     findings = [Finding("projected", layer.said)] if layer.said else []
     features = _features(layer)
@@ -67,4 +67,4 @@ def write_shapes(data: MapData, path: Path) -> None:
         write_layer(path, "prescription", shapes, {name: [zone.title for zone in zones],
                                                    "rate_kg_ha": [zone.rate_kg_ha for zone in zones]})
     except ShapesError as error:
-        raise PrescriptionError(str(error)) from None
+        raise PrescriptionError.of(error) from None

@@ -37,7 +37,7 @@ class TaskSet:
                 try:
                     return self.files.read(there)
                 except ArchiveError as error:
-                    raise PrescriptionError(str(error)) from None
+                    raise PrescriptionError.of(error) from None
         return None
 
 
@@ -55,7 +55,7 @@ def task_sets(path: Path) -> list[TaskSet]:
         return [TaskSet(files, parent(name), files.label(name)) for name in files.names()
                 if PurePosixPath(name).name.lower() == "taskdata.xml"]
     except ArchiveError as error:
-        raise PrescriptionError(str(error)) from None
+        raise PrescriptionError.of(error) from None
 
 
 def find_task_files(path: Path, inside: str | None = None) -> TaskSet | None:
@@ -69,8 +69,8 @@ def find_task_files(path: Path, inside: str | None = None) -> TaskSet | None:
         found = [one for one in found if one.inside + "TASKDATA.XML" in names]
     if len(found) > 1:
         names = [one.inside.rstrip("/") or "TASKDATA.XML" for one in found]
-        raise RateQuestion(f"{path}: {len(found)} task sets: allowed is one of {', '.join(names)} (--inside says "
-                           "which)")
+        raise RateQuestion(path, "{count} task sets: allowed is one of {names}", " (--inside says which)",
+                           count=len(found), names=", ".join(names))
     return found[0] if found else None
 
 
@@ -78,16 +78,16 @@ def task_tree(files: TaskFiles, own_name: str = "TASKDATA.XML") -> ElementTree.E
     """The root of the task file, its external files (XFR) joined in. Raises PrescriptionError."""
     data = files.read(own_name)
     if data is None:
-        raise PrescriptionError(f"{files.label}: {own_name} is not there")
+        raise PrescriptionError(files.label, "{name} is not there", name=own_name)
     root = _parsed(data, files.label)
     if root.tag != "ISO11783_TaskData":
-        raise PrescriptionError(f"{files.label}: root element {root.tag}: allowed ISO11783_TaskData")
+        raise PrescriptionError(files.label, "root element {tag}: allowed ISO11783_TaskData", tag=root.tag)
     references = [f"{reference.get('A', '')}.XML" for reference in root.findall("XFR")]
     held_to(REFERENCES, len(references), files.label)
     for name in dict.fromkeys(references):
         more = files.read(name)
         if more is None:
-            raise PrescriptionError(f"{files.label}: {name}, which XFR names, is not there")
+            raise PrescriptionError(files.label, "{name}, which XFR names, is not there", name=name)
         root.extend(_parsed(more, name))
     return root
 
@@ -96,4 +96,4 @@ def _parsed(data: bytes, label: str) -> ElementTree.Element:
     try:
         return ElementTree.fromstring(data)
     except ElementTree.ParseError as error:
-        raise PrescriptionError(f"{label}: not readable as XML: {error}") from None
+        raise PrescriptionError(label, "not readable as XML: {why}", why=error) from None

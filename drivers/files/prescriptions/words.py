@@ -9,7 +9,7 @@ from typing import Literal
 
 from control.targets.prescription import Fallbacks, MapData
 from drivers.files.findings import Finding
-from drivers.plain_text import OneLine
+from drivers.plain_text import Refused, Where
 
 HIGHEST_KG_HA = 20_000.0
 LB_AC_KG_HA = 0.45359237 / 0.40468564224        # kg/ha
@@ -21,9 +21,11 @@ VOLUME_UNITS: dict[str, float] = {"l/ha": 1.0, "mm3/m2": 0.01, "m3/ha": 1000.0, 
 NITROGEN_UNITS: dict[str, float] = {"kg N/ha": 1.0, "lb N/ac": LB_AC_KG_HA}
 UNITS = (*MASS_UNITS, *VOLUME_UNITS, *NITROGEN_UNITS)
 
+UNIT_NOT_NAMED = "as the file names no unit"    # who says the unit: nobody, so plain kg/ha
 
-class PrescriptionError(OneLine):
-    """The file cannot be used; one line that names file, place, value and what is allowed."""
+
+class PrescriptionError(Refused):
+    """The file cannot be used: file, place, value and what is allowed."""
 
 
 class NotAMap(PrescriptionError):
@@ -38,8 +40,9 @@ class RateQuestion(PrescriptionError):
     """The file can be used once the operator has said which of several readings is meant. columns: that hold numbers,
     where it is a column that is asked for."""
 
-    def __init__(self, text: str, columns: tuple[str, ...] = ()) -> None:
-        super().__init__(text)
+    def __init__(self, where: Where | Path | str, text: str, hint: str = "", columns: tuple[str, ...] = (),
+                 **values: object) -> None:
+        super().__init__(where, text, hint, **values)
         self.columns = columns
 
 
@@ -76,23 +79,25 @@ class Imported:
     unit_from: str = "by the data dictionary"       # who says what they are in
 
 
-def factor_kg_ha(choice: Choice, unit: str, where: str) -> float:
+def factor_kg_ha(choice: Choice, unit: str, where: Where) -> float:
     """kg of product per ha for one `unit`, the operator's scale included. Raises PrescriptionError."""
     if not (isfinite(choice.scale) and choice.scale > 0.0):
-        raise PrescriptionError(f"{where}: scale {choice.scale:g}: allowed is above 0")
+        raise PrescriptionError(where, "scale {scale:g}: allowed is above 0", scale=choice.scale)
     if unit in MASS_UNITS:
         return MASS_UNITS[unit] * choice.scale
     if unit in VOLUME_UNITS:
         if choice.density_kg_l is None or not 0.1 <= choice.density_kg_l <= 5.0:
-            raise _asked(choice.density_kg_l)(f"{where}: rates in {unit}, density {choice.density_kg_l}: allowed with "
-                                              "the product's density, 0.1 to 5 kg/l")
+            raise _asked(choice.density_kg_l)(
+                where, "rates in {unit}, density {density}: allowed with the product's density, 0.1 to 5 kg/l",
+                unit=unit, density=choice.density_kg_l)
         return VOLUME_UNITS[unit] * choice.density_kg_l * choice.scale
     if unit in NITROGEN_UNITS:
         if choice.n_fraction is None or not 0.0 < choice.n_fraction <= 1.0:
-            raise _asked(choice.n_fraction)(f"{where}: rates in {unit}, nitrogen {choice.n_fraction}: allowed with the "
-                                            "product's share of N, above 0 to 1")
+            raise _asked(choice.n_fraction)(
+                where, "rates in {unit}, nitrogen {share}: allowed with the product's share of N, above 0 to 1",
+                unit=unit, share=choice.n_fraction)
         return NITROGEN_UNITS[unit] / choice.n_fraction * choice.scale
-    raise PrescriptionError(f"{where}: unit {unit}: allowed {', '.join(UNITS)}")
+    raise PrescriptionError(where, "unit {unit}: allowed {units}", unit=unit, units=", ".join(UNITS))
 
 
 def _asked(given: float | None) -> type[PrescriptionError]:
@@ -103,33 +108,34 @@ def _asked(given: float | None) -> type[PrescriptionError]:
 def not_degrees(path: Path, lat_deg: float, lon_deg: float) -> PrescriptionError:
     """Of a file whose places go up to these: what is wrong with them."""
     if lat_deg <= 180.0 and lon_deg <= 90.0:
-        return PrescriptionError(f"{path}: latitude and longitude look swapped: latitudes up to {lat_deg:.0f}, "
-                                 f"longitudes up to {lon_deg:.0f}: allowed are latitudes to 90 (GeoJSON and WKT name "
-                                 "the longitude first)")
-    return PrescriptionError(f"{path}: coordinates up to {lon_deg:.0f}, {lat_deg:.0f}: allowed are degrees (WGS84); "
-                             "export the map again in longitude and latitude")
+        return PrescriptionError(path, "latitude and longitude look swapped: latitudes up to {lat:.0f}, longitudes up "
+                                 "to {lon:.0f}: allowed are latitudes to 90",
+                                 " (GeoJSON and WKT name the longitude first)", lat=lat_deg, lon=lon_deg)
+    return PrescriptionError(path, "coordinates up to {lon:.0f}, {lat:.0f}: allowed are degrees (WGS84)",
+                             "; export the map again in longitude and latitude", lat=lat_deg, lon=lon_deg)
 
 
-def checked_rate(rate_kg_ha: float, where: Callable[[], str]) -> float:
+def checked_rate(rate_kg_ha: float, where: Callable[[], Where]) -> float:
     """The rate, where it can be one. Raises PrescriptionError."""
     if not 0.0 <= rate_kg_ha <= HIGHEST_KG_HA:
-        raise PrescriptionError(f"{where()}: rate {rate_kg_ha:g} kg/ha: allowed 0 to {HIGHEST_KG_HA:g} "
-                                "(is the unit right?)")
+        raise PrescriptionError(where(), "rate {rate:g} kg/ha: allowed 0 to {highest:g} (is the unit right?)",
+                                rate=rate_kg_ha, highest=HIGHEST_KG_HA)
     return rate_kg_ha
 
 
-def checked_index(value: float, name: str, where: Callable[[], str]) -> float:
+def checked_index(value: float, name: str, where: Callable[[], Where]) -> float:
     """An index of the canopy: water and bare ground below 0 count as 0. Raises PrescriptionError for what is none."""
     if not -1.0 <= value <= 1.0:
-        raise PrescriptionError(f"{where()}: {value:g}: allowed as {name} is -1 to 1 (is it scaled by 10000 or 255?)")
+        raise PrescriptionError(where(), "{value:g}: allowed as {index} is -1 to 1 (is it scaled by 10000 or 255?)",
+                                value=value, index=name)
     return max(0.0, value)
 
 
-def with_choice(found: Fallbacks, choice: Choice, where: str) -> Fallbacks:
+def with_choice(found: Fallbacks, choice: Choice, where: Where) -> Fallbacks:
     """Fallbacks of a file, those that the operator picked instead. Raises PrescriptionError."""
     picked = {name: value for name, value in (("default_kg_ha", choice.default_kg_ha),
                                               ("outside_kg_ha", choice.outside_kg_ha),
                                               ("lost_kg_ha", choice.lost_kg_ha)) if value is not None}
     for name, value in picked.items():
-        checked_rate(value, lambda name=name: f"{where}: {name}")  # type: ignore[misc]
+        checked_rate(value, lambda name=name: where.at("{key}", key=name))  # type: ignore[misc]
     return found._replace(**picked)

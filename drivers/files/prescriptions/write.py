@@ -47,7 +47,7 @@ def write_prescription(data: MapData, path: Path) -> None:
         try:
             root, files = prescription_task(data)
         except PrescriptionError as error:
-            raise PrescriptionError(f"{path}: {error}") from None
+            raise PrescriptionError.of(error, path) from None
         write_task(path, root, files)
 
 
@@ -86,8 +86,8 @@ def _zones(task: Element, data: MapData) -> None:
     for zone in apart(data.zones):
         by_rate.setdefault(round(zone.rate_kg_ha * MG_M2_PER_KG_HA), []).append(zone)
     if len(by_rate) > MOST_LEVELS:
-        raise PrescriptionError(f"{len(by_rate)} different rates: allowed {MOST_LEVELS} in a task file of zones; "
-                                ".geojson and .shp hold any number")
+        raise PrescriptionError("", "{count} different rates: allowed {most} in a task file of zones",
+                                "; .geojson and .shp hold any number", count=len(by_rate), most=MOST_LEVELS)
     for code, (steps, zones) in enumerate(by_rate.items(), start=FIRST_CODE):
         titles = {zone.title for zone in zones}
         title = name_of(titles.pop()) if len(titles) == 1 else ""
