@@ -76,7 +76,7 @@ class RatesView(NamedTuple):
     error: Shown
     error_share: float | None     # of ERROR_SPAN, -1 ... 1
     level: str                    # "", amber, red
-    note: str = ""                # why the machine gives another rate than wanted
+    notes: tuple[str, ...] = ()   # why the machine gives another rate than wanted, most telling first
 
 
 class Tile(NamedTuple):
@@ -238,15 +238,15 @@ def _rates(frame: Frame, old: bool, units: Units) -> RatesView:
                      why_other_rate(frame))
 
 
-def why_other_rate(frame: Frame) -> str:
-    """Why nothing flows while working, else why the rate is not the one wanted; in words, empty where all is plain."""
+def why_other_rate(frame: Frame) -> tuple[str, ...]:
+    """Why nothing flows while working, else why the rate is not the one wanted; in words, none where all is plain."""
     row, at_work = frame.row, frame.row.state in (None, "working")
     notes = [note for note in frame.notes if note != LAG_NOTE and (at_work or not note.startswith(WORK_NOTES))]
     if at_work and frame.why_no_flow:
         notes = list(frame.why_no_flow)
     elif row.state == "working" and row.target_rate_kg_ha == 0.0 and not notes:
         notes = ["rate_is_zero"]
-    return ", ".join(words.note_word(note) for note in notes)
+    return tuple(words.note_word(note) for note in notes)
 
 
 def _tile_labels(units: Units) -> tuple[tuple[str, str], ...]:

@@ -1,7 +1,6 @@
 """A diagnosis as one HTML file that needs nothing else: verdict, causes with pictures, what to do, where it is from."""
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,13 +14,11 @@ from console.reports.picture import Picture
 from console.reports.pictures import Pictures, pictures_of
 from console.reports.term_words import compensation
 from console.reports.term_words import sentence as term_sentence
-from console.reports.variables import plain
+from console.reports.variables import recorded
 from console.reports.verdict import WORDS, cost, headlines_first, member_of, others, sentence, title_of
-from console.reports.words import headlined, left_facts, tied, when
+from console.reports.words import headlined, left_facts, plan_steps, tied, when
 from control.diagnosis.result import UNKNOWN, Cause, Diagnosis, Gain, NextRun, TermFound
 from control.machine.machine import CATALOGUE
-
-STEP = re.compile(r"(?:;\s*)?(?:then\s+)?(?:^|(?<=\s))\d+\.\s+(?=\S)")
 
 
 def diagnosis_page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
@@ -121,8 +118,9 @@ def _left(found: Diagnosis, k: int, pictures: Pictures) -> str:
     if not left.variable:
         return paragraph(f"{left.channel}: {share} of its error is not noise, and neither a catalogued effect nor a "
                          "recorded variable accounts for it.") + facts
-    text = (f"{left.channel} depends on {plain(left.variable, found.data.kind)} ({left.variable}): {share} of what is "
-            "left there follows it, and no catalogued effect says why.")
+    variable = recorded(left.variable, found.data.kind).name
+    text = (f"{left.channel} depends on {variable} ({left.variable}): {share} of what is left there follows it, and no "
+            "catalogued effect says why.")
     return paragraph(text) + facts + figure(pictures.left[k])
 
 
@@ -135,8 +133,8 @@ def _term(found: TermFound, picture: Picture | None) -> str:
 def _next_run(plan: NextRun | None) -> str:
     if plan is None:
         return ""
-    steps = [step[0].upper() + step[1:] for part in STEP.split(plan.plan) if (step := part.strip(" ;."))]
-    return section("Next run", paragraph(f"Why: {plan.why}."), items([f"{step}." for step in steps], ordered=True))
+    steps = [f"{step}." for step in plan_steps(plan.plan)]
+    return section("Next run", paragraph(f"Why: {plan.why}."), items(steps, ordered=True))
 
 
 def _gains(gains: Sequence[Gain]) -> str:

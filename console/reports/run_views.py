@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from console.reports.binned import Axis, Binned, binned, binned_rates, memory_of, shown_share, telling
-from console.reports.variables import OF_RUNS
+from console.reports.variables import recorded
 from control.diagnosis.result import Cause
 from control.diagnosis.runs.channels import ChannelSeries, channels
 from control.diagnosis.runs.hypothesis import MAX_SWITCHES, EffectInstance, schedule, stages_of
@@ -163,9 +163,9 @@ def _recorded(data: RunData, time_s: Array) -> dict[str, Axis]:
     found = {}
     for name, values in data.variables.items():
         if name == "time_s":
-            found[name] = Axis(OF_RUNS[name], time_s / 60.0)
+            found[name] = Axis(recorded(name).label, time_s / 60.0)
         elif np.nanmax(values) > np.nanmin(values):
-            found[name] = Axis(OF_RUNS.get(name, name), np.interp(time_s, data.time_s, values))
+            found[name] = Axis(recorded(name).label, np.interp(time_s, data.time_s, values))
     return found
 
 

@@ -12,7 +12,7 @@ from console.reports.html import escape
 from console.reports.panels import EXTENDED, MEASURED, NOMINAL, legend_below, smooth_line, zero_line
 from console.reports.picture import Picture
 from console.reports.table_views import Group, TableView
-from console.reports.variables import OF_TABLES
+from console.reports.variables import recorded
 from control.diagnosis.result import Unexplained
 
 Array = npt.NDArray[np.float64]
@@ -41,7 +41,7 @@ def table_picture(view: TableView, name: str) -> Picture:
 
 
 def _caption(view: TableView, named: bool) -> str:
-    path, _, column = view.name.rpartition(" ")
+    path, column = view.table, view.column
     table = path.replace("\\", "/").rsplit("/", 1)[-1]
     models = "the nominal machine and the machine with the causes" if named else "the nominal machine"
     said = [*([f"{table}."] if table else []), f"Above: {column} as measured, beside {models}.",
@@ -65,9 +65,9 @@ def _models(axes: Any, view: TableView, group: Group, named: bool, first: bool) 
             for series, colour, line, label in _lines(view, named):
                 at, mean = _by_value(x[inside], series[inside])
                 axes.plot(at, mean, color=colour, linestyle=line, linewidth=1.8, label=label)
-        axes.set_xlabel(OF_TABLES.get(view.main, view.main))
+        axes.set_xlabel(recorded(view.main, "table").label)
         if first:
-            axes.set_ylabel(f"{view.name.rsplit(' ', 1)[-1]}, {view.unit}")
+            axes.set_ylabel(f"{view.column}, {view.unit}")
         return
     for series, colour, _, label in _lines(view, named):
         hollow = colour == BEFORE
@@ -95,7 +95,7 @@ def _settings(view: TableView, rows: npt.NDArray[np.bool_]) -> list[tuple[str, n
     kinds = sorted({key for key, inside in zip(keys, rows.tolist(), strict=True) if inside})
     found = []
     for kind in kinds:
-        words = ", ".join(f"{OF_TABLES.get(n, n).split(',')[0]} {v:g}" for n, v in zip(moving, kind, strict=True))
+        words = ", ".join(f"{recorded(n, 'table').name} {v:g}" for n, v in zip(moving, kind, strict=True))
         inside = rows & np.array([key == kind for key in keys])
         found.append((f" ({words})" if len(kinds) > 1 else "", inside))
     return found
@@ -129,7 +129,7 @@ def _left(axes: Any, view: TableView, group: Group, named: bool, first: bool) ->
         at, mean = _by_value(x[rows], values[rows])
         axes.plot(at + shift, mean, color=colour, marker=marker, linestyle=line, linewidth=1.4, markersize=6.0,
                   markerfacecolor=PAPER if side < 0 else colour, label=label)
-    axes.set_xlabel(OF_TABLES.get(view.main, view.main) if view.main else "row")
+    axes.set_xlabel(recorded(view.main, "table").label if view.main else "row")
     if first:
         axes.set_ylabel(f"residual, {view.unit}")
 
@@ -158,7 +158,7 @@ def left_picture(views: Sequence[TableView], left: Unexplained, name: str) -> Pi
         zero_line(axes)
         if left.variable in view.variables:
             x = view.variables[left.variable]
-            label = OF_TABLES.get(left.variable, left.variable)
+            label = recorded(left.variable, "table").label
         else:
             x = np.zeros(len(view.observed))
             for k, group in enumerate(view.groups):

@@ -44,7 +44,8 @@ class Group(NamedTuple):
 class TableView(NamedTuple):
     """One measured column. Arrays (n,) in `unit`."""
 
-    name: str
+    table: str                          # its path
+    column: str                         # what was measured
     channel: str
     unit: str
     observed: Array
@@ -53,6 +54,10 @@ class TableView(NamedTuple):
     variables: dict[str, Array]
     main: str                           # the variable to show it against, "" where none varies
     groups: tuple[Group, ...]
+
+    @property
+    def name(self) -> str:
+        return f"{self.table} {self.column}".strip()
 
     @property
     def before(self) -> Array:
@@ -89,7 +94,8 @@ def _view(piece: Piece, machine: Machine, parts: tuple[Part, ...]) -> TableView:
         names = {part.id for part in held}
         groups.append(Group(text, rows, tuple(n for n in felt if n in names), tuple(n for n in felt if n not in names)))
     variables = dict(piece.variables)
-    return TableView(piece.name, piece.channel, piece.unit, piece.observed, nominal, extended, variables,
+    table, _, column = piece.name.rpartition(" ")
+    return TableView(table, column, piece.channel, piece.unit, piece.observed, nominal, extended, variables,
                      _main(variables, extended - nominal, nominal), tuple(groups))
 
 

@@ -1,18 +1,39 @@
 """Recorded variables and settings in plain words, with their units."""
 from __future__ import annotations
 
-OF_RUNS = {"shaft_rpm": "shaft speed commanded, r/min", "opening_mm": "opening commanded, mm", "supply_v": "supply, V",
-           "pitch_deg": "pitch, degrees nose up", "roll_deg": "roll, degrees right side down",
-           "hopper_kg": "hopper, kg", "speed_mps": "ground speed, m/s", "heading_deg": "heading, degrees",
-           "time_s": "time, min"}
-OF_TABLES = {"shaft_rpm": "shaft speed, r/min", "opening_mm": "opening, mm", "duration_s": "duration, s",
-             "speed_mps": "ground speed, m/s", "target_kg": "target, kg", "area_m2": "area, m2", "outlet": "outlet",
-             "ndvi_reference": "NDVI of the reference", "head": "head", "warm_min": "minutes since switched on",
-             "height_m": "height, m", "corrected_lag_s": "lag corrected for, s",
-             "before_rpm": "shaft speed before, r/min", "replicate": "replicate",
-             "label": "label", "constant": "a constant"}
+from typing import NamedTuple
+
+from console.locale import N_
 
 
-def plain(name: str, kind: str = "run") -> str:
-    """The variable without its unit; its own name where it is not known."""
-    return (OF_RUNS if kind == "run" else OF_TABLES).get(name, name).split(",")[0]
+class Variable(NamedTuple):
+    name: str
+    unit: str = ""
+
+    @property
+    def label(self) -> str:
+        """For an axis."""
+        return f"{self.name}, {self.unit}" if self.unit else self.name
+
+
+OF_RUNS = {
+    "shaft_rpm": Variable(N_("shaft speed commanded"), "r/min"), "opening_mm": Variable(N_("opening commanded"), "mm"),
+    "supply_v": Variable(N_("supply"), "V"), "pitch_deg": Variable(N_("pitch"), "degrees nose up"),
+    "roll_deg": Variable(N_("roll"), "degrees right side down"), "hopper_kg": Variable(N_("hopper"), "kg"),
+    "speed_mps": Variable(N_("ground speed"), "m/s"), "heading_deg": Variable(N_("heading"), "degrees"),
+    "time_s": Variable(N_("time"), "min")}
+OF_TABLES = {
+    "shaft_rpm": Variable(N_("shaft speed"), "r/min"), "opening_mm": Variable(N_("opening"), "mm"),
+    "duration_s": Variable(N_("duration"), "s"), "speed_mps": Variable(N_("ground speed"), "m/s"),
+    "target_kg": Variable(N_("target"), "kg"), "area_m2": Variable(N_("area"), "m2"), "outlet": Variable(N_("outlet")),
+    "ndvi_reference": Variable(N_("NDVI of the reference")), "head": Variable(N_("head")),
+    "warm_min": Variable(N_("minutes since switched on")), "height_m": Variable(N_("height"), "m"),
+    "corrected_lag_s": Variable(N_("lag corrected for"), "s"),
+    "before_rpm": Variable(N_("shaft speed before"), "r/min"), "replicate": Variable(N_("replicate")),
+    "label": Variable(N_("label")), "constant": Variable(N_("a constant"))}
+
+
+def recorded(name: str, kind: str = "run") -> Variable:
+    """The variable of a run log, or of a table; by its own name where it is not known."""
+    first, second = (OF_RUNS, OF_TABLES) if kind == "run" else (OF_TABLES, OF_RUNS)
+    return first.get(name) or second.get(name) or Variable(name)

@@ -4,7 +4,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from console.reports.numbers import fixed, number
-from console.reports.variables import plain
+from console.reports.variables import recorded
 from console.reports.words import SOMETHING_ELSE, headlined, not_judged
 from control.diagnosis.result import UNKNOWN, Cause, Diagnosis, FieldCost
 from control.machine.machine import CATALOGUE
@@ -52,7 +52,7 @@ def _verdict(found: Diagnosis) -> str:
         which = "It" if len(titles) == 1 else "One of them" if doubtful == 1 else "Some of them"
         doubt = f" {which} could also be something else: this data does not tell." if doubtful else ""
         return f"{named}.{doubt}{more}"
-    left = " and ".join(f"{one.channel} depends on {plain(one.variable, found.data.kind)}" if one.variable else
+    left = " and ".join(f"{one.channel} depends on {recorded(one.variable, found.data.kind).name}" if one.variable else
                         f"the error of {one.channel} is not noise" for one in found.unexplained) or "something is left"
     beside = f" Beside it: {'; '.join(titles)}." if titles else ""
     return f"There is structure that no known effect explains: {left}.{beside}{more}"

@@ -171,7 +171,7 @@ class Term(BaseModel):
         allowed = (*use.needs, *use.may)
         for name in self.coefficients:
             if name not in allowed:
-                _wrong(("coefficients", name), f"form {self.form.value} has {_listed(allowed)}")
+                _wrong(("coefficients", name), f"allowed: form {self.form.value} has {_listed(allowed)}")
         for name in use.needs:
             if name not in self.coefficients:
                 _wrong(("coefficients",), f"{name} is missing: form {self.form.value} needs {_listed(use.needs)}")
@@ -182,13 +182,13 @@ class Term(BaseModel):
     def _variables(self) -> None:
         wanted = 2 if self.form is Form.PRODUCT else 1
         if len(self.over) != wanted:
-            _wrong(("over",), f"form {self.form.value} has {wanted} variable{'s' if wanted > 1 else ''}")
+            _wrong(("over",), f"allowed: form {self.form.value} has {wanted} variable{'s' if wanted > 1 else ''}")
         if self.form is Form.PERIODIC and self.over[0].name not in ANGLES:
-            _wrong(("over", 0, "name"), f"form periodic is over an angle: {_listed(sorted(ANGLES))}")
+            _wrong(("over", 0, "name"), f"allowed: form periodic is over an angle: {_listed(sorted(ANGLES))}")
         if self.form is not Form.PERIODIC and SHAFT_ANGLE in [one.name for one in self.over]:
-            _wrong(("over", 0, "name"), f"{SHAFT_ANGLE} has form periodic")
+            _wrong(("over", 0, "name"), f"allowed: {SHAFT_ANGLE} has form periodic")
         if self.form is Form.SPAN and self.over[0].name != "time_s":
-            _wrong(("over", 0, "name"), "form span is over time_s")
+            _wrong(("over", 0, "name"), "allowed: form span is over time_s")
 
     def _ends(self) -> None:
         c = self.coefficients
@@ -201,7 +201,7 @@ class Term(BaseModel):
         if self.form is not Form.TABLE:
             for name in ("nodes", "values"):
                 if getattr(self, name):
-                    _wrong((name,), "only form table has nodes and values")
+                    _wrong((name,), "allowed: only form table has nodes and values")
             return
         if not 2 <= len(self.nodes) <= NODES:
             _wrong(("nodes",), f"allowed 2 to {NODES} rising numbers")
@@ -225,8 +225,7 @@ class Term(BaseModel):
 
 
 def _wrong(key: tuple[str | int, ...], allowed: str) -> None:
-    words = allowed if allowed.startswith("allowed") or " needs " in allowed else f"allowed: {allowed}"
-    raise PydanticCustomError("size_of_effect", "{allowed}", {"wrong_key": key, "allowed": words})
+    raise PydanticCustomError("size_of_effect", "{allowed}", {"wrong_key": key, "allowed": allowed})
 
 
 def _listed(names: Iterable[str]) -> str:

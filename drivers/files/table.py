@@ -359,7 +359,8 @@ def _chunks(data: bytes, layout: _Layout, wrong: _WrongRows) -> Iterator[list[li
         if len(cells) == fields:
             chunk.append(cells)
         elif any(cell.strip() for cell in cells):
-            wrong.add(layout.skip_lines + reader.line_num, f"{len(cells)} fields where the header has {fields}")
+            wrong.add(layout.skip_lines + reader.line_num, f"{len(cells)} fields where the header has {fields}",
+                      len(cells))
         if len(chunk) == _CHUNK_ROWS:
             yield chunk
             chunk = []
@@ -384,10 +385,11 @@ class _WrongRows:
         self.count = 0
         self.first_line = 0
         self.first_what = ""
+        self.first_fields = 0           # 0: it cannot be taken apart
 
-    def add(self, line: int, what: str) -> None:
+    def add(self, line: int, what: str, fields: int = 0) -> None:
         if self.count == 0:
-            self.first_line, self.first_what = line, what
+            self.first_line, self.first_what, self.first_fields = line, what, fields
         self.count += 1
 
     def tell(self, path: Path, layout: _Layout, wanted: list[str], parts: dict[str, list[Any]],
@@ -395,9 +397,8 @@ class _WrongRows:
         if self.count == 0:
             return
         if wanted and not parts[wanted[0]]:
-            fields = self.first_what.partition(" ")[0]
             comma = "; is the decimal sign a comma? write points, or separate by semicolons"
-            more = fields.isdigit() and int(fields) > len(layout.names)
+            more = self.first_fields > len(layout.names)
             raise TableError(f"{path}: line {self.first_line}: {self.first_what}"
                              f"{comma if layout.separator == ',' and more else ''}")
         findings.append(Finding("wrong_fields", f"{many(self.count)} left out, the first in line {self.first_line} "

@@ -25,6 +25,7 @@ from console.app.services import Services
 from console.app.units import IMPERIAL, METRIC
 from console.locale import catalogue, use
 from console.reports.verdict import title_of
+from console.reports.words import plan_steps
 from control.diagnosis.result import UNKNOWN
 from control.machine.machine import CATALOGUE
 from control.orders import Do
@@ -444,7 +445,7 @@ def test_cost_in_both_units_and_where_nothing_is_known():
 def test_steps_of_a_counted_plan():
     found = sample_found()
     found = found._replace(next_run=found.next_run._replace(id="", plan="1. stop the shaft; 2. weigh; then 3. wait."))
-    assert diagnosis_words.plan_steps(found) == ("Stop the shaft", "Weigh", "Wait")
+    assert plan_steps(diagnosis_words.plan_words(found)) == ("Stop the shaft", "Weigh", "Wait")
 
 
 def test_a_channel_is_marked_only_where_the_error_is_beyond_noise():

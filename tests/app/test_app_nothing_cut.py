@@ -133,7 +133,8 @@ def test_the_finder_finds():
     """A text that is too long, a row that is too long, a row too many."""
     view = AlarmsView((), "a calm line that is much too long for so few cells", "", True)
     assert cut_in(AlarmBar(view), view, 20, 1) == []
-    note = RatesView(Shown("1"), Shown("1"), "kg/ha", "", Shown("--"), None, "", "a note of more cells than there are")
+    note = RatesView(Shown("1"), Shown("1"), "kg/ha", "", Shown("--"), None, "",
+                     ("a note of more cells than there are",))
     assert cut_in(Rates(note), note, 24, 7)
 
 
@@ -186,7 +187,7 @@ def _fields(frame):
 def test_every_reason_for_another_rate_is_read_to_its_end(language, width, height):
     use(language)
     for some in [*((one,) for one in words.NOTES), *combinations(words.NOTES, 2)]:
-        note = ", ".join(words.note_word(one) for one in some)
+        note = tuple(words.note_word(one) for one in some)
         view = RatesView(Shown("1234"), Shown("1234"), "kg/ha", "+30 %", Shown("-100 %"), -1.0, "red", note)
         assert cut_in(Rates(view), view, width, height) == []
         said = " ".join(row.plain for row in Rates(view).lines(view, width, height))

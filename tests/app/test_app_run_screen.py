@@ -257,12 +257,12 @@ def state_of(frame, state, **more):
 
 
 @pytest.mark.parametrize(("state", "seen", "says"), [
-    ("working", {"why_no_flow": ("low_speed",), "notes": ("limited_zero",)}, "too slow"),
-    ("working", {"why_no_flow": ("outside_field", "reversing")}, "lands outside field, reversing"),
-    ("working", {"notes": ("already_spread",)}, "already spread"),
-    ("working", {"notes": ("on_headland", "lag_out_of_range")}, "headland"),
-    ("working", {}, "rate here is zero"),
-    ("held", {"why_no_flow": ("not_working",), "notes": ("already_spread",)}, ""),
+    ("working", {"why_no_flow": ("low_speed",), "notes": ("limited_zero",)}, ("too slow",)),
+    ("working", {"why_no_flow": ("outside_field", "reversing")}, ("lands outside field", "reversing")),
+    ("working", {"notes": ("already_spread",)}, ("already spread",)),
+    ("working", {"notes": ("on_headland", "lag_out_of_range")}, ("headland",)),
+    ("working", {}, ("rate here is zero",)),
+    ("held", {"why_no_flow": ("not_working",), "notes": ("already_spread",)}, ()),
 ])
 def test_why_nothing_flows_in_words(frames, state, seen, says):
     assert why_other_rate(state_of(frames[-1], state, **seen)) == says

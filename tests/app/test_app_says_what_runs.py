@@ -103,9 +103,9 @@ async def test_a_silent_worker_says_nothing_of_alarms(app, clock, shown):
 @pytest.mark.parametrize("state", ["ready", "held", "off", "fault"])
 def test_while_nothing_is_owed_no_flow_is_too_little(frames, state):
     frame = replace(frames[-1], notes=("limited_zero",), row=frames[-1].row._replace(state=state))
-    assert why_other_rate(frame) == ""
+    assert why_other_rate(frame) == ()
     working = replace(frame, row=frame.row._replace(state="working"))
-    assert why_other_rate(working) == "closed: below the machine's lowest rate"
+    assert why_other_rate(working) == ("closed: below the machine's lowest rate",)
 
 
 # --- texts ------------------------------------------------------------------------------------------------------------

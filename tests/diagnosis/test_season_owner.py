@@ -89,3 +89,22 @@ def test_a_size_at_a_time_lies_on_its_piece(time_d: float, size: float) -> None:
 
 def test_a_piece_of_one_log_has_one_size() -> None:
     assert at(course(Piece(3.0, 3.0, 2.0, 2.0, 0.1, 0.1, 0.0, 1.0)), 7.0) == 2.0
+
+
+def test_the_owner_reads_the_dearest_first() -> None:
+    """Machines by what they spread wrongly, then by what they may have; the causes of one likewise."""
+    def of(machine: str, effect: str, size: float, *alternatives: Alternative) -> Course:
+        return course(piece(0.0, 9.0, size, size))._replace(machine=machine, effect=effect, alternatives=alternatives)
+
+    logs = [one_log({"flow.gain": 1.0, "flow.leak": 1.0})._replace(machine=name) for name in ("a", "b", "c", "d")]
+    unsure = (alternative("flow.leak", -9.0, 0.4),)
+    courses = (of("a", "flow.gain", 2.0), of("b", "flow.gain", -6.0), of("b", "flow.leak", -7.0),
+               of("c", "flow.gain", 2.0), of("d", "flow.gain", 2.0, *unsure),
+               of("c", "flow.leak", 1.0, alternative("flow.gain", -8.0, 0.5)))
+    found = machines(logs, Fit(courses))
+    wrong = [(one.wrong_kg, one.most_kg) for one in found]
+    assert wrong == sorted(wrong, reverse=True) and wrong[0][0] == 13.0 and len(set(wrong)) == 4
+    for one in found:
+        assert [(cost.kg, cost.most_kg) for cost in one.courses] == sorted(
+            ((cost.kg, cost.most_kg) for cost in one.courses), reverse=True)
+    assert [cost.cause.effect for cost in found[0].courses] == ["flow.leak", "flow.gain"]

@@ -220,3 +220,19 @@ def test_a_day_of_six_digits_is_asked_for(tmp_path: Path) -> None:
 def test_counts_of_milliseconds_are_no_times_of_day(tmp_path: Path) -> None:
     found = guess(read_raw(_points(tmp_path, TIME=[50 * k for k in range(100)])))
     assert found.mapping.time.counts == "ms" or found.doubts
+
+
+@pytest.mark.parametrize("begin_s", [11 * 3600 + 50, 59 * 60 + 40, 23 * 3600 + 58 * 60 + 30, 24 * 3600 - 90])
+def test_digits_of_a_clock_are_read_over_every_edge(begin_s: int, tmp_path: Path) -> None:
+    """120959 and then 121000: over the minute's end, the hour's, the day's."""
+    clock = [(s // 3600 % 24) * 10_000 + (s // 60 % 60) * 100 + s % 60 for s in range(begin_s, begin_s + 150)]
+    assert guess(read_raw(_points(tmp_path, TIME=clock))).mapping.time.format is not None
+
+
+@pytest.mark.parametrize("beyond", [(0, 60, 0), (0, 0, 60), (24, 0, 0)])
+def test_what_no_clock_shows_is_no_time_of_day(beyond: tuple[int, int, int], tmp_path: Path) -> None:
+    """Digits that would run evenly as hours, minutes and seconds, were there minutes or seconds of 60, hours of 24."""
+    hours, minutes, seconds = beyond
+    clock = [(hours + t // 3600) * 10_000 + (minutes + t // 60 % 60) * 100 + seconds + t % 60 for t in range(40, 100)]
+    found = guess(read_raw(_points(tmp_path, TIME=clock)))
+    assert found.mapping.time.format is None, "no such time"

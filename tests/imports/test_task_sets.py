@@ -8,16 +8,19 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+import polars as pl
 import pytest
 from click.testing import Result
 
 from drivers.files.config import load
 from drivers.files.imports.convert import convert
+from drivers.files.imports.devices import Meaning
 from drivers.files.imports.guess import guess
 from drivers.files.imports.join import joined
 from drivers.files.imports.log_file import log_frame
 from drivers.files.imports.mapping import IMPORT, Source
 from drivers.files.imports.read import read_raw
+from drivers.files.imports.time_logs import TOTAL_AREA, WIDTH, WORK, LoggedValue, TimeLog, hectares, width_of
 from drivers.files.imports.trouble import ImportTrouble
 
 SPEED_MPS = 2.5                 # of every set
@@ -137,3 +140,27 @@ def test_the_commands(topdress: Callable[..., Result], tmp_path: Path, task_sets
     one = task_sets.task_set(21, tmp_path)
     single = topdress("import", one.path, "--log", "TLG00003", "--out", tmp_path / "s.csv")
     assert single.exit_code == 0 and f"{len(one.logs[2].rates_kg_ha)} rows" in single.output
+
+
+def logged(**numbers: tuple[int, list[float]]) -> TimeLog:
+    """A log of twenty records, a metre and a bit apart, with these numbers: identifier and raw values."""
+    count = 20
+    heads = pl.DataFrame({"lat_deg": 52.0 + np.arange(count) * 1e-5, "lon_deg": np.full(count, 9.0)})
+    values = [LoggedValue(ddi, "DET1", None, Meaning(name), None) for name, (ddi, _) in numbers.items()]
+    return TimeLog("TLG00001", "TSK1", "", tuple(values), heads,
+                   np.array([np.resize(np.array(raw, np.float64), count) for _, raw in numbers.values()]))
+
+
+def test_the_hectares_of_a_log_are_its_devices_count_else_way_times_logged_width() -> None:
+    """Widths are logged in mm, areas in m2; a width that changes is none; what is driven lifted does not count."""
+    way_m = 19 * 1e-5 * 111_267.0           # of latitude at 52 degrees, m
+    wide = logged(width=(WIDTH, [18_000.0]))
+    assert width_of(wide, {}) == 18.0
+    area = hectares(wide, {})
+    assert area is not None and area[1] == "way x width" and area[0] == pytest.approx(way_m * 18.0 / 1e4, rel=2e-3)
+    half = hectares(logged(width=(WIDTH, [18_000.0]), work=(WORK, [1.0, 0.0])), {})
+    assert half is not None and half[0] == pytest.approx(area[0] * 9 / 19, rel=1e-3)
+    counted = hectares(logged(width=(WIDTH, [18_000.0]), area=(TOTAL_AREA, list(5e4 + 250.0 * np.arange(20)))), {})
+    assert counted == (pytest.approx(19 * 250.0 / 1e4), "counted")
+    assert width_of(logged(width=(WIDTH, [18_000.0, 9_000.0])), {}) is None
+    assert hectares(logged(work=(WORK, [1.0])), {}) is None

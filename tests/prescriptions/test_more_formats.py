@@ -133,3 +133,21 @@ def test_an_index_becomes_rates_by_the_crops_rule(tmp_path: Path) -> None:
     (tmp_path / "ndvi.geojson").write_text(text.replace('"NDVI": 0.', '"NDVI": 30.'))
     assert "allowed as NDVI is -1 to 1" in run("--rule", "demo")
     assert run("--rule", "demo", "--unit", "lb/ac").startswith("2 ")
+
+
+@pytest.mark.parametrize("degrees", [0.0, 30.0, -75.0, 180.0])
+def test_cells_of_a_turned_raster_lie_where_rasterio_has_them(degrees: float, tmp_path: Path) -> None:
+    """A drone's picture along the rows is no picture with north up."""
+    rasterio = pytest.importorskip("rasterio", reason="rasterio is not installed")
+    affine = rasterio.Affine
+    transform = affine.translation(9.0, 52.0) @ affine.rotation(degrees) @ affine.scale(2e-4, -1e-4)
+    with rasterio.open(tmp_path / "a.tif", "w", driver="GTiff", width=4, height=3, count=1, dtype="float32",
+                       crs="EPSG:4326", nodata=-1.0, transform=transform) as file:
+        file.write(np.arange(12, dtype=np.float32).reshape(3, 4) + 90.0, 1)
+        file.set_band_description(1, "rate_kg_ha")
+    zones = read_prescription(tmp_path / "a.tif").data.zones
+    assert len(zones) == 12
+    for zone in zones:
+        row, column = divmod(round(zone.rate_kg_ha) - 90, 4)
+        wanted = [transform @ (column + right, row + down) for right, down in ((0, 0), (1, 0), (1, 1), (0, 1))]
+        assert zone.rings_deg[0][:, ::-1] == pytest.approx(np.array(wanted), abs=1e-12)

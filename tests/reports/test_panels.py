@@ -11,7 +11,7 @@ import pytest
 from console.reports.binned import Axis, binned, binned_rates, shown_share, telling
 from console.reports.diagnosis_text import _left
 from console.reports.figure import drawn, svg
-from console.reports.numbers import number, p_value, percent, span_of, with_interval
+from console.reports.numbers import MINUS, number, p_value, percent, span_of, with_interval
 from console.reports.panels import EXTENDED, NOMINAL, residual_panel, smooth_line
 from console.reports.run_pictures import _most_telling
 from console.reports.table_pictures import table_picture
@@ -169,3 +169,20 @@ def test_spans_read_like_a_clock() -> None:
 def test_the_share_that_no_effect_explains_is_in_per_cent(share: float, said: str) -> None:
     assert f"flow depends on pitch_deg ({said} of what is left)" in _left(Unexplained("flow", "pitch_deg", share))
     assert _left(Unexplained("flow", "", share)).startswith(f"flow: {said} of its error is not noise")
+
+
+@pytest.mark.parametrize(("half", "said", "interval"), [
+    (350.0, "1234", "884 to 1584"), (12.0, "1234", "1222 to 1246"), (0.35, "1234", "1234 to 1235"),
+    (0.00035, "1234", "narrower than the last digit")])
+def test_a_large_value_keeps_its_whole_digits_however_wide_its_interval(half: float, said: str, interval: str) -> None:
+    assert with_interval(1234.4, 1234.4 - half, 1234.4 + half) == (said, interval)
+
+
+@pytest.mark.parametrize("power", range(-5, 6))
+def test_an_interval_shows_both_ends_apart_at_every_size(power: int) -> None:
+    """Two digits of the half width at any unit, up to four digits of the value and six decimals."""
+    value, half = 3.0 * 10.0 ** power, 0.4 * 10.0 ** power
+    said, interval = with_interval(value, value - half, value + half)
+    low, high = (float(one.replace(MINUS, "-")) for one in interval.split(" to "))
+    assert float(said) == pytest.approx(value, rel=1e-6)
+    assert (low, high) == pytest.approx((2.6 / 3.0 * value, 3.4 / 3.0 * value))

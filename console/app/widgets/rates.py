@@ -1,6 +1,8 @@
 """Target and applied rate, the largest things on the screen, and the bar of their difference."""
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from rich.cells import cell_len
 from textual.content import Content
 
@@ -13,11 +15,10 @@ _LEVELS = {"": "$target", "amber": "$alarm-amber", "red": "$alarm-red"}
 _MARKS = {"": " ", "amber": "!", "red": "✖"}
 
 
-def fewer(note: str) -> tuple[str, ...]:
+def fewer(notes: Sequence[str]) -> tuple[str, ...]:
     """All reasons; then without the last ones, which are counted."""
-    parts = note.split(", ")
-    return tuple(", ".join(parts[:kept]) + (f"  +{len(parts) - kept}" if kept < len(parts) else "")
-                 for kept in range(len(parts), 0, -1))
+    return tuple(", ".join(notes[:kept]) + (f"  +{len(notes) - kept}" if kept < len(notes) else "")
+                 for kept in range(len(notes), 0, -1))
 
 
 class Rates(Panel[RatesView]):
@@ -29,7 +30,7 @@ class Rates(Panel[RatesView]):
         label = f" {_('target')} "
         used = cell_len(label) + cell_len(view.unit) + 2 + cell_len(nudge)
         room = width - half - cell_len(f" {_('applied')} {view.unit}  ")
-        note = f" {view.note} " if view.note else ""
+        note = f" {', '.join(view.notes)} " if view.notes else ""
         low = cell_len(note) > room             # a row of its own then
         note = "" if low else note
         rows = [line((label, "bold $target"), (f"{view.unit}  ", "$muted"), (nudge, "bold reverse"),
@@ -51,7 +52,7 @@ class Rates(Panel[RatesView]):
     def _note(view: RatesView, width: int, error: bool = False) -> Content:
         """Why the rate is another one, in a row of its own; with `error` in the place of the bar, whose value stays."""
         end = f"  {_('error')} {view.error.text} " if error and view.error.text != "--" else ""
-        note = fullest((f" {note} " for note in fewer(view.note)), width - cell_len(end))
+        note = fullest((f" {note} " for note in fewer(view.notes)), width - cell_len(end))
         note = fit(note, min(cell_len(note), width - cell_len(end)))
         return line((note, "bold $on-alarm-amber on $alarm-amber"), " " * (width - cell_len(note) - cell_len(end)),
                     (end, "bold"))

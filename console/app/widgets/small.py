@@ -40,9 +40,9 @@ class Small(Panel[SmallView]):
         else:
             rows.append(line(*((fit(f" {one.text}", half), "bold $stale" if one.stale else f"bold {colour}")
                                for one, colour in shown)))
-        if rates.note:
+        if rates.notes:
             rows += [line((fit(f" {row}", width), "bold $on-alarm-amber on $alarm-amber"))
-                     for row in wrapped(rates.note, width - 2)[:2]]
+                     for row in wrapped(", ".join(rates.notes), width - 2)[:2]]
         each = (width - 1) // 2
         for left in range(0, len(view.tiles), 2):
             rows.append(line(*((fit(fullest((f" {tile.label} {tile.value.text} {tile.unit}  {tile.below}",

@@ -1,7 +1,6 @@
 """A diagnosis in the words of the language in use: the verdict in one line, causes, stages. Pure."""
 from __future__ import annotations
 
-import re
 from math import floor, log10
 
 from console.app.pages.diagnosis.data import (
@@ -16,7 +15,8 @@ from console.app.pages.diagnosis.data import (
 from console.app.units import Units
 from console.app.view import duration
 from console.locale import N_, _
-from console.reports.words import headlined, left_facts, tied, when
+from console.reports.variables import recorded
+from console.reports.words import headlined, left_facts, plan_steps, tied, when
 
 VERDICTS = {"none": N_("NOTHING WRONG"), "named": N_("CAUSE NAMED"), "ambiguous": N_("NOT TOLD APART"),
             "unexplained": N_("UNEXPLAINED"), "not_judged": N_("NOT JUDGED")}
@@ -70,8 +70,6 @@ RUNS = {
     "refill": N_("Work for ten minutes, fill up with weighed bags and write the kg down, work for ten more."),
 }
 
-_STEP = re.compile(r"(?:;\s*)?(?:then\s+)?(?:^|(?<=\s))\d+\.\s+(?=\S)")
-
 
 def stage_word(stage: str) -> str:
     return _(STAGES.get(stage, stage))
@@ -107,7 +105,7 @@ def sentence(found: Found) -> str:
 def _next_test(found: Found) -> str:
     """The next test leads: a name that this data cannot tell from others is no headline."""
     assert found.next_run is not None
-    steps = plan_steps(found)
+    steps = plan_steps(plan_words(found))
     first = steps[0].rstrip(".") if steps else _("the separating run")
     minutes = f" ({found.next_run.minutes:g} min)" if found.next_run.minutes else ""
     said = [_("Test next: {what}{minutes}.").format(what=first, minutes=minutes)]
@@ -150,7 +148,7 @@ def left(of: LeftShown) -> str:
     """What no effect explains, how much, when."""
     if of.variable:
         said = _("{channel} follows {variable}, and no known cause explains it").format(
-            channel=channel_word(of.channel), variable=variable_word(of.variable).split(",")[0])
+            channel=channel_word(of.channel), variable=_(recorded(of.variable, "table").name))
     else:
         said = _("The error of {channel} is not noise, and no known cause explains it").format(
             channel=channel_word(of.channel))
@@ -252,12 +250,6 @@ def plan_words(found: Found) -> str:
     if found.next_run is None:
         return ""
     return _(found.next_run.plan)       # RUNS, on the machine that their numbers are of
-
-
-def plan_steps(found: Found) -> tuple[str, ...]:
-    """The separating run as steps: where the plan counts them itself, or as one."""
-    parts = (part.strip(" ;.") for part in _STEP.split(plan_words(found)))
-    return tuple(part[0].upper() + part[1:] for part in parts if part)
 
 
 def curve_title(curve: Curve) -> str:
