@@ -1,6 +1,7 @@
 """Effects that come in spells at times of their own: their trace is read off the data, not off a fitted pattern.
 
-What they account for is taken out of the data before anything else is looked for.
+What they account for is taken out of the data before anything else is looked for. Each is weighed as every other
+effect: log evidence plus its log prior odds, against nothing in its place (`prior.py`), and taken from `SAID` on.
 """
 from __future__ import annotations
 
@@ -10,46 +11,45 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import binary_opening, median_filter
+from scipy.special import betainc, betaln, expit, gammaln, logsumexp
 
 from control.diagnosis import effects
+from control.diagnosis.effects import ROWS
+from control.diagnosis.judgement.prior import SAID, UNKNOWN, log_odds
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
 from .channels import hopper_channel
 from .hypothesis import EffectInstance, schedule, stages_of
+from .model import GROUPS
+from .robust import FREEDOM
+from .search import DIPS_WITHIN_S
 from .stages import Hopper, RunData, Speed
 
 Array = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
 
-MIN_GAIN = 60.0             # gain in twice the log-likelihood, all spells together; set on the tuning half
-MAX_SHARE = 60.0            # % of the time: what stands still for longer is no bridge
+ROBUST_SD = 1.4826          # times the median absolute deviation: the s.d. of a normal
+SWELL = 41                  # samples over which noise grows and shrinks
 
-# Bridges of many seconds, block by block: two states and a cost at each beginning (Viterbi's path).
+# Bridges that stand for many seconds, block by block.
 BLOCK_S = 3.0               # a bridge stands at least about twice as long
-BEGIN_COST = 6.0            # in log-likelihood, of each further spell
-MAX_BLOCK_SCORE = 12.0      # a block counts no more than this: a refill or a knock on the scale is no bridge
+BEGINS = (0.003, 0.01, 0.03, 0.1)       # chance that a bridge begins in a block: one in a quarter of an hour to all day
+ENDS = (0.2, 0.5)           # ... and that it ends in one: it stands for some ten or some five seconds
 
 # Bridges below the scale's noise, by the step that each leaves in (reading - prediction) for good.
 STEP_SIDE_S = 20.0          # on each side of a step: the scale's noise remembers a second or two
 STEP_GAP_S = 8.0            # left out around a step
-MIN_STEP_SD = 4.0           # in s.d. of the difference between the two sides
-MIN_STEPS_SEEN = 2          # and two more for each step downwards
-MAX_UNSEEN = 6.0            # of the mass of the steps seen: further standstills may lie below the noise
-UNSEEN_SD = 0.2             # of that mass
+UNSEEN_SD = 0.2             # s.d. of the mass of standstills too short to be seen, as a share of it
 
 # Missing pulses of the wheel, as dips of its speed over the GNSS speed.
-SWELL = 41                  # samples over which noise grows and shrinks
-MIN_DIPS = 6                # and three more for each rise of the same size ...
-LONG_DIP = 3                # ... rows of one, or of those that last so long: a reading's tail is over in one
-DIP_SD = 3.5                # of wheel over GNSS speed: missing pulses show as whole parts of the speed missing
-MIN_DIP = 0.1               # of the speed
+LONG_DIP = 3                # rows: a reading's tail is over in one, and outliers are as often above as below
+DIP_SD = 3.5                # of wheel over GNSS speed: a reading further off is an outlier (Iglewicz and Hoaglin, 1993)
 USUAL_SHARE = 0.3           # of the rows, that lie closest together, are rows without a dip
 CLASSES = 16                # of a variable that the dips may follow ...
-FOLLOWS = 0.4               # ... where its class tells so much of when they come: missing pulses come at any time ...
-BEGINS_WITH = 1.5           # ... or where the rates at which they begin differ so much from class to class (variance
-BEGINS_CHI2 = 60.0          # over mean squared), by so much of chi-square: 14 logs with missing pulses had below 0.4
-COMES_WITH_TIME = ("time_s", "hopper_kg", "speed_mps")      # and what changes how many pulses there are
+ALIKE = 4.0                 # ... times as many samples as there are classes: rates alike within 1 / sqrt(4) of each
 FAST_MPS = 0.6              # below this speed a reading says little about the ratio
+COMES_WITH_TIME = ("time_s", "hopper_kg", "speed_mps")      # what changes how many pulses there are
 
 
 class ReadOff(NamedTuple):
@@ -57,7 +57,15 @@ class ReadOff(NamedTuple):
 
     part: EffectInstance
     sd: float
-    gain: float                 # of twice the log-likelihood
+    log_odds: float             # posterior, against nothing in its place
+
+
+def prior_odds(part: EffectInstance) -> float:
+    """Log prior odds of an effect that is read off, among those of its group of channels."""
+    channel = ROWS[part.id].channels[0]
+    names = next(names for names in GROUPS.values() if channel in names)
+    rivals = sum(bool(row.channels) and row.channels[0] in names for row in ROWS.values())
+    return log_odds("steady" if part.onset_s is None else "begins", rivals)
 
 
 def without_spells(data: RunData, machine: Machine) -> tuple[RunData, tuple[ReadOff, ...]]:
@@ -89,45 +97,68 @@ def _without_dips(s: Speed, where: Sequence[Array]) -> tuple[Speed, ReadOff | No
     where : variables that a wheel's rolling may depend on (rows,).
     """
     moving = (s.gnss_mps > FAST_MPS) & (s.true_mps > FAST_MPS)
-    ratio = s.wheel_mps / np.maximum(s.gnss_mps, 0.1)
+    ratio = s.wheel_mps / np.maximum(s.gnss_mps, FAST_MPS)
     if not moving.any():
         return s, None
     middle, spread = _usual(ratio[moving])
     ratio, spread = ratio / middle, spread / middle
     usual = float(np.mean(ratio[moving & (np.abs(ratio - 1.0) < DIP_SD * spread)]))
-    deep = max(MIN_DIP, DIP_SD * spread)
+    deep = DIP_SD * spread
     if not (moving & (ratio < usual - deep)).any():
         return s, None
     usually = float(np.median((usual - ratio)[moving & (ratio < usual - deep)]))
     deep = max(deep, 0.5 * usually)         # a GNSS outlier this large upwards is as odd as a dip is
     dips, rises = moving & (ratio < usual - deep), moving & (ratio > usual + deep)
-    starts = _starts(dips)
-    if not any(_starts(_lasting(dips, rows)) >= MIN_DIPS + 3 * _starts(_lasting(rises, rows))
-               for rows in (1, LONG_DIP)):
-        return s, None
-    if any(_follows(dips[moving], values[moving]) for values in where):
-        return s, None
+    pulse_rows = max(1.0, DIPS_WITHIN_S / s.grid.step_s)
     missing = np.where(dips | rises, usual - ratio, 0.0)[moving]
     share = 100.0 * float(missing.mean()) / usual
-    wheel = np.where(dips, s.wheel_mps * usual / np.maximum(ratio, 0.05), s.wheel_mps)
-    sd = share * np.sqrt(2.0 / starts)
     missed = EffectInstance(effects.SPEED_MISSED_PULSES.id, share)
-    return s._replace(wheel_mps=wheel), ReadOff(missed, float(sd), 10.0 * starts)
+    evidence = max(_more_often(*(_pulses(_lasting(one, rows), pulse_rows) for one in (dips, rises)))
+                   for rows in (1, LONG_DIP))
+    odds = evidence - float(np.log(2.0)) + prior_odds(missed)          # two ways to count them
+    followed = [_follows(dips[moving], values[moving], pulse_rows) for values in where]
+    if followed:
+        odds = min(odds, prior_odds(missed) - float(logsumexp(followed)) - float(np.log(UNKNOWN / len(followed))))
+    if odds <= SAID:
+        return s, None
+    wheel = np.where(dips, s.wheel_mps * usual / np.maximum(ratio, 0.05), s.wheel_mps)
+    sd = share * np.sqrt(2.0 / _starts(dips))
+    return s._replace(wheel_mps=wheel), ReadOff(missed, float(sd), odds)
 
 
-def _follows(on: npt.NDArray[np.bool_], values: Array) -> bool:
-    """Whether dips come in some classes of a variable and hardly in the others: how long they last there (share of the
-    variance that the class tells, R squared), or how often they begin (chi-square against one rate for all)."""
+def _pulses(on: BoolArray, rows: float) -> float:
+    """How many pulses spells are worth: one each, or one for each `rows` of them."""
+    return max(float(_starts(on)), float(on.sum()) / rows)
+
+
+def _more_often(dips: float, rises: float) -> float:
+    """Log evidence for dips that are likelier than rises of the same size, over outliers, of which either is as likely:
+    a binomial, its share integrated over the upper half under Jeffreys' prior."""
+    upper = max(1.0 - float(betainc(dips + 0.5, rises + 0.5, 0.5)), 1e-300)
+    return float(np.log(2.0 * upper / np.pi) + betaln(dips + 0.5, rises + 0.5) + (dips + rises) * np.log(2.0))
+
+
+def _follows(on: BoolArray, values: Array, rows: float) -> float:
+    """Log evidence for spells that come in some classes of a variable more than in others, over such as come at any
+    time: at rates that are alike from class to class within half of themselves (1 s.d.).
+
+    Shares of the classes with a Dirichlet prior, integrated. rows : of one pulse that is missing.
+    """
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, CLASSES + 1)[1:-1]))
-    of, share = np.searchsorted(edges, values), float(np.mean(on))
-    counts = np.maximum(1, np.bincount(of, minlength=len(edges) + 1))
-    shares = np.bincount(of, on, minlength=len(counts)) / counts
-    follows = float(np.sum(counts * (shares - share) ** 2) / max(1e-12, len(on) * share * (1.0 - share)))
-    starts_in = np.bincount(of, on & ~np.insert(on[:-1], 0, False), minlength=len(counts))
-    even = counts * float(starts_in.sum()) / float(counts.sum())
-    chi2 = float(np.sum((starts_in - even) ** 2 / np.maximum(even, 1e-12)))
-    uneven = (chi2 - len(edges)) / max(1.0, float(starts_in.sum()))
-    return follows > FOLLOWS or (chi2 > BEGINS_CHI2 and uneven > BEGINS_WITH)
+    of = np.searchsorted(edges, values)
+    counts = np.bincount(of, minlength=len(edges) + 1)
+    expected = counts[counts > 0] / len(values)
+    if len(expected) < 2:
+        return -np.inf
+    inside = np.bincount(of, on, minlength=len(counts))[counts > 0]
+    inside = inside * _pulses(on, rows) / max(1, on.sum())
+
+    def evidence(samples: float) -> float:
+        prior = samples * expected
+        return float(gammaln(samples) - gammaln(samples + inside.sum())
+                     + np.sum(gammaln(prior + inside) - gammaln(prior)))
+    return float(logsumexp([evidence(1.0), evidence(len(expected))])) - float(np.log(2.0)) - evidence(
+        ALIKE * len(expected))
 
 
 def _usual(ratio: Array) -> tuple[float, float]:
@@ -135,21 +166,30 @@ def _usual(ratio: Array) -> tuple[float, float]:
     ranked = np.sort(ratio)
     count = max(2, int(np.ceil(USUAL_SHARE * len(ranked))))
     if count >= len(ranked):
-        return float(np.median(ranked)), 1.4826 * float(np.median(np.abs(ranked - np.median(ranked))))
+        return float(np.median(ranked)), ROBUST_SD * float(np.median(np.abs(ranked - np.median(ranked))))
     width = ranked[count:] - ranked[:-count]
     at = int(np.argmin(width))
     middle = float(np.median(ranked[at:at + count + 1]))
     above = ranked[ranked > middle] - middle
-    return middle, 1.4826 * float(np.median(above)) if len(above) else 0.0
+    return middle, ROBUST_SD * float(np.median(above)) if len(above) else 0.0
 
 
-def _lasting(on: npt.NDArray[np.bool_], rows: int) -> npt.NDArray[np.bool_]:
+def _lasting(on: BoolArray, rows: int) -> BoolArray:
     """Spells of at least so many rows."""
     return np.asarray(binary_opening(on, np.ones(rows, bool)))
 
 
-def _starts(on: npt.NDArray[np.bool_]) -> int:
+def _starts(on: BoolArray) -> int:
     return int((on & ~np.insert(on[:-1], 0, False)).sum())
+
+
+class _Level(NamedTuple):
+    """What the nominal machine leaves of a scale, at the even grid (m,)."""
+
+    predicted: Array
+    left: Array
+    swell: Array                # how much louder the noise is around each sample than usually, at least 1
+    refilled: npt.NDArray[np.int64]     # samples at which the hopper is filled
 
 
 def _without_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, ReadOff | None]:
@@ -157,66 +197,64 @@ def _without_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, ReadOff | Non
 
     Long spells are seen block by block, short ones by the step that they leave in (reading - prediction) for good.
     """
-    long = _long_bridges(h, machine)
-    short = _short_bridges(h, machine)
-    found = [one for one in (long, short) if one is not None]
-    return max(found, key=lambda one: one[1].gain) if found else (h, None)
-
-
-def _short_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, ReadOff] | None:
-    """Upward steps of (reading - prediction), each against the mean level on both of its sides."""
     channel = hopper_channel(h, machine)
     predicted = channel.predict(schedule(stages_of(machine), ()), MOST_STEP_S)
-    left, step_s = channel.measured - predicted, h.grid.step_s
+    left = channel.measured - predicted
+    steps = np.abs(np.diff(left, append=left[-1:]))
+    swell = np.maximum(1.0, median_filter(steps, SWELL) / max(float(np.median(steps)), 1e-9))
+    level = _Level(predicted, left, swell, np.searchsorted(h.grid.even_s, h.time_s[list(h.jumps)]))
+    found = [one for one in (_long_bridges(h, level), _short_bridges(h, level)) if one is not None]
+    if not found:
+        return h, None
+    stayed_kg, seen = max(found, key=lambda one: one[1].log_odds)
+    at_s = h.time_s[:-1] + 0.5 * h.grid.step_s
+    return h._replace(reading_kg=h.reading_kg - np.interp(at_s, h.grid.even_s, stayed_kg)), seen
+
+
+def _short_bridges(h: Hopper, level: _Level) -> tuple[Array, ReadOff] | None:
+    """Upward steps of (reading - prediction), each against the mean level on both of its sides: what stayed behind
+    (m,), kg.
+
+    A step at an unknown place gains z^2 / 2 less the logarithm of how many places there are. The clearest one may be a
+    hand on the machine, and steps downwards, which no bridge leaves, speak against those upwards.
+    """
+    left, predicted, step_s = level.left, level.predicted, h.grid.step_s
     side, gap = max(4, round(STEP_SIDE_S / step_s)), max(1, round(STEP_GAP_S / step_s))
-    if len(left) < 20 * side:
+    if len(left) <= 2 * side + gap:
         return None
     total = np.concatenate(([0.0], np.cumsum(left)))
     at = np.arange(side, len(left) - side - gap)
     rose = (total[at + gap + side] - total[at + gap] - total[at] + total[at - side]) / side
     rose = rose - median_filter(rose, 8 * side + 1)
-    sd = 1.4826 * float(np.median(np.abs(rose))) + 1e-6
+    sd = ROBUST_SD * float(np.median(np.abs(rose))) + 1e-6
+    near = np.zeros(len(at), bool)
+    for jump in level.refilled:
+        near |= np.abs(at - jump) < 2 * (side + gap)
     used = predicted[at] - predicted[at + gap]              # kg that a standstill of the whole gap keeps back
-    z = np.where((used > 0.0) & ~_near_refill(h, at, side + gap), rose / (sd * _swell(left)[at]), 0.0)
-    ups, downs = _peaks(z, side), _peaks(-z, side)
-    if len(ups) < MIN_STEPS_SEEN + 2 * len(downs):
+    z = np.where((used > 0.0) & ~near, rose / (sd * level.swell[at]), 0.0)
+    places = float(np.log(max(2.0, len(at) / side)))
+    ups, downs = _peaks(z, side, places), _peaks(-z, side, places)
+    if not len(ups):
         return None
+    up, down = (0.5 * z[some] ** 2 - places for some in (ups, downs))
     kept = np.zeros(len(left))
     for k in ups:
         kept[at[k]:] += max(0.0, float(rose[k])) * np.clip((np.arange(len(left) - at[k]) + 1) / gap, 0.0, 1.0)
     flow = np.concatenate(([0.0], np.maximum(0.0, -np.diff(predicted))))
-    flowed = float(flow.sum())
+    flowed = max(float(flow.sum()), 1e-9)
     rest = float(np.mean(left[-side:]) - np.mean(left[:side]) - kept[-1])
-    unseen = rest if 0.0 < rest < MAX_UNSEEN * kept[-1] else 0.0
-    kept += unseen * np.cumsum(flow) / max(flowed, 1e-9)    # spells too short to be seen one by one
-    share, gain = 100.0 * float(kept[-1]) / max(flowed, 1e-9), float(np.sum(z[ups] ** 2) - np.sum(z[downs] ** 2))
-    if gain < MIN_GAIN or share > MAX_SHARE:
-        return None
-    middle = h.time_s[:-1] + 0.5 * step_s
-    stayed = np.interp(middle, h.grid.even_s, kept)
-    sd_share = 100.0 * sd * (len(ups) ** 0.5 + 1.0) / max(flowed, 1e-9) + UNSEEN_SD * 100.0 * unseen / max(flowed, 1e-9)
-    seen = ReadOff(EffectInstance(effects.FLOW_BRIDGING.id, share), float(sd_share), gain)
-    return h._replace(reading_kg=h.reading_kg - stayed), seen
+    unseen = rest if 0.0 < rest < len(at) / side * sd else 0.0      # a standstill in every place, each below its noise
+    kept += unseen * np.cumsum(flow) / flowed               # spells too short to be seen one by one
+    bridging = EffectInstance(effects.FLOW_BRIDGING.id, 100.0 * float(kept[-1]) / flowed)
+    odds = float(up.sum() - up.max() - down.sum()) + prior_odds(bridging)
+    sd_share = 100.0 * (sd * (len(ups) ** 0.5 + 1.0) + UNSEEN_SD * unseen) / flowed
+    return (kept, ReadOff(bridging, float(sd_share), odds)) if odds > SAID else None
 
 
-def _swell(left: Array) -> Array:
-    """How much louder the noise is around each sample of a residual (m,) than usually, at least 1: (m,)."""
-    steps = np.abs(np.diff(left, append=left[-1:]))
-    return np.asarray(np.maximum(1.0, median_filter(steps, SWELL) / max(float(np.median(steps)), 1e-9)))
-
-
-def _near_refill(h: Hopper, at: npt.NDArray[np.int64], reach: int) -> npt.NDArray[np.bool_]:
-    near = np.zeros(len(at), bool)
-    for jump in h.jumps:
-        place = int(np.searchsorted(h.grid.even_s, h.time_s[jump]))
-        near |= np.abs(at - place) < 2 * reach
-    return near
-
-
-def _peaks(z: Array, apart: int) -> npt.NDArray[np.int64]:
-    """Places of peaks above MIN_STEP_SD, at least `apart` from each other: the higher ones first."""
+def _peaks(z: Array, apart: int, log_places: float) -> npt.NDArray[np.int64]:
+    """Peaks that gain more than their place costs, at least `apart` from each other, the higher ones first: places."""
     inner = z[1:-1]
-    tops = 1 + np.flatnonzero((inner > z[:-2]) & (inner >= z[2:]) & (inner >= MIN_STEP_SD))
+    tops = 1 + np.flatnonzero((inner > z[:-2]) & (inner >= z[2:]) & (inner >= np.sqrt(2.0 * log_places)))
     free = np.ones(len(z), bool)
     kept = []
     for top in tops[np.argsort(-z[tops], kind="stable")].tolist():
@@ -226,12 +264,9 @@ def _peaks(z: Array, apart: int) -> npt.NDArray[np.int64]:
     return np.array(sorted(kept), np.int64)
 
 
-def _long_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, ReadOff] | None:
-    """Blocks in which the scale stood still."""
-    channel = hopper_channel(h, machine)
-    even = h.grid.even_s
-    predicted = channel.predict(schedule(stages_of(machine), ()), MOST_STEP_S)
-    left = channel.measured - predicted
+def _long_bridges(h: Hopper, level: _Level) -> tuple[Array, ReadOff] | None:
+    """Blocks in which the scale stood still: what stayed behind (m,), kg."""
+    even, left, predicted = h.grid.even_s, level.left, level.predicted
     hop = max(1, round(BLOCK_S / h.grid.step_s))
     marks = np.arange(0, len(left) - hop, hop)
     if not len(marks):
@@ -239,40 +274,47 @@ def _long_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, ReadOff] | None:
     rose = left[marks + hop] - left[marks]
     rpm = np.interp(even, h.time_s[:-1] + 0.5 * h.grid.step_s, h.shaft_rpm[:-1])
     fell = np.where([rpm[k:k + hop].min() > 0.0 for k in marks], predicted[marks] - predicted[marks + hop], 0.0)
-    jumps = [int(np.argmin(np.abs(even[marks] - h.time_s[j]))) for j in h.jumps]
-    for j in jumps:
-        fell[max(0, j - 12):j + 4] = 0.0
-    sd = 1.4826 * float(np.median(np.abs(rose - np.median(rose)))) + 0.02
-    score = (2.0 * rose * fell - fell ** 2) / (2.0 * (sd * _swell(left)[marks]) ** 2)
-    score = np.clip(np.where(fell > sd, score, -1.0), -MAX_BLOCK_SCORE, MAX_BLOCK_SCORE)
-    on, gain = _spells(score)
-    starts = int((on & ~np.insert(on[:-1], 0, False)).sum())
-    if starts < 2 or 2.0 * gain < MIN_GAIN:
+    for jump in level.refilled // hop:          # the reading rises for half a minute, and settles
+        fell[max(0, jump - 12):jump + 4] = 0.0
+    sd = level.swell[marks] * (ROBUST_SD * float(np.median(np.abs(rose - np.median(rose)))) + 1e-3)
+    # Student's t: a refill or a knock on the scale is far from a bridge and from none alike.
+    score = 0.5 * (FREEDOM + 1.0) * np.log1p((rose / sd) ** 2 / FREEDOM)
+    score -= 0.5 * (FREEDOM + 1.0) * np.log1p(((rose - fell) / sd) ** 2 / FREEDOM)
+    on, evidence = _spells(np.where(fell > 0.0, score, -np.inf))
+    working, starts = fell > 0.0, _starts(on)
+    if starts < 2:
         return None
-    working = fell > 0.0
-    share = 100.0 * float(on[working].mean())
-    if share > MAX_SHARE:
+    bridging = EffectInstance(effects.FLOW_BRIDGING.id, 100.0 * float(on[working].mean()))
+    odds = evidence + prior_odds(bridging)
+    if odds <= SAID:
         return None
-    kept = np.concatenate(([0.0], np.cumsum(np.where(on, fell, 0.0))))
+    stayed = np.concatenate(([0.0], np.cumsum(np.where(on, fell, 0.0))))
     times = np.append(even[marks], even[min(len(even) - 1, int(marks[-1]) + hop)])
-    stayed = np.interp(h.time_s[:-1] + 0.5 * h.grid.step_s, times, kept)
-    sd_share = 100.0 * starts ** 0.5 * hop * h.grid.step_s / (working.sum() * hop * h.grid.step_s)
-    return (h._replace(reading_kg=h.reading_kg - stayed),
-            ReadOff(EffectInstance(effects.FLOW_BRIDGING.id, share), float(sd_share), 2.0 * gain))
+    return np.interp(even, times, stayed), ReadOff(bridging, float(100.0 * starts ** 0.5 / working.sum()), odds)
 
 
-def _spells(score: Array) -> tuple[npt.NDArray[np.bool_], float]:
-    """Blocks of the most probable spells, and their log-likelihood: two states, a cost at each beginning."""
-    off, on = 0.0, -BEGIN_COST
-    back = np.zeros((len(score), 2), bool)          # whether the other state came before
-    for k, value in enumerate(score):
-        back[k] = (on > off, off - BEGIN_COST > on)
-        off, on = max(off, on), max(on, off - BEGIN_COST) + value
-    state = 1 if on > off else 0
-    total = max(on, off)
-    path = np.zeros(len(score), bool)
-    for k in range(len(score) - 1, -1, -1):
-        path[k] = state == 1
-        if back[k, state]:
-            state = 1 - state
-    return path, float(total)
+def _spells(score: Array) -> tuple[BoolArray, float]:
+    """Blocks that are likelier within a spell than not, (b,), and the log evidence of spells over none.
+
+    score : log likelihood ratio of a spell over none, by block (b,). Two states; the chances to begin and to end are
+    averaged over (forward and backward sums: Baum and others, Ann. Math. Statist. 41, 1970, 164).
+    """
+    begins, ends = (grid.ravel() for grid in np.meshgrid(np.log(BEGINS), np.log(ENDS), indexing="ij"))
+    stays_off, stays_on = np.log1p(-np.exp(begins)), np.log1p(-np.exp(ends))
+    count = len(score)
+    ahead, behind = np.zeros((2, count, 2, len(begins)))
+    off, on = stays_off, begins + score[0]
+    for k in range(count):
+        if k:
+            off, on = (np.logaddexp(off + stays_off, on + ends),
+                       np.logaddexp(off + begins, on + stays_on) + score[k])
+        ahead[k] = off, on
+    off = on = np.zeros(len(begins))
+    for k in range(count - 1, -1, -1):
+        behind[k] = off, on
+        on = on + score[k]
+        off, on = np.logaddexp(off + stays_off, on + begins), np.logaddexp(off + ends, on + stays_on)
+    total = np.logaddexp(*ahead[-1])
+    best = int(np.argmax(total))
+    both = (ahead + behind)[:, :, best]
+    return expit(both[:, 1] - both[:, 0]) > 0.5, float(logsumexp(total)) - float(np.log(len(total)))

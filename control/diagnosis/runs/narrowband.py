@@ -8,8 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import fdtrc
 
 from control.diagnosis.judgement import noise as noises
+from control.diagnosis.judgement.checks import LEVEL
+from control.diagnosis.judgement.noise_fit import BAND_DOF
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
@@ -18,9 +21,7 @@ from .hypothesis import schedule, stages_of
 
 QUICK_S = 4.5               # a longer period may be the ground's
 SLOWER = 1.5                # times that period: a damped oscillation reaches so far
-STANDS_OUT = 4.0            # times what the bands about it have over the noise that is fitted to all
-ABOUT = 4                   # bands on either side
-LEAST = 30                  # coefficients of a band that is judged: the power of so many is known to a quarter
+ABOUT = 4                   # bands on either side, an octave and more: their median does not move with one line
 
 
 def without_narrowband(seen: dict[str, ChannelSeries], machine: Machine) -> tuple[dict[str, ChannelSeries], list[str]]:
@@ -42,7 +43,11 @@ def without_narrowband(seen: dict[str, ChannelSeries], machine: Machine) -> tupl
 
 
 def narrowband_periods_s(channel: ChannelSeries, machine: Machine) -> npt.NDArray[np.float64]:
-    """Periods at which the nominal machine leaves a quick line in a channel, s, longest first (k,)."""
+    """Periods at which the nominal machine leaves a quick line in a channel, s, longest first (k,).
+
+    A band's power over what the bands about it have is an F variable: its own coefficients, and those that its variance
+    is worth (`BAND_DOF`). All bands together have the level of the other checks.
+    """
     left = channel.measured - channel.predict(schedule(stages_of(machine), ()), MOST_STEP_S)
     cut, step_s = channel.cut, channel.grid.step_s
     power = np.add.reduceat(noises.coefficients(left, cut) ** 2, cut.starts)
@@ -50,5 +55,6 @@ def narrowband_periods_s(channel: ChannelSeries, machine: Machine) -> npt.NDArra
     over = power / cut.members / noises.spectrum(np.array(fitted.theta), channel.prior, cut, step_s)
     about = [np.r_[max(0, k - ABOUT):k, k + 1:min(len(over), k + 1 + ABOUT)] for k in range(len(over))]
     usual = np.array([float(np.median(over[near])) if len(near) else np.inf for near in about])
-    stand_out = (over > STANDS_OUT * usual) & (cut.members >= LEAST) & (cut.omega * QUICK_S > 2.0 * np.pi * step_s)
+    by_chance = fdtrc(cut.members, BAND_DOF, over / np.maximum(usual, 1e-300))
+    stand_out = (by_chance < LEVEL / len(over)) & (cut.omega * QUICK_S > 2.0 * np.pi * step_s)
     return np.asarray(2.0 * np.pi / cut.omega[stand_out] * step_s)

@@ -7,11 +7,13 @@ from scipy.ndimage import binary_opening, median_filter, uniform_filter1d
 
 from control.diagnosis import effects
 from control.diagnosis.effects import ROWS
+from control.diagnosis.judgement.prior import SAID
 from control.machine.effect import OPENING_RANGE, SHAFT_RANGE
 from control.machine.machine import CATALOGUE, of_nominal
 
 from .changes import END_S
 from .hypothesis import EffectInstance, Hypothesis, replaced
+from .intermittent import prior_odds
 from .model import HALT_S, GroupModel
 from .search import Candidate, FittedHypothesis, Search
 from .stages import RunData
@@ -26,10 +28,8 @@ EPISODE_S = 0.25            # of standing or turning: less is how a drive starts
 MAX_OBEYED = 0.1            # of the rows in which it stands: turning there now and then is noise of the command
 MIN_STILL_S = 3.0           # a drive must disobey for this long in all
 MIN_OFF_SD = 2.0            # of one reading, for the mean of a second
-MIN_STILL_GAIN = 60.0       # of twice the log-likelihood, for one constant against the model
 STUCK_WITHIN_S = 2.0        # the last moves before a stop are smaller than the noise
 STUCK_MM = 0.02             # an opening that counts as much as STUCK_WITHIN_S does
-SAME_PLACE_SD = 1.0         # s.d. of a reading: a command so near to the standing drive does not show whether it moves
 STOP_SD_S = 0.5             # how sharply a stop is seen
 
 # An onset, tried on a grid.
@@ -96,8 +96,9 @@ def still_disobeys(model: GroupModel, parts: Hypothesis, stop: EffectInstance) -
 def _still_from(measured: Array, predicted: Array, noise: float, least: int) -> int | None:
     """Sample from which a reading is better predicted by one constant than by its prediction, to the end of the log.
 
-    Moves smaller than the noise of one reading add up: sums of squares from every sample to the end are compared, each
-    about its own mean, for a gate that stands a little off its command is not stuck.
+    Proposed where that pays for having tried every sample; the search weighs it once more. Moves smaller than the noise
+    of one reading add up: sums of squares from every sample to the end are compared, each about its own mean, for a
+    gate that stands a little off its command is not stuck.
     """
     count = np.arange(len(measured), 0, -1)
     ahead = np.cumsum(measured[::-1])[::-1]
@@ -105,13 +106,14 @@ def _still_from(measured: Array, predicted: Array, noise: float, least: int) -> 
     left = (measured - predicted)[::-1]
     about_model = (np.cumsum(left ** 2) - np.cumsum(left) ** 2 / np.arange(1, len(left) + 1))[::-1]
     better = (about_model - about_mean)[:-least] / noise ** 2
-    if len(better) < 1 or float(better.max()) < MIN_STILL_GAIN:
+    least_gain = 2.0 * (SAID - prior_odds(EffectInstance(effects.GATE_STUCK.id, 1.0)) + float(np.log(len(measured))))
+    if len(better) < 1 or float(better.max()) < least_gain:
         return None
     level = float(np.median(measured[int(np.argmax(better)):]))
     gained = np.cumsum(((measured - predicted) ** 2 - (measured - level) ** 2)[::-1])[::-1] / noise ** 2
     at = int(np.argmax(gained[:-least]))
     # The end of a move that came a little late speaks for a stop as well, but only for a moment.
-    return at if gained[min(at + least, len(gained) - 1)] > MIN_STILL_GAIN else None
+    return at if gained[min(at + least, len(gained) - 1)] > least_gain else None
 
 
 def _stuck_at(measured: Array, predicted: Array, at: int, step_s: float, near_mm: float) -> int:
@@ -130,7 +132,7 @@ def stop_interval(model: GroupModel, part: EffectInstance) -> tuple[float, float
     asked, even_s = model.predicted(())[channel.name], channel.grid.even_s
     at = int(np.clip(np.searchsorted(even_s, at_s), 0, len(even_s) - 1))
     level = float(np.median(channel.measured[at:]))
-    away = np.flatnonzero(np.abs(asked - level) > SAME_PLACE_SD * channel.prior.fast_sd)
+    away = np.flatnonzero(np.abs(asked - level) > channel.prior.fast_sd)
     before, after = away[away < at], away[away > at]
     low = float(even_s[before[-1]]) if len(before) else float(even_s[0])
     high = float(even_s[after[0]]) if len(after) else float(even_s[-1])

@@ -13,14 +13,15 @@ import numpy.typing as npt
 from scipy.special import ndtr
 
 from control.diagnosis import effects
+from control.diagnosis.judgement.prior import SAID
 from control.machine.effect import SHAFT_RANGE
 from control.machine.machine import Machine, of_nominal
 from control.machine.over_log import MOST_STEP_S
 
 from .channels import drive_channel
 from .hypothesis import EffectInstance, schedule, stages_of
-from .intermittent import ReadOff
-from .log import Clean
+from .intermittent import ReadOff, prior_odds
+from .log import MIN_ROWS, Clean
 from .model import GroupModel
 from .search import Candidate
 from .stages import whole_drives
@@ -29,18 +30,17 @@ Array = npt.NDArray[np.float64]
 
 # r/min are those of the nominal machine, but for the digits of a log: a share of another's range.
 MIN_STEP_RPM = 0.45         # finer steps are how an ordinary log is written
-ON_STEPS = 0.995            # of the readings
+ON_STEPS = 0.995            # of the readings of such an encoder: one in 200 was taken while it counted
 WRITTEN_RPM = 0.001         # digits of a log
 JITTER = 0.01               # of a step: counts over a time that a clock keeps to a per cent
 APART = 0.05                # of the largest gap between two readings: those of two steps are further apart
-MIN_READINGS = 200
+PARTS = (1.0, 2.0, 3.0)     # of the smallest gap between two readings, that a step may be
 TAILS = (1.0, 0.6, 0.3, 0.12)       # of a log, that are tried: an encoder may begin to read in steps
 DITHERED = 2.0              # times the noise before rounding: a longer step is not averaged out; within half of it
                             # the speed that was asked for is known better than the one that was read
-NOISE_TRIED = np.exp(np.linspace(np.log(0.3), np.log(3.0), 24))
+NOISE_TRIED = np.exp(np.linspace(np.log(0.3), np.log(3.0), 24))     # times the machine file's: a grid of 10 %
 SAW_TOOTH_BIN_RPM = 0.02
-STEPS_TRIED_RPM = np.exp(np.arange(np.log(0.6), np.log(8.0), 5e-4))
-MIN_SAW_TOOTH = 40.0        # of the saw-tooth's squared score, over all steps tried
+STEPS_TRIED_RPM = np.exp(np.arange(np.log(0.6), np.log(8.0), 5e-4))     # a grid of a turn of the phase in 100 r/min
 FROM_RPM = 5.0              # a saw-tooth is looked for above this speed
 MIN_CHANCE = 1e-3           # of a reading: some were taken while the shaft changed its speed
 
@@ -50,7 +50,7 @@ class Steps(NamedTuple):
 
     step_rpm: float
     sd_rpm: float
-    readings: int
+    log_odds: float             # posterior, against readings that lie on steps by chance
     first: int = 0
 
 
@@ -76,7 +76,7 @@ def steps_to_the_end(readings_rpm: Array, min_step_rpm: float = MIN_STEP_RPM) ->
 def _first_of(readings_rpm: Array, step_rpm: float, min_step_rpm: float) -> int:
     """Row from which readings lie on steps: the likeliest, where those before lie on them by chance only."""
     turning = np.isfinite(readings_rpm) & (readings_rpm > min_step_rpm)
-    by_chance = min(0.5, 2.0 * _near(step_rpm) / step_rpm)
+    by_chance = _by_chance(step_rpm)
     on = np.log(ON_STEPS / by_chance), np.log((1.0 - ON_STEPS) / (1.0 - by_chance))
     speaks = np.where(turning, np.where(_off(readings_rpm, step_rpm) < _near(step_rpm), *on), 0.0)
     return int(np.argmax(np.cumsum(speaks[::-1])[::-1]))
@@ -86,27 +86,35 @@ def _near(step_rpm: float) -> float:
     return 0.6 * WRITTEN_RPM + JITTER * step_rpm
 
 
+def _by_chance(step_rpm: float) -> float:
+    """Chance that a reading without steps lies on one."""
+    return min(0.5, 2.0 * _near(step_rpm) / step_rpm)
+
+
 def _off(readings_rpm: Array, step_rpm: float) -> Array:
     """How far readings are from the next whole step."""
     return np.abs(readings_rpm - step_rpm * np.round(readings_rpm / step_rpm))
 
 
 def whole_steps(readings_rpm: Array, min_step_rpm: float = MIN_STEP_RPM) -> Steps | None:
-    """The step of which every reading (n,) above zero is a whole number; None where they lie on no such steps."""
+    """The step of which every reading (n,) above zero is a whole number; None where they lie on no such steps.
+
+    Readings that are alike are one fact, and one of them sets the step: each other one lies on it by chance.
+    """
     turning = readings_rpm[np.isfinite(readings_rpm) & (readings_rpm > min_step_rpm)]
     kinds = _kinds(turning)
-    if len(turning) < MIN_READINGS or not 2 <= len(kinds) <= len(turning) // 20:
-        return None
     gaps = np.diff(kinds)
-    for parts in (1.0, 2.0, 3.0):
+    for parts in PARTS if len(gaps) else ():
         step = float(gaps.min()) / parts
         if step < min_step_rpm:
             return None
         for _ in range(5):
             number = np.round(turning / step)
             step = float((turning @ number) / (number @ number))
-        if np.mean(_off(turning, step) < _near(step)) >= ON_STEPS:
-            return Steps(step, WRITTEN_RPM / float(np.max(number)), len(turning))
+        evidence = -(len(kinds) - 1.0) * float(np.log(_by_chance(step))) - float(np.log(len(PARTS) * len(TAILS)))
+        odds = evidence + prior_odds(EffectInstance(effects.SHAFT_COARSE_ENCODER.id, step))
+        if odds > SAID and np.mean(_off(turning, step) < _near(step)) >= ON_STEPS:
+            return Steps(step, WRITTEN_RPM / float(np.max(number)), odds)
     return None
 
 
@@ -140,7 +148,7 @@ def ratio_before(readings_rpm: Array, asked_rpm: Array, step_rpm: float) -> floa
     A shaft that is held at few speeds does not average its rounding out: its own readings do not say it afterwards.
     """
     steady = _steady(readings_rpm, asked_rpm, step_rpm)
-    if steady.sum() < MIN_READINGS:
+    if steady.sum() < MIN_ROWS:
         return 1.0
     return float(np.median(readings_rpm[steady] / asked_rpm[steady]))
 
@@ -191,7 +199,7 @@ def without_steps(log: Clean, machine: Machine) -> WithoutSteps | None:
     part = EffectInstance(effects.SHAFT_COARSE_ENCODER.id, steps.step_rpm, onset_s)
     return WithoutSteps(log._replace(columns={**log.columns, "shaft_rpm": read_rpm}),
                         log._replace(columns={**log.columns, "shaft_rpm": turned_rpm}),
-                        ReadOff(part, steps.sd_rpm, float(steps.readings)))
+                        ReadOff(part, steps.sd_rpm, steps.log_odds))
 
 
 def encoder_steps(model: GroupModel) -> list[Candidate]:
@@ -201,7 +209,7 @@ def encoder_steps(model: GroupModel) -> list[Candidate]:
     scale, predicted = of_nominal(model.machine, SHAFT_RANGE), model.predicted(())["shaft"]
     left = model.residual(())["shaft"]
     on = predicted > scale * FROM_RPM
-    if on.sum() < 200:
+    if on.sum() < MIN_ROWS:
         return []
     speed, wrong = predicted[on], left[on]
     wrong = np.clip(wrong, *np.percentile(wrong, (0.5, 99.5)))
@@ -220,6 +228,7 @@ def encoder_steps(model: GroupModel) -> list[Candidate]:
         k = int(np.argmax(score))
         if score[k] ** 2 > best_score and score[k] > 0.0:
             best, best_score = float(part[k]), float(score[k] ** 2)
-    if best_score < MIN_SAW_TOOTH:
+    part = EffectInstance(effects.SHAFT_COARSE_ENCODER.id, best)
+    if 0.5 * best_score - float(np.log(len(steps_rpm))) + prior_odds(part) <= SAID:      # the price of all those tried
         return []
-    return [Candidate(EffectInstance(effects.SHAFT_COARSE_ENCODER.id, best), best, best)]
+    return [Candidate(part, best, best)]

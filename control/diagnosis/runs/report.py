@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import chdtrc
+from scipy.special import chdtrc, expit
 
 from control.diagnosis.effects import ROWS
 from control.diagnosis.judgement.evidence import Z90, projected
@@ -224,7 +224,7 @@ def _read_off_cause(seen: ReadOff, machine: Machine, data: RunData) -> Cause:
     effect = CATALOGUE[seen.part.id].effect
     low, high = max(0.0, seen.part.size - Z90 * seen.sd), seen.part.size + Z90 * seen.sd
     size = Size(seen.part.size, low, high, unit_of(seen.part.id, machine))
-    return Cause(seen.part.id, size, seen.part.onset_s, 1.0 - by_chance(seen.gain), (), None, effect.advice,
+    return Cause(seen.part.id, size, seen.part.onset_s, float(expit(seen.log_odds)), (), None, effect.advice,
                  field_cost(seen.part, machine, data))
 
 

@@ -9,18 +9,17 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import ndtr, stdtrit
+
+from control.diagnosis.judgement.checks import LEVEL
 
 from .piece import Array
 from .ties import first_best
 
-# The test of the quantogram's peak, set on the layouts used while building (docs/bench-tables.md).
-LEVEL = 0.002
+# The test of the quantogram's peak.
 DRAWS = 1500                # of smooth scatter
 BATCH = 100
 MAX_REACHED = 5             # draws that heap as clearly, after which no more are made: noise does it too
-MIN_Z = 3.5                 # of the best of hundreds of steps: below it no test is made
-DETECTABLE_Z = 4.5          # what a step must reach to be found
 MIN_SD = 0.3                # of the mean cosine, times sqrt(rows): what smooth scatter has at the least
 MIN_ROWS = 8
 
@@ -129,8 +128,6 @@ def _of_smooth(fitted: Array, scatter: float, steps: Array) -> tuple[Array, Arra
 
 def _p_value(highest: float, fitted: Array, scatter: float, steps: Array, mean: Array, sd: Array, seed: int) -> float:
     """Share of draws of smooth times that heap as clearly at any step; few draws where it is plain that many do."""
-    if highest < MIN_Z:
-        return 1.0
     rng = np.random.default_rng(seed)
     reached = drawn = 0
     while drawn < DRAWS and reached < MAX_REACHED:
@@ -184,10 +181,10 @@ def _refined(times: Array, step: float) -> tuple[float, float]:
         step = float(np.sum(times[keep] * whole[keep]) / np.sum(whole[keep] ** 2))
     dof = int(keep.sum()) - 1
     sd = float(np.sqrt(np.sum((times[keep] - whole[keep] * step) ** 2) / dof))
-    return step, float(student.ppf(0.95, dof) * max(sd, 1e-6) / np.sqrt(np.sum(whole[keep] ** 2)))
+    return step, float(stdtrit(dof, 0.95) * max(sd, 1e-6) / np.sqrt(np.sum(whole[keep] ** 2)))
 
 
 def _smallest(steps: Array, mean: Array, sd: Array) -> float | None:
-    """The finest step whose full heaping would have stood out."""
-    shown = np.flatnonzero((1.0 - mean) / sd > DETECTABLE_Z)
+    """The finest step whose full heaping would have stood out of as many as are tried."""
+    shown = np.flatnonzero(ndtr((mean - 1.0) / sd) < LEVEL / len(steps))
     return float(steps[shown[0]]) if len(shown) else None
