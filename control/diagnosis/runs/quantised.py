@@ -228,7 +228,7 @@ def encoder_steps(model: GroupModel) -> list[Candidate]:
         k = int(np.argmax(score))
         if score[k] ** 2 > best_score and score[k] > 0.0:
             best, best_score = float(part[k]), float(score[k] ** 2)
-    part = EffectInstance(effects.SHAFT_COARSE_ENCODER.id, best)
-    if 0.5 * best_score - float(np.log(len(steps_rpm))) + prior_odds(part) <= SAID:      # the price of all those tried
+    seen = EffectInstance(effects.SHAFT_COARSE_ENCODER.id, best)
+    if 0.5 * best_score - float(np.log(len(steps_rpm))) + prior_odds(seen) <= SAID:      # the price of all those tried
         return []
-    return [Candidate(part, best, best)]
+    return [Candidate(seen, best, best)]
