@@ -79,11 +79,17 @@ def _file_of(name: str, files: set[str]) -> list[str]:
 
 
 def tests_of(tree: Path, file: str, imports: dict[str, set[str]]) -> list[str]:
-    """Test files that can import a file, nearest first; those that start the program can import everything."""
+    """Test files that can import a file, nearest first, and of those as near the ones named as its room or itself;
+    those that start the program can import everything."""
+    named = set(re.split(r"[/_.]", file)) - {"py", "control", "drivers", "console"}
     tests = sorted(name for name in imports if name.startswith("tests/") and "/test_" in name)
     far = {test: _distance(test, file, imports) for test in tests}
-    return [test for test in sorted(tests, key=lambda one: (far[one] or 99, one))
+    return [test for test in sorted(tests, key=lambda one: (far[one] or 99, _unlike(one, named), one))
             if far[test] is not None or any(word in (tree / test).read_text() for word in STARTS_PROGRAMS)]
+
+
+def _unlike(test: str, named: set[str]) -> int:
+    return -len(named & set(re.split(r"[/_.]", test)))
 
 
 def _distance(test: str, file: str, imports: dict[str, set[str]]) -> int | None:

@@ -17,7 +17,7 @@ from control.diagnosis.season.courses import (
 )
 from control.diagnosis.season.evidence import Worked
 from control.diagnosis.season.mixed import Alternative
-from control.diagnosis.season.owner import OwnersLog, at, machines, still_there
+from control.diagnosis.season.owner import OwnersLog, at, low_hoppers, machines, still_there
 
 
 def piece(begin_d: float, end_d: float, begin: float, end: float, *, half: float = 0.1,
@@ -97,7 +97,7 @@ def test_the_owner_reads_the_dearest_first() -> None:
         return course(piece(0.0, 9.0, size, size))._replace(machine=machine, effect=effect, alternatives=alternatives)
 
     logs = [one_log({"flow.gain": 1.0, "flow.leak": 1.0})._replace(machine=name) for name in ("a", "b", "c", "d")]
-    unsure = (alternative("flow.leak", -9.0, 0.4),)
+    unsure = (alternative("flow.leak", -9.0, 0.4),)       # agreed on: as much as c's, and more in doubt than a's
     courses = (of("a", "flow.gain", 2.0), of("b", "flow.gain", -6.0), of("b", "flow.leak", -7.0),
                of("c", "flow.gain", 2.0), of("d", "flow.gain", 2.0, *unsure),
                of("c", "flow.leak", 1.0, alternative("flow.gain", -8.0, 0.5)))
@@ -108,3 +108,12 @@ def test_the_owner_reads_the_dearest_first() -> None:
         assert [(cost.kg, cost.most_kg) for cost in one.courses] == sorted(
             ((cost.kg, cost.most_kg) for cost in one.courses), reverse=True)
     assert [cost.cause.effect for cost in found[0].courses] == ["flow.leak", "flow.gain"]
+
+
+def test_operators_stand_by_their_minutes_with_a_low_hopper() -> None:
+    """Two who let it run low, each twice as long as the others together; nobody else is named."""
+    logs = [OwnersLog(f"{who}{k}", "m01", k, Worked(1.0, 100.0, 1.0, minutes + 0.01 * k, 0), {}, {"operator": who})
+            for who, minutes in (("Ann", 18.0), ("Li", 20.0), ("Wang", 0.0), ("Xu", 0.5), ("Zhao", 1.0))
+            for k in range(30)]
+    assert [one.operator for one in low_hoppers(logs)] == ["Li", "Ann"]
+    assert not low_hoppers([one._replace(shared={"operator": "Li"}) for one in logs]), "no others to hold against"

@@ -147,12 +147,12 @@ def test_the_time_line_is_in_minutes_and_the_longest_alarms_come_first(monkeypat
     monkeypatch.setattr(job_about, "svg", kept)
     alarms = [Span(f"alarm_{k}", 600.0, 660.0 + 60.0 * k) for k in range(MOST_ALARMS + 2)]
     alarms.append(Span("shaft_silent", 1200.0, 2400.0))
-    about = About(happened=Happened(tuple(alarms), ((1800.0, 250.0),), ((0.0, 3000.0),), ""))
+    about = About(happened=Happened(tuple(alarms), ((1800.0, 250.0),), ((60.0, 3000.0),), ""))
     assert time_line(about) is not None
     (axes,) = seen
     spans = [[path.get_extents() for path in one.get_paths()] for one in axes.collections]
     work, *bars = [[(span.x0, span.x1) for span in one] for one in spans]
-    assert work == [(0.0, 50.0)] and bars[0] == [(20.0, 40.0)] and bars[1] == [(10.0, 10.0 + MOST_ALARMS + 2)]
+    assert work == [(1.0, 50.0)] and bars[0] == [(20.0, 40.0)] and bars[1] == [(10.0, 10.0 + MOST_ALARMS + 2)]
     assert [line.get_xdata()[0] for line in axes.lines] == [30.0]
     assert [one.get_text() for one in axes.texts] == ["250 kg"]
     names = [one.get_text() for one in axes.get_yticklabels()]

@@ -139,7 +139,7 @@ def test_rates_are_read_off_the_level(memory: float) -> None:
 
 @pytest.mark.parametrize(("value", "said"), [
     (0.0, "0"), (1234567.0, "1230000"), (-0.0123456, "−0.0123"), (8.1, "8.10"), (None, "–"), (float("nan"), "–"),
-    (1e-9, "0"), (99.96, "100.0"), (12345.6, "12300")])
+    (1e-9, "0"), (4e-7, "0"), (7e-7, "0.000001"), (99.96, "100.0"), (12345.6, "12300")])
 def test_number(value: float | None, said: str) -> None:
     assert number(value) == said
 
@@ -150,19 +150,22 @@ def test_number(value: float | None, said: str) -> None:
     (8.13, 2.2, 14.1, "8.1", "2.2 to 14.1"),
     (231.4, 105.0, 350.0, "231", "105 to 350"),
     (0.109404, 0.109366, 0.109442, "0.1094", "narrower than the last digit"),
-    (3.0, None, None, "3.00", ""), (0.02, -0.3, 0.34, "0.02", "−0.30 to 0.34")])
+    (3.0, None, None, "3.00", ""), (0.02, -0.3, 0.34, "0.02", "−0.30 to 0.34"),
+    (-50.0, -99.98, -0.02, "−50", "−100 to 0"), (0.0005, 0.0, 0.001, "0.00050", "0.00000 to 0.00100")])
 def test_interval_decides_the_digits(value: float, low: float | None, high: float | None, said: str,
                                      interval: str) -> None:
     assert with_interval(value, low, high) == (said, interval)
 
 
 def test_shares_never_claim_certainty() -> None:
-    assert [percent(p) for p in (1.0, 0.26, 0.0)] == ["over 99 %", "26 %", "under 1 %"]
-    assert [p_value(p) for p in (0.0, 0.0134)] == ["< 0.001", "0.013"]
+    assert [percent(p) for p in (1.0, 0.9951, 0.9949, 0.26, 0.006, 0.0049, 0.0)] == [
+        "over 99 %", "over 99 %", "99 %", "26 %", "1 %", "under 1 %", "under 1 %"]
+    assert [p_value(p) for p in (0.0, 0.00099, 0.0012, 0.0134)] == ["< 0.001", "< 0.001", "0.001", "0.013"]
 
 
 def test_spans_read_like_a_clock() -> None:
-    assert [span_of(s) for s in (59.6, 370.0, 1200.0, 7860.0)] == ["60 s", "6 min 10 s", "20 min", "2 h 11 min"]
+    assert [span_of(s) for s in (59.6, 119.0, 120.0, 370.0, 1200.0, 7199.0, 7200.0, 7860.0)] == [
+        "60 s", "119 s", "2 min", "6 min 10 s", "20 min", "119 min 59 s", "2 h 00 min", "2 h 11 min"]
 
 
 @pytest.mark.parametrize(("share", "said"), [(0.0, "0 %"), (0.624, "62 %"), (1.0, "100 %")])
