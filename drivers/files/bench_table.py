@@ -52,7 +52,8 @@ def _kind(path: Path, names: tuple[str, ...]) -> str:
     if missing(nearest, names) is None:
         raise TableError(f"{path}: the columns fit several kinds of table: say which with --kind {'|'.join(KINDS)}")
     lacks = "; ".join(f"{k} lacks {' or '.join(missing(k, names) or ())}" for k in KINDS)
-    raise TableError(f"{path}: no known kind of bench table: {lacks}")
+    raise TableError(f"{path}: no known kind of bench table: {lacks}; a log of another program is read by topdress "
+                     "import (--guess writes a first import file)")
 
 
 def _label_column(columns: dict[str, np.ndarray]) -> str:
