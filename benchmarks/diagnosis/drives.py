@@ -177,7 +177,9 @@ class Ran(NamedTuple):
 
 def run(case: Case, folder: Path) -> Ran:
     """Import, diagnosis, adoption, by the functions behind the commands."""
-    from control.diagnosis.extend import adoptable, adoptable_terms, extend
+    from console.reports.words import undecided
+    from control.diagnosis.extend import adoptable_terms, extend
+    from control.diagnosis.runs.adoption import adoptable_of
     from control.diagnosis.runs.diagnose import diagnose_run
     from drivers.files.config import load, save
     from drivers.files.imports.convert import convert
@@ -210,9 +212,11 @@ def run(case: Case, folder: Path) -> Ran:
             "fitted": {} if found.fitted is None else {name: size.value for name, size in found.fitted.sizes},
             "left": [f"{one.channel}.{one.variable}" for one in found.unexplained],
             "cpu_s": round(time.process_time() - begun, 1)}
-    there = bool(adoptable(found) or adoptable_terms(found) or found.fitted)
+    taken = adoptable_of(found, [one.id for one in found.causes if not undecided(one)])     # as `diagnose --adopt` does
+    there = bool(taken.found.causes or adoptable_terms(found) or found.fitted)
+    said |= {"taken": [one.id for one in taken.found.causes], "refused": [name for name, _ in taken.refused]}
     if there:
-        save(adopted, extend(machine, found), MACHINE)
+        save(adopted, extend(machine, taken.found), MACHINE)
     return Ran(log, place / "machine.yaml", adopted if there else None, said)
 
 

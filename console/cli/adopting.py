@@ -42,6 +42,7 @@ def adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path, picke
     """
     from console.reports.history_words import side_by_side
     from control.diagnosis.extend import adoptable_terms, extend, refuse_to_adopt
+    from control.diagnosis.runs.adoption import adoptable_of
     from drivers.files.config import save, sha256_of
     from drivers.files.kinds import MACHINE
     for cause in found.causes:
@@ -50,23 +51,28 @@ def adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path, picke
         _refuse_pick(name, found, out)
     if picked:                      # by name: then not as a whole
         found = dataclasses.replace(found, fitted=None)
-    kept = tuple(cause for cause in found.causes if _taken_up(cause, picked))
+    chosen = [cause.id for cause in found.causes if _taken_up(cause, picked, found)]
+    taken = adoptable_of(found, chosen)
+    for name, why in taken.refused:
+        typer.echo(f"note: {name} is not adopted: {why}", err=True)
+    kept = taken.found.causes
     _say_whole(found)
     _say_terms(found)
     if not kept and not adoptable_terms(found) and found.fitted is None:
-        raise _nothing(found, out)
-    extended = extend(machine, dataclasses.replace(found, causes=kept), sha256=sha256_of(data[0]),
-                      date=dt.date.today().isoformat())
+        raise _nothing(found, out, bool(taken.refused))
+    extended = extend(machine, taken.found, sha256=sha256_of(data[0]), date=dt.date.today().isoformat())
     save(out, extended, MACHINE, _said(kept, picked))
     typer.echo(f"{out}, before -> after (topdress history {out} --undo --out FILE takes it back):", err=True)
     typer.echo("\n".join(side_by_side(extended.history[-1])), err=True)
     return dataclasses.replace(found, extended_machine=str(out))
 
 
-def _taken_up(cause: Cause, picked: tuple[str, ...]) -> bool:
+def _taken_up(cause: Cause, picked: tuple[str, ...], found: Diagnosis) -> bool:
     """Whether a cause goes into the file; says why where it does not, and of what was picked that it was."""
     from console.reports.words import undecided
-    from control.diagnosis.extend import not_adoptable
+    from control.diagnosis.extend import not_adoptable, taken_whole
+    if taken_whole(found, cause):
+        return False                # said with the whole
     if why := not_adoptable(cause):
         typer.echo(f"note: {cause.id} is not adopted: {why}", err=True)
         return False
@@ -117,10 +123,12 @@ def _say_whole(found: Diagnosis) -> None:
         typer.echo("\n".join(f"note: {line.strip()}" for line in fitted_words(found.fitted)), err=True)
 
 
-def _nothing(found: Diagnosis, out: Path) -> typer.Exit:
+def _nothing(found: Diagnosis, out: Path, refused: bool) -> typer.Exit:
     from control.diagnosis.extend import adoptable
     why = "no effect and no term was found that a machine file could take up"
-    if adoptable(found):
+    if refused:
+        why = "a machine file with what was found would predict no better"
+    elif adoptable(found):
         why = "what was found is undecided, and nothing of it was picked"
     typer.echo(f"{out}: not written: {why}", err=True)
     return typer.Exit(NOT_JUDGED)

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from console.reports.bars import interval_bar, share_bar
+from console.reports.diagnosis_text import fitted_words
 from console.reports.figure import need_matplotlib
 from console.reports.html import escape, facts, figure, folded, items, page, paragraph, section, table
 from console.reports.numbers import decimals_of, fixed, number, p_value, percent, span_of, with_interval
@@ -39,6 +40,8 @@ def diagnosis_page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
         section("What was found", *(_cause(cause, pictures.causes[k]) for k, cause in enumerate(found.causes))),
         section("What no known effect explains", *(_left(found, k, pictures) for k in range(len(found.unexplained))),
                 *(_term(term, picture) for term, picture in zip(found.terms, pictures.terms, strict=False))),
+        section("The drive as a whole", items([line.strip() for line in fitted_words(found.fitted)])
+                if found.fitted is not None else ""),
         section("Measured beside predicted", *(figure(picture) for picture in pictures.data)),
         "" if found.verdict == "ambiguous" else _next_run(found.next_run),
         folded("Figures of the method, for whoever wants to check it",

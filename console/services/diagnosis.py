@@ -178,6 +178,8 @@ class DiagnosisFiles:
         offer = offer_of(found, chosen.ids)
         if offer is None:
             raise ValueError(f"{', '.join(chosen.ids) or 'nothing'}: not adopted together: pick one of them at a time")
+        if not offer.file:
+            raise ValueError("; ".join(offer.refused) or "a machine file with it would be as it is")
         return _kept(Path(found.folder) / offer.file, self.own / "machines",
                      f"{found.machine}-{dt.date.today().isoformat()}", ".yaml", _said_by(found, chosen))
 

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from console.app.pages.diagnosis.data import IMPORT, OpenQuestions
+from console.app.pages.diagnosis.data import IMPORT, Offer, OpenQuestions
 
 if TYPE_CHECKING:
     from control.diagnosis.result import Diagnosis
@@ -138,7 +138,6 @@ def _diagnosed(order: Order, machine: Machine, data: Path, name: str, notes: tup
                tell: Tell) -> None:
     """notes: of bringing the data in."""
     from console.app.pages.diagnosis.adoption import selections
-    from console.app.pages.diagnosis.data import Offer
     from console.services.diagnosis_view import found_of, mean_target
     from drivers.files.atomic import write_atomically
     from drivers.files.plain import plain
@@ -165,7 +164,7 @@ def _diagnosed(order: Order, machine: Machine, data: Path, name: str, notes: tup
     offers = []
     for number, ids in enumerate(selections(view)):
         file = f"machine-{number}.yaml"
-        offers.append(Offer(ids, file, _extended(found, ids, machine, data, folder / file)))
+        offers.append(_offer(found, ids, machine, data, folder / file))
     write_atomically(folder / RESULT, json.dumps(found.to_json(), indent=1) + "\n")
     write_atomically(folder / VIEW, json.dumps(plain(view._replace(offers=tuple(offers)))))
     tell(0.9, "report")
@@ -183,22 +182,27 @@ def _report(found: Diagnosis, tools: dict[str, Any], path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def _extended(found: Diagnosis, adoptable: tuple[str, ...], machine: Machine, data: Path, path: Path
-              ) -> tuple[str, ...]:
+def _offer(found: Diagnosis, ids: tuple[str, ...], machine: Machine, data: Path, path: Path) -> Offer:
     """The machine file with what may be adopted, for the page to put in its place when the operator says so; and what
     changed in it, a line each."""
     from console.reports.history_words import side_by_side
+    from console.services.diagnosis_view import whole_id
     from control.diagnosis.extend import extend
+    from control.diagnosis.runs.adoption import adoptable_of
     from drivers.files.config import save, sha256_of
     from drivers.files.kinds import MACHINE
-    kept = dataclasses.replace(found, fitted=None,
-                               causes=tuple(cause for cause in found.causes if cause.id in adoptable),
-                               terms=tuple(one for one in found.terms if one.term["id"] in adoptable))
+    fitted = found.fitted if found.fitted is not None and whole_id(found.fitted) in ids else None
+    taken = adoptable_of(dataclasses.replace(found, fitted=fitted), ids)
+    refused = tuple(f"{name}: {why}" for name, why in taken.refused)
+    kept = dataclasses.replace(taken.found, terms=tuple(one for one in found.terms if one.term["id"] in ids))
     extended = extend(machine, kept, date=dt.date.today().isoformat(), sha256=sha256_of(data))
+    if extended == machine:
+        return Offer(ids, "", (), refused)
+    left = {name for name, _ in taken.refused}
     comment = "\n".join([f"Extended by a diagnosis of {data.name}, verdict {found.verdict}:",
-                         *(f"  {one}" for one in adoptable)])
+                         *(f"  {one}" for one in ids if one not in left)])
     save(path, extended, MACHINE, comment)
-    return tuple(side_by_side(extended.history[-1]))
+    return Offer(ids, path.name, tuple(side_by_side(extended.history[-1])), refused)
 
 
 def teller() -> Tell:

@@ -17,6 +17,7 @@ from console.app.pages.diagnosis.data import (
     LeftShown,
     RivalShown,
     RunPlan,
+    WholeShown,
 )
 from console.reports.binned import Array, Axis, Binned
 from console.reports.run_views import View, parts_of, run_views
@@ -24,8 +25,8 @@ from console.reports.table_views import TableView, table_views
 from console.reports.verdict import headlines_first, others, title_of
 from console.reports.words import not_judged
 from console.services.separating_run import drivable
-from control.diagnosis.extend import not_adoptable, term_not_adoptable
-from control.diagnosis.result import Cause, Diagnosis
+from control.diagnosis.extend import not_adoptable, taken_whole, term_not_adoptable
+from control.diagnosis.result import Cause, Diagnosis, Fitted
 from control.diagnosis.runs.hypothesis import EffectInstance
 from control.machine.machine import CATALOGUE, Machine
 
@@ -53,13 +54,27 @@ def found_of(found: Diagnosis, tools: Mapping[str, Any], name: str, mean_target_
                  None if run is None else RunPlan(run.id if drivable(run.id) else "", run.plan, run.minutes or 0.0),
                  kept, refused, sum(one.smallest_detectable.value is None for one in found.not_shown),
                  _left_curve(found, views, parts), "", planted,
-                 not_judged(data, [channel.channel for channel in found.channels]))
+                 not_judged(data, [channel.channel for channel in found.channels]), whole=_whole(found.fitted))
+
+
+def whole_id(fitted: Fitted) -> str:
+    """By which a drive fitted as a whole is adopted."""
+    return f"{fitted.channel} as a whole"
+
+
+def _whole(fitted: Fitted | None) -> WholeShown | None:
+    if fitted is None:
+        return None
+    sizes = tuple((title_of(name), size.value or 0.0, size.unit) for name, size in fitted.sizes)
+    return WholeShown(whole_id(fitted), fitted.channel, sizes, fitted.before, fitted.after, fitted.unit)
 
 
 def sorted_out(found: Diagnosis) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Ids of effects and terms that a machine file may take up, and a line for each that it may not."""
-    kept, refused = [], []
+    kept, refused = ([] if found.fitted is None else [whole_id(found.fitted)]), []
     for cause in found.causes:
+        if taken_whole(found, cause):
+            continue                    # as far as it is right it is in that already
         if cause.scope is not None:
             refused.append(f"{cause.id}: holds in the rows of {cause.scope} only")
         elif why := not_adoptable(cause):
@@ -68,6 +83,8 @@ def sorted_out(found: Diagnosis) -> tuple[tuple[str, ...], tuple[str, ...]]:
             kept.append(cause.id)
     modelled = {(term.stage, one["name"]) for term in found.terms for one in term.term["over"]}
     for term in found.terms:
+        if found.fitted is not None and term.stage == found.fitted.channel:
+            continue
         if why := term_not_adoptable(term):
             refused.append(f"{term.term['id']}: {why}")
         else:

@@ -53,7 +53,7 @@ def extend(machine: Machine | str, diagnosis: Diagnosis, *, date: str = "", sha2
     ranges = dict(diagnosis.excited if valid is None else valid)
     adopted = list(machine.adopted)
     for cause in adoptable(diagnosis):
-        if _taken_whole(diagnosis, CATALOGUE[cause.id].stage) and ROWS[cause.id].found_by is FoundBy.SCAN:
+        if taken_whole(diagnosis, cause):
             continue
         assert cause.size.value is not None
         machine = with_effect(machine, cause.id, _total(machine, cause), cause.member)
@@ -67,7 +67,7 @@ def extend(machine: Machine | str, diagnosis: Diagnosis, *, date: str = "", sha2
                                data=diagnosis.data.path, sha256=sha256, date=date, valid=ranges))
     terms = list(machine.terms)
     for found in adoptable_terms(diagnosis):
-        if _taken_whole(diagnosis, found.stage):
+        if _is_whole(diagnosis, found.stage):
             continue
         source = Source(data=diagnosis.data.path, sha256=sha256, date=date)
         term = Term.model_validate(found.term)
@@ -108,8 +108,14 @@ def adoptable(diagnosis: Diagnosis) -> tuple[Cause, ...]:
     return tuple(c for c in diagnosis.causes if not not_adoptable(c))
 
 
-def _taken_whole(diagnosis: Diagnosis, stage: str) -> bool:
-    """Whether a stage was fitted as a whole: its causes and terms are in that already."""
+def taken_whole(diagnosis: Diagnosis, cause: Cause) -> bool:
+    """Whether a cause's drive was fitted as a whole: what the cause does is in that already."""
+    if diagnosis.fitted is None:
+        return False
+    return _is_whole(diagnosis, CATALOGUE[cause.id].stage) and ROWS[cause.id].found_by is FoundBy.SCAN
+
+
+def _is_whole(diagnosis: Diagnosis, stage: str) -> bool:
     return diagnosis.fitted is not None and diagnosis.fitted.channel == stage
 
 

@@ -6,6 +6,9 @@ rows alike, by least squares (Tuo and Wu, Annals of Statistics 43, 2015, 2331: L
 simplest of the sets whose error on rows that it was not fitted to is within one standard error of the least (Breiman,
 Friedman, Olshen and Stone, Classification and Regression Trees, 1984, 3.4.3), of those whose every size the pieces of
 the log agree on: what a log leaves open leads anywhere beyond it. Nothing of it is a named cause.
+
+Where names are found but not told apart from others, their sizes were fitted together, and one of them without another
+is a curve that nobody fitted: the judged set then stands as a whole, where it predicts those pieces better.
 """
 from __future__ import annotations
 
@@ -63,7 +66,23 @@ def as_a_whole(one: GroupResult, rest: Sequence[Remains]) -> Fitted | None:
     by_terms = float(np.prod([1.0 - max(0.0, term.held_out) for term in one.terms]))
     gained = _surely(before.errors - chosen.errors) and float(chosen.errors.mean()) < by_terms * float(named.mean())
     sds = {part.id: sd for part, sd in zip(one.found.parts, one.found.sd, strict=True)}
-    return _result(search, chosen, before, [sds[part.id] for part in others]) if gained else None
+    if gained:
+        return _result(search, chosen, before, [sds[part.id] for part in others])
+    undecided = any(one.rivals) and not rest and not one.terms
+    judged = _judged(search, others, one.found.parts) if undecided else None
+    if judged is None or not _surely(before.errors - judged.errors):
+        return None
+    return _result(search, judged, before, [sds[part.id] for part in judged.parts])
+
+
+def _judged(search: Search, others: Hypothesis, parts: Hypothesis) -> _Tried | None:
+    """The judged parts as they are; None where the curve is not of two or more of them. others : the rest of them."""
+    curve = tuple(part for part in parts if part.id in FAMILY and part.onset_s is None)
+    if len(curve) < 2 or any(part.onset_s is not None for part in parts):
+        return None
+    whole, names = (*others, *curve), tuple(part.id for part in curve)
+    folds = tuple(fitted_together(search, others, names, ~piece, whole) for piece in _pieces(search))
+    return _Tried(whole, _errors(search, folds), folds)
 
 
 def _sets(search: Search) -> list[tuple[str, ...]]:

@@ -86,6 +86,18 @@ class LeftShown(NamedTuple):
     period_s: float | None = None
 
 
+class WholeShown(NamedTuple):
+    """A drive fitted as a whole, adopted so and not by its parts. id: by which it is adopted. sizes: (effect's title,
+    value, unit). before, after: error on rows that were not fitted to, in `unit`."""
+
+    id: str
+    channel: str
+    sizes: tuple[tuple[str, float, str], ...]
+    before: float
+    after: float
+    unit: str
+
+
 class ChannelShown(NamedTuple):
     """How well the machine file predicts a channel. after: error with the causes in it, None where not computed."""
 
@@ -113,12 +125,13 @@ class RunPlan(NamedTuple):
 
 
 class Offer(NamedTuple):
-    """A machine file that is made already, in the folder of `Found`. ids: what it takes up; changes: before and after,
-    a line each."""
+    """A machine file that is made already, in the folder of `Found`. ids: what was chosen; file: "" where nothing of it
+    can be taken up; changes: before and after, a line each; refused: why what was chosen is not in it, a line each."""
 
     ids: tuple[str, ...]
     file: str
     changes: tuple[str, ...] = ()
+    refused: tuple[str, ...] = ()
 
 
 class Found(NamedTuple):
@@ -149,6 +162,7 @@ class Found(NamedTuple):
     planted: tuple[str, ...] = ()       # of a simulated separating run: what its machine had
     not_judged: tuple[str, ...] = ()    # channels
     offers: tuple[Offer, ...] = ()      # machine files, one for each choice that the operator can come to
+    whole: WholeShown | None = None     # of the shaft, where what is wrong with it was not told apart
 
 
 class Adoption(NamedTuple):

@@ -151,7 +151,11 @@ def _ask_to_write(page: DiagnosisScreen, found: Found, chosen: Adoption) -> None
     lines = [_("Adopted: {what}").format(what=", ".join(words.adopted_title(found, one) for one in chosen.ids))]
     lines += [_("Machine file, before -> after:"), *offer.changes] if offer is not None and offer.changes else []
     lines += [_("Not adopted, undecided: {what}").format(what=", ".join(left))] if left else []
-    lines += [_("Not adopted: {why}").format(why=why) for why in found.refused]
+    refused = offer.refused if offer is not None else ()
+    lines += [_("Not adopted: {why}").format(why=why) for why in (*refused, *found.refused)]
+    if offer is not None and not offer.file:
+        page.app.push_screen(TextDialog(_("Not adopted"), "\n".join(refused)))
+        return
     lines.append(_("The running job keeps its machine file; the next one may use the new file. Del takes it back."))
 
     def answer(yes: bool | None) -> None:

@@ -23,7 +23,7 @@ def said(found: Found, lead: str) -> Said:
 
 def causes(found: Found, at: int, units: Units) -> CausesView:
     none = _("None. {count} effects cannot be seen in data of this kind at all.").format(count=found.unseen)
-    calm = (*map(words.left, found.left), none)
+    calm = (*map(words.left, found.left), *_whole(found), none)
     return CausesView(tuple(_cause(cause, units) for cause in found.causes), at, calm, in_use())
 
 
@@ -52,7 +52,12 @@ def channels(found: Found) -> ChannelsView:
         channel=words.channel_word(gain.channel), before=words.number(gain.before), after=words.number(gain.after),
         metric=gain.metric) for gain in _own(found.gains)[:MOST_GAIN_LINES]]
     return ChannelsView(tuple(_channel(one) for one in found.channels), (*found.notes, *map(words.left, found.left)),
-                        tuple(gains), in_use())
+                        (*_whole(found), *gains), in_use())
+
+
+def _whole(found: Found) -> tuple[str, ...]:
+    """The drive as a whole, where it was fitted so."""
+    return () if found.whole is None else (f"{words.whole(found.whole)}. {words.whole_gain(found.whole)}",)
 
 
 def _own(gains: tuple[GainShown, ...]) -> list[GainShown]:

@@ -11,6 +11,7 @@ from console.app.pages.diagnosis.data import (
     Curve,
     Found,
     LeftShown,
+    WholeShown,
 )
 from console.app.units import Units
 from console.app.view import duration
@@ -156,6 +157,19 @@ def left(of: LeftShown) -> str:
     return f"{said}: {'; '.join((share, *left_facts(of)))}."
 
 
+def whole(of: WholeShown) -> str:
+    """A drive fitted as a whole: what of."""
+    sizes = ", ".join(f"{_(name)} {number(value)} {_(unit)}" for name, value, unit in of.sizes)
+    return _("{channel} as a whole: {sizes}").format(channel=channel_word(of.channel), sizes=sizes)
+
+
+def whole_gain(of: WholeShown) -> str:
+    """What a drive fitted as a whole is good for."""
+    return _("Which of these is wrong is not told apart. Adopted together they predict rows that were not fitted to: "
+             "error {before} -> {after} {unit}.").format(before=number(of.before), after=number(of.after),
+                                                         unit=_(of.unit))
+
+
 def _doubtful(cause: CauseShown) -> str:
     """One cause, and how many others it could be."""
     if not cause.rivals:
@@ -181,6 +195,8 @@ def todo(found: Found) -> str:
         return _(found.causes[0].advice)
     if found.causes:
         return _("Do not act on a suspicion alone: look at the machine, or record more data.")
+    if found.whole is not None:
+        return _("Q1 adopts the drive as a whole; look for what changed on the machine all the same.")
     return _("Look for what changed on the machine; a smooth curve alone is not adopted.")
 
 
@@ -195,7 +211,9 @@ def title(cause: CauseShown) -> str:
 
 
 def adopted_title(found: Found, name: str) -> str:
-    """Of an id that may be adopted: a cause by its title, a term by its id."""
+    """Of an id that may be adopted: a cause by its title, a drive as a whole by its sizes, a term by its id."""
+    if found.whole is not None and name == found.whole.id:
+        return whole(found.whole)
     return next((title(one) for one in found.causes if one.id == name), name)
 
 
