@@ -1,14 +1,15 @@
-"""What console and worker take: `python -m benchmarks console_load [--minutes 15]`, or `--idle [--against TREE]`
+"""What console and worker take: `python -m benchmarks console_load [--minutes 15]`
 
 The real program in a pseudo-terminal of 120 x 40, on the simulated machine, at work in real time. Run (with its map and
-trend) is looked at all the time; then each other page for a while. --idle: a machine that was not even made ready, five
-times for some seconds, in turns with the other tree's where one is given. Linux only: reads /proc.
+trend) is looked at all the time; then each other page for a while. What a start and an idle console take stands in the
+table of `speed.py`, measured by `started` and `idle_shares`. Linux only: reads /proc.
 """
 from __future__ import annotations
 
 import argparse
 import asyncio
 import os
+import re
 import sys
 import tempfile
 import time
@@ -17,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 from console_deaths import Console, at_work, wait
-from trees import environment_of, ratio, spread, trees
+from trees import environment_of
 from verdict import exit_code
 
 from console.frame import Frame
@@ -27,8 +28,9 @@ from console.running import Where
 SAMPLE_S = 10.0
 SETTLE_S = 60.0            # not counted in the slope: caches fill, Python's heap finds its size
 PAGE_S = 20.0
-IDLE_S, IDLE_SETTLE_S, IDLE_TIMES = 15.0, 5.0, 5
+IDLE_S, IDLE_SETTLE_S = 8.0, 3.0
 TICKS_A_S = os.sysconf("SC_CLK_TCK")
+ELAPSED = re.compile(r"\d\d:\d\d  \d\d:\d\d:\d\d")
 PAGES = (("map", "\x1bOR"), ("trends", "\x1bOS"), ("devices", "\x1b[15~"), ("run", "\x1bOQ"))
 
 
@@ -42,6 +44,34 @@ def taken(pid: int) -> Taken:
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     resident = int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     return Taken((int(fields[11]) + int(fields[12])) / TICKS_A_S, resident / 2**20)
+
+
+class Start(NamedTuple):
+    """Seconds to the first picture with numbers and to the first number that moved, processor's time till the first."""
+
+    seen_s: float
+    moved_s: float
+    console_s: float
+    worker_s: float
+
+
+def started(tree: Path) -> Start:
+    """The console of a tree, from the command to its first moving number: the worker's running time."""
+    os.environ.update(environment_of(tree))
+    with tempfile.TemporaryDirectory() as folder:
+        begun_s = time.monotonic()
+        console = Console(Path(folder))
+        try:
+            terminal = console.terminal
+            wait(lambda: ELAPSED.search(terminal.text()) is not None, 60.0, "numbers", terminal)
+            seen_s, first = time.monotonic() - begun_s, terminal.text()
+            console_s, worker_s = taken(terminal.process.pid).cpu_s, taken(console.where().pid).cpu_s
+            wait(lambda: terminal.text() != first and ELAPSED.search(terminal.text()) is not None, 60.0, "movement",
+                 terminal)
+            return Start(seen_s, time.monotonic() - begun_s, console_s, worker_s)
+        finally:
+            console.terminal.end()
+            console.end_worker()
 
 
 def share(pid: int, seconds: float) -> float:
@@ -122,24 +152,7 @@ def idle_shares(tree: Path) -> dict[str, float]:
             console.end_worker()
 
 
-def idle(against: Path | None) -> int:
-    both = trees(against)
-    found: dict[str, dict[str, list[float]]] = {what: {name: [] for name in both} for what in ("console", "worker")}
-    for _time in range(IDLE_TIMES):
-        for name, tree in both.items():
-            for what, share_percent in idle_shares(tree).items():
-                found[what][name].append(share_percent)
-    for what, shares in found.items():
-        for name, some in shares.items():
-            print(f"idle {what:8} {name} {spread(some, 1)}, % of a core")
-        print(ratio(f"idle {what:8}", shares))
-    return exit_code({"measured": all(found["console"]["new"])})
-
-
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=15.0)
-    parser.add_argument("--idle", action="store_true", help="nothing moves")
-    parser.add_argument("--against", type=Path, help="with --idle: another tree, measured in the same run")
-    given = parser.parse_args()
-    sys.exit(idle(given.against) if given.idle else measure(given.minutes))
+    sys.exit(measure(parser.parse_args().minutes))

@@ -1,23 +1,18 @@
-"""Rate and place error of every manoeuvre, for every strategy: `python -m benchmarks manoeuvres --seeds 3`
+"""The manoeuvres that `control_quality.py` and `other_machines.py` drive, and how one is judged.
 
-Each manoeuvre is driven on the demo field by the simulated machine and judged inside its own window of time. Rate
+Each is driven on the demo field by the simulated machine and judged inside its own window of time. Rate
 error is the area mean of |landed - target| over the mean target; place error the distance between a step of the
 target and the half-way point of the landed step; outside: what landed beyond the field, in metres of the working
-width at the mean target, for each crossing of the edge. The last table compares the strategies on ten minutes of
-plain work: time to 90 % of a new rate, moves an hour.
+width at the mean target, for each crossing of the edge.
 """
 from __future__ import annotations
 
-import argparse
 import datetime as dt
-import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from verdict import exit_code
 
 from control.field.job import Simulated
 from control.machine.elements import Array
@@ -25,14 +20,11 @@ from control.orders import Do, Order, Strategy
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.closed_loop import Record, simulated_run
 from control.simulation.errors import BIN_M, landing, place_errors
-from control.simulation.figures import moves
 from drivers.files.setup import Setup, load_setup
 
 DT_S = 0.05
 GO = ((0.5, Order(Do.READY)), (1.0, Order(Do.START)))
 PASS_BEGINS_M = 15.0            # of a pass belong to its start
-HEAD = (f"{'manoeuvre':38}{'strategy':15}{'rate error %':>13}{'bias %':>8}{'place m':>9}{'p95 m':>7}{'steps':>7}"
-        f"{'lost':>6}{'outside m':>11}")
 
 
 class Manoeuvre(NamedTuple):
@@ -139,81 +131,6 @@ def judge(record: Record, what: Manoeuvre, width_m: float) -> Judged:
                   float(beyond / target.mean()) if len(target) else 0.0, crossings)
 
 
-def added(runs: Sequence[Judged]) -> Judged:
-    return Judged(*(np.concatenate([getattr(r, name) for r in runs]) for name in Judged._fields[:4]),
-                  sum(r.lost for r in runs), sum(r.outside_m for r in runs), sum(r.crossings for r in runs))
-
-
 def sim_of(what: Manoeuvre) -> dict[str, Any]:
     changes = [{"at_s": at, "speed_kmh": kmh, "acceleration_mps2": most} for at, kmh, most in what.speeds]
     return {"speed_changes": changes, **what.sim}
-
-
-def measured(what: Manoeuvre, strategy: Strategy, seeds: int, setup: Setup, look_ahead: bool = True) -> Judged:
-    width_m = setup.machine.geometry.working_width_m
-    orders = GO if what.speeds and what.speeds[0][1] == 0 else None
-    return added([judge(driven(setup, strategy, seed, what.end_s + 4.0, sim_of(what), orders, look_ahead), what,
-                        width_m) for seed in range(1, seeds + 1)])
-
-
-class Row(NamedTuple):
-    """One manoeuvre with one strategy."""
-
-    name: str
-    strategy: str
-    judged: Judged
-
-    def line(self) -> str:
-        j = self.judged
-        return (f"{self.name:38}{self.strategy:15}{j.rate_percent:13.2f}{j.bias_percent:+8.2f}{j.place_m:9.3f}"
-                f"{j.place_p95_m:7.3f}{len(j.places_m):7d}{j.lost:6d}{j.outside_m / max(1, j.crossings):11.3f}")
-
-    def promises(self) -> dict[str, object]:
-        j, who = self.judged, f"{self.name}, {self.strategy}"
-        return {f"{who}: something was wanted and landed": j.target_kg_ha.sum() > 0.0 and j.rate_percent < 100.0,
-                f"{who}: {j.lost} steps lost: fewer than found": j.lost <= len(j.places_m)}
-
-
-def table(setup: Setup, chosen: Sequence[Manoeuvre], seeds: int, look_ahead: bool) -> Iterator[Row]:
-    for what in chosen:
-        for strategy in Strategy:
-            yield Row(what.name, strategy.value, measured(what, strategy, seeds, setup, look_ahead))
-
-
-def strategies(setup: Setup, seconds: float) -> Iterator[str]:
-    yield (f"{'strategy':15}{'to 90 %, p50 s':>15}{'p95 s':>8}{'steps':>7}{'shaft moves/h':>15}{'gate moves/h':>14}"
-           f"{'gate travel mm/h':>18}")
-    for strategy in Strategy:
-        record = driven(setup, strategy, 1, seconds, {}, None)
-        m = moves(record.columns(), record.fired, setup.machine.geometry.working_width_m)
-        yield (f"{strategy.value:15}{m.reach_p50_s or float('nan'):15.2f}{m.reach_p95_s or float('nan'):8.2f}"
-               f"{m.steps:7d}{m.shaft_moves_per_h:15.0f}{m.gate_moves_per_h:14.0f}{m.gate_travel_mm_per_h:18.0f}")
-
-
-def run() -> int:
-    parser = argparse.ArgumentParser(description="Rate and place error by manoeuvre and strategy.")
-    parser.add_argument("--seeds", type=int, default=3, help="canopies each manoeuvre is driven on")
-    parser.add_argument("--only", default="", help="manoeuvres whose name contains this")
-    parser.add_argument("--look-ahead", choices=("on", "off"), default="on")
-    parser.add_argument("--strategies-seconds", type=float, default=600.0, help="0: leave the last table out")
-    parser.add_argument("--out", type=Path, help="write the tables there too")
-    given = parser.parse_args()
-    setup = the_setup()
-    chosen = [m for m in MANOEUVRES if given.only in m.name]
-    lines, promises = [HEAD], dict[str, object]()
-    print(HEAD)
-    for row in table(setup, chosen, given.seeds, given.look_ahead == "on"):
-        print(row.line(), flush=True)
-        lines.append(row.line())
-        promises |= row.promises()
-    if given.strategies_seconds:
-        for line in ("", *strategies(setup, given.strategies_seconds)):
-            print(line, flush=True)
-            lines.append(line)
-    if given.out:
-        given.out.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    return exit_code(promises)
-
-
-if __name__ == "__main__":
-    sys.exit(run())

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from console_deaths import Console, Terminal, wait
-from console_start import worked_s
+from console_load import taken
 from trees import environment_of, ratio, spread, trees
 from verdict import exit_code
 
@@ -70,10 +70,10 @@ def turn(terminal: Terminal, one: Turn) -> Took:
         until(terminal, "before work")
         until(terminal, "being read", there=False)
         time.sleep(0.3)
-    begun_s, worked = time.monotonic(), worked_s(terminal.process.pid)
+    begun_s, worked = time.monotonic(), taken(terminal.process.pid).cpu_s
     terminal.type(one.key)
     until(terminal, one.words)
-    took = Took(time.monotonic() - begun_s, worked_s(terminal.process.pid) - worked)
+    took = Took(time.monotonic() - begun_s, taken(terminal.process.pid).cpu_s - worked)
     if one.name.endswith("?"):
         time.sleep(0.2)
         terminal.type(ESCAPE)
