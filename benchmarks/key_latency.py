@@ -24,7 +24,7 @@ F2, F3, F7, HOME, ESCAPE = "\x1bOQ", "\x1bOR", "\x1b[18~", "\x1b[H", "\x1b"
 LIMIT_S = {"hold": 0.6, "stop": 0.6, "page": 0.4, "dialog": 0.3}     # median, on a quiet machine
 SEE_S = 0.002
 LOG_S = 3600                # at 100x it plays for 36 s
-PAGE, RUN_PAGE, DIALOG = "whole field", "trend", "Manual rate"
+PAGE, DIALOG = "whole field", "Manual rate"
 
 
 def took(terminal: Terminal, key: str, seen: Callable[[str], bool], most_s: float = 10.0) -> float:

@@ -8,7 +8,6 @@ from control.geodesy import Place, TangentPlane, apart_m, offset
 from control.log_row import LogRow
 
 APART_M = 2.0           # of two corners: finer than any edge of a field, and 20,000 of them are 40 km
-CLOSED_M = 15.0         # the end may be so far from the beginning: the last side is drawn straight
 LEAST_CORNERS = 4
 FIXES = (1, 2, 4, 5)    # no dead reckoning: the edge is where the receiver says
 

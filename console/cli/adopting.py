@@ -40,7 +40,7 @@ def adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path, picke
     Raises ValueError for what holds in a part of the data only, CommandError for a name that cannot be picked,
     typer.Exit where nothing is left to adopt.
     """
-    from console.reports.history_words import side_by_side
+    from console.reports.term_words import side_by_side
     from control.diagnosis.extend import adoptable_terms, extend, refuse_to_adopt
     from control.diagnosis.runs.adoption import adoptable_of
     from drivers.files.config import save, sha256_of

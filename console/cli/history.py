@@ -20,7 +20,7 @@ def history(
     force: Force = False,
 ) -> None:
     """List what diagnoses changed in a machine file: day, data, each effect before and after, each term."""
-    from console.reports.history_words import side_by_side
+    from console.reports.term_words import side_by_side
     from control.machine.history import last_change, undone
     from drivers.files.config import load, save
     from drivers.files.kinds import MACHINE

@@ -6,11 +6,10 @@ import numpy.typing as npt
 
 from console.reports.compare_text import Logs, interval, verdict
 from console.reports.figure import AFTER, BEFORE, INK, drawn, need_matplotlib, svg
-from console.reports.html import escape, figure, items, page, paragraph, section, table
+from console.reports.html import Picture, escape, figure, items, page, paragraph, section, table
 from console.reports.numbers import number
 from console.reports.page_style import STYLE
 from console.reports.panels import MEASURED, legend_below, zero_line
-from console.reports.picture import Picture
 from control.diagnosis.runs.compared import ComparedChannel
 
 Array = npt.NDArray[np.float64]

@@ -8,10 +8,9 @@ from typing import Any
 from console.reports.bars import interval_bar, share_bar
 from console.reports.diagnosis_text import fitted_words
 from console.reports.figure import need_matplotlib
-from console.reports.html import escape, facts, figure, folded, items, page, paragraph, section, table
+from console.reports.html import Picture, escape, facts, figure, folded, items, page, paragraph, section, table
 from console.reports.numbers import decimals_of, fixed, number, p_value, percent, span_of, with_interval
 from console.reports.page_style import STYLE
-from console.reports.picture import Picture
 from console.reports.pictures import Pictures, pictures_of
 from console.reports.term_words import compensation
 from console.reports.term_words import sentence as term_sentence

@@ -6,10 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from console.locale import N_, _
 from console.reports.figure import AFTER, BEFORE, DIM, drawn, svg
-from console.reports.html import escape, figure, items, page, paragraph, section, table
+from console.reports.html import Picture, escape, figure, items, page, paragraph, section, table
 from console.reports.numbers import fixed
 from console.reports.page_style import STYLE
-from console.reports.picture import Picture
 from control.diagnosis.season.courses import Course, Fit, Same, Shared, wears
 from control.diagnosis.season.mixed import MACHINE, Alternative
 from control.diagnosis.season.owner import Low, MachineSeason, still_there

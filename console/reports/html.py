@@ -3,13 +3,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from html import escape as _escape
-
-from console.reports.picture import Picture
+from typing import NamedTuple
 
 GENERATOR = '<meta name="generator" content="topdress">'       # in the head of every page: whose it is
 # No page may fetch or run anything, whatever words a hostile file has put into it; scales of colour are pictures in it.
 POLICY = ('<meta http-equiv="Content-Security-Policy" '
           """content="default-src 'none'; style-src 'unsafe-inline'; img-src data:">""")
+
+
+class Picture(NamedTuple):
+    """A picture of a page: the whole `<svg>`, ready to be written."""
+
+    svg: str
+    caption: str            # plain text, not escaped
 
 
 def escape(text: object) -> str:

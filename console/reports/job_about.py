@@ -6,8 +6,7 @@ from math import isfinite
 from typing import NamedTuple
 
 from console.reports.figure import AFTER, BEFORE, THIRD, drawn, svg
-from console.reports.html import escape, facts
-from console.reports.picture import Picture
+from console.reports.html import Picture, escape, facts
 from control.field.job_names import JobNames
 from control.orders import Severity
 from control.safety import ALARMS

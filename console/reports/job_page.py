@@ -6,11 +6,10 @@ from typing import Any
 import numpy as np
 
 from console.reports.figure import AFTER, BEFORE, LINE, drawn, svg
-from console.reports.html import escape, facts, figure, page, section
+from console.reports.html import Picture, escape, facts, figure, page, section
 from console.reports.job_about import NOBODY, About, named, simulated_band, time_line
 from console.reports.numbers import fixed, number, span_of
 from console.reports.page_style import STYLE
-from console.reports.picture import Picture
 from control.field.across import across_words
 from control.geodesy import TangentPlane
 from drivers.files.exports.as_applied import AsApplied

@@ -4,10 +4,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from console.reports.html import escape, figure, table
+from console.reports.html import Picture, escape, figure, table
 from console.reports.numbers import number, with_interval
 from console.reports.page_style import STYLE
-from console.reports.picture import Picture
 from console.reports.verdict import WORDS, sentence, title_of
 from control.diagnosis.result import Diagnosis
 from control.machine.machine import Machine

@@ -4,10 +4,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from console.reports.figure import AFTER, BEFORE, THIRD, drawn, svg
+from console.reports.html import Picture as Drawn
 from console.reports.html import escape, figure, page, paragraph, table
 from console.reports.numbers import fixed
 from console.reports.page_style import STYLE
-from console.reports.picture import Picture as Drawn
 from control.simulation.papers.page import Cell, Picture, Section, Table
 
 COLOURS = {"published": BEFORE, "ours": AFTER, "other": THIRD}

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from console.reports import run_pictures, table_pictures
-from console.reports.picture import Picture
+from console.reports.html import Picture
 from console.reports.run_views import parts_of, run_views
 from console.reports.table_views import IN_STEPS, table_views
 from console.reports.term_picture import term_picture

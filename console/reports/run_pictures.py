@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from console.reports.binned import Axis, shown_share
 from console.reports.figure import AFTER, BEFORE, DIM, INK, PAPER, THIRD, drawn, svg
-from console.reports.html import escape
+from console.reports.html import Picture, escape
 from console.reports.panels import (
     EXTENDED,
     MEASURED,
@@ -19,7 +19,6 @@ from console.reports.panels import (
     smooth_line,
     zero_line,
 )
-from console.reports.picture import Picture
 from console.reports.run_views import View
 from control.diagnosis.result import TableFit, Unexplained
 from control.diagnosis.runs.hypothesis import EffectInstance

@@ -8,9 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from console.reports.figure import AFTER, BEFORE, DIM, INK, PAPER, drawn, svg
-from console.reports.html import escape
+from console.reports.html import Picture, escape
 from console.reports.panels import EXTENDED, MEASURED, NOMINAL, legend_below, smooth_line, zero_line
-from console.reports.picture import Picture
 from console.reports.table_views import Group, TableView
 from console.reports.variables import recorded
 from control.diagnosis.result import Unexplained

@@ -4,9 +4,8 @@ from __future__ import annotations
 import numpy as np
 
 from console.reports.figure import AFTER, INK, PAPER, THIRD, drawn, svg
-from console.reports.html import escape
+from console.reports.html import Picture, escape
 from console.reports.panels import legend_below, zero_line
-from console.reports.picture import Picture
 from console.reports.term_words import sentence, variable_name
 from control.diagnosis.result import TermFound
 

@@ -6,6 +6,7 @@ from typing import Any
 
 from console.locale import N_, _
 from console.reports.numbers import MINUS, number
+from control.machine.machine import CATALOGUE, Change
 from control.machine.term_sums import not_compensated, partly_compensated
 from control.machine.terms import STAGE_OF, VARIABLES, Acts, Form, Term
 
@@ -158,6 +159,14 @@ def _table(term: Term) -> str:
     low, high = min(term.values), max(term.values)
     return _("{what} follows {x} in a curve of its own, from {low} to {high}").format(
         low=_signed(low, term.unit), high=_signed(high, term.unit), **_words(term))
+
+
+def side_by_side(change: Change) -> list[str]:
+    """Each effect and term of a machine file before and after, a line each."""
+    lines = [f"  {one.id}{'' if one.member is None else f'#{one.member}'}: {one.before:.4g} -> {one.after:.4g} "
+             f"{CATALOGUE[one.id].effect.unit}" for one in change.effects]
+    terms = [f"  {term.id}: {_('none')} -> {sentence(term.model_dump(mode='json'))}" for term in change.terms]
+    return [*lines, *terms]
 
 
 _SAID: dict[Form, Callable[[Term], str]] = {

@@ -184,7 +184,7 @@ class DiagnosisFiles:
                      f"{found.machine}-{dt.date.today().isoformat()}", ".yaml", _said_by(found, chosen))
 
     def last_change(self, machine: str | None) -> tuple[str, ...]:
-        from console.reports.history_words import side_by_side
+        from console.reports.term_words import side_by_side
         from control.machine.history import last_change
         change = last_change(self._machine(machine))
         return () if change is None else (f"{change.date}, {change.data}", *side_by_side(change))

@@ -17,7 +17,6 @@ COMMAND_VALVES = "T2"          # the same with the sections' valves; a board wit
 SEQUENCES = 1 << 16
 COUNTERS = 1 << 32              # micros and pulses run over here
 REPEAT_WINDOW = 16              # a sequence number this little behind the last one is an old frame
-HEARTBEAT_HZ = 10.0             # commands come at least this often
 SILENT_HOST_S = 1.0             # the board stops by itself after this
 
 FLAG_ENABLED = 1                # the drives follow the set-points
