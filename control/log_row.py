@@ -73,3 +73,28 @@ COMMANDS_HELD = "commands_held"      # event: from here on each command held unt
 TEXT_COLUMNS = frozenset({"utc", "state", "strategy", "target_source", "alarms", "events", "speed_told",
                           "sections_cmd"})
 WHOLE_COLUMNS = frozenset({"fix_quality", "satellites", "work_switch"})
+
+SPEEDS = ("speed_mps", "wheel_speed_mps", "speed_used_mps")
+
+# What the quantity can be on any machine of this kind; wide on purpose.
+PLAUSIBLE = {
+    "lat_deg": (-90.0, 90.0), "lon_deg": (-180.0, 180.0), "fix_quality": (0, 9), "satellites": (0, 100),
+    "hdop": (0, 100), "heading_deg": (-180.0, 360.0), "pitch_deg": (-60.0, 60.0), "roll_deg": (-60.0, 60.0),
+    **dict.fromkeys(SPEEDS, (-15.0, 30.0)),
+    **dict.fromkeys((*HEAD_COLUMNS, "ndvi", *NDRE_COLUMNS, "ndre"), (-1.0, 1.0)),
+    "target_rate_kg_ha": (0.0, 5000.0), "nudge_percent": (-100.0, 100.0), "shaft_rpm_cmd": (-1e5, 1e5),
+    "shaft_rpm": (-1e5, 1e5), "opening_mm_cmd": (-50.0, 500.0), "opening_mm": (-50.0, 500.0),
+    "hopper_kg": (-500.0, 50_000.0), "flow_trim": (0.0, 10.0), "supply_v": (0.0, 60.0),
+    "applied_rate_kg_ha": (0.0, 20_000.0), "lag_s": (0.0, 60.0), "lag_m": (-100.0, 500.0),
+}
+
+# As sent or as decided: the shortest text that reads back as the same number.
+EXACT_COLUMNS = frozenset({"target_rate_kg_ha", "nudge_percent", "shaft_rpm_cmd", "opening_mm_cmd", "flow_trim"})
+
+# Measured or derived: finer than any sensor fitted resolves.
+DECIMALS = {
+    "time_s": 3, "lat_deg": 9, "lon_deg": 9, "hdop": 2, "heading_deg": 3, "pitch_deg": 3, "roll_deg": 3,
+    "speed_mps": 4, "wheel_speed_mps": 4, "speed_used_mps": 4,
+    **dict.fromkeys((*HEAD_COLUMNS, *NDRE_COLUMNS), 4), "ndvi": 5, "ndre": 5,
+    "shaft_rpm": 3, "opening_mm": 3, "hopper_kg": 3, "supply_v": 3, "applied_rate_kg_ha": 3, "lag_s": 4, "lag_m": 4,
+}

@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from control.calibration.bench_table import recognise
-from control.log_limits import SPEEDS
-from control.log_row import COLUMNS, NDRE_COLUMNS
+from control.log_row import COLUMNS, NDRE_COLUMNS, SPEEDS
 from drivers.files.findings import Finding
 from drivers.files.header_names import Renamed
 from drivers.files.header_names import our_names as renamed

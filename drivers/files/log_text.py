@@ -5,20 +5,17 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from control.log_row import ALL_COLUMNS, COLUMNS, HEAD_COLUMNS, NDRE_COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS, LogRow
+from control.log_row import (
+    ALL_COLUMNS,
+    COLUMNS,
+    DECIMALS,
+    EXACT_COLUMNS,
+    TEXT_COLUMNS,
+    WHOLE_COLUMNS,
+    LogRow,
+)
 
 HEADER = ",".join(COLUMNS) + "\n"
-
-# As sent or as decided: the shortest text that reads back as the same number.
-EXACT_COLUMNS = frozenset({"target_rate_kg_ha", "nudge_percent", "shaft_rpm_cmd", "opening_mm_cmd", "flow_trim"})
-
-# Measured or derived: finer than any sensor fitted resolves.
-DECIMALS = {
-    "time_s": 3, "lat_deg": 9, "lon_deg": 9, "hdop": 2, "heading_deg": 3, "pitch_deg": 3, "roll_deg": 3,
-    "speed_mps": 4, "wheel_speed_mps": 4, "speed_used_mps": 4,
-    **dict.fromkeys((*HEAD_COLUMNS, *NDRE_COLUMNS), 4), "ndvi": 5, "ndre": 5,
-    "shaft_rpm": 3, "opening_mm": 3, "hopper_kg": 3, "supply_v": 3, "applied_rate_kg_ha": 3, "lag_s": 4, "lag_m": 4,
-}
 
 LONGEST_ROW = 32_768         # bytes of a line as written: half of what is looked through for the last line's beginning
 LONGEST_CELL = 1_000         # characters that the texts of a longer line keep: all of them together fit then

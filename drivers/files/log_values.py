@@ -4,17 +4,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from control.log_limits import HEADS as _HEADS
-from control.log_limits import NDRE as _NDRE
-from control.log_limits import PLAUSIBLE, SENTINELS, SPEEDS, stand_for_nothing
+from control.log_limits import SENTINELS, stand_for_nothing
+from control.log_row import HEAD_COLUMNS, NDRE_COLUMNS, PLAUSIBLE, SPEEDS
 from drivers.files.findings import Finding, many
 from drivers.files.table import Columns
 
 Floats = NDArray[np.float64]
 
 
+_HEADS = (*HEAD_COLUMNS, "ndvi")
+
 # Left out where they stand outside: NDVI by its definition, places by theirs.
-_EMPTIED_OUTSIDE = frozenset({"lat_deg", "lon_deg", *_HEADS, *_NDRE})
+_EMPTIED_OUTSIDE = frozenset({"lat_deg", "lon_deg", *_HEADS, *NDRE_COLUMNS, "ndre"})
 
 _M_PER_DEG = 111_200.0       # one percent is enough to tell units apart
 _CHORD_S = 5.0

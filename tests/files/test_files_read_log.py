@@ -7,9 +7,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS, LogRow
+from control.log_row import COLUMNS, DECIMALS, EXACT_COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS, LogRow
 from control.loop.events import Events
-from drivers.files.log_text import DECIMALS, EXACT_COLUMNS, HEADER, RowText
+from drivers.files.log_text import HEADER, RowText
 from drivers.files.read_log import LogError, read_log
 from drivers.files.run_log import write_log
 from drivers.files.run_meta import RunMeta

@@ -25,7 +25,7 @@ import yaml
 from typer.testing import CliRunner
 
 from console.cli import app
-from drivers.files.log_text import DECIMALS
+from control.log_row import DECIMALS
 from drivers.files.read_log import read_log
 
 Floats = npt.NDArray[np.float64]

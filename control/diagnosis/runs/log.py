@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from control.log_limits import ANYTHING, PLAUSIBLE, stand_for_nothing
-from control.log_row import COLUMNS, COMMANDS_HELD
+from control.log_limits import ANYTHING, stand_for_nothing
+from control.log_row import COLUMNS, COMMANDS_HELD, PLAUSIBLE
 from control.orders import State
 
 from .further import worth_asking

@@ -7,7 +7,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from control.log_limits import PLAUSIBLE
+from control.log_row import PLAUSIBLE
 from drivers.files.imports import physics
 from drivers.files.imports.convert import convert
 from drivers.files.imports.guess_columns import per_count

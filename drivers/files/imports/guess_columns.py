@@ -6,8 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from control.log_limits import PLAUSIBLE
-from control.log_row import COLUMNS, TEXT_COLUMNS
+from control.log_row import COLUMNS, PLAUSIBLE, TEXT_COLUMNS
 from drivers.files.imports import physics
 from drivers.files.imports.convert import extra_name
 from drivers.files.imports.guessed import PAIRS, Candidate, Doubt, Guess, Key

@@ -9,14 +9,13 @@ from pathlib import Path
 
 import polars as pl
 
-from control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS
+from control.log_row import COLUMNS, DECIMALS, TEXT_COLUMNS, WHOLE_COLUMNS
 from drivers.files.atomic import sidecar, write_atomically
 from drivers.files.config import sha256_of
 from drivers.files.imports.convert import US, UTC_US
 from drivers.files.imports.join import Joined
 from drivers.files.imports.mapping import ImportFile
 from drivers.files.log_store import SUFFIXES, write_store
-from drivers.files.log_text import DECIMALS
 from drivers.files.plain import plain
 from drivers.files.read_log import meta_of, read_log
 from drivers.files.run_meta import meta_to_yaml, run_meta
