@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from control.log_row import LogRow
+from control.log_row import COLUMNS, LogRow
 
 
 @pytest.fixture
@@ -12,7 +12,7 @@ def full_row() -> Callable[[float], LogRow]:
     """A row in which everything is known, moving north at 1.25 m/s."""
     def make(time_s: float) -> LogRow:
         tenth = int(time_s * 10 + 1e-6)
-        return LogRow(
+        given = LogRow(
             time_s=time_s, utc=f"2026-03-20T08:{tenth // 600:02d}:{tenth // 10 % 60:02d}.{tenth % 10}00Z",
             lat_deg=34.1 + 1.25 * time_s / 111_000, lon_deg=119.5, fix_quality=4, satellites=17, hdop=0.7,
             heading_deg=0.5, pitch_deg=0.1, roll_deg=-0.2, speed_mps=1.25, wheel_speed_mps=1.26, speed_used_mps=1.25,
@@ -23,6 +23,7 @@ def full_row() -> Callable[[float], LogRow]:
             alarms="rate_off",
             events="mark corner;refill 120", speed_told="0.0 0.5 0.0 1.25", ndre_1=0.4, ndre_2=0.41, ndre_3=0.42,
             ndre_4=0.39, ndre_5=0.38, ndre_6=0.4, ndre=0.4)
+        return given._replace(**{name: 1.0 for name in COLUMNS if getattr(given, name) is None})    # newer columns
     return make
 
 
