@@ -134,3 +134,10 @@ def judge(record: Record, what: Manoeuvre, width_m: float) -> Judged:
 def sim_of(what: Manoeuvre) -> dict[str, Any]:
     changes = [{"at_s": at, "speed_kmh": kmh, "acceleration_mps2": most} for at, kmh, most in what.speeds]
     return {"speed_changes": changes, **what.sim}
+
+
+def measured(what: Manoeuvre, strategy: Strategy, seed: int, setup: Setup) -> Judged:
+    """One drive on the canopy of a seed."""
+    orders = GO if what.speeds and what.speeds[0][1] == 0 else None
+    record = driven(setup, strategy, seed, what.end_s + 4.0, sim_of(what), orders)
+    return judge(record, what, setup.machine.geometry.working_width_m)
