@@ -139,13 +139,20 @@ def diagnosed(both: dict[str, Path], folder: Path, times: int) -> Iterator[Row]:
 
 
 def diagnosed_first(both: dict[str, Path], folder: Path, times: int) -> Iterator[Row]:
-    """With no compiled code on this machine: neither of the model nor of Python's modules' is taken from elsewhere."""
-    log, runs = str(log_of(both, folder)), {}
+    """With no compiled code of the model on this machine, but for what `make run` and `make test` compile where a tree
+    has that; and what that takes."""
+    log, runs, installed = str(log_of(both, folder)), {}, {}
     for name, tree in both.items():
         with tempfile.TemporaryDirectory() as empty:
+            if (tree / "console" / "prepare.py").exists():
+                begun_s = time.monotonic()
+                subprocess.run([sys.executable, "-m", "console.prepare"], check=True, stdout=subprocess.DEVNULL,
+                               env=environment_of(tree) | {"XDG_CACHE_HOME": empty}, cwd=tree)
+                installed[name] = [time.monotonic() - begun_s]
             runs[name] = ran(tree, "diagnose", log, XDG_CACHE_HOME=empty)
     for unit, goal, place in (("s", "6", 0), ("s of processor", "", 1)):
         yield Row("diagnose, 24,000 rows, first time", unit, goal, {name: [one[place]] for name, one in runs.items()})
+    yield Row("compiled when installing", "s", "", installed)
 
 
 def diagnosed_many(both: dict[str, Path], folder: Path, times: int) -> Iterator[Row]:
