@@ -27,7 +27,7 @@ $(VENV)/.installed: $(VENV)/.program requirements/dev.txt
 
 # The machine model compiled for this computer, once for these sources: a first diagnosis then takes as long as any other.
 # Nothing depends on it, so a computer without room for it goes on.
-$(VENV)/.compiled: $(VENV)/.program $(wildcard control/machine/*.py) control/diagnosis/judgement/noise_fit.py
+$(VENV)/.compiled: $(VENV)/.program $(wildcard control/machine/*.py control/field/*.py control/diagnosis/judgement/*.py)
 	-$(BIN)/python -m console.prepare
 	@touch $@
 

@@ -18,7 +18,7 @@ PROGRAM = (sys.executable, "-c", "from console.cli import main; main()")
 # A short run with what a diagnosis looks for: an effect that begins in mid-run and a term, so that the searches for
 # both are gone through.
 PLANTED = ("--effect", "flow.gain=8@60", "--term", "flow_percent bend speed_mps bend=-4.4 at=1.2")
-SECONDS = 180
+SECONDS = 600               # as long as `simulate` asks of a run before it takes compiled steps
 
 
 def prepare() -> None:
@@ -34,7 +34,7 @@ def prepare() -> None:
 
 
 def main() -> int:
-    print("topdress: compiling the machine model for this computer, once: some 20 s", flush=True)
+    print("topdress: compiling the machine model for this computer, once: some 30 s", flush=True)
     begun_s = time.monotonic()
     try:
         prepare()

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from control.field.job import Job
     from control.machine.machine import Machine
     from control.machine.planting import Planted
+    from control.machine.steps import Steps
     from control.machine.terms import Term
     from control.simulation.closed_loop import Record
     from control.simulation.dose_watch import DoseWatch
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from drivers.files.setup import Setup
 
 DT_S = 0.05
+LONG_S = 600.0                  # from here on compiled steps are sooner there and back than interpreted ones
 SETTLE_DOSES = 50               # the threshold learns from them
 TRUTH_COLUMNS = ("time_s", "shaft_rpm", "opening_mm", "flow_kg_s", "landed_rate_kg_ha", "landed_place_m", "place_m",
                  "target_rate_kg_ha", "speed_mps", "east_m", "north_m", "working")
@@ -128,8 +130,12 @@ def _run(setup: Setup, true: Machine, job: Job, *, seed: int, planted: list[Plan
     from control.simulation.assembly import control_loop, simulated_machine
     from control.simulation.closed_loop import Record, simulated_run
     from control.simulation.dose_watch import DoseWatch
-    plant = simulated_machine(true, job, seed, DT_S, planted, plants=placed["plants"], terms=terms)
-    loop = control_loop(setup.machine, setup.crop, setup.rule, job, **placed)
+    compiled: Steps | None = None
+    if seconds >= LONG_S:
+        from control.simulation.compiled_steps import STEPS
+        compiled = STEPS
+    plant = simulated_machine(true, job, seed, DT_S, planted, plants=placed["plants"], terms=terms, steps=compiled)
+    loop = control_loop(setup.machine, setup.crop, setup.rule, job, **placed, steps=compiled)
     doses = None
     if job.target.source is TargetSource.POINT:
         doses = DoseWatch(plant.plants_m, seed + 3, job.simulated.dose_measured_sd_m)

@@ -11,20 +11,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from control.geodesy import Place, apart_m, direction
+from control.machine.steps import Steps
 
-Floats = npt.NDArray[np.float64]
+from .cells import TILE, Corners, Floats, ahead_of, beyond_side, passed_again, put_sides, sides_room
 
-_TILE = 256          # cells on a side
 _EARLIER = -math.inf # stamp of what an earlier run has done
 FARTHEST_M = 100_000.0          # from the plane's origin: no place beyond it is one of the field
 MOST_CELLS = 400_000_000        # of a picture: 4 km by 4 km at 0.2 m, 400 MB
-_EDGE_M = 1e-9       # a cell centre this far outside still counts, so that touching stretches leave no gap
 
 
 class Covered(NamedTuple):
@@ -77,7 +76,9 @@ class Coverage:
     """
 
     def __init__(self, width_m: float, cell_m: float = 0.2, revisit_m: float | None = None,
-                 longest_m: float = 30.0, strips: Sequence[tuple[float, float]] = ()) -> None:
+                 longest_m: float = 30.0, strips: Sequence[tuple[float, float]] = (),
+                 steps: Steps | None = None) -> None:
+        """steps: compiled, for long runs: cell by cell, in a third of the time."""
         if not 0.0 < 2.0 * cell_m <= width_m:
             raise ValueError(f"width {width_m:g} m, cell {cell_m:g} m: allowed is a cell above 0, at most half the "
                              "width")
@@ -91,6 +92,9 @@ class Coverage:
         self._travelled_m = 0.0
         self._last: Place | None = None
         self._strips = [_Strip(left, right) for left, right in strips or ((-0.5 * width_m, 0.5 * width_m),)]
+        self._sides = sides_room()
+        self._empty = _empty_tile()
+        self.loops: Any = None if steps is None else steps.cells
 
     def seed(self, ground: Raster, ours: bool = True) -> None:
         """Ground that an earlier run has done, with cells of any size: covered, and never just passed over.
@@ -108,8 +112,8 @@ class Coverage:
         inside = [(index >= 0) & (index < count) for index, count in zip(there, (rows, columns), strict=True)]
         done = np.zeros((len(there[0]), len(there[1])), dtype=np.bool_)
         done[np.ix_(*inside)] = ground.done[np.ix_(there[0][inside[0]], there[1][inside[1]])]
-        for row in range(south // _TILE, north // _TILE + 1):
-            for column in range(west // _TILE, east // _TILE + 1):
+        for row in range(south // TILE, north // TILE + 1):
+            for column in range(west // TILE, east // TILE + 1):
                 self._mark(row, column, south, west, done, _EARLIER)
         if not ours:
             self._cells = cells
@@ -159,7 +163,8 @@ class Coverage:
 
         Some 20 us for a few hundred places near each other.
         """
-        return self._travelled_m - self._stamps(places) > self.revisit_m
+        again: npt.NDArray[np.bool_] = passed_again(self._travelled_m, self._stamps(places), self.revisit_m)
+        return again
 
     def applied_earlier(self, places: npt.ArrayLike) -> npt.NDArray[np.bool_]:
         """Whether an earlier run has covered each place (n, 2) -> (n,), and this run has not since."""
@@ -173,21 +178,21 @@ class Coverage:
         if not self._tiles or not len(known):
             return found
         cells = np.floor(points[known] / self.cell_m).astype(np.int64)
-        west, south = (cells.min(axis=0) // _TILE).tolist()
-        east, north = (cells.max(axis=0) // _TILE).tolist()
+        west, south = (cells.min(axis=0) // TILE).tolist()
+        east, north = (cells.max(axis=0) // TILE).tolist()
         if west == east and south == north:
             tile = self._tiles.get((south, west))
             if tile is not None:
-                found[known] = tile[cells[:, 1] % _TILE, cells[:, 0] % _TILE]
+                found[known] = tile[cells[:, 1] % TILE, cells[:, 0] % TILE]
             return found
-        tiles, rows = cells // _TILE, north - south + 1
+        tiles, rows = cells // TILE, north - south + 1
         codes = (tiles[:, 0] - west) * rows + tiles[:, 1] - south
         for code in set(codes.tolist()):
             tile = self._tiles.get((south + code % rows, west + code // rows))
             if tile is None:
                 continue
             here = codes == code
-            found[known[here]] = tile[cells[here, 1] % _TILE, cells[here, 0] % _TILE]
+            found[known[here]] = tile[cells[here, 1] % TILE, cells[here, 0] % TILE]
         return found
 
     def raster(self) -> Raster:
@@ -199,15 +204,15 @@ class Coverage:
             return Raster(0.0, 0.0, self.cell_m, np.zeros((1, 1), dtype=np.bool_))
         keys: Collection[tuple[int, int]] = self._tiles.keys()
         south, north, west, east = _box(keys)
-        if (north - south + 1) * (east - west + 1) * _TILE * _TILE > MOST_CELLS:
-            reach = (math.isqrt(MOST_CELLS) // _TILE - 1) // 2
+        if (north - south + 1) * (east - west + 1) * TILE * TILE > MOST_CELLS:
+            reach = (math.isqrt(MOST_CELLS) // TILE - 1) // 2
             keys = {key for key in keys if all(abs(k - new) <= reach for k, new in zip(key, self._newest, strict=True))}
             south, north, west, east = _box(keys)
-        done = np.zeros(((north - south + 1) * _TILE, (east - west + 1) * _TILE), dtype=np.bool_)
+        done = np.zeros(((north - south + 1) * TILE, (east - west + 1) * TILE), dtype=np.bool_)
         for row, column in keys:
-            r, c = (row - south) * _TILE, (column - west) * _TILE
-            done[r:r + _TILE, c:c + _TILE] = ~np.isnan(self._tiles[row, column])
-        return Raster(west * _TILE * self.cell_m, south * _TILE * self.cell_m, self.cell_m, done)
+            r, c = (row - south) * TILE, (column - west) * TILE
+            done[r:r + TILE, c:c + TILE] = ~np.isnan(self._tiles[row, column])
+        return Raster(west * TILE * self.cell_m, south * TILE * self.cell_m, self.cell_m, done)
 
     def _end_stretches(self) -> None:
         for strip in self._strips:
@@ -219,37 +224,83 @@ class Coverage:
         strip.bar, strip.saved = bar, None
 
     def _sweep(self, before: _Bar, now: _Bar) -> None:
-        corners = (before.left, before.right, now.left, now.right)
-        west = math.floor(min(corner[0] for corner in corners) / self.cell_m)
-        east = math.floor(max(corner[0] for corner in corners) / self.cell_m)
-        south = math.floor(min(corner[1] for corner in corners) / self.cell_m)
-        north = math.floor(max(corner[1] for corner in corners) / self.cell_m)
+        corners = (before.left, before.right, now.right, now.left)
+        west = math.floor(min([corner[0] for corner in corners]) / self.cell_m)
+        east = math.floor(max([corner[0] for corner in corners]) / self.cell_m)
+        south = math.floor(min([corner[1] for corner in corners]) / self.cell_m)
+        north = math.floor(max([corner[1] for corner in corners]) / self.cell_m)
+        if self.loops is not None:
+            self._stamp(corners, (south, west, north, east))
+            return
         centre_e: Floats = (np.arange(west, east + 1, dtype=np.float64) + 0.5) * self.cell_m
         centre_n: Floats = ((np.arange(south, north + 1, dtype=np.float64) + 0.5) * self.cell_m)[:, None]
-        passed = _in_triangles(centre_e, centre_n, ((before.left, before.right, now.right),
-                                                    (before.left, now.right, now.left)))
-        for row in range(south // _TILE, north // _TILE + 1):
-            for column in range(west // _TILE, east // _TILE + 1):
+        put_sides(self._sides, corners)
+        passed = _in_triangles(centre_e, centre_n, self._sides)
+        for row in range(south // TILE, north // TILE + 1):
+            for column in range(west // TILE, east // TILE + 1):
                 self._mark(row, column, south, west, passed, self._travelled_m)
+
+    def _stamp(self, corners: Corners, box: tuple[int, int, int, int]) -> None:
+        """Enter a stretch cell by cell. box: its cells, south, west, north, east."""
+        for row in range(box[0] // TILE, box[2] // TILE + 1):
+            for column in range(box[1] // TILE, box[3] // TILE + 1):
+                tile = self._tiles.get((row, column))
+                entered, new, again = self.loops.stamp_tile(
+                    self._empty if tile is None else tile, row * TILE, column * TILE, box, self.cell_m, corners,
+                    self._travelled_m, self.revisit_m)
+                if not entered:
+                    continue
+                self._newest = row, column
+                self._cells += new
+                self._again += again
+                if tile is None:
+                    self._tiles[row, column], self._empty = self._empty, _empty_tile()
+
+    def done_ahead(self, place: Place, course: Place, along_m: Floats, aside_m: Floats, earlier: bool) -> Floats | None:
+        """How many places aside are over done ground at each place along: (along,). None: it is to be asked by
+        `applied`, for want of compiled loops or because the places lie far apart.
+
+        place, course: of the outlets' middle, east and north. earlier: as of `applied_earlier`.
+        """
+        if self.loops is None:
+            return None
+        ends = [(ahead_of(place[0], along, course[0], aside, course[1]), ahead_of(place[1], along, course[1], -aside,
+                                                                                  course[0]))
+                for along in (float(along_m[0]), float(along_m[-1])) for aside in (float(aside_m[0]),
+                                                                                   float(aside_m[-1]))]
+        if not all([abs(east) <= FARTHEST_M and abs(north) <= FARTHEST_M for east, north in ends]):
+            return None
+        west, east = (math.floor(of([end[0] for end in ends]) / self.cell_m) // TILE for of in (min, max))
+        south, north = (math.floor(of([end[1] for end in ends]) / self.cell_m) // TILE for of in (min, max))
+        if east - west > 1 or north - south > 1:
+            return None
+        tiles = tuple([self._tiles.get((south + k // 2, west + k % 2), self._empty) for k in range(4)])
+        found: Floats = self.loops.done_ahead(tiles, south, west, place, course, along_m, aside_m, self.cell_m,
+                                              self._travelled_m, self.revisit_m, earlier)
+        return found
 
     def _mark(self, row: int, column: int, south: int, west: int, passed: npt.NDArray[np.bool_],
               stamp: float) -> None:
         """Enter the part of `passed` (its corner at cell south, west) that lies in one tile."""
-        r0, c0 = row * _TILE, column * _TILE
-        r = slice(max(south, r0), min(south + passed.shape[0], r0 + _TILE))
-        c = slice(max(west, c0), min(west + passed.shape[1], c0 + _TILE))
+        r0, c0 = row * TILE, column * TILE
+        r = slice(max(south, r0), min(south + passed.shape[0], r0 + TILE))
+        c = slice(max(west, c0), min(west + passed.shape[1], c0 + TILE))
         here = passed[r.start - south:r.stop - south, c.start - west:c.stop - west]
         if not here.any():
             return
         self._newest = row, column
         tile = self._tiles.get((row, column))
         if tile is None:
-            tile = self._tiles[row, column] = np.full((_TILE, _TILE), np.nan, dtype=np.float32)
+            tile = self._tiles[row, column] = _empty_tile()
         view = tile[r.start - r0:r.stop - r0, c.start - c0:c.stop - c0]
         stamps = view[here]
         self._cells += int(np.count_nonzero(np.isnan(stamps)))
-        self._again += int(np.count_nonzero(self._travelled_m - stamps > self.revisit_m))
+        self._again += int(np.count_nonzero(passed_again(self._travelled_m, stamps, self.revisit_m)))
         view[here] = stamp
+
+
+def _empty_tile() -> npt.NDArray[np.float32]:
+    return np.full((TILE, TILE), np.nan, dtype=np.float32)
 
 
 def _box(tiles: Collection[tuple[int, int]]) -> tuple[int, int, int, int]:
@@ -258,21 +309,12 @@ def _box(tiles: Collection[tuple[int, int]]) -> tuple[int, int, int, int]:
     return min(rows), max(rows), min(columns), max(columns)
 
 
-def _in_triangles(east: Floats, north: Floats,
-                  triangles: Sequence[tuple[Place, Place, Place]]) -> npt.NDArray[np.bool_]:
-    """Which of the places (columns, rows) lie in any of the triangles, edges included; in one without area none do.
+def _in_triangles(east: Floats, north: Floats, sides: Floats) -> npt.NDArray[np.bool_]:
+    """Which of the places (columns, rows) lie in any of the triangles (k, 3, 6), edges included.
 
     All sides of all triangles at once: their few cells take numpy less time than a call of it.
     """
-    sides = []
-    for a, b, c in triangles:
-        area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-        sign = math.copysign(1.0, area)
-        for one, other in ((a, b), (b, c), (c, a)):
-            de, dn = other[0] - one[0], other[1] - one[1]
-            slack = -_EDGE_M * (abs(de) + abs(dn)) if abs(area) > 1e-12 else math.inf
-            sides.append((*one, de, dn, sign, slack))
-    east_m, north_m, de_m, dn_m, signs, slacks = np.array(sides).T.reshape(6, len(triangles), 3, 1, 1)
-    within = signs * (de_m * (north - north_m) - dn_m * (east - east_m)) >= slacks
+    from_east, from_north, de, dn, hand, slack = sides.transpose(2, 0, 1)[..., None, None]
+    within = beyond_side(from_east, from_north, de, dn, hand, east, north) >= slack
     inside: npt.NDArray[np.bool_] = within.all(axis=1).any(axis=0)
     return inside

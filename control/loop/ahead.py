@@ -15,6 +15,7 @@ from control.loop.sections import Sections, Whole
 from control.machine.change_lag import Lag
 from control.machine.fall import drop_s
 from control.machine.machine import Machine
+from control.machine.steps import Steps
 from control.orders import TargetSource
 from control.readings import Measurements
 from control.sensing import Sensed
@@ -37,7 +38,8 @@ class Ahead:
 
     def __init__(self, machine: Machine, crop: Crop, rule: Rule, job: Job, fence: Fence | None, headland: Fence | None,
                  *, prescription: MapProfile | None, index_map: IndexMap | None = None,
-                 done: DoneGround | None = None) -> None:
+                 done: DoneGround | None = None, steps: Steps | None = None) -> None:
+        """steps: compiled, for long runs."""
         geometry, width_m = machine.geometry, machine.geometry.working_width_m
         self._machine = machine
         self.fence = fence
@@ -47,7 +49,7 @@ class Ahead:
         self._headland_target = Target(rate or 0.0, TargetSource.MANUAL)
         cell_m = min(CELL_M, width_m / 6.0)
         self.overlap = Overlap(Coverage(width_m, cell_m, longest_m=LONGEST_M, strips=[
-            (strip.left_m, strip.right_m) for strip in machine.switched]), geometry.outlets)
+            (strip.left_m, strip.right_m) for strip in machine.switched], steps=steps), geometry.outlets)
         self.sections: Sections | Whole = (
             Sections(machine, job.section_overlap_percent, cell_m) if machine.switched else Whole())
         mean = job.target.hold_mean_kg_ha

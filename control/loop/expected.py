@@ -1,10 +1,13 @@
 """Where shaft and gate should be by now: the drives as the model knows them, given the untrimmed set-points."""
 from __future__ import annotations
 
+from typing import Any
+
 from control.machine.elements import in_lists
 from control.machine.gate import GateInput, gate_start, gate_step
 from control.machine.machine import Machine
 from control.machine.shaft import ShaftInput, shaft_start, shaft_step
+from control.machine.steps import Steps
 from control.machine.term_sums import NOTHING, More
 from control.metering.strategies import Pair
 from control.readings import DriveCommand
@@ -13,8 +16,11 @@ from control.readings import DriveCommand
 class ExpectedDrives:
     """`pair`: shaft speed and opening expected now."""
 
-    def __init__(self, machine: Machine) -> None:
+    def __init__(self, machine: Machine, steps: Steps | None = None) -> None:
+        """steps: compiled, for long runs."""
         self._machine = machine
+        self._steps = steps
+        self._drives: Any = None
         self.begin(machine.set_points.opening_mm, 0.0)
 
     def begin(self, opening_mm: float, now_s: float) -> None:
@@ -22,12 +28,18 @@ class ExpectedDrives:
         shaft, gate = shaft_start(0.0, now_s), gate_start(opening_mm, now_s)
         self._shaft, self._gate = shaft._replace(line=in_lists(shaft.line)), gate._replace(line=in_lists(gate.line))
         self.pair = Pair(0.0, opening_mm)
+        if self._steps is not None:
+            self._drives = self._steps.drives(shaft, gate)
+            self._drives.of(self._machine.shaft, self._machine.gate)
 
     def step(self, command: DriveCommand, supply_v: float | None, dt_s: float, more: More = NOTHING) -> None:
         """`command`: without trims; `supply_v` None: not measured; `more`: what the machine's terms add."""
         if dt_s <= 0.0:
             return
         supply = supply_v if supply_v is not None else self._machine.shaft.nominal_supply_v
+        if self._drives is not None:
+            self.pair = Pair(*self._drives.step(command.shaft_rpm, command.opening_mm, supply, dt_s, more))
+            return
         self._shaft, shaft = shaft_step(self._machine.shaft, self._shaft,
                                         ShaftInput(command.shaft_rpm, self.pair.opening_mm, supply,
                                                    more.shaft_percent, more.shaft_rpm), dt_s)

@@ -31,6 +31,7 @@ from control.loop.stopped import Stopped, open_share, standing_limits
 from control.loop.tick import Tick
 from control.machine.change_lag import ChangeLags, Lag
 from control.machine.machine import Machine
+from control.machine.steps import Steps
 from control.metering.flow_trim import FlowTrim
 from control.metering.inverse import Conditions, flow_kg_s
 from control.metering.plan import Planner, Wanted
@@ -65,9 +66,9 @@ class ControlLoop:
                  has_work_switch: bool = False, *, safety_limits: SafetyLimits | None = None,
                  prescription: MapProfile | None = None, points: PointSource | None = None,
                  headland: Fence | None = None, obeyed: bool = True, index_map: IndexMap | None = None,
-                 done: DoneGround | None = None) -> None:
+                 done: DoneGround | None = None, steps: Steps | None = None) -> None:
         """obeyed: False where the drives follow other commands, as in a log that is gone through again. index_map: for
-        where the heads are silent. done: ground that others have covered."""
+        where the heads are silent. done: ground that others have covered. steps: compiled, for long runs."""
         self.machine = machine
         self.crop = crop
         self.job = job
@@ -79,7 +80,7 @@ class ControlLoop:
         self._stopped = Stopped(machine, allowed, obeyed)
         self._sensing = Sensing(machine.geometry.antenna_m, _plane(job, prescription, points, index_map, done))
         self._ahead = Ahead(machine, crop, rule, job, fence, headland, prescription=prescription,
-                            index_map=index_map, done=done)
+                            index_map=index_map, done=done, steps=steps)
         self._doses: Doses | NoDoses = (
             NoDoses() if points is None else Doses(machine, points, self._ahead, self._drive_limits))
         self._backing = Backing(machine)
@@ -92,7 +93,7 @@ class ControlLoop:
         self._forecaster = Forecaster()
         self._drive_trim = DriveTrim(TrimLimits(), still=1.0)
         self._flow_trim = FlowTrim(machine.noise.scale_kg, machine.noise.scale_correlation_s)
-        self._expected = ExpectedDrives(machine)
+        self._expected = ExpectedDrives(machine, steps)
         self._terms = KnownTerms(machine)
         self._operator = Operator(job, crop, self.safety, self._setting, flow_trim=self._flow_trim, points=points,
                                   has_map=prescription is not None, started=self._started,

@@ -9,16 +9,21 @@ import contextlib
 import hashlib
 import pathlib
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import numba
 import numpy as np
 import platformdirs
 from numba.extending import register_jitable
+from numba.np.unsafe import ndarray
 
 from . import elements, fall, flow, gate, heads, scale, shaft, speed, term_step
 from .kept_code import KeptCode, named_apart
 from .over_log import Run, filling, mapped, with_room
+
+to_fixed_tuple: Any = ndarray.to_fixed_tuple        # (array, count) -> tuple, in compiled code
+
+F = TypeVar("F", bound=Callable[..., Any])
 
 _here = pathlib.Path(__file__).parent
 _sources = b"".join(file.read_bytes() for file in sorted(_here.glob("*.py")))
@@ -26,24 +31,32 @@ _SOURCES = hashlib.sha256(_sources).hexdigest()[:12]
 CACHE_DIR = pathlib.Path(platformdirs.user_cache_dir("topdress")) / _SOURCES
 numba.config.CACHE_DIR = str(CACHE_DIR)  # type: ignore[attr-defined]
 
+
+def jitable(piece: F) -> F:
+    """A function that compiled ones may call."""
+    made: F = register_jitable(piece)
+    return made
+
+
 for _piece in (elements.line_put, elements.line_mean, elements.line_held, elements.table_at, elements.stepped,
                flow.bridged, flow.grams_per_rev, flow.common_factor, fall.start_drop_s, fall.drop_s,
                shaft.approach, shaft.asked_rpm, shaft.dead_s, shaft.lag_s, shaft.shaft_step,
                gate.gate_step, flow.flow_step, speed.speed_step, fall.fall_step,
                scale.scale_reads, heads.head_reads, term_step.clipped, term_step.remembered,
                term_step.straight, term_step.between, term_step.sided, term_step.term_step):
-    register_jitable(_piece)
+    jitable(_piece)
 
 
 def _sources_of(run: Callable[..., Any]) -> str:
-    """A hash of what is compiled into it: these files, and its own where it stands elsewhere. A module's constants
-    stand in no bytecode, so that numba's own key does not see them change."""
+    """A hash of what is compiled into it: these files, and those of its own folder where it stands elsewhere. A module's
+    constants stand in no bytecode, so that numba's own key does not see them change."""
     code: Any = run.__code__
-    file = pathlib.Path(code.co_filename)
-    if file.parent == _here:
+    folder = pathlib.Path(code.co_filename).parent
+    if folder == _here:
         return _SOURCES
     with contextlib.suppress(OSError):
-        return hashlib.sha256(_sources + file.read_bytes()).hexdigest()[:12]
+        beside = b"".join(file.read_bytes() for file in sorted(folder.glob("*.py")))
+        return hashlib.sha256(_sources + beside).hexdigest()[:12]
     return _SOURCES
 
 

@@ -12,6 +12,7 @@ from control.loop import ControlLoop
 from control.machine.fall import drop_s
 from control.machine.machine import Machine
 from control.machine.planting import Planted
+from control.machine.steps import Steps
 from control.machine.terms import Term
 from control.orders import TargetSource
 from control.readings import DoseOrder
@@ -37,10 +38,11 @@ def with_simulated_field(job: Job, machine: Machine) -> Job:
 def control_loop(machine: Machine, crop: Crop, rule: Rule, job: Job, has_work_switch: bool = False,
                  *,
                  prescription: MapProfile | None = None, plants: PlantList | None = None,
-                 obeyed: bool = True, index_map: IndexMap | None = None, done: DoneGround | None = None) -> ControlLoop:
+                 obeyed: bool = True, index_map: IndexMap | None = None, done: DoneGround | None = None,
+                 steps: Steps | None = None) -> ControlLoop:
     """The loop of a job; fenced where the job knows its field. `prescription`, `plants`: on the job's plane, for map
-    and point mode; `obeyed`, `index_map`, `done`: as `ControlLoop` has them. Raises ValueError where the headland
-    leaves nothing of the field."""
+    and point mode; `obeyed`, `index_map`, `done`, `steps`: as `ControlLoop` has them. Raises ValueError where the
+    headland leaves nothing of the field."""
     boundary = job.field.boundary()
     fence = Fence(boundary) if boundary is not None else None
     headland = Fence(_without_headland(job)) if fence is not None and job.field.headland_m > 0.0 else None
@@ -48,7 +50,8 @@ def control_loop(machine: Machine, crop: Crop, rule: Rule, job: Job, has_work_sw
     if plants is not None or job.target.source is TargetSource.POINT:
         points = point_source(machine, job, plants)
     return ControlLoop(machine, crop, rule, job, fence, has_work_switch, prescription=prescription, points=points,
-                       headland=headland, obeyed=obeyed, index_map=index_map, done=done)
+                       headland=headland, obeyed=obeyed, index_map=index_map, done=done,
+                       steps=steps)
 
 
 def _without_headland(job: Job) -> Boundary:
@@ -73,8 +76,8 @@ def point_source(machine: Machine, job: Job, plants: PlantList | None) -> PointS
 def simulated_machine(machine: Machine, job: Job, seed: int, dt_s: float, planted: Sequence[Planted] = (),
                       *,
                       keep: Callable[[Truth], None] | None = None, plants: PlantList | None = None,
-                      terms: Sequence[Term] = ()) -> Plant:
-    """The plant of a job. `plants`: of its plant list; `terms`: along with those of the machine's file. Raises
-    ValueError where an effect does not fit the machine."""
+                      terms: Sequence[Term] = (), steps: Steps | None = None) -> Plant:
+    """The plant of a job. `plants`: of its plant list; `terms`: along with those of the machine's file; `steps`: as
+    `Plant` has them. Raises ValueError where an effect does not fit the machine."""
     return Plant(machine, job, seed, dt_s, planted, keep=keep, plants=None if plants is None else plants.places_m,
-                 terms=terms)
+                 terms=terms, steps=steps)

@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime, timedelta
 from math import cos, degrees, radians, sin
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from control.field.job import Job
 from control.geodesy import TangentPlane
@@ -19,6 +19,7 @@ from control.machine.planting import Planted, schedule
 from control.machine.scale import ScaleInput, scale_reads
 from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start, shaft_step
 from control.machine.speed import SpeedInput, speed_start, speed_step
+from control.machine.steps import Steps
 from control.machine.term_sums import NOTHING, More, TermSums, Told
 from control.machine.terms import SHAFT_ANGLE, Term
 from control.readings import DoseOrder, DriveCommand, GnssFix, PlantSeen, SpeedPlan
@@ -90,9 +91,10 @@ class Plant:
     def __init__(self, machine: Machine, job: Job, seed: int, dt_s: float = 0.05, planted: Sequence[Planted] = (),
                  *,
                  path: Path | None = None, keep: Callable[[Truth], None] | None = None,
-                 plants: Array | None = None, terms: Sequence[Term] = ()) -> None:
+                 plants: Array | None = None, terms: Sequence[Term] = (), steps: Steps | None = None) -> None:
         """`plants`: places (n, 2) of the plants of point mode, east and north, m; None: those of the job. `terms`: what
-        the machine does along with those of its file."""
+        the machine does along with those of its file. `steps`: compiled, of its drives and its flow, for long runs;
+        not of a machine with valves, which share out each step."""
         sim = job.simulated
         self.machine = machine
         self.dt_s = dt_s
@@ -139,6 +141,9 @@ class Plant:
         self._shaft, self._gate = shaft._replace(line=in_lists(shaft.line)), gate._replace(line=in_lists(gate.line))
         self._flow = flow_start(min(sim.hopper_kg, machine.flow.full_kg))
         self._speed = ground._replace(line=in_lists(ground.line))
+        self._drives: Any = None
+        if steps is not None and self.valves is None:
+            self._drives = steps.drives(shaft, gate, self._flow)
         self._fall = fall_start()
         self._shaft_out = ShaftOutput(0.0, 0.0)
         self._gate_out = GateOutput(machine.set_points.opening_mm, machine.set_points.opening_mm)
@@ -236,6 +241,13 @@ class Plant:
 
     def _move(self, rpm: float, opening_mm: float, supply: float, pitch: float, refill: float) -> float:
         true, step, more, valves = self._true, self.dt_s / MODEL_STEPS, self._more, self.valves
+        if self._drives is not None:
+            self._drives.of(true.shaft, true.gate, true.flow)
+            turns = (rpm,) * MODEL_STEPS if self._dose is None else tuple([
+                rpm if self._dose is None else max(rpm, self._dose_rpm(step)) for _ in range(MODEL_STEPS)])
+            flow_kg_s, self._shaft_out, self._gate_out, self._flow = self._drives.tick(
+                turns, opening_mm, supply, pitch, refill, more, step)
+            return float(flow_kg_s)
         shafts, gates, flows = true.shaft, true.gate, true.flow
         shaft_state, gate_state, flow_state = self._shaft, self._gate, self._flow
         shaft_out, gate_out = self._shaft_out, self._gate_out

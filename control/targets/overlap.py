@@ -2,10 +2,11 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
+from control.field.cells import ahead_of
 from control.field.coverage import Coverage, Covered, Raster
 from control.geodesy import Place, direction
 
@@ -78,12 +79,12 @@ class Overlap:
                 (heading_deg - self._looked[1] + 180.0) % 360.0 - 180.0) < SAME_DEG:
             return
         self._looked = track_m, heading_deg
-        over = self._over(place, heading_deg, self.coverage.applied)
+        over = self._over(place, heading_deg, earlier=False)
         if self._wanted_here:
             ends = np.flatnonzero(~over)
             self._wanted_here = bool(over[0])
             meant = slice(int(ends[0]) if len(ends) else len(over))
-            over[meant] = self._over(place, heading_deg, self.coverage.applied_earlier)[meant]
+            over[meant] = self._over(place, heading_deg, earlier=True)[meant]
         self._done_here = bool(over[0])
         seen = (track_m + STEP_M * (np.flatnonzero(over[1:] != over[:-1]) + 0.5)).tolist()
         made = [known for known in self.places_m if known <= fired_to_m]
@@ -94,14 +95,17 @@ class Overlap:
         crossed = sum(1 for edge in self.places_m if edge <= place_m)
         return self._done_here == (crossed % 2 == 1)
 
-    def _over(self, place: Place, heading_deg: float, done_at: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-        """Whether the machine would be over ground that `done_at` (n, 2) -> (n,) calls done, each step ahead (k,)."""
-        east, north = direction(heading_deg)
-        places = np.empty((len(self._ahead), len(self._aside), 2))
-        places[..., 0] = place[0] + self._ahead[:, None] * east + self._aside * north
-        places[..., 1] = place[1] + self._ahead[:, None] * north - self._aside * east
-        done = done_at(places.reshape(-1, 2)).reshape(places.shape[:2])
-        over = done.mean(axis=1) >= SHARE
+    def _over(self, place: Place, heading_deg: float, earlier: bool) -> np.ndarray:
+        """Whether the machine would be over ground that is done, each step ahead (k,). earlier: by an earlier run."""
+        course = direction(heading_deg)
+        done = self.coverage.done_ahead(place, course, self._ahead, self._aside, earlier)
+        if done is None:
+            places = np.empty((len(self._ahead), len(self._aside), 2))
+            places[..., 0] = ahead_of(place[0], self._ahead[:, None], course[0], self._aside, course[1])
+            places[..., 1] = ahead_of(place[1], self._ahead[:, None], course[1], -self._aside, course[0])
+            asked = self.coverage.applied_earlier if earlier else self.coverage.applied
+            done = asked(places.reshape(-1, 2)).reshape(places.shape[:2]).sum(axis=1)
+        over = done / len(self._aside) >= SHARE
         return without_short(over, round(SHORTEST_M / STEP_M))
 
 

@@ -1,0 +1,77 @@
+"""The bitmap's cells one by one, compiled: for long simulated runs.
+
+Importing this loads the compiler, a third of a second: a console that is to start at once does without.
+"""
+from __future__ import annotations
+
+from math import floor
+from typing import Any
+
+import numpy as np
+
+from control.machine.compiled import compiled, jitable
+
+from .cells import TILE, ahead_of, beyond_side, passed_again, put_sides
+
+for _piece in (put_sides, beyond_side, passed_again, ahead_of):
+    jitable(_piece)
+
+
+@jitable
+def _within(triangle: Any, east_m: float, north_m: float) -> bool:
+    """Whether a place lies in a triangle (3, 6), its edges included."""
+    for j in range(3):
+        if not beyond_side(triangle[j, 0], triangle[j, 1], triangle[j, 2], triangle[j, 3], triangle[j, 4],
+                           east_m, north_m) >= triangle[j, 5]:
+            return False
+    return True
+
+
+@compiled
+def stamp_tile(tile: Any, first_row: int, first_column: int, box: Any, cell_m: float, corners: Any, travelled_m: float,
+               revisit_m: float) -> tuple[int, int, int]:
+    """Enter what lies in one tile of a stretch that was passed over; how many cells that is, how many of them are new,
+    and how many done before.
+
+    tile : stamps (TILE, TILE) float32, written. first_row, first_column : its first cell. box : cells of the stretch,
+    south, west, north, east. corners : as `put_sides` has them.
+    """
+    sides = np.empty((2, 3, 6))
+    put_sides(sides, corners)
+    stamp, revisit, new, again = np.float32(travelled_m), np.float32(revisit_m), 0, 0
+    entered = 0
+    for row in range(max(box[0], first_row), min(box[2] + 1, first_row + TILE)):
+        north_m = (row + 0.5) * cell_m
+        for column in range(max(box[1], first_column), min(box[3] + 1, first_column + TILE)):
+            east_m = (column + 0.5) * cell_m
+            if not (_within(sides[0], east_m, north_m) or _within(sides[1], east_m, north_m)):
+                continue
+            entered += 1
+            before = tile[row - first_row, column - first_column]
+            if np.isnan(before):
+                new += 1
+            elif passed_again(stamp, before, revisit):
+                again += 1
+            tile[row - first_row, column - first_column] = stamp
+    return entered, new, again
+
+
+@compiled
+def done_ahead(tiles: Any, south: int, west: int, place: Any, course: Any, along_m: Any, aside_m: Any, cell_m: float,
+               travelled_m: float, revisit_m: float, earlier: bool) -> Any:
+    """How many outlets would be over done ground at each step ahead: (steps,).
+
+    tiles : stamps of the tiles (south, west), (south, west + 1), (south + 1, west) and (south + 1, west + 1), in which
+    all places lie. place, course : of the outlets' middle, east and north. earlier : done by an earlier run alone, else
+    by an earlier pass.
+    """
+    found = np.zeros(len(along_m))
+    for step in range(len(along_m)):
+        for outlet in range(len(aside_m)):
+            east_m = ahead_of(place[0], along_m[step], course[0], aside_m[outlet], course[1])
+            north_m = ahead_of(place[1], along_m[step], course[1], -aside_m[outlet], course[0])
+            column, row = floor(east_m / cell_m) - west * TILE, floor(north_m / cell_m) - south * TILE
+            stamp = np.float64(tiles[2 * (row // TILE) + column // TILE][row % TILE, column % TILE])
+            if stamp == -np.inf if earlier else passed_again(travelled_m, stamp, revisit_m):
+                found[step] += 1.0
+    return found
