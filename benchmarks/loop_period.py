@@ -35,7 +35,7 @@ from console.link import Link
 from console.running import start_worker
 from console.worker.assemble import assemble
 from console.worker.host import Host
-from console.worker.program import Options
+from console.worker.options import Options
 from console.worker.system import take_priority
 from control.orders import Do, Order
 

@@ -1,14 +1,34 @@
-"""`python -P -m console.worker`: see `console.worker.program`."""
+"""`python -P -m console.worker`: see `console.worker.program`.
+
+The right to be the worker is taken before the modules are read: a lock that is new has to settle for 0.4 s, in which
+they come up.
+"""
 from __future__ import annotations
 
+import contextlib
 import sys
+from collections.abc import Sequence
 
 from console import quick_start
 
 quick_start.begin()
 
-from console.worker.assemble import assemble  # noqa: E402
-from console.worker.program import main  # noqa: E402
+from console.worker import run_file  # noqa: E402
+from console.worker.options import options_from  # noqa: E402
+
+
+def main(arguments: Sequence[str]) -> int:
+    options = options_from(arguments)
+    with contextlib.ExitStack() as until_the_end:
+        try:
+            right = until_the_end.enter_context(run_file.held(options.run_file))
+        except OSError as error:
+            print(f"topdress worker: {error}", file=sys.stderr, flush=True)
+            return 1
+        from console.worker.assemble import assemble
+        from console.worker.program import run
+        return run(options, assemble, right)
+
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:], assemble))
+    sys.exit(main(sys.argv[1:]))

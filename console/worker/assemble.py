@@ -7,8 +7,9 @@ from typing import Any
 
 import platformdirs
 
+from console.worker.options import Options
 from console.worker.parts import Assembly, Bench, Names
-from console.worker.program import Clock, Options
+from console.worker.program import Clock
 from console.worker.resume import beside
 from console.worker.resume_assemble import before_of, begun, go_on, job_to_go_on
 from console.worker.resume_keeper import Keeper

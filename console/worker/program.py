@@ -1,110 +1,75 @@
 """The worker as a program: options, priority, assembly, link, loop; and leaving nothing behind."""
 from __future__ import annotations
 
-import argparse
 import contextlib
 import os
 import secrets
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
 
 from console import quick_start
 from console.worker import run_file
 from console.worker.host import Host
-from console.worker.limits import HZ_DEFAULT, HZ_HIGHEST, HZ_LOWEST, ORPHAN_S
 from console.worker.link_server import LinkServer
+from console.worker.options import Options, options_from
 from console.worker.parts import Assembly
 from console.worker.system import take_priority, take_signals
 
 Clock = Callable[[], float]
-
-
-@dataclass(frozen=True, slots=True)
-class Options:
-    """What the worker was started with. `config`: job, machine, crop, cab files in any order (kind by `format:`)."""
-
-    config: tuple[str, ...]
-    run_file: Path
-    hz: float = HZ_DEFAULT
-    log: str | None = None             # None: a new file in the user's data folder
-    seed: int = 1                      # of the simulated machine
-    effects: tuple[str, ...] = ()      # ID=SIZE[@ONSET_S][#MEMBER], planted in the simulated machine
-    orphan_s: float = ORPHAN_S
-    resume: Path | None = None         # go on with the job of this snapshot
-
-
 Assemble = Callable[[Options, Clock], Assembly]
-
-
-def options_from(arguments: Sequence[str]) -> Options:
-    """Read the command line; ends the process with one line and code 2 where it is wrong."""
-    parser = argparse.ArgumentParser(prog="python -P -m console.worker", description="The control worker of topdress.")
-    parser.add_argument("--config", action="append", default=[], metavar="FILE",
-                        help="job, machine, crop or cab file (repeatable); none: the simulated machine")
-    parser.add_argument("--run-file", type=Path, required=True, help="where to say on which port this worker listens")
-    parser.add_argument("--hz", type=_hz, default=HZ_DEFAULT, help=f"ticks a second (default {HZ_DEFAULT:g})")
-    parser.add_argument("--log", metavar="NAME.csv", help="run log (default: a new file in the user's data folder)")
-    parser.add_argument("--seed", type=int, default=1, help="of the simulated machine")
-    parser.add_argument("--effect", action="append", default=[], metavar="ID=SIZE",
-                        help="plant an effect in the simulated machine (repeatable)")
-    parser.add_argument("--resume", type=Path, metavar="NAME.resume.json", help="go on with this job, in a new log")
-    parser.add_argument("--orphan-s", type=float, default=ORPHAN_S, help=argparse.SUPPRESS)
-    given = parser.parse_args(arguments)
-    return Options(config=tuple(given.config), run_file=given.run_file, hz=given.hz, log=given.log, seed=given.seed,
-                   effects=tuple(given.effect), orphan_s=given.orphan_s, resume=given.resume)
 
 
 def main(arguments: Sequence[str], assemble: Assemble) -> int:
     """Run one worker to its end; 0 after a clean stop, 1 with one line on stderr otherwise."""
     options = options_from(arguments)
-    refused = take_priority(os.environ.get("TOPDRESS_FIFO"))      # before any thread starts: all inherit it
-    if refused:
-        print(refused, file=sys.stderr, flush=True)
+    with contextlib.ExitStack() as until_the_end:
+        try:
+            right = until_the_end.enter_context(run_file.held(options.run_file))      # before any device is opened
+        except OSError as error:
+            return refused(error)
+        return run(options, assemble, right)
+
+
+def run(options: Options, assemble: Assemble, right: run_file.Right) -> int:
+    """As `main`, where the right to be the worker is `run_file.held` already."""
+    why_not = take_priority(os.environ.get("TOPDRESS_FIFO"))      # before any thread starts: all inherit it
+    if why_not:
+        print(why_not, file=sys.stderr, flush=True)
     began = time.monotonic()
 
     def clock() -> float:
         return time.monotonic() - began
 
-    with contextlib.ExitStack() as until_the_end:
-        try:
-            right = until_the_end.enter_context(run_file.held(options.run_file))      # before any device is opened
-            assembly = assemble(options, clock)
-        except (OSError, ValueError) as error:
-            return _refused(error)
-        host = Host(assembly, clock, time.sleep, hz=options.hz, orphan_s=options.orphan_s)
-        take_signals(host.stop)
-        token = secrets.token_hex(16)
-        try:
-            link = LinkServer(host, token)
-            right.confirm()
-            said = run_file.RunFile(right, link.port, token, assembly.names.log_path)
-            said.write()
-        except OSError as error:
-            host.close("failed")
-            return _refused(error)
-        said.start()
-        link.start()
-        quick_start.done()
-        try:
-            host.run()
-        finally:
-            said.close()
-            link.close()
-            if assembly.writer.trouble:
-                print(f"topdress worker: {assembly.writer.trouble}", file=sys.stderr, flush=True)
-        return 0
+    try:
+        assembly = assemble(options, clock)
+    except (OSError, ValueError) as error:
+        return refused(error)
+    host = Host(assembly, clock, time.sleep, hz=options.hz, orphan_s=options.orphan_s)
+    take_signals(host.stop)
+    token = secrets.token_hex(16)
+    try:
+        link = LinkServer(host, token)
+        right.confirm()
+        said = run_file.RunFile(right, link.port, token, assembly.names.log_path)
+        said.write()
+    except OSError as error:
+        host.close("failed")
+        return refused(error)
+    said.start()
+    link.start()
+    quick_start.done()
+    try:
+        host.run()
+    finally:
+        said.close()
+        link.close()
+        if assembly.writer.trouble:
+            print(f"topdress worker: {assembly.writer.trouble}", file=sys.stderr, flush=True)
+    return 0
 
 
-def _refused(error: Exception) -> int:
+def refused(error: Exception) -> int:
+    """Said in one line; the code with which the process ends."""
     print(f"topdress worker: {error}", file=sys.stderr, flush=True)
     return 1
-
-
-def _hz(text: str) -> float:
-    hz = float(text)
-    if not HZ_LOWEST <= hz <= HZ_HIGHEST:
-        raise argparse.ArgumentTypeError(f"{text}: allowed are {HZ_LOWEST:g} to {HZ_HIGHEST:g}")
-    return hz

@@ -7,7 +7,7 @@ from math import hypot
 from pathlib import Path
 
 from console.worker import resume
-from console.worker.program import Options
+from console.worker.options import Options
 from console.worker.resume import Snapshot
 from console.worker.resume_tail import with_tail
 from control.field.job import Job

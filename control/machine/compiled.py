@@ -48,8 +48,8 @@ for _piece in (elements.line_put, elements.line_mean, elements.line_held, elemen
 
 
 def _sources_of(run: Callable[..., Any]) -> str:
-    """A hash of what is compiled into it: these files, and those of its own folder where it stands elsewhere. A module's
-    constants stand in no bytecode, so that numba's own key does not see them change."""
+    """A hash of what is compiled into it: these files, and those of its own folder where it stands elsewhere. Constants
+    of a module stand in no bytecode, so that numba's own key does not see them change."""
     code: Any = run.__code__
     folder = pathlib.Path(code.co_filename).parent
     if folder == _here:

@@ -12,7 +12,7 @@ from console.app.pages.job.nrich import StripRun
 from console.cli import app
 from console.services.rerun import rerun
 from console.worker.assemble import assemble
-from console.worker.program import Options
+from console.worker.options import Options
 from control.agronomy.crop import Crop
 from control.agronomy.noa import prepare
 from control.log_row import HEAD_COLUMNS, NDRE_COLUMNS, LogRow

@@ -73,7 +73,7 @@ def test_without_one_silence_means_nothing(switched, board_line):
 
 def test_the_worker_tells_its_loop_of_the_switch(tmp_path, monkeypatch):
     from console.worker import assemble as assembling
-    from console.worker.program import Options
+    from console.worker.options import Options
     told = []
     monkeypatch.setattr(assembling, "control_loop",
                         lambda *parts, **named: told.append(parts[4]) or control_loop(*parts, **named))
@@ -114,7 +114,7 @@ def test_two_figures_for_one_wheel_are_said_by_check_and_refused_by_a_run(tmp_pa
 
     from console.cli import app
     from console.worker.assemble import assemble
-    from console.worker.program import Options
+    from console.worker.options import Options
     from drivers.files.config import save
     from drivers.files.kinds import MACHINE
     cab, machine = tmp_path / "cab.yaml", tmp_path / "machine.yaml"

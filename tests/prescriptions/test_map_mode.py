@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from console.cli import app
 from console.worker.assemble import assemble
-from console.worker.program import Options
+from console.worker.options import Options
 from control.field.job import Ground, Job, Simulated, SpeedChange, Wanted
 from control.geodesy import TangentPlane
 from control.loop import ControlLoop

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from console.cli import app
 from console.worker.assemble import assemble
-from console.worker.program import Options
+from console.worker.options import Options
 from control.field.coverage import Raster
 from control.field.job import Camera, Job, Plants, Wanted
 from control.field.totals import NOTHING

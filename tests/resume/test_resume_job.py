@@ -12,7 +12,7 @@ import pytest
 from console.worker import resume
 from console.worker.assemble import assemble
 from console.worker.host import Host
-from console.worker.program import Options, options_from
+from console.worker.options import Options, options_from
 from console.worker.requests import Ask
 from console.worker.resume import Snapshot
 from console.worker.resume_alarms import AlarmBook, AlarmRecord

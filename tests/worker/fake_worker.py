@@ -11,8 +11,9 @@ import threading
 import time
 from dataclasses import dataclass, field
 
+from console.worker.options import Options
 from console.worker.parts import Assembly, Names
-from console.worker.program import Clock, Options, main
+from console.worker.program import Clock, main
 from control.agronomy.strips import Strips
 from control.field.totals import Totaliser, Totals
 from control.log_row import LogRow

@@ -11,7 +11,7 @@ import pytest
 from console.running import WorkerFailed, start_worker
 from console.worker.assemble import assemble
 from console.worker.host import Host
-from console.worker.program import Options
+from console.worker.options import Options
 from control.orders import Do, Order
 from drivers.files.read_log import read_log
 
@@ -73,7 +73,7 @@ import sys
 from pathlib import Path
 from console.worker.assemble import assemble
 from console.worker.host import Host
-from console.worker.program import Options
+from console.worker.options import Options
 import console.worker.__main__
 now = [0.0]
 parts = assemble(Options((), Path('w.json'), log={str(tmp_path / 'run.csv')!r}), lambda: now[0])

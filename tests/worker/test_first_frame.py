@@ -1,0 +1,39 @@
+"""What a console waits for until its first number: neither for modules nor for the next frame."""
+from __future__ import annotations
+
+import asyncio
+import os
+import subprocess
+import sys
+
+from console.link import Link
+from console.running import Where
+from console.worker.link_server import LinkServer
+
+
+async def test_who_comes_gets_the_newest_frame_at_once(rig):
+    made = rig()
+    made.host.tick(0.0)                         # one frame, and none after it
+    server = LinkServer(made.host, "key")
+    server.start()
+    links = [Link(Where(server.port, "key", os.getpid()), name) for name in ("first", "second")]
+    tasks = []
+    try:
+        for link in links:
+            tasks.append(asyncio.create_task(link.run()))
+            await asyncio.wait_for(link.attached.wait(), 5.0)
+        assert [link.newest.seq for link in links] == [made.host.newest.seq] * 2
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        server.close()
+
+
+def test_the_right_to_be_the_worker_is_taken_before_the_modules_are_read():
+    """A new lock settles for 0.4 s: they come up meanwhile."""
+    heavy = "numpy", "pydantic", "yaml", "control.loop", "drivers.cab"
+    said = subprocess.run([sys.executable, "-c", "import sys, console.worker.__main__; "
+                           f"print([name for name in {heavy} if name in sys.modules])"],
+                          capture_output=True, text=True, check=True)
+    assert said.stdout.strip() == "[]"
