@@ -227,3 +227,18 @@ def test_it_goes_out_by_section(by_section, tmp_path: Path):
     for name in ("out.geojson", "out.shp", "task"):
         write_as_applied(found, tmp_path / name, polygons=True)
     assert (tmp_path / "out.geojson").read_text(encoding="utf-8").count("Polygon") == len(found.stretches.time_s)
+
+
+@pytest.mark.parametrize(("limit_kg_ha", "seconds"), [(300.0, 48.0), (250.0, 48.0), (400.0, 0.0)])
+def test_ground_above_the_crops_limit_is_told_in_hectares_and_kilograms(known_log: RunLog, limit_kg_ha: float,
+                                                                        seconds: float) -> None:
+    """320 kg/ha were wanted for 48 s of work at 1.25 m/s, on the width of the machine."""
+    assert known_log.meta is not None and known_log.meta.crop is not None
+    meta = dataclasses.replace(known_log.meta, crop={**known_log.meta.crop, "max_rate_kg_ha": limit_kg_ha})
+    cut = as_applied(dataclasses.replace(known_log, meta=meta)).cut
+    if not seconds:
+        assert cut is None
+        return
+    assert cut is not None and (cut.limit_kg_ha, cut.highest_kg_ha) == (limit_kg_ha, 320.0)
+    assert cut.area_ha == pytest.approx(seconds * 1.25 * Machine().geometry.working_width_m / 1e4, rel=0.02)
+    assert cut.less_kg == pytest.approx(cut.area_ha * (320.0 - limit_kg_ha))
