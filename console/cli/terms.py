@@ -13,8 +13,9 @@ if TYPE_CHECKING:
 
 def parse_terms(texts: Sequence[str]) -> list[Term]:
     """Terms of a simulated machine, each with an id of its own. Raises CommandError or ConfigError, a line each."""
+    from control.machine.form import SHAFT_ANGLE
     from control.machine.term_sums import KNOWN_TO_CONTROL
-    from control.machine.terms import SHAFT_ANGLE, parse_term
+    from control.machine.terms import parse_term
     allowed = (*KNOWN_TO_CONTROL, SHAFT_ANGLE)
     found: list[Term] = []
     for text in texts:
@@ -44,7 +45,8 @@ def _valid(data: dict[str, Any]) -> Term:
 
 def what_terms_are() -> list[str]:
     """Lines that say what a term is, what it acts on, its forms and its variables."""
-    from control.machine.terms import COEFFICIENTS, EXAMPLE, GRAMMAR, STAGE_OF, UNIT_OF, VARIABLES
+    from control.machine.form import FORMS
+    from control.machine.terms import EXAMPLE, GRAMMAR, STAGE_OF, UNIT_OF, VARIABLES
     return [
         "", "Beyond the catalogue: terms, in the machine file's list `terms` (docs/terms.md) or planted with --term.",
         f"    grammar: {GRAMMAR}", f"    example: {EXAMPLE}",
@@ -52,5 +54,5 @@ def what_terms_are() -> list[str]:
                                     for acts, stage in STAGE_OF.items()),
         "    variables: " + ", ".join(f"{name} ({unit})" for name, unit in VARIABLES.items())
         + "; further columns of a log by name",
-        *(f"    form {form.value}: {use.means}  ({', '.join(use.needs) or 'nodes, values'}"
-          + (f"; may have {', '.join(use.may)})" if use.may else ")") for form, use in COEFFICIENTS.items())]
+        *(f"    form {form}: {use.means}  ({', '.join(use.needs) or 'nodes, values'}"
+          + (f"; may have {', '.join(use.may)})" if use.may else ")") for form, use in FORMS.items())]

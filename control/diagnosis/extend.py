@@ -5,10 +5,11 @@ from collections.abc import Mapping, Sequence
 
 from control.diagnosis.effects import ROWS, FoundBy
 from control.diagnosis.outside import machine_of
+from control.machine.form import FORMS, SHAFT_ANGLE
 from control.machine.history import noted
 from control.machine.machine import CATALOGUE, Adopted, Machine, bounds, with_effect
 from control.machine.planting import Planted
-from control.machine.terms import SHAFT_ANGLE, Form, Source, Term
+from control.machine.terms import Source, Term
 
 from .result import UNKNOWN, Cause, Diagnosis, TermFound
 
@@ -94,7 +95,7 @@ def adoptable_terms(diagnosis: Diagnosis) -> tuple[TermFound, ...]:
 
 def term_not_adoptable(found: TermFound) -> str:
     """Why no machine file takes up a term; "" where one may."""
-    if found.term["form"] == Form.SPAN.value:
+    if FORMS[found.term["form"]].one_run:
         return "it holds for a span of one run: the model stays"
     if any(variable["name"] == SHAFT_ANGLE for variable in found.term["over"]):
         return "where the shaft stands when another run begins is not known: the model stays"

@@ -14,10 +14,11 @@ from typing import Any, TypeVar
 import numba
 import numpy as np
 import platformdirs
-from numba.extending import register_jitable
+from numba.extending import overload, register_jitable
 from numba.np.unsafe import ndarray
 
-from . import elements, fall, flow, gate, heads, scale, shaft, speed, term_step
+from . import elements, fall, flow, forms, gate, heads, scale, shaft, speed, term_step
+from .form import TermParams
 from .kept_code import KeptCode, named_apart
 from .over_log import Run, filling, mapped, with_room
 
@@ -42,9 +43,27 @@ for _piece in (elements.line_put, elements.line_mean, elements.line_held, elemen
                flow.bridged, flow.grams_per_rev, flow.common_factor, fall.start_drop_s, fall.drop_s,
                shaft.approach, shaft.asked_rpm, shaft.dead_s, shaft.lag_s, shaft.shaft_step,
                gate.gate_step, flow.flow_step, speed.speed_step, fall.fall_step,
-               scale.scale_reads, heads.head_reads, term_step.clipped, term_step.remembered,
-               term_step.straight, term_step.between, term_step.sided, term_step.term_step):
+               scale.scale_reads, heads.head_reads, forms.clipped, term_step.remembered,
+               term_step.term_step):
     jitable(_piece)
+for _value in forms.VALUES:
+    jitable(_value)
+
+
+def _either(number: int, value: Callable[..., float], others: Callable[..., float]) -> Callable[..., float]:
+    """The value of the form with this number, or of one of the others."""
+    def chosen(p: TermParams, x: float, y: float, slow: float) -> float:
+        return value(p, x, y, slow) if p.form == number else others(p, x, y, slow)
+    return jitable(chosen)
+
+
+@overload(term_step.value_of)
+def _value_of(p, x, y, slow):  # type: ignore[no-untyped-def]
+    """Compiled code has no list of functions: one question after the other."""
+    chosen = forms.VALUES[-1]
+    for number in reversed(range(len(forms.VALUES) - 1)):
+        chosen = _either(number, forms.VALUES[number], chosen)
+    return lambda p, x, y, slow: chosen(p, x, y, slow)
 
 
 def _sources_of(run: Callable[..., Any]) -> str:

@@ -1,18 +1,17 @@
 """What a machine's terms come to together, quantity by quantity: tick by tick, or over a log by the same evaluator."""
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from .elements import Array, DelayLine, in_lists, line_mean, line_put, line_start
+from .form import FORMS, SHAFT_ANGLE, TermParams, TermRun
 from .machine import Machine
 from .shaft import dead_s
-from .term_step import TermParams, TermState, term_step
-from .terms import COMMANDED_MM, COMMANDED_RPM, SHAFT_ANGLE, Acts, Form, Term, needed, params_of
-
-TermRun = Callable[[TermParams, Array, Array, Array], Array]       # `compiled.term_run`, or the same interpreted
+from .term_step import TermState, term_step
+from .terms import COMMANDED_MM, COMMANDED_RPM, Acts, Term, needed, params_of
 
 
 class More(NamedTuple):
@@ -136,7 +135,7 @@ def angle_over_log(shaft_rpm: Array, time_s: Array) -> Array:
 
 def not_compensated(term: Term, known: Iterable[str] = ()) -> str:
     """Why control cannot take a term's error back; "" where it does. known : further columns that a device gives."""
-    if term.form is Form.SPAN:
+    if FORMS[term.form].one_run:
         return "it holds for a span of one run"
     if SHAFT_ANGLE in term.variables:
         return "control does not know the shaft's angle when what it commands comes to pass"

@@ -14,7 +14,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from .elements import Table
-from .term_step import TermParams
+from .form import FORMS, SHAFT_ANGLE, TermParams
+from .forms import NODES, Form, params
 
 
 class Acts(StrEnum):
@@ -30,67 +31,16 @@ class Acts(StrEnum):
     WHEEL_PERCENT = "wheel_percent"         # of the wheel's speed reading
 
 
-class Form(StrEnum):
-    """The closed list of forms, in the order of the numbers in `term_step`."""
-
-    SLOPE = "slope"
-    BEND = "bend"
-    HINGE = "hinge"
-    SATURATION = "saturation"
-    DEAD_ZONE = "dead_zone"
-    THRESHOLD = "threshold"
-    PRODUCT = "product"
-    MEMORY = "memory"
-    PERIODIC = "periodic"
-    SIDE = "side"
-    SPAN = "span"
-    TABLE = "table"
-
-
 STAGE_OF = {Acts.SHAFT_PERCENT: "shaft", Acts.SHAFT_RPM: "shaft", Acts.GATE_MM: "gate", Acts.FLOW_PERCENT: "flow",
             Acts.FLOW_KG_MIN: "flow", Acts.SCALE_KG: "scale", Acts.SCALE_KG_MIN: "scale", Acts.WHEEL_PERCENT: "speed"}
 UNIT_OF = {Acts.SHAFT_PERCENT: "%", Acts.SHAFT_RPM: "r/min", Acts.GATE_MM: "mm", Acts.FLOW_PERCENT: "%",
            Acts.FLOW_KG_MIN: "kg/min", Acts.SCALE_KG: "kg", Acts.SCALE_KG_MIN: "kg/min", Acts.WHEEL_PERCENT: "%"}
-SHAFT_ANGLE = "shaft_angle_deg"
 # Recorded variables with their units. Of its own stage a term sees the command that the drive follows by now; the
 # shaft's angle is counted from the beginning of the run.
 VARIABLES = {"shaft_rpm": "r/min", "opening_mm": "mm", "hopper_kg": "kg", "pitch_deg": "deg", "roll_deg": "deg",
              "supply_v": "V", "speed_mps": "m/s", "heading_deg": "deg", "time_s": "s", SHAFT_ANGLE: "deg"}
 
 
-class Use(NamedTuple):
-    """Coefficients of a form: those that it must have, and those that it may have."""
-
-    needs: tuple[str, ...]
-    may: tuple[str, ...]
-    means: str
-
-
-COEFFICIENTS: dict[Form, Use] = {
-    Form.SLOPE: Use(("slope",), ("at", "level"), "level + slope (x - at)"),
-    Form.BEND: Use(("bend",), ("slope", "at", "level"), "level + slope (x - at) + bend (x - at)^2"),
-    Form.HINGE: Use(("at",), ("below", "above", "level"),
-                    "level + below (x - at) where x is less than at, above (x - at) where it is more"),
-    Form.SATURATION: Use(("slope", "low_end", "high_end"), ("level",),
-                         "level + slope (x - low_end), x held between low_end and high_end"),
-    Form.DEAD_ZONE: Use(("slope", "low_end", "high_end"), ("level",),
-                        "level between low_end and high_end, + slope for each unit beyond them"),
-    Form.THRESHOLD: Use(("at",), ("below", "above", "level"), "level + above where x is more than at, else + below"),
-    Form.PRODUCT: Use(("slope",), ("at", "second_at", "level"), "level + slope (x - at) (y - second_at)"),
-    Form.MEMORY: Use(("bend", "tau_s"), ("slope", "at", "level"),
-                     "level + slope (x - at) + bend (m - at), m following x with the time constant tau_s"),
-    Form.PERIODIC: Use(("cycles",), ("sine", "cosine", "level"),
-                       "level + sine sin(cycles x) + cosine cos(cycles x), x an angle"),
-    Form.SIDE: Use(("high_end",), ("below", "above", "at", "tau_s", "level"),
-                   "level + above on one side of at and below on the other, even between at - high_end and at + "
-                   "high_end; with tau_s the side is the way in which x moves"),
-    Form.SPAN: Use(("low_end", "high_end", "above"), ("grows", "level"),
-                   "level + above from low_end to high_end (s), growing to it with grows 1"),
-    Form.TABLE: Use((), ("level",), "straight lines through nodes and values, held beyond the ends"),
-}
-POSITIVE = {"tau_s", "cycles"}
-NODES = 8
-ANGLES = {"heading_deg", SHAFT_ANGLE}
 Number = Annotated[float, Field(ge=-1e9, le=1e9)]
 
 
@@ -167,7 +117,7 @@ class Term(BaseModel):
         return self
 
     def _numbers(self) -> None:
-        use = COEFFICIENTS[self.form]
+        use = FORMS[self.form]
         allowed = (*use.needs, *use.may)
         for name in self.coefficients:
             if name not in allowed:
@@ -175,27 +125,24 @@ class Term(BaseModel):
         for name in use.needs:
             if name not in self.coefficients:
                 _wrong(("coefficients",), f"{name} is missing: form {self.form.value} needs {_listed(use.needs)}")
-        for name in POSITIVE & self.coefficients.keys():
-            if not self.coefficients[name] > 0.0:
+        for name in use.positive:
+            if not self.coefficients.get(name, 1.0) > 0.0:
                 _wrong(("coefficients", name), "allowed more than 0")
 
     def _variables(self) -> None:
-        wanted = 2 if self.form is Form.PRODUCT else 1
-        if len(self.over) != wanted:
-            _wrong(("over",), f"allowed: form {self.form.value} has {wanted} variable{'s' if wanted > 1 else ''}")
-        if self.form is Form.PERIODIC and self.over[0].name not in ANGLES:
-            _wrong(("over", 0, "name"), f"allowed: form periodic is over an angle: {_listed(sorted(ANGLES))}")
-        if self.form is not Form.PERIODIC and SHAFT_ANGLE in [one.name for one in self.over]:
-            _wrong(("over", 0, "name"), f"allowed: {SHAFT_ANGLE} has form periodic")
-        if self.form is Form.SPAN and self.over[0].name != "time_s":
-            _wrong(("over", 0, "name"), "allowed: form span is over time_s")
+        form, names = FORMS[self.form], self.variables
+        if len(names) != form.variables:
+            many = "s" if form.variables > 1 else ""
+            _wrong(("over",), f"allowed: form {self.form.value} has {form.variables} variable{many}")
+        if form.only_over and names[0] not in form.only_over:
+            _wrong(("over", 0, "name"), f"allowed: form {self.form.value} is over {_listed(form.only_over)}")
+        if SHAFT_ANGLE in names and SHAFT_ANGLE not in form.only_over:
+            _wrong(("over", 0, "name"), f"allowed: {SHAFT_ANGLE} has form {Form.PERIODIC.value}")
 
     def _ends(self) -> None:
-        c = self.coefficients
-        if self.form in (Form.SATURATION, Form.DEAD_ZONE, Form.SPAN) and not c["low_end"] < c["high_end"]:
-            _wrong(("coefficients", "high_end"), f"allowed more than low_end, which is {c['low_end']:g}")
-        if self.form is Form.SIDE and not c["high_end"] > 0.0:
-            _wrong(("coefficients", "high_end"), "allowed more than 0")
+        low, high = self.coefficients.get("low_end"), self.coefficients.get("high_end")
+        if low is not None and high is not None and not low < high:
+            _wrong(("coefficients", "high_end"), f"allowed more than low_end, which is {low:g}")
 
     def _table(self) -> None:
         if self.form is not Form.TABLE:
@@ -238,11 +185,10 @@ def params_of(term: Term) -> TermParams:
     low, high = term.over[0].valid or (-1e300, 1e300)
     second_low, second_high = (term.over[1].valid or (-1e300, 1e300)) if len(term.over) > 1 else (-1e300, 1e300)
     numbers: dict[str, Any] = {name: float(value) for name, value in term.coefficients.items()}
-    found = TermParams(list(Form).index(term.form), float(low), float(high), float(second_low),
-                       float(second_high))._replace(**numbers)
-    if term.form is Form.TABLE:
-        found = found._replace(nodes=_filled(term.nodes, 1.0), values=_filled(term.values, 0.0))
-    return found
+    if term.nodes:
+        numbers |= {"nodes": _filled(term.nodes, 1.0), "values": _filled(term.values, 0.0)}
+    return params(term.form, low=float(low), high=float(high), second_low=float(second_low),
+                  second_high=float(second_high), **numbers)
 
 
 def _filled(numbers: tuple[float, ...], step: float) -> Table:

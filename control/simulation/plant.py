@@ -12,6 +12,7 @@ from control.geodesy import TangentPlane
 from control.machine.elements import Array, in_lists, stepped
 from control.machine.fall import FallInput, drop_s, fall_start, fall_step
 from control.machine.flow import FlowInput, flow_start, flow_step
+from control.machine.form import SHAFT_ANGLE
 from control.machine.gate import GateInput, GateOutput, gate_start, gate_step
 from control.machine.heads import HeadInput, head_reads
 from control.machine.machine import Machine
@@ -21,7 +22,7 @@ from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start, shaft_st
 from control.machine.speed import SpeedInput, speed_start, speed_step
 from control.machine.steps import Steps
 from control.machine.term_sums import NOTHING, More, TermSums, Told
-from control.machine.terms import SHAFT_ANGLE, Term
+from control.machine.terms import Term
 from control.readings import DoseOrder, DriveCommand, GnssFix, PlantSeen, SpeedPlan
 
 from .canopy import AcrossWidth, CanopyField

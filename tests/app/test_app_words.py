@@ -15,6 +15,7 @@ from console.app.gallery import Picture, settle, still_app
 from console.app.pages.job.day import crop_note
 from console.locale import N_, _, catalogue, in_use, languages, preferred, use
 from console.locale.po import read_po
+from control.machine.form import FORMS
 from control.orders import Alarm, Severity, State, Strategy, TargetSource
 from control.safety import ALARMS, INTERLOCKS, REFUSALS
 from drivers.files.config import load, shipped
@@ -57,6 +58,8 @@ def all_texts() -> dict[str, str]:
     texts = marked() | refused()
     for kind in ALARMS.values():
         texts |= dict.fromkeys((kind.text, kind.todo, kind.place), "alarms")
+    for form in FORMS.values():
+        texts |= dict.fromkeys(form.sentences, "forms")
     return texts | dict.fromkeys(REFUSALS.values(), "refusals") | dict.fromkeys(crop_notes(), "crop notes")
 
 

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
+from control.machine.forms import Form
 from control.machine.machine import Machine
-from control.machine.terms import Form
 
 HERE = Path(__file__).parent
 BENCHMARKS = HERE.parents[1] / "benchmarks" / "diagnosis"

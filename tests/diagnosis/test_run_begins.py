@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from control.diagnosis.extend import extend
-from control.diagnosis.judgement.evidence import Role, problem
+from control.diagnosis.judgement.evidence import Role
 from control.diagnosis.judgement.noise import coefficients, series_of, strengths
 from control.diagnosis.result import UNKNOWN
-from control.diagnosis.runs.changes import END_S, best_begins
+from control.diagnosis.runs.changepoint import END_S, best_begins
 from control.diagnosis.runs.channels import channels
 from control.diagnosis.runs.coarsening import even_gain
 from control.diagnosis.runs.columns import Columns
@@ -70,8 +70,7 @@ def test_the_gain_of_a_box_is_that_of_least_squares(work, machine, id_, channel)
     candidate = next(c for c in search.candidates if c.part.id == id_)
     banded, base = model.banded_residual(()), columns.of_hypothesis(())
     trace = model.difference((), candidate.part)
-    p = problem(model.channels, banded, base)
-    found = best_begins(p, model.channels, banded, base, [noise], [candidate], [trace], matters=0.0, temporary=True)
+    found = best_begins(model.channels, banded, base, [noise], [candidate], [trace], matters=0.0, temporary=True)
     box = next((one for one in found if one.part.until_s is not None), None)
     assert box is not None and box.part.until_s - box.part.onset_s >= 20.0
 

@@ -14,7 +14,6 @@ from console.reports.term_words import compensation, sentence
 from control.diagnosis import diagnose_run, extend
 from control.diagnosis.extend import adoptable_terms, term_not_adoptable
 from control.diagnosis.result import Diagnosis, TermFound
-from control.diagnosis.runs import term_forms
 from control.machine.compiled import shaft_run, term_run
 from control.machine.machine import Machine
 from control.machine.over_log import input_rows, no_switch
@@ -108,17 +107,6 @@ def test_sizes_are_those_that_were_planted() -> None:
     assert at["roll_deg"] == pytest.approx(0.5, abs=0.3)
 
 
-def test_a_product_whose_level_is_not_known_is_nothing_at_its_place() -> None:
-    """It was fitted about the middle of its variables: what it does there is no level."""
-    x, y = (term_forms.Scaled(name, np.zeros(3), middle, spread, -9.0, 9.0)
-            for name, middle, spread in (("roll_deg", -0.1, 2.0), ("speed_mps", 1.0, 0.2)))
-    form = term_forms.Tried(term_forms.Form.PRODUCT, ("roll_deg", "speed_mps"), {"mains": 1.0}, np.eye(3), 12.0)
-    by, sizes = {"roll_deg": x, "speed_mps": y}, np.array([-8.0, -0.4, 8.0])
-    unknown = term_forms.coefficients(form, sizes, 0.0, by)
-    assert unknown == pytest.approx({"slope": 20.0, "at": 0.0, "second_at": 1.2, "level": 0.0})
-    assert term_forms.coefficients(form, sizes, 0.7, by) == pytest.approx({**unknown, "level": 0.3})
-
-
 @pytest.mark.exam
 def test_a_constant_that_is_lost_of_every_command_is_no_gain() -> None:
     found = diagnose_run(shaft_log("shaft_rpm saturation shaft_rpm slope=-1 low_end=0 high_end=2.5"), Machine())
@@ -194,55 +182,6 @@ def test_it_is_said_in_a_sentence_with_range_and_what_control_does() -> None:
     assert len(found.terms[0].seen) > 5
     _, seen, told = np.array(found.terms[0].seen).T
     assert np.max(np.abs(seen - told)) < 0.4
-
-
-def test_an_angle_driven_up_and_down_has_one_amplitude_along_its_axis() -> None:
-    """Sine and cosine are not told apart there, and across the axis nothing is said; all round there are two."""
-    rng, work = np.random.default_rng(1), np.ones(2000, bool)
-    time_s = np.arange(2000.0)
-    field = np.where(time_s % 200 < 100, 30.0, 210.0) + rng.normal(0.0, 1.0, 2000)
-    [along] = term_forms.over_one(term_forms.scaled("heading_deg", field, work), time_s, work).forms
-    assert along.mix.shape[1] == 1
-    sine, cosine = along.mix[:2, 0]
-    assert abs(sine * np.sin(np.radians(30.0)) + cosine * np.cos(np.radians(30.0))) > 0.999
-    round_it = term_forms.over_one(term_forms.scaled("heading_deg", rng.uniform(0.0, 360.0, 2000), work), time_s, work)
-    assert {form.mix.shape[1] for form in round_it.forms} == {2}
-
-
-@pytest.mark.parametrize("axis_deg", [4.0, 30.0, 90.0, 163.0, 178.0])
-def test_what_was_seen_up_and_down_a_field_is_told_of_these_headings_alone(axis_deg: float) -> None:
-    """The phase of a cycle is not known from one axis: across it a wave would be a guess."""
-    rng, work = np.random.default_rng(1), np.ones(2000, bool)
-    time_s = np.arange(2000.0)
-    field = np.mod(np.where(time_s % 200 < 100, axis_deg, axis_deg + 180.0) + rng.normal(0.0, 1.0, 2000), 360.0)
-    heading = term_forms.scaled("heading_deg", field, work)
-    [along] = term_forms.over_one(heading, time_s, work).forms
-    ahead = float(along.mix[:2, 0] @ [np.sin(np.radians(axis_deg)), np.cos(np.radians(axis_deg))])
-    nodes, values = term_forms.table_of(along, np.array([0.5 * ahead]), 0.1, {"heading_deg": heading})
-    assert term_forms.coefficients(along, np.array([0.5]), 0.1, {"heading_deg": heading}) == {}
-    form = term_forms.reported_form(along)
-    term = Term.model_validate({"id": "shaft.table", "acts_on": "shaft_percent", "form": form,
-                                "over": [{"name": "heading_deg"}], "nodes": nodes, "values": values})
-    asked = np.mod(axis_deg + np.array([-10.0, 0.0, 10.0, 40.0, 90.0, 140.0, 170.0, 180.0, 190.0, 220.0, 270.0, 320.0]),
-                   360.0)
-    told = over_log([term], {"heading_deg": asked}, np.arange(12.0), term_run)["shaft_percent"]
-    assert told == pytest.approx([0.6] * 3 + [0.1] * 3 + [-0.4] * 3 + [0.1] * 3)
-
-
-@pytest.mark.parametrize(("low", "high"), [(-0.4, 0.3), (0.6, 1.4), (-2.0, -1.9)])
-def test_a_saturation_is_reported_as_it_was_fitted_without_a_large_level(low: float, high: float) -> None:
-    rng, time_s = np.random.default_rng(1), np.arange(500.0)
-    roll = term_forms.scaled("roll_deg", 4.0 + 3.0 * rng.standard_normal(500), np.ones(500, bool))
-    form = term_forms.Tried(term_forms.Form.SATURATION, ("roll_deg",), {"low_end": low, "high_end": high},
-                            np.ones((1, 1)), 4.0)
-    by = {"roll_deg": roll}
-    [series] = term_forms.columns_at(form, by, time_s)
-    numbers = term_forms.coefficients(form, np.array([30.0]), 0.2, by)
-    term = Term.model_validate({"id": "shaft.saturation", "acts_on": "shaft_percent", "form": "saturation",
-                                "over": [roll.variable.model_dump()], "coefficients": numbers})
-    told = over_log([term], {"roll_deg": roll.x}, time_s, term_run)["shaft_percent"]
-    assert told == pytest.approx(0.2 + 30.0 * series)
-    assert series.min() <= 0.0 <= series.max() and abs(numbers["level"] - 0.2) <= 30.0 * (high - low)
 
 
 def test_the_level_of_a_term_is_that_of_the_machine_tolerance_and_all() -> None:

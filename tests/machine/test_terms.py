@@ -9,10 +9,12 @@ import pytest
 import yaml
 
 from control.machine.compiled import term_run
+from control.machine.form import FORMS, TermParams
+from control.machine.forms import Form
 from control.machine.machine import Machine
-from control.machine.term_step import TermParams, TermState, over_rows, term_step
+from control.machine.term_step import TermState, over_rows, term_step
 from control.machine.term_sums import NOTHING, TermSums, Told, angle_over_log, commanded_over_log, over_log
-from control.machine.terms import COEFFICIENTS, Form, Term, needed, params_of, parse_term
+from control.machine.terms import Term, needed, params_of, parse_term
 from drivers.files.config import ConfigError, load, save, shipped
 from drivers.files.kinds import MACHINE
 
@@ -49,7 +51,7 @@ def drive(rows: int = 3000) -> tuple[dict[str, Any], Any]:
 
 
 def test_every_form_has_a_case() -> None:
-    assert set(TEXTS) == set(Form) == set(COEFFICIENTS)
+    assert set(TEXTS) == set(Form) == set(FORMS)
 
 
 @pytest.mark.parametrize("form", Form)

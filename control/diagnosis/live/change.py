@@ -3,7 +3,7 @@
 The window-limited generalised likelihood ratio of Willsky and Jones (IEEE Transactions on Automatic Control 21, 1976,
 108), whose run length Lai (IEEE Transactions on Information Theory 44, 1998, 2917) shows to be the best that a window
 allows: at each look every effect of the catalogue is tried with every time of beginning in the window, on the residual
-whitened by the noise that is fitted to it, with the drift of the hour before (`runs/changes.py`, on the series of
+whitened by the noise that is fitted to it, with the drift of the hour before (`runs/changepoint.py`, on the series of
 `rolling`). The bar that the largest gain must pass sets the run length between false alarms; healthy logs set it
 (benchmarks/live_check.py).
 

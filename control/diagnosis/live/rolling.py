@@ -16,7 +16,7 @@ import numpy.typing as npt
 from control.diagnosis.effects import ROWS
 from control.diagnosis.judgement.evidence import Column, Role, best_fitted, problem
 from control.diagnosis.judgement.noise import Noise, NoisePrior, coefficients, segments, series_of, start
-from control.diagnosis.runs.changes import best_begins, that_may_begin
+from control.diagnosis.runs.changepoint import best_begins, that_may_begin
 from control.diagnosis.runs.channels import ChannelSeries, channels
 from control.diagnosis.runs.columns import nuisance_columns
 from control.diagnosis.runs.diagnose import series_of_log
@@ -130,7 +130,7 @@ class Rolling:
         p = problem(series, banded, base)
         fit = best_fitted(p, np.arange(len(base)), noise, series)
         usual = {name: self._usual(name, one) for name, one in fit.noise.items()}
-        found = best_begins(p, series, banded, base, [usual], list(tried.values()), [traces[key] for key in tried],
+        found = best_begins(series, banded, base, [usual], list(tried.values()), [traces[key] for key in tried],
                             MATTERS, SEEN_S)
         return found[0] if found else None
 

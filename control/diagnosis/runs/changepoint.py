@@ -1,122 +1,259 @@
-"""What a hypothesis leaves of a log, whitened, against which every time of beginning is held at once."""
+"""Effects that begin, grow, or come and go within a log: every time tried at once.
+
+The score test for a change point (Picard 1985, Advances in Applied Probability 17, 841; Andrews 1993, Econometrica 61,
+821): the gain of an effect that begins at t is (sum of residual x trace from t on)^2 / information, the residual
+weighted with the inverse of the noise's covariance. The sums are cumulative, so that one pass gives them for all t; the
+information changes slowly with t and is had exactly at a few times. A drift can follow a step well, but not its edge:
+the time must be exact for the step to tell.
+
+Of an effect that is there from a to b the score is that from a less that from b, and the information is had from the
+inner products of what begins at a with what begins at b: first on a grid of times, then on finer ones about the best.
+"""
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import logsumexp
 
-from control.diagnosis.judgement.evidence import Column
-from control.diagnosis.judgement.noise import Noise, coefficients, series_of, strengths
+from control.diagnosis.effects import ROWS
+from control.diagnosis.judgement.evidence import Column, adapted, best_fitted, calm, fitted, problem
+from control.diagnosis.judgement.noise import Noise
+from control.machine.machine import CATALOGUE
 
 from .channels import ChannelSeries
-from .hypothesis import EffectInstance
+from .columns import Columns
+from .hypothesis import EffectInstance, Hypothesis
 from .model import adds_up, course, with_course
-from .search import Candidate
+from .search import Candidate, ScoreTest
+from .whitened import WhitenedResidual
 
 Array = npt.NDArray[np.float64]
 
+# Numerical: how finely times are tried. A gain is of twice the log-likelihood.
+TIMES = (3, 8)              # at which the information is had exactly, the second where the gain may matter
+MAY_MATTER = 6.0            # gain from which on more times are tried: below the price of any beginning
+EDGES = 13                  # times of a log at which an effect that comes and goes may begin or end at first ...
+BETWEEN = 12                # ... times tried for each of these ...
+FINER = 4                   # ... and how much finer they are then, twice
+FEW = 4                     # best of those that touch the same channels, that are tried at finer times
+MOST_CELLS = 1_000_000      # of one sample each: candidates are looked at side by side
 
-class Whitened(NamedTuple):
-    """One channel under a hypothesis. `weighted`: residual times the inverse covariance of the noise, (copies, m)."""
-
-    channel: ChannelSeries
-    weighted: Array
-    scale: Array                # of banded coefficients: 1 / s.d. of the noise there
-    place: slice                # of its coefficients in the stack of all channels
-
-
-class Tried(NamedTuple):
-    """A candidate, and what one unit of it does all along, (copies x m,) by channel."""
-
-    candidate: Candidate
-    units: list[Array]
-
-
-class WhitenedResidual(NamedTuple):
-    """What a hypothesis leaves, and an orthonormal basis of what it can take up (whitened, priors as rows)."""
-
-    channels: dict[str, Whitened]
-    basis: Array                # (rows, columns)
+END_S = 8.0                 # from either end of the log: no change point is looked for there
+MIN_SPAN_S = 20.0           # of an effect that ends again: less is one stretch of the log, which is no evidence
 
 
 class Alike(NamedTuple):
     """Candidates that touch the same channels in the same way, looked at side by side."""
 
-    seen: list[Whitened]        # the channels that they touch
-    summed: tuple[bool, ...]    # whether each adds up what they do
-    ones: list[Tried]
+    channels: tuple[ChannelSeries, ...]
+    summed: tuple[bool, ...]            # whether each channel adds up what they do
+    ones: tuple[Candidate, ...]
+    units: tuple[Array, ...]            # what one unit of each does all along, (k, copies x m) by channel
+
+    def only(self, which: Sequence[int]) -> Alike:
+        """Those of them that are chosen."""
+        return self._replace(ones=tuple(self.ones[k] for k in which),
+                             units=tuple(unit[list(which)] for unit in self.units))
 
     @property
-    def usual(self) -> list[float]:
-        """S.d. of the prior of each one's size."""
-        return [one.candidate.usual for one in self.ones]
-
-    def units(self) -> list[Array]:
-        """What one unit of each does all along, (k, copies x m) by channel."""
-        return [np.array([one.units[k] for one in self.ones]) for k in range(len(self.seen))]
-
-    def only(self, which: Sequence[bool]) -> Alike:
-        """Those of them that are chosen."""
-        return self._replace(ones=[one for one, chosen in zip(self.ones, which, strict=True) if chosen])
+    def linear(self) -> list[int]:
+        """Places of those of which half the size does half as much."""
+        return [k for k, one in enumerate(self.ones) if not ROWS[one.part.id].threshold]
 
 
-def alike(ground: WhitenedResidual, tried: Sequence[Candidate], traces: Sequence[dict[str, Array]],
-          cells: int) -> Iterator[Alike]:
-    """Candidates gathered by the channels that they touch. traces : what each does all along, (m,) by channel.
+def changes(columns: Columns, parts: Hypothesis, noise: dict[str, Noise], tried: Sequence[Candidate],
+            temporary: bool = False) -> list[ScoreTest]:
+    """Every candidate with the best time to begin, at once and growing: best first, noise as given and calm.
 
-    cells : numbers that one of a group may have at most, over its candidates.
+    The gain is of twice the log-likelihood under a noise that is not fitted again. temporary : with temporary
+    effects, each with the best times to begin and to end.
     """
-    found: dict[tuple[tuple[str, ...], tuple[bool, ...]], list[Tried]] = {}
-    for candidate, trace in zip(tried, traces, strict=True):
-        names = tuple(name for name in ground.channels if name in trace)
-        if names:
-            summed = tuple(adds_up(candidate.part, name) for name in names)
-            found.setdefault((names, summed), []).append(Tried(
-                candidate, [trace[name] / candidate.part.size for name in names]))
-    for (names, summed), ones in found.items():
-        seen = [ground.channels[name] for name in names]
-        each = max(1, cells // sum(one.weighted.size for one in seen))
+    begins = that_may_begin(tried)
+    if not begins:
+        return []
+    traces = [columns.model.difference(parts, candidate.part) for candidate in begins]
+    channels, banded, base = columns.model.channels, columns.model.banded_residual(parts), columns.of_hypothesis(parts)
+    p, every = problem(channels, banded, base), np.arange(len(base))
+    fit = best_fitted(p, every, noise, channels)
+    at_ease = adapted(p, every, fit.amplitude, calm(fit.noise, channels))
+    under = [fit.noise] if at_ease == fit.noise else [fit.noise, at_ease]
+    behind = [fit.log_evidence - fitted(p, every, one, rounds=0).log_evidence for one in under]
+    return best_begins(channels, banded, base, under, begins, traces, temporary=temporary, behind=behind)
+
+
+def that_may_begin(tried: Sequence[Candidate]) -> list[Candidate]:
+    """Those of some candidates that may begin in the middle of a log."""
+    return [c for c in tried if c.part.onset_s is None and ROWS[c.part.id].may_begin
+            and not CATALOGUE[c.part.id].effect.onset_only
+            and (ROWS[c.part.id].has_slope or ROWS[c.part.id].threshold)]
+
+
+def best_begins(channels: Sequence[ChannelSeries], banded: dict[str, Array], base: Sequence[Column],
+                under: Sequence[dict[str, Noise]], begins: Sequence[Candidate], traces: Sequence[dict[str, Array]],
+                matters: float = MAY_MATTER, end_s: float = END_S, temporary: bool = False,
+                behind: Sequence[float] = (0.0, 0.0)) -> list[ScoreTest]:
+    """The same of series, however they were had. traces : what each candidate does all along, (m,) by channel.
+
+    banded : cosine coefficients of the residual by channel. base : what the hypothesis can take up. under : noises, of
+    which each candidate has the one that speaks most for it; behind : their log evidence, less than the best's by so
+    much. matters : gain from which on more times are tried. end_s : from either end, where nothing is looked for.
+    """
+    best: dict[tuple[str, int | None, bool, bool], ScoreTest] = {}
+    for noise, less in zip(under, behind, strict=False):
+        residual = WhitenedResidual(channels, banded, base, noise)
+        for group in _alike(channels, begins, traces):
+            time_s, score = _scores(residual, group, grows=False)
+            within = (float(time_s[0]) + end_s, float(time_s[-1]) - end_s)
+            linear = group.linear
+            found = _begins(residual, group, time_s, score, within, matters, grows=False)
+            if temporary and linear:
+                found += _spans(residual, group.only(linear), time_s, score[linear], within, matters)
+            if linear:
+                group = group.only(linear)
+                found += _begins(residual, group, *_scores(residual, group, grows=True), within, matters, grows=True)
+            for one in found:
+                one = one._replace(evidence=one.evidence - less, gain=one.gain - 2.0 * less)
+                name = (one.part.id, one.part.member, one.part.grows, one.part.until_s is not None)
+                if name not in best or one.evidence > best[name].evidence:
+                    best[name] = one
+    return sorted(best.values(), key=lambda one: -one.evidence)
+
+
+def _alike(channels: Sequence[ChannelSeries], tried: Sequence[Candidate],
+           traces: Sequence[dict[str, Array]]) -> Iterator[Alike]:
+    """Candidates gathered by the channels that they touch."""
+    found: dict[tuple[tuple[int, ...], tuple[bool, ...]], list[int]] = {}
+    touched = [tuple(k for k, c in enumerate(channels) if c.name in trace) for trace in traces]
+    for k, (candidate, places) in enumerate(zip(tried, touched, strict=True)):
+        if places:
+            summed = tuple(adds_up(candidate.part, channels[place].name) for place in places)
+            found.setdefault((places, summed), []).append(k)
+    for (places, summed), ones in found.items():
+        there = tuple(channels[place] for place in places)
+        each = max(1, MOST_CELLS // sum(len(one.measured) for one in there))
         for begin in range(0, len(ones), each):
-            yield Alike(seen, summed, ones[begin:begin + each])
+            some = ones[begin:begin + each]
+            yield Alike(there, summed, tuple(tried[k] for k in some), tuple(
+                np.array([traces[k][one.name] / tried[k].part.size for k in some]) for one in there))
 
 
-def whitened_residual(channels: Sequence[ChannelSeries], left: dict[str, Array], base: Sequence[Column],
-             noise: dict[str, Noise]) -> WhitenedResidual:
-    """left : what the base leaves of the banded residual, (m,) by channel."""
-    found, begin = {}, 0
-    for channel in channels:
-        name, cut = channel.name, channel.cut
-        strength = strengths(noise[name], channel.prior, cut, channel.grid.step_s)
-        weighted = series_of(left[name] / strength, cut).reshape(channel.copies, -1)
-        found[name] = Whitened(channel, weighted, 1.0 / np.sqrt(strength), slice(begin, begin + len(strength)))
-        begin += len(strength)
-    stack = np.zeros((begin + len(base), len(base)))
-    for k, column in enumerate(base):
-        for name, one in found.items():
-            if name in column.coefficients:
-                stack[one.place, k] = column.coefficients[name] * one.scale
-        stack[begin + k, k] = 1.0 / column.sd
-    stack /= np.maximum(np.linalg.norm(stack, axis=0), 1e-300)
-    return WhitenedResidual(found, np.linalg.qr(stack)[0])
+def _likeliest(candidate: Candidate, score: Array, information: Array, places: int,
+               at: Callable[[int], dict[str, Any]]) -> ScoreTest:
+    """One candidate where it gains most, its evidence averaged over all places.
+
+    score, information : at each place where it is looked for (n,), of so many `places`. at : the times of a place.
+    """
+    information = np.maximum(information, 1e-12)
+    size = np.clip(score / information, candidate.low, candidate.high)
+    if ROWS[candidate.part.id].threshold:       # half a threshold's column is not what half a threshold does
+        size = np.full(len(score), candidate.part.size)
+    gain = 2.0 * score * size - information * size ** 2
+    log_odds = 0.5 * (gain - np.log1p(information * candidate.usual ** 2))
+    evidence, best = float(logsumexp(log_odds)) - float(np.log(places)), int(np.argmax(gain))
+    return ScoreTest(candidate.part._replace(size=float(size[best]), **at(best)), float(gain[best]), evidence,
+                     float(log_odds[best]) - evidence)
 
 
-def scores_by_onset(group: Alike, grows: bool) -> tuple[Array, Array]:
-    """Times of the finest channel (m,), and the sum of weighted residual x trace, were it to begin then: (k, m)."""
-    finest = max((one.channel for one in group.seen), key=lambda c: len(c.grid.even_s))
+def _begins(residual: WhitenedResidual, group: Alike, time_s: Array, score: Array, within: tuple[float, float],
+            matters: float, grows: bool) -> list[ScoreTest]:
+    """The best time to begin of each, at once or growing. score : of each, were it to begin at each time (k, m)."""
+    inside = np.flatnonzero((time_s > within[0]) & (time_s < within[1]))
+    if not len(inside):
+        return []
+    left = list(range(len(group.ones)))
+    found: dict[int, ScoreTest] = {}
+    for count in TIMES:
+        exact_s = np.linspace(*within, count)
+        rows, taken = _rows(residual, group.only(left), exact_s, grows)
+        exact = sum(np.einsum("kij,kij->ki", whole, whole) for whole in rows) - np.sum(taken ** 2, axis=2)
+        for k, line in zip(left, exact, strict=True):
+            information = np.interp(time_s[inside], exact_s, line)
+            found[k] = _likeliest(group.ones[k], score[k, inside], information, len(time_s),
+                                  lambda best: {"onset_s": float(time_s[inside[best]]), "grows": grows})
+        left = [k for k in left if found[k].gain >= matters]
+        if not left:
+            break
+    return [found[k] for k in range(len(group.ones))]
+
+
+def _spans(residual: WhitenedResidual, group: Alike, time_s: Array, score: Array, within: tuple[float, float],
+           matters: float) -> list[ScoreTest]:
+    """The best times to begin and to end of those that gain something by coming and going."""
+    if within[1] - within[0] < 2.0 * MIN_SPAN_S:
+        return []
+    edges_s = np.linspace(*within, EDGES)
+    found = _best_spans(residual, group, time_s, score, edges_s, BETWEEN)
+    for k in np.argsort([-one.gain for one in found])[:FEW].tolist():
+        one = found[k]
+        if one.gain < matters:
+            break
+        apart_s = float(edges_s[1] - edges_s[0]) / BETWEEN
+        for _ in range(2):
+            assert one.part.onset_s is not None and one.part.until_s is not None
+            apart_s /= FINER
+            about_s = apart_s * np.arange(-FINER + 1, FINER)
+            about_s = np.clip(np.concatenate([one.part.onset_s + about_s, one.part.until_s + about_s]), *within)
+            [finer] = _best_spans(residual, group.only([k]), time_s, score[[k]], np.unique(about_s)) or [one]
+            if finer is one:                        # the log is too short for two times so near
+                break
+            spent = max(finer.spent + 2.0 * np.log(FINER), one.spent)
+            one = found[k] = finer._replace(spent=spent, evidence=finer.evidence + finer.spent - spent)
+    return [one for one in found if one.gain >= matters]
+
+
+def _best_spans(residual: WhitenedResidual, group: Alike, time_s: Array, score: Array, exact_s: Array,
+                between: int = 1) -> list[ScoreTest]:
+    """Each candidate at the best of all pairs of times; none where no two are far enough apart. exact_s : at which
+    inner products are had (edges,); between : so many times for each of these are tried, the products interpolated."""
+    edges_s = np.interp(np.arange((len(exact_s) - 1) * between + 1) / between, np.arange(len(exact_s)), exact_s)
+    shortest_s = MIN_SPAN_S if between == 1 else float(exact_s[1] - exact_s[0])     # interpolation is too coarse below
+    begin, end = np.nonzero(edges_s[None, :] - edges_s[:, None] >= shortest_s)
+    if not len(begin):
+        return []
+    rows, taken = _rows(residual, group, exact_s, grows=False)
+    found = []
+    for k, one in enumerate(group.ones):
+        exact = sum(whole[k] @ whole[k].T for whole in rows) - taken[k] @ taken[k].T
+        own = np.interp(edges_s, exact_s, np.diag(exact))
+        across = exact[begin, end] if between == 1 else _inner(exact_s, exact, edges_s[begin], edges_s[end])
+        at_edges = np.interp(edges_s, time_s, score[k])
+        found.append(_likeliest(one, at_edges[begin] - at_edges[end], own[begin] + own[end] - 2.0 * across, len(begin),
+                                lambda best: {"onset_s": float(edges_s[begin[best]]),
+                                              "until_s": float(edges_s[end[best]])}))
+    return found
+
+
+def _inner(times_s: Array, exact: Array, begin_s: Array, end_s: Array) -> Array:
+    """Inner products (times, times) straight between their times. Not scipy.interpolate's, which takes a tenth of a
+    second to load."""
+    (row, below), (column, left) = _place(times_s, begin_s), _place(times_s, end_s)
+    return np.asarray(exact[row, column] * (1.0 - below) * (1.0 - left) + exact[row, column + 1] * (1.0 - below) * left
+                      + exact[row + 1, column] * below * (1.0 - left) + exact[row + 1, column + 1] * below * left)
+
+
+def _place(times_s: Array, at_s: Array) -> tuple[npt.NDArray[np.int64], Array]:
+    """The time before each, and how far it is on the way to the next one."""
+    before = np.clip(np.searchsorted(times_s, at_s, side="right") - 1, 0, len(times_s) - 2)
+    return before, (at_s - times_s[before]) / (times_s[before + 1] - times_s[before])
+
+
+def _scores(residual: WhitenedResidual, group: Alike, grows: bool) -> tuple[Array, Array]:
+    """Times of the finest channel (m,), and the sum of weighted residual x trace, were each to begin then: (k, m)."""
+    finest = max(group.channels, key=lambda c: len(c.grid.even_s))
     time_s = finest.grid.even_s
     score = np.zeros((len(group.ones), len(time_s)))
-    for one, unit, adds in zip(group.seen, group.units(), group.summed, strict=True):
-        sums = _sums_from(one, unit.reshape(len(group.ones), one.channel.copies, -1), adds, grows)
-        score += sums if one.channel is finest else np.array([np.interp(time_s, one.channel.grid.even_s, row)
-                                                             for row in sums])
+    for channel, unit, adds in zip(group.channels, group.units, group.summed, strict=True):
+        sums = _sums_from(residual.weighted(channel), channel, unit.reshape(len(unit), channel.copies, -1), adds, grows)
+        score += sums if channel is finest else np.array([np.interp(time_s, channel.grid.even_s, row) for row in sums])
     return time_s, score
 
 
-def _sums_from(seen: Whitened, trace: Array, summed: bool, grows: bool) -> Array:
+def _sums_from(weighted: Array, channel: ChannelSeries, trace: Array, summed: bool, grows: bool) -> Array:
     """Sum of weighted residual x trace, were it to begin at each sample: (k, m). trace : (k, copies, m)."""
-    weighted, time_s = seen.weighted, seen.channel.grid.even_s
+    time_s = channel.grid.even_s
     if not grows:
         level = trace.sum(axis=1) * _ahead(weighted) if summed else 0.0
         return np.asarray(_ahead(weighted * trace) - level)
@@ -135,16 +272,14 @@ def _ahead(values: Array) -> Array:
     return np.asarray(np.cumsum(values[..., ::-1].sum(axis=-2), axis=-1)[..., ::-1])
 
 
-def rows_from_onset(ground: WhitenedResidual, group: Alike, onsets_s: Array, grows: bool) -> tuple[list[Array], Array]:
+def _rows(residual: WhitenedResidual, group: Alike, onsets_s: Array, grows: bool) -> tuple[list[Array], Array]:
     """What one unit of each does that begins at each time, whitened: (k, onsets, coefficients) by channel, and what the
     hypothesis takes up of it, in its basis (k, onsets, columns)."""
-    count = len(group.ones)
-    taken = np.zeros((count, len(onsets_s), ground.basis.shape[1]))
-    rows = []
-    for one, unit, adds in zip(group.seen, group.units(), group.summed, strict=True):
-        weight = np.array([course(one.channel, EffectInstance("", 1.0, float(at), grows=grows)) for at in onsets_s])
-        delayed = with_course(unit[:, None, :], weight, one.channel.copies, adds).reshape(count * len(onsets_s), -1)
-        whole = (coefficients(delayed, one.channel.cut) * one.scale).reshape(count, len(onsets_s), -1)
-        taken += whole @ ground.basis[one.place]
-        rows.append(whole)
-    return rows, taken
+    shape, rows, taken = (len(group.ones), len(onsets_s), -1), [], []
+    for channel, unit, adds in zip(group.channels, group.units, group.summed, strict=True):
+        weight = np.array([course(channel, EffectInstance("", 1.0, float(at), grows=grows)) for at in onsets_s])
+        delayed = with_course(unit[:, None, :], weight, channel.copies, adds)
+        white, own = residual.white(channel, delayed.reshape(shape[0] * shape[1], -1))
+        rows.append(white.reshape(shape))
+        taken.append(own.reshape(shape))
+    return rows, np.sum(taken, axis=0)

@@ -9,9 +9,10 @@ import numpy as np
 
 from control.diagnosis.effects import ROWS
 
+from .dictionary import Dictionary
 from .hypothesis import without
 from .search import FittedHypothesis, Search
-from .terms import Dictionary, FittedTerm, best_span, found_terms
+from .terms import FittedTerm, best_span, found_terms
 
 
 class Beyond(NamedTuple):
@@ -29,7 +30,7 @@ def beyond_names(search: Search, now: FittedHypothesis, null: FittedHypothesis, 
     long as that one; terms alone. worths : log posterior odds of each name against nothing in its place. log_prior :
     of all names together.
     """
-    dictionary = Dictionary(search)
+    dictionary = Dictionary(search.model)
     every = tuple(range(len(now.parts)))
     own = frozenset(ROWS[part.id].form_over for part in now.parts)      # over these the names' forms are free already
     with_names = tuple(found_terms(search, dictionary, now, own))

@@ -11,7 +11,7 @@ from control.diagnosis.judgement.prior import SAID
 from control.machine.effect import OPENING_RANGE, SHAFT_RANGE
 from control.machine.machine import CATALOGUE, of_nominal
 
-from .changes import END_S
+from .changepoint import END_S
 from .hypothesis import EffectInstance, Hypothesis, replaced
 from .intermittent import prior_odds
 from .model import HALT_S, GroupModel

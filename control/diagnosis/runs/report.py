@@ -28,7 +28,6 @@ from control.diagnosis.result import (
 )
 from control.machine.effect import HOPPER
 from control.machine.machine import CATALOGUE, Machine, bounds, of_nominal, unit_of
-from control.machine.terms import Form
 
 from .as_a_whole import as_a_whole
 from .cost import field_cost
@@ -209,7 +208,7 @@ def _tables(one: GroupResult, data: RunData) -> list[TableFit]:
 
 def _term(group: GroupResult, found: FittedTerm, data: RunData) -> TermFound:
     search, now = group.search, group.found
-    gain = None if found.tried.form is Form.SPAN else found.held_out
+    gain = None if found.tried.kind.one_run else found.held_out
     plain = found.term.model_copy(update={"held_out_gain": gain}).model_dump(mode="json")
     return TermFound(plain, found.stage, found.term.unit, found.explained_share, found.field_percent, found.gain, gain,
                      means_along(search, now, found, data))

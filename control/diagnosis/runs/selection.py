@@ -18,7 +18,7 @@ from control.diagnosis.judgement.checks import is_loud
 from control.diagnosis.judgement.prior import SAID, course_of, log_odds, log_of_sign, log_of_size
 from control.machine.machine import CATALOGUE
 
-from .changes import changes
+from .changepoint import changes
 from .coarsening import even_gain
 from .hypothesis import MAX_SWITCHES, EffectInstance, Hypothesis, replaced, without
 from .model import tolerance_of

@@ -9,9 +9,10 @@ from scipy.ndimage import convolve1d, maximum_filter1d
 
 from control.machine.compiled import term_run
 from control.machine.effect import HOPPER, OPENING_RANGE, SHAFT_RANGE
+from control.machine.form import SHAFT_ANGLE
 from control.machine.machine import Machine, of_nominal
 from control.machine.term_sums import angle_over_log, commanded_over_log, dead_times_s, over_log
-from control.machine.terms import COMMANDED_MM, COMMANDED_RPM, SHAFT_ANGLE
+from control.machine.terms import COMMANDED_MM, COMMANDED_RPM
 
 from .log import HEADS, MIN_ROWS, MIN_SETTLED, MOVING_MPS, Clean
 

@@ -6,9 +6,9 @@ import numpy.typing as npt
 
 from control.machine.terms import Term, own_command
 
+from .dictionary import ActedOn
 from .search import FittedHypothesis, Search
 from .stages import RunData
-from .term_columns import ActedOn
 from .terms import FittedTerm, series_of_term
 
 Array = npt.NDArray[np.float64]

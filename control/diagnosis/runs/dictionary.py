@@ -1,0 +1,271 @@
+"""What is tried beyond the catalogue: every form over every variable of every quantity that a group's channels show.
+
+A form's series over the log's rows becomes, through the model of its stage, a series of the channel. That is had once
+for each of the few series that all shapes of all forms share, and does not depend on the hypothesis.
+"""
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from control.diagnosis import effects
+from control.diagnosis.judgement.noise import coefficients
+from control.machine.compiled import term_run
+from control.machine.form import FORMS, SHAFT_ANGLE, Scaled, Series, Tried, scaled
+from control.machine.forms import Lost, Product
+from control.machine.machine import Machine, of_nominal
+from control.machine.over_log import MOST_STEP_S
+from control.machine.terms import COMMANDED_RPM, STAGE_OF, Acts, own_command
+
+from .channels import drive_rows
+from .hypothesis import EffectInstance, Hypothesis, schedule
+from .model import GroupModel
+from .smooth import DOWNSTREAM, MIN_RANGE, RANGES
+from .stages import Drive, RunData, bin_mean, metered_mean
+from .whitened import WhitenedResidual, gain_of, gains_of_single, without
+
+Array = npt.NDArray[np.float64]
+
+CHANNEL_OF: dict[Acts, str] = {
+    Acts.SHAFT_PERCENT: "shaft", Acts.SHAFT_RPM: "shaft", Acts.GATE_MM: "gate", Acts.FLOW_PERCENT: "scale",
+    Acts.SCALE_KG: "scale", Acts.WHEEL_PERCENT: "speed"}
+UNIT_EFFECT = {Acts.FLOW_PERCENT: EffectInstance(effects.FLOW_GAIN.id, 1.0),
+               Acts.WHEEL_PERCENT: EffectInstance(effects.SPEED_WHEEL_RADIUS.id, 1.0)}
+# The wheel is held against the GNSS speed, whose own noise is a dependence on it; in a product with another variable
+# that noise adds up to nothing.
+NEVER_ALONE = {"speed": frozenset({"speed_mps"})}
+SHAFT_PROBE = 0.5           # % or r/min, for a slope ...
+SHAFT_NOTHING = 1e-6        # ... and r/min of it that are rounding
+TURNS_RPM = 1.0             # a shaft that turns at all: below, nothing flows
+TURNS_SHARE = 1e-3          # of the fastest command: below, the shaft is commanded to stand
+WORKS_SHARE = 0.1           # of the rows: fewer that turn do not say between what a variable moves
+SLOWER_THAN_HZ = 2.5        # forms are chosen by what is slower: the variables are means over a second and a half
+LEAST_KEPT = 64             # coefficients: of a short log all
+
+
+def quantities(model: GroupModel) -> list[Acts]:
+    """Quantities that a group's channels show."""
+    in_steps = model.data.shaft is not None and model.data.shaft.step > 0.0     # rounding is a dependence of its own
+    return [acts for acts, channel in CHANNEL_OF.items()
+            if channel in model.names and not (channel == "shaft" and in_steps)]
+
+
+class ActedOn:
+    """One quantity under a hypothesis: series over the log's rows to series of its channel."""
+
+    def __init__(self, model: GroupModel, parts: Hypothesis, acts: Acts) -> None:
+        self.channel = model.channel(CHANNEL_OF[acts])
+        self.acts, self._model, self._parts = acts, model, parts
+        unit = UNIT_EFFECT.get(acts)
+        self._unit = np.ones(1) if unit is None else model.difference(parts, unit)[self.channel.name]
+
+    def constant(self) -> Array:
+        """Change of the channel by a constant (1, m)."""
+        return self.of(np.ones((1, len(self._model.data.row_s))))
+
+    def of(self, rows: Array) -> Array:
+        """Change of the channel by one unit of each series: (k, m) of (k, rows)."""
+        data, channel = self._model.data, self.channel
+        if channel.name in ("shaft", "gate"):
+            return channel.grid.of(self._of_drive(rows))
+        if channel.name == "speed":
+            return np.array([np.interp(channel.grid.even_s, data.row_s, one) for one in rows]) * self._unit
+        hopper = data.hopper
+        assert hopper is not None
+        if self.acts is Acts.SCALE_KG:
+            return channel.grid.of(np.array([bin_mean(one, data.row_s, hopper.time_s)[:-1] for one in rows]))
+        metered = data.inputs["shaft_rpm"] * data.inputs["opening_mm"]
+        share = channel.grid.of(np.array([metered_mean(one, metered, data.row_s, hopper.time_s)[:-1] for one in rows]))
+        share = 0.5 * (share + np.concatenate((share[:, :1], share[:, :-1]), axis=1))
+        return np.asarray(np.cumsum(np.diff(self._unit, prepend=self._unit[0]) * share, axis=1))
+
+    def _of_drive(self, rows: Array) -> Array:
+        """What shows at a row was in force in the row before it; the shaft goes there as its stage does."""
+        data = self._model.data
+        drive = data.shaft if self.channel.name == "shaft" else data.gate
+        assert drive is not None
+        picked = rows[:, np.clip(np.searchsorted(data.row_s, drive.time_s), 0, len(data.row_s) - 1)]
+        if self.channel.name == "gate":
+            return np.concatenate((picked[:, :1], picked[:, :-1]), axis=1)
+        was = self._shaft_rpm(drive)
+        return np.array([self._of_shaft(drive, was, one) for one in picked])
+
+    def _shaft_rpm(self, drive: Drive) -> Array:
+        return drive_rows(drive)(schedule(self._model.base, self._parts), MOST_STEP_S)[:, 0]
+
+    def _of_shaft(self, drive: Drive, was: Array, one: Array) -> Array:
+        """Slope of the shaft's speed in so much of a series over its rows: while it runs up nothing of it shows."""
+        share = SHAFT_PROBE / max(1e-12, float(np.max(np.abs(one))))
+        moved = drive._replace(more=drive.more + share * one) if self.acts is Acts.SHAFT_PERCENT else \
+            drive._replace(more_rpm=drive.more_rpm + share * one)
+        change = self._shaft_rpm(moved) - was
+        return np.asarray(change / share if np.abs(change).max() > SHAFT_NOTHING else np.zeros(len(change)))
+
+
+class Variables(NamedTuple):
+    """What the forms of one quantity may be over."""
+
+    by_name: dict[str, Scaled]
+    one: tuple[str, ...]
+    two: tuple[str, ...]                            # in products with each other
+    never_alone: tuple[str, ...] = ()               # in products with those of `two` only
+
+    def has_level(self, form: Tried) -> bool:
+        """Whether a form has a free level: it would take up what a variable does that is never alone."""
+        return form.kind.has_level and form.over[-1] not in self.never_alone
+
+    def pairs(self) -> list[tuple[str, str]]:
+        return [(a, b) for k, a in enumerate(self.two) for b in self.two[k + 1:]]
+
+
+class Entry(NamedTuple):
+    """Forms over the same variables, or over all pairs of two, of one quantity."""
+
+    forms: tuple[Tried, ...]
+    mixes: tuple[Array, ...]            # of each form: its columns from the series (k, amplitudes)
+    kept: npt.NDArray[np.float32]       # cosine coefficients of the series, the slowest (k, kept); last a constant's
+    level: bool                         # whether a constant is fitted along
+
+    def only(self, forms: Sequence[bool]) -> Entry:
+        """The same with some of its forms."""
+        chosen = np.flatnonzero(forms)
+        return self._replace(forms=tuple(self.forms[k] for k in chosen), mixes=tuple(self.mixes[k] for k in chosen))
+
+
+class Candidate(NamedTuple):
+    """A form of a quantity. gain : in twice the log-likelihood; score : less what ranks forms."""
+
+    acts: Acts
+    tried: Tried
+    gain: float = 0.0
+    score: float = 0.0
+
+
+class Dictionary:
+    """Everything that is tried on a group of channels. of : each quantity with its variables."""
+
+    def __init__(self, model: GroupModel) -> None:
+        self._data = model.data
+        self.of = {acts: (ActedOn(model, (), acts), _variables(model.data, model.machine, acts))
+                   for acts in quantities(model)}
+        self._made: dict[Acts, list[Entry]] = {}
+
+    def entries(self, acts: Acts) -> list[Entry]:
+        if acts not in self._made:
+            acted, variables = self.of[acts]
+            self._made[acts] = [_entry(forms, acted, variables)
+                                for forms in _tried(acts, variables, self._data) if forms]
+        return self._made[acts]
+
+    def scanned(self, residual: WhitenedResidual, temporary: bool) -> list[Candidate]:
+        """The best forms over each variable, or two, under a given noise. temporary : those of one run alone, or all
+        else."""
+        return [one for acts, (acted, _) in self.of.items() for one in scan(residual, acted, [
+            entry for entry in self.entries(acts) if entry.forms[0].kind.one_run == temporary])]
+
+
+def scan(residual: WhitenedResidual, acted: ActedOn, entries: Sequence[Entry]) -> list[Candidate]:
+    """The best form over each variable, or two, and the best that leaps: an edge that is a little off hides how good it
+    is."""
+    found: list[Candidate] = []
+    for entry in entries:
+        normal, right = residual.kept_products(acted.channel, entry.kept)
+        if entry.level:
+            normal, right = without(normal, right, len(right) - 1)
+        normal, right = normal[:-1, :-1], right[:-1]
+        single = [k for k, mix in enumerate(entry.mixes) if mix.shape[1] == 1]
+        gains = dict(zip(single, gains_of_single(normal, right, np.hstack([entry.mixes[k] for k in single])).tolist(),
+                         strict=True)) if single else {}
+        best: dict[tuple[tuple[str, ...], bool], Candidate] = {}
+        for k, (form, mix) in enumerate(zip(entry.forms, entry.mixes, strict=True)):
+            gain = gains[k] if k in gains else gain_of(normal, right, mix)
+            one = Candidate(acted.acts, form, gain, gain - form.price)
+            place = (form.over, form.kind.leaps)
+            if place not in best or one.score > best[place].score:
+                best[place] = one
+        found += best.values()
+    return found
+
+
+def _variables(data: RunData, machine: Machine, acts: Acts) -> Variables:
+    """Variables that move, by their names, and those that may be multiplied with each other."""
+    stage = STAGE_OF[acts]
+    inputs = dict(data.inputs)
+    if "hopper_kg" in data.variables:           # as predicted: a reading's own noise must not come back
+        inputs["hopper_kg"] = np.interp(data.row_s, data.time_s, data.variables["hopper_kg"])
+    work = np.ones(len(data.row_s), bool)
+    turning = inputs.get("shaft_rpm", np.ones(len(work))) > TURNS_RPM
+    if stage in ("shaft", "flow") and turning.sum() > WORKS_SHARE * len(work):
+        work = turning
+    found: dict[str, Scaled] = {}
+    for name in _names(data, acts):
+        values = inputs.get(own_command(stage, name))
+        if values is None or not np.isfinite(values).all():
+            continue
+        one = scaled(name, values, work, data.row_s, term_run)
+        least = of_nominal(machine, RANGES.get(name, ())) * MIN_RANGE.get(name, float(np.finfo(float).tiny))
+        if one.high - one.low >= least:
+            found[name] = one
+    if acts is Acts.SHAFT_RPM:
+        commands = data.inputs[COMMANDED_RPM]
+        turning = commands > TURNS_SHARE * float(commands.max(initial=0.0))
+        found["shaft_rpm"] = Scaled("shaft_rpm", commands, 0.0, 1.0, -np.inf, np.inf, turning, data.row_s, term_run)
+    never_alone = tuple(name for name in found if name in NEVER_ALONE.get(stage, ()))
+    single = tuple(name for name in found if name not in never_alone
+                   and (acts is not Acts.SHAFT_RPM or name == "time_s"))
+    double = tuple(name for name in found if name not in ("time_s", "heading_deg", SHAFT_ANGLE, *never_alone))
+    return Variables(found, single, double if acts is not Acts.SHAFT_RPM else (), never_alone)
+
+
+def _names(data: RunData, acts: Acts) -> list[str]:
+    """What a quantity may depend on; of the shaft, temporary terms are looked for in r/min."""
+    stage = STAGE_OF[acts]
+    further = [name for name in data.variables if name not in MIN_RANGE]
+    names = [name for name in (*MIN_RANGE, *further)
+             if name not in DOWNSTREAM[stage] - NEVER_ALONE.get(stage, frozenset())]
+    drive = {"shaft": data.shaft, "gate": data.gate}.get(stage)
+    if acts is Acts.SHAFT_PERCENT or (drive is not None and drive.settled):     # on a bench, time and command are one
+        names.remove("time_s")
+    return [*names, SHAFT_ANGLE] if acts is Acts.SHAFT_PERCENT else names
+
+
+def _tried(acts: Acts, variables: Variables, data: RunData) -> Iterator[list[Tried]]:
+    """The forms of one quantity, those that share series together."""
+    by_name = variables.by_name
+    if acts is Acts.SHAFT_RPM:
+        yield Lost.tried(by_name["shaft_rpm"])
+    for name in variables.one:
+        unseen = _moves_unseen(acts, name, data)
+        yield [form for kind in FORMS.values() if not (kind.of_moves and unseen) for form in kind.tried(by_name[name])]
+    yield [form for a, b in variables.pairs() for form in Product.tried_with(by_name[a], by_name[b])]
+    for last in variables.never_alone:
+        yield [form for name in variables.two for form in Product.tried_with(by_name[name], by_name[last], alone=1)]
+
+
+def _moves_unseen(acts: Acts, name: str, data: RunData) -> bool:
+    """Whether forms over a drive's own command would tell how it moves, of a log that does not hold all commands."""
+    drive, own = {"shaft": (data.shaft, "shaft_rpm"), "gate": (data.gate, "opening_mm")}.get(STAGE_OF[acts], (None, ""))
+    return drive is not None and not drive.moves_seen and name == own
+
+
+def _entry(forms: Sequence[Tried], acted: ActedOn, variables: Variables) -> Entry:
+    """Forms with what the series that they share do to the channel."""
+    places: dict[Series, int] = {}
+    for series in (series for form in forms for column in form.columns for series in column):
+        places.setdefault(series, len(places))
+    mixes = []
+    for form in forms:
+        mix = np.zeros((len(places), len(form.columns)))
+        for k, column in enumerate(form.columns):
+            for series, weight in column.items():
+                mix[places[series], k] = weight
+        mixes.append(mix)
+    rows = np.array([series.rows(variables.by_name) for series in places])
+    every = coefficients(np.concatenate((acted.of(rows), acted.constant())).astype(np.float32), acted.channel.cut)
+    slow = 2.0 * SLOWER_THAN_HZ * acted.channel.grid.step_s if SHAFT_ANGLE not in forms[0].over else 1.0
+    count = max(LEAST_KEPT, int(min(1.0, slow) * every.shape[1]))
+    return Entry(tuple(forms), tuple(mixes), np.ascontiguousarray(every[:, :count], dtype=np.float32),
+                 variables.has_level(forms[0]))

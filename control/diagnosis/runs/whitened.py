@@ -1,0 +1,101 @@
+"""What a hypothesis leaves of a group's channels, whitened, against which columns, forms and times are held.
+
+Each cosine coefficient stands over the s.d. of its noise, and each prior is one more row, of its mean. An orthonormal
+basis of all that the hypothesis can take up is projected off: what is left of the data is orthogonal to it, and of a
+further series only what is orthogonal to it counts (Frisch, Waugh and Lovell). With b the product of a whitened series
+with what is left and A its own energy less that in the basis, its best size is b / A, its gain b^2 / A in twice the
+log-likelihood.
+"""
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from control.diagnosis.judgement.evidence import Column
+from control.diagnosis.judgement.noise import Noise, coefficients, series_of, strengths
+
+from .channels import ChannelSeries
+
+Array = npt.NDArray[np.float64]
+
+LEAST_ENERGY = 1e-6         # whitened: a series of less does nothing
+LEAST_OWN = 1e-3            # whitened energy of a level that the hypothesis must leave to it
+STIFF = 1e-4                # of a form's own energy: two amplitudes that are told apart worse share what they gain
+
+
+class WhitenedResidual:
+    """A hypothesis fitted and taken off under a given noise.
+
+    channels : of the group. banded : cosine coefficients of the residual where the hypothesis stands, by channel.
+    base : columns of all that it can take up. basis : these, orthonormal (rows, columns).
+    """
+
+    def __init__(self, channels: Sequence[ChannelSeries], banded: Mapping[str, Array], base: Sequence[Column],
+                 noise: Mapping[str, Noise]) -> None:
+        self.channels = tuple(channels)
+        self._scale = {c.name: 1.0 / np.sqrt(strengths(noise[c.name], c.prior, c.cut, c.grid.step_s)) for c in channels}
+        ends = np.cumsum([0, *(len(one) for one in self._scale.values())]).tolist()
+        self._place = {name: slice(*ends[k:k + 2]) for k, name in enumerate(self._scale)}
+        stack, right = np.zeros((ends[-1] + len(base), len(base))), np.zeros(ends[-1] + len(base))
+        for name, place in self._place.items():
+            right[place] = banded[name] * self._scale[name]
+            for k, column in enumerate(base):
+                if name in column.coefficients:
+                    stack[place, k] = column.coefficients[name] * self._scale[name]
+        for k, column in enumerate(base):
+            stack[ends[-1] + k, k] = 1.0 / column.sd
+            right[ends[-1] + k] = column.mean / column.sd
+        stack /= np.maximum(np.linalg.norm(stack, axis=0), 1e-300)
+        self._basis = np.linalg.qr(stack)[0]
+        self._left = right - self._basis @ (self._basis.T @ right)
+
+    def weighted(self, channel: ChannelSeries) -> Array:
+        """What is left of a channel, times the inverse covariance of its noise: (copies, m)."""
+        name = channel.name
+        return series_of(self._left[self._place[name]] * self._scale[name], channel.cut).reshape(channel.copies, -1)
+
+    def white(self, channel: ChannelSeries, series: Array) -> tuple[Array, Array]:
+        """Series (k, m) of a channel whitened, and what the hypothesis takes up of them, in its basis."""
+        white = coefficients(series, channel.cut) * self._scale[channel.name]
+        return white, white @ self._basis[self._place[channel.name]]
+
+    def products(self, channel: ChannelSeries, series: Array) -> tuple[Array, Array]:
+        """Normal equations of series (k, m) of one channel once the hypothesis is fitted: (k, k) and (k,)."""
+        white, taken = self.white(channel, series)
+        return white @ white.T - taken @ taken.T, white @ self._left[self._place[channel.name]]
+
+    def kept_products(self, channel: ChannelSeries, kept: npt.NDArray[np.float32]) -> tuple[Array, Array]:
+        """The same of the slowest cosine coefficients (k, kept), in single precision: good enough to choose by."""
+        count = kept.shape[1]
+        place = slice(self._place[channel.name].start, self._place[channel.name].start + count)
+        white = kept * self._scale[channel.name][:count].astype(np.float32)
+        taken = white @ self._basis[place].astype(np.float32)
+        normal = white @ white.T - taken @ taken.T
+        return normal.astype(np.float64), (white @ self._left[place].astype(np.float32)).astype(np.float64)
+
+
+def without(normal: Array, right: Array, k: int) -> tuple[Array, Array]:
+    """Normal equations once column k is fitted, where the hypothesis leaves anything of it."""
+    if normal[k, k] <= LEAST_OWN:
+        return normal, right
+    row = normal[k] / normal[k, k]
+    return normal - np.outer(row, normal[k]), right - row * right[k]
+
+
+def gains_of_single(normal: Array, right: Array, mixes: Array) -> Array:
+    """Gains of forms of one amplitude each: mixes (k, n) -> (n,)."""
+    energy = np.einsum("kn,kn->n", mixes, normal @ mixes)
+    return np.where(energy > LEAST_ENERGY, (right @ mixes) ** 2 / np.maximum(energy, LEAST_ENERGY), 0.0)
+
+
+def gain_of(normal: Array, right: Array, mix: Array) -> float:
+    """Gain in twice the log-likelihood of the best amplitudes of mixed columns: mix (k, p)."""
+    part, side = mix.T @ normal @ mix, mix.T @ right
+    own = np.diag(part)
+    if np.any(own <= LEAST_ENERGY):
+        return 0.0
+    scale = np.sqrt(own)
+    stiff = part / scale[:, None] / scale + STIFF * np.eye(len(side))
+    return float(np.linalg.solve(stiff, side / scale) @ (side / scale))

@@ -1,0 +1,245 @@
+"""What a form of a term is: its coefficients, its value, its sentence, and how it is fitted. The forms: `forms`.
+
+**In the machine file**: which coefficients it has and what they mean. **Its value**: `value`, one function that is
+interpreted for a tick and compiled over a log, so plain arithmetic on numbers only. **In words**: `said`. **Fitted**: a
+form has a shape (coefficients that are not linear, each tried at several places and moved from there) and amplitudes,
+in which it is linear. Its columns are sums of series over the rows; columns of many shapes share few series, so that
+what a series does to a channel is had once. Variables are fitted as z = (x - middle) / spread.
+"""
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from .elements import FLAT, TABLE_X, Array, Table
+
+if TYPE_CHECKING:
+    from .terms import Term
+
+
+class TermParams(NamedTuple):
+    """A term as numbers. What a form does not use stays at its default; its class says what each means."""
+
+    form: int
+    low: float = -1e300         # validity: beyond it the variable is held at the edge
+    high: float = 1e300
+    second_low: float = -1e300
+    second_high: float = 1e300
+    level: float = 0.0
+    at: float = 0.0
+    second_at: float = 0.0
+    slope: float = 0.0
+    bend: float = 0.0
+    below: float = 0.0
+    above: float = 0.0
+    low_end: float = 0.0
+    high_end: float = 0.0
+    cycles: float = 0.0
+    sine: float = 0.0
+    cosine: float = 0.0
+    tau_s: float = 0.0
+    grows: float = 0.0
+    nodes: Table = TABLE_X
+    values: Table = FLAT
+
+
+TermRun = Callable[[TermParams, Array, Array, Array], Array]       # `compiled.term_run`, or the same interpreted
+
+SHAFT_ANGLE = "shaft_angle_deg"
+ANGLES = ("heading_deg", SHAFT_ANGLE)
+
+QUANTILES = (6, 18, 30, 42, 50, 58, 70, 82, 94)     # of a variable, per cent, where a form may bend
+PER_AMPLITUDE = 4.0                 # of a form's price where forms are ranked before their sizes have a prior
+STEP = 0.3                          # of a spread: a step by which a place is moved
+
+
+@dataclass(frozen=True)
+class Scaled:
+    """A variable for fitting. x : at the rows, held within low and high (rows,). work : rows that count for where a
+    form is tried (rows,). run : the evaluator over a log."""
+
+    name: str
+    x: Array
+    middle: float
+    spread: float
+    low: float
+    high: float
+    work: npt.NDArray[np.bool_]
+    time_s: Array
+    run: TermRun
+
+    @cached_property
+    def z(self) -> Array:
+        return np.asarray((self.x - self.middle) / self.spread)
+
+    @property
+    def valid(self) -> tuple[float, float] | None:
+        """The range in which it was seen; None of angles, of the time, and where none is given."""
+        return None if self.name in (*ANGLES, "time_s") or self.low == -np.inf else (self.low, self.high)
+
+    @cached_property
+    def ends(self) -> tuple[float, float]:
+        """The range of z."""
+        low, high = np.percentile(self.z[self.work], (0.5, 99.5))
+        return float(low), float(high)
+
+    @cached_property
+    def knots(self) -> list[float]:
+        """Places in z where a form may bend: quantiles, and 0 where the variable changes its sign."""
+        found = np.percentile(self.z[self.work], QUANTILES)
+        zero = (0.0 - self.middle) / self.spread
+        if found[0] < zero < found[-1]:
+            found = np.append(found, zero)
+        return [float(one) for one in np.unique(np.round(found, 6))]
+
+    def of(self, z: float) -> float:
+        """A place in the variable's own unit."""
+        return self.middle + self.spread * z
+
+    def stepped(self, params: TermParams) -> Array:
+        """What the evaluator makes of z (rows,)."""
+        z = np.ascontiguousarray(self.z)
+        return self.run(params, z, z, self.time_s)
+
+
+def scaled(name: str, x: Array, work: npt.NDArray[np.bool_], time_s: Array, run: TermRun) -> Scaled:
+    """A variable between the ends of what it is like in the rows that count."""
+    low, q10, middle, q90, high = (float(v) for v in np.percentile(x[work], (0.5, 10, 50, 90, 99.5)))
+    spread = max(0.5 * (q90 - q10), 1e-3 * (high - low), 1e-9)
+    held = x if name in (*ANGLES, "time_s") else np.clip(x, low, high)
+    return Scaled(name, held, middle, spread, low, high if high > low else low + 1.0, work, time_s, run)
+
+
+class Series(NamedTuple):
+    """A series over the rows: a function of one variable or two, and of a place."""
+
+    of: Callable[..., Array]
+    over: tuple[str, ...]
+    at: float = 0.0
+
+    def rows(self, by: Mapping[str, Scaled]) -> Array:
+        return self.of(*(by[name] for name in self.over), self.at)
+
+
+Shape = Mapping[str, float]
+Columns = tuple[dict[Series, float], ...]       # of each column the weights of its series
+
+
+class Written(NamedTuple):
+    """A fitted form as the machine file has it."""
+
+    form: str
+    coefficients: dict[str, float]
+    nodes: list[float] = []
+    values: list[float] = []
+
+
+class Said(NamedTuple):
+    """The numbers of a sentence. changes : shown with sign and the term's unit. which : of the form's sentences."""
+
+    changes: Mapping[str, float] = {}
+    numbers: Mapping[str, float] = {}
+    times_s: Mapping[str, float] = {}
+    which: int = 0
+
+
+class Tried(NamedTuple):
+    """A form with its shape settled."""
+
+    kind: type[TermForm]
+    over: tuple[str, ...]
+    shape: Shape
+    columns: Columns
+    places: int = 1             # so many such forms are tried, at different places or of different memory
+
+    @property
+    def price(self) -> float:
+        """What ranks forms in a scan, in twice the log-likelihood."""
+        return PER_AMPLITUDE * len(self.columns) + 2.0 * float(np.log(self.places))
+
+    def moved(self, shape: Shape, by: Mapping[str, Scaled]) -> Tried:
+        """The same form of another shape."""
+        return self._replace(shape=shape, columns=self.kind.columns(shape, by[self.over[0]], by[self.over[-1]]))
+
+    def rows(self, by: Mapping[str, Scaled]) -> Array:
+        """Its columns over the rows (amplitudes, rows)."""
+        return np.array([sum(weight * series.rows(by) for series, weight in one.items()) for one in self.columns])
+
+    def written(self, amplitude: Sequence[float], level: float, by: Mapping[str, Scaled]) -> Written:
+        return self.kind.written(self.shape, amplitude, level, by[self.over[0]], by[self.over[-1]])
+
+
+FORMS: dict[str, type[TermForm]] = {}       # in the order in which they are written
+
+
+class TermForm:
+    """One form. In all that follows x is its variable and y its second one, or x again where it has one only."""
+
+    form: ClassVar[str]
+    needs: ClassVar[tuple[str, ...]] = ()       # coefficients that it must have ...
+    may: ClassVar[tuple[str, ...]] = ("level",)     # ... and that it may have
+    means: ClassVar[str]                        # the formula
+    positive: ClassVar[tuple[str, ...]] = ()    # coefficients that are more than 0
+    variables: ClassVar[int] = 1
+    only_over: ClassVar[tuple[str, ...]] = ()
+    sentences: ClassVar[tuple[str, ...]]        # {what} it acts on, its {unit}, {x}, {y}, their units {per}, {per2}
+    one_run: ClassVar[bool] = False             # it says something of one run, nothing of the machine
+    main: ClassVar[str] = ""                    # the coefficient whose interval is reported
+    leaps: ClassVar[bool] = False               # an edge that is a little off hides how good it is
+    of_moves: ClassVar[bool] = False            # it says how its variable has been moving
+    movable: ClassVar[tuple[str, ...]] = ()     # of its shape
+    has_level: ClassVar[bool] = True            # what it does on the mean is fitted along
+
+    def __init_subclass__(cls, form: str | None = None) -> None:
+        if form is not None:
+            cls.form = form
+            FORMS[form] = cls
+
+    @staticmethod
+    def value(p: TermParams, x: float, y: float, slow: float) -> float:
+        """Its value, the level not included. slow : x, remembered with the time constant tau_s."""
+        raise NotImplementedError
+
+    @staticmethod
+    def said(term: Term) -> Said:
+        raise NotImplementedError
+
+    @classmethod
+    def tried(cls, x: Scaled) -> list[Tried]:
+        """The form over one variable, at all places where it is looked for."""
+        if (x.name not in cls.only_over) if cls.only_over else (x.name in ANGLES or x.name == "time_s"):
+            return []
+        shapes = cls.shapes(x)
+        return [Tried(cls, (x.name,), one, cls.columns(one, x, x), cls.places(x, len(shapes))) for one in shapes]
+
+    @classmethod
+    def shapes(cls, x: Scaled) -> list[Shape]:
+        return [{}]
+
+    @classmethod
+    def places(cls, x: Scaled, shapes: int) -> int:
+        """How many different forms its shapes are: its prior is shared among them."""
+        return shapes
+
+    @classmethod
+    def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
+        raise NotImplementedError
+
+    @classmethod
+    def step(cls, shape: Shape, name: str, steps: float, x: Scaled) -> float:
+        """A part of the shape that many steps away."""
+        return shape[name] + STEP * steps
+
+    @classmethod
+    def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
+        """The file's coefficients of amplitudes `a` and of a level."""
+        raise NotImplementedError
+
+    @classmethod
+    def written(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> Written:
+        return Written(cls.form, cls.coefficients(shape, a, level, x, y))

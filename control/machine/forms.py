@@ -1,0 +1,555 @@
+"""The forms that a term may have, a class each: all that is known of a form is said there (`form`)."""
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from enum import StrEnum
+from itertools import combinations
+from math import cos, pi, sin
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from .elements import Array, table_at
+from .form import ANGLES, FORMS, SHAFT_ANGLE, Columns, Said, Scaled, Series, Shape, TermForm, TermParams, Tried, Written
+
+if TYPE_CHECKING:
+    from .terms import Term
+
+
+class Form(StrEnum):
+    """The closed list of forms. The place of a form in it is its number in compiled code."""
+
+    SLOPE = "slope"
+    BEND = "bend"
+    HINGE = "hinge"
+    SATURATION = "saturation"
+    DEAD_ZONE = "dead_zone"
+    THRESHOLD = "threshold"
+    PRODUCT = "product"
+    MEMORY = "memory"
+    PERIODIC = "periodic"
+    SIDE = "side"
+    SPAN = "span"
+    TABLE = "table"
+
+
+# Where forms are tried: fine enough that a shape moved from the nearest place gets to the best one.
+NODES = 8                           # of a table, at most
+MEMORIES_S = (1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0)
+WAYS_S = (1.5, 5.0)                 # which way something has been moving, over so long
+WAY_SHARE = 0.1                     # of its spread: a difference of so much tells the way
+ONE_AXIS = 0.03                     # of the variance along an axis: less across it is none
+ALONG_DEG = (15.0, 30.0)            # from an axis: what was seen on it holds so far, and from there on no more
+CYCLES = {"heading_deg": (1, 2, 3), SHAFT_ANGLE: (1, 2, 3, 4, 5, 6)}
+SPAN_EDGES = 24
+SPAN_PLACES = 100                   # of either edge: it is known to some per cent of the log
+WAVES = 4                           # smooth half-waves that a table is made of
+FORGETS = 0.2                       # of its size: what a memory leaves when nothing changes any more
+
+
+# -- straight lines and bends ------------------------------------------------------------------------------------------
+
+def line(x: Scaled, at: float) -> Array:
+    return x.z
+
+
+def hinge(x: Scaled, at: float) -> Array:
+    return np.maximum(0.0, x.z - at)
+
+
+def ones(x: Scaled, at: float) -> Array:
+    return np.ones(len(x.x))
+
+
+def clipped(x: float, low: float, high: float) -> float:
+    return min(high, max(low, x))
+
+
+class Slope(TermForm, form=Form.SLOPE):
+    needs, may, main = ("slope",), ("at", "level"), "slope"
+    means = "level + slope (x - at)"
+    sentences = ("{what} rises by {size} {unit} for each {per} of {x}",
+                 "{what} falls by {size} {unit} for each {per} of {x}")
+
+    @staticmethod
+    def value(p: TermParams, x: float, y: float, slow: float) -> float:
+        return p.slope * (x - p.at)
+
+    @staticmethod
+    def said(term: Term) -> Said:
+        size = term.coefficients["slope"]
+        return Said(numbers={"size": abs(size)}, which=int(size <= 0.0))
+
+    @classmethod
+    def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
+        return ({Series(line, (x.name,)): 1.0},)
+
+    @classmethod
+    def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
+        return {"slope": a[0] / x.spread, "at": x.middle, "level": level}
+
+
+class Bend(TermForm, form=Form.BEND):
+    needs, may = ("bend",), ("slope", "at", "level")
+    means = "level + slope (x - at) + bend (x - at)^2"
+    sentences = ("{what} rises by {size} {unit} for each ({per})2 of {x} away from {at} {per}",
+                 "{what} falls by {size} {unit} for each ({per})2 of {x} away from {at} {per}")
+
+    @staticmethod
+    def value(p: TermParams, x: float, y: float, slow: float) -> float:
+        away = x - p.at
+        return p.slope * away + p.bend * away * away
+
+    @staticmethod
+    def said(term: Term) -> Said:
+        c = term.coefficients
+        vertex = c.get("at", 0.0) - 0.5 * c.get("slope", 0.0) / c["bend"] if c["bend"] else 0.0
+        return Said(numbers={"size": abs(c["bend"]), "at": vertex}, which=int(c["bend"] <= 0.0))
+
+    @classmethod
+    def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
+        return {Series(line, (x.name,)): 1.0}, {Series(times, (x.name, x.name)): 1.0}
+
+    @classmethod
+    def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
+        return {"slope": a[0] / x.spread, "bend": a[1] / x.spread ** 2, "at": x.middle, "level": level}
+
+
+class _Placed(TermForm):
+    """A form with a place where it bends or leaps."""
+
+    needs, may, movable = ("at",), ("below", "above", "level"), ("at",)
+
+    @classmethod
+    def shapes(cls, x: Scaled) -> list[Shape]:
+        return [{"at": place} for place in x.knots]
+
+
+class Hinge(_Placed, form=Form.HINGE):
+    means = "level + below (x - at) where x is less than at, above (x - at) where it is more"
+    sentences = ("{what} changes by {below} for each {per} of {x} below {at} {per}, by {above} above",)
+
+    @staticmethod
+    def value(p: TermParams, x: float, y: float, slow: float) -> float:
+        return (p.above if x > p.at else p.below) * (x - p.at)
+
+    @staticmethod
+    def said(term: Term) -> Said:
+        c = term.coefficients
+        return Said({"below": c.get("below", 0.0), "above": c.get("above", 0.0)}, {"at": c["at"]})
+
+    @classmethod
+    def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
+        return {Series(line, (x.name,)): 1.0}, {Series(hinge, (x.name,), shape["at"]): 1.0}
+
+    @classmethod
+    def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
+        return {"below": a[0] / x.spread, "above": (a[0] + a[1]) / x.spread, "at": x.of(shape["at"]),
+                "level": level + a[0] * shape["at"]}
+
+
+class _Ended(TermForm):
+    """A form with a lower and an upper end."""
+
+    needs, main = ("slope", "low_end", "high_end"), "slope"
+    movable: ClassVar[tuple[str, ...]] = ("low_end", "high_end")
+
+    @classmethod
+    def places(cls, x: Scaled, shapes: int) -> int:
+        return len(x.knots) ** 2 // 2
+
+    @classmethod
+    def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
+        return {"slope": a[0] / x.spread, "low_end": x.of(shape["low_end"]), "high_end": x.of(shape["high_end"]),
+                "level": level}
+
+
+class Saturation(_Ended, form=Form.SATURATION):
+    means = "level + slope (x - low_end), x held between low_end and high_end"
+    sentences = ("{what} changes by {size} for each {per} of {x} from {low} to {high} {per}, and no further",
+                 "{what} is off by {size} whatever the command")
+
+    @staticmethod
+    def value(p: TermParams, x: float, y: float, slow: float) -> float:
+        return p.slope * (clipped(x, p.low_end, p.high_end) - p.low_end)
+
+    @staticmethod
+    def said(term: Term) -> Said:
+        c = term.coefficients
+        if c["low_end"] == 0.0 and term.acts_on == "shaft_rpm" and term.variables == ("shaft_rpm",):
+            return Said({"size": c["slope"] * c["high_end"]}, which=1)
+        return Said({"size": c["slope"]}, {"low": c["low_end"], "high": c["high_end"]})
+
+    @classmethod
+    def shapes(cls, x: Scaled) -> list[Shape]:
+        """Between every two places, and from an end of the range on."""
+        low, high = x.ends
+        return [{"low_end": a, "high_end": b} for a, b in combinations((low, *x.knots, high), 2)
+                if a < b and (a, b) != (low, high)]
+
+    @classmethod
+    def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
+        """z held between the ends, nothing where z is 0."""
+        low, high = shape["low_end"], shape["high_end"]
+        return ({Series(hinge, (x.name,), low): 1.0, Series(hinge, (x.name,), high): -1.0,
+                 Series(ones, (x.name,)): low - clipped(0.0, low, high)},)
+
+    @classmethod
+    def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
+        low, high = shape["low_end"], shape["high_end"]
+        return {**super().coefficients(shape, a, level, x, y), "level": level + a[0] * (low - clipped(0.0, low, high))}
+
+
+class Lost(Saturation):
+    """A constant that is lost of every command: a saturation from 0 on. x : the commands, as they are."""
+
+    movable, has_level = (), False
+
+    @classmethod
+    def shapes(cls, x: Scaled) -> list[Shape]:
+        return [{}]
+
+    @classmethod
+    def places(cls, x: Scaled, shapes: int) -> int:
+        return 1
+
+    @classmethod
+    def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
+        return ({Series(ones, (x.name,)): 1.0},)
+
+    @classmethod
+    def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
+        least = float(np.min(x.x[x.work], initial=abs(a[0]) + 1e-3))
+        end = min(max(abs(a[0]), 1e-3), least)
+        return {"slope": a[0] / end, "low_end": 0.0, "high_end": end}
+
+
+class DeadZone(_Ended, form=Form.DEAD_ZONE):
+    means = "level between low_end and high_end, + slope for each unit beyond them"
+    sentences = ("{what} changes by {size} for each {per} of {x} beyond {low} to {high} {per}, and not between",)
+
+    @staticmethod
+    def value(p: TermParams, x: float, y: float, slow: float) -> float:
+        return p.slope * (x - clipped(x, p.low_end, p.high_end))
+
+    @staticmethod
+    def said(term: Term) -> Said:
+        c = term.coefficients
+        return Said({"size": c["slope"]}, {"low": c["low_end"], "high": c["high_end"]})
+
+    @classmethod
+    def shapes(cls, x: Scaled) -> list[Shape]:
+        return [{"low_end": a, "high_end": b} for a, b in combinations(x.knots, 2)]
+
+    @classmethod
+    def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
+        low, high = shape["low_end"], shape["high_end"]
+        return ({Series(line, (x.name,)): 1.0, Series(hinge, (x.name,), low): -1.0,
+                 Series(hinge, (x.name,), high): 1.0, Series(ones, (x.name,)): -low},)
+
+
+class Threshold(_Placed, form=Form.THRESHOLD):
+    main, leaps = "above", True
+    means = "level + above where x is more than at, else + below"
+    sentences = ("{what} differs by {size} where {x} is above {at} {per}",)
+
+    @staticmethod
+    def value(p: TermParams, x: float, y: float, slow: float) -> float:
+        return p.above if x > p.at else p.below
+
+    @staticmethod
+    def said(term: Term) -> Said:
+        c = term.coefficients
+        return Said({"size": c.get("above", 0.0) - c.get("below", 0.0)}, {"at": c["at"]})
+
+    @classmethod
+    def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
+        return ({Series(beyond, (x.name,), shape["at"]): 1.0},)
+
+    @classmethod
+    def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
+        return {"above": a[0], "at": x.of(shape["at"]), "level": level}
+
+
+def beyond(x: Scaled, at: float) -> Array:
+    return (x.z > at).astype(np.float64)
+
+
+# -- of two variables --------------------------------------------------------------------------------------------------
+
+def times(x: Scaled, y: Scaled, at: float) -> Array:
+    return x.z * y.z
+
+
+class Product(TermForm, form=Form.PRODUCT):
+    needs, may, variables, main = ("slope",), ("at", "second_at", "level"), 2, "slope"
+    means = "level + slope (x - at) (y - second_at)"
+    sentences = ("{what} changes by {size} for each {per} of {x} from {at} times each {per2} of {y} from {at2}",)
+
+    @staticmethod
+    def value(p: TermParams, x: float, y: float, slow: float) -> float:
+        return p.slope * (x - p.at) * (y - p.second_at)
+
+    @staticmethod
+    def said(term: Term) -> Said:
+        c = term.coefficients
+        return Said({"size": c["slope"]}, {"at": c.get("at", 0.0), "at2": c.get("second_at", 0.0)})
+
+    @classmethod
+    def tried(cls, x: Scaled) -> list[Tried]:
+        return []
+
+    @classmethod
+    def tried_with(cls, x: Scaled, y: Scaled, alone: int = 2) -> list[Tried]:
+        """The product, and along with it what `alone` of its variables do by themselves."""
+        return [Tried(cls, (x.name, y.name), one, cls.columns(one, x, y)) for one in ({}, {"alone": float(alone)})]
+
+    @classmethod
+    def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
+        alone = (x, y)[:int(shape.get("alone", 0.0))]
+        return (*({Series(line, (v.name,)): 1.0} for v in alone), {Series(times, (x.name, y.name)): 1.0})
+
+    @classmethod
+    def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
+        """level : 0 where the log does not hold it; the product is then nothing where one of its variables is at its
+        place."""
+        first, second, both = a[0] if len(a) > 1 else 0.0, a[1] if len(a) > 2 else 0.0, a[-1]
+        return {"slope": both / (x.spread * y.spread), "at": x.of(-second / both), "second_at": y.of(-first / both),
+                "level": level - first * second / both if level else 0.0}
+
+
+# -- of how a variable has been moving ---------------------------------------------------------------------------------
+
+def remembered(x: Scaled, tau_s: float) -> Array:
+    return x.stepped(TermParams(NUMBER[Form.MEMORY], bend=1.0, tau_s=tau_s))
+
+
+def way(x: Scaled, tau_s: float) -> Array:
+    """-1 to 1: the way in which z has been moving of late."""
+    return x.stepped(TermParams(NUMBER[Form.SIDE], above=1.0, below=-1.0, high_end=WAY_SHARE, tau_s=tau_s))
+
+
+class Memory(TermForm, form=Form.MEMORY):
+    needs, may, positive = ("bend", "tau_s"), ("slope", "at", "level"), ("tau_s",)
+    movable, main, of_moves = ("tau_s",), "bend", True
+    means = "level + slope (x - at) + bend (m - at), m following x with the time constant tau_s"
+    sentences = ("{what} follows {x} late, with a time constant of {tau} s: {size} for each {per}",
+                 "{what} changes by {size} for each {per} by which {x} has just changed, and forgets it with a time "
+                 "constant of {tau} s")
+
+    @staticmethod
+    def value(p: TermParams, x: float, y: float, slow: float) -> float:
+        return p.slope * (x - p.at) + p.bend * (slow - p.at)
+
+    @staticmethod
+    def said(term: Term) -> Said:
+        c = term.coefficients
+        now, late = c.get("slope", 0.0), c["bend"]
+        forgets = abs(now + late) < FORGETS * max(abs(now), abs(late))
+        return Said({"size": now if forgets else now + late}, {"tau": c["tau_s"]}, which=int(forgets))
+
+    @classmethod
+    def shapes(cls, x: Scaled) -> list[Shape]:
+        return [{"tau_s": tau_s, "alone": float(alone)} for tau_s in MEMORIES_S for alone in (0, 1)]
+
+    @classmethod
+    def places(cls, x: Scaled, shapes: int) -> int:
+        return len(MEMORIES_S)
+
+    @classmethod
+    def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
+        late = {Series(remembered, (x.name,), shape["tau_s"]): 1.0}
+        return ({Series(line, (x.name,)): 1.0}, late) if shape["alone"] else (late,)
+
+    @classmethod
+    def step(cls, shape: Shape, name: str, steps: float, x: Scaled) -> float:
+        return float(shape[name] * 2.0 ** steps)
+
+    @classmethod
+    def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
+        return {"slope": a[0] / x.spread if len(a) > 1 else 0.0, "bend": a[-1] / x.spread, "at": x.middle,
+                "tau_s": shape["tau_s"], "level": level}
+
+
+class Side(TermForm, form=Form.SIDE):
+    needs, may, positive = ("high_end",), ("below", "above", "at", "tau_s", "level"), ("high_end", "tau_s")
+    main, of_moves = "above", True
+    means = ("level + above on one side of at and below on the other, even between at - high_end and at + "
+             "high_end; with tau_s the side is the way in which x moves")
+    sentences = ("{what} differs by {size} between both sides of {x}",
+                 "{what} differs by {size} between {x} rising and falling")
+
+    @staticmethod
+    def value(p: TermParams, x: float, y: float, slow: float) -> float:
+        away = x - (slow if p.tau_s > 0.0 else p.at)
+        return 0.5 * (p.above + p.below) + 0.5 * (p.above - p.below) * clipped(away / p.high_end, -1.0, 1.0)
+
+    @staticmethod
+    def said(term: Term) -> Said:
+        c = term.coefficients
+        return Said({"size": c.get("above", 0.0) - c.get("below", 0.0)}, which=int(c.get("tau_s", 0.0) > 0.0))
+
+    @classmethod
+    def shapes(cls, x: Scaled) -> list[Shape]:
+        return [{"tau_s": tau_s} for tau_s in WAYS_S]
+
+    @classmethod
+    def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
+        return ({Series(way, (x.name,), shape["tau_s"]): 1.0},)
+
+    @classmethod
+    def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
+        return {"above": a[0], "below": -a[0], "high_end": WAY_SHARE * x.spread, "tau_s": shape["tau_s"],
+                "level": level}
+
+
+# -- round and round, for a while, and any other curve -----------------------------------------------------------------
+
+def sine(x: Scaled, cycles: float) -> Array:
+    return np.sin(cycles * np.radians(x.x))
+
+
+def cosine(x: Scaled, cycles: float) -> Array:
+    return np.cos(cycles * np.radians(x.x))
+
+
+class Periodic(TermForm, form=Form.PERIODIC):
+    needs, may, positive, only_over = ("cycles",), ("sine", "cosine", "level"), ("cycles",), ANGLES
+    means = "level + sine sin(cycles x) + cosine cos(cycles x), x an angle"
+    sentences = ("{what} swings by {size} {unit} to both sides, {count} times a turn of {x}",)
+
+    @staticmethod
+    def value(p: TermParams, x: float, y: float, slow: float) -> float:
+        angle = p.cycles * x * pi / 180.0
+        return p.sine * sin(angle) + p.cosine * cos(angle)
+
+    @staticmethod
+    def said(term: Term) -> Said:
+        c = term.coefficients
+        size = (c.get("sine", 0.0) ** 2 + c.get("cosine", 0.0) ** 2) ** 0.5
+        return Said(numbers={"size": size, "count": c["cycles"]})
+
+    @classmethod
+    def shapes(cls, x: Scaled) -> list[Shape]:
+        """Where all angles lie on one axis (up and down a field) sine and cosine are not told apart: one cycle along
+        that axis is tried, which says nothing of what was not driven."""
+        strengths, axes = np.linalg.eigh(np.cov([sine(x, 1.0)[x.work], cosine(x, 1.0)[x.work]]))
+        if strengths[0] < ONE_AXIS * strengths[1]:
+            return [{"cycles": 1.0, "sine": float(axes[0, 1]), "cosine": float(axes[1, 1])}]
+        return [{"cycles": float(n)} for n in CYCLES[x.name]]
+
+    @classmethod
+    def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
+        first, second = Series(sine, (x.name,), shape["cycles"]), Series(cosine, (x.name,), shape["cycles"])
+        if "sine" in shape:
+            return ({first: shape["sine"], second: shape["cosine"]},)
+        return {first: 1.0}, {second: 1.0}
+
+    @classmethod
+    def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
+        return {"cycles": shape["cycles"], "sine": a[0], "cosine": a[1], "level": level}
+
+    @classmethod
+    def written(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> Written:
+        """Of a cycle along one axis a table over the headings 0 to 360: what was seen along it one way and the other,
+        and the level where the machine was not driven."""
+        if "sine" not in shape:
+            return super().written(shape, a, level, x, y)
+        inner, outer = ALONG_DEG
+        axis = float(np.degrees(np.arctan2(shape["sine"], shape["cosine"])))
+        half_turns = int((axis + outer) // 180.0)
+        axis -= 180.0 * half_turns              # from -outer to 180 - outer: the way through north first, if one is
+        size = (-1.0) ** half_turns * a[0] * float(np.hypot(shape["sine"], shape["cosine"]))
+        edges = [axis - outer, axis - inner, axis + inner, axis + outer]
+        back = [edge + 180.0 for edge in edges]
+        one_way, other_way = level + size, level - size
+        if edges[0] >= 0.0:
+            return Written(Form.TABLE, {}, [*edges, *back],
+                           [level, one_way, one_way, level, level, other_way, other_way, level])
+        return Written(Form.TABLE, {}, [*edges[2:], *back, *(edge + 360.0 for edge in edges[:2])],
+                       [one_way, level, level, other_way, other_way, level, level, one_way])
+
+
+def since(x: Scaled, at: float) -> Array:
+    return (x.x >= at).astype(np.float64)
+
+
+class Span(TermForm, form=Form.SPAN):
+    needs, may, only_over = ("low_end", "high_end", "above"), ("grows", "level"), ("time_s",)
+    movable, main, one_run, leaps, has_level = ("low_end", "high_end"), "above", True, True, False
+    means = "level + above from low_end to high_end (s), growing to it with grows 1"
+    sentences = ("{what} is off by {size} from {begin} s to {end} s",)
+
+    @staticmethod
+    def value(p: TermParams, x: float, y: float, slow: float) -> float:
+        if not p.low_end <= x < p.high_end:
+            return 0.0
+        return p.above * ((x - p.low_end) / (p.high_end - p.low_end) if p.grows > 0.0 else 1.0)
+
+    @staticmethod
+    def said(term: Term) -> Said:
+        c = term.coefficients
+        return Said({"size": c["above"]}, times_s={"begin": c["low_end"], "end": c["high_end"]})
+
+    @classmethod
+    def shapes(cls, x: Scaled) -> list[Shape]:
+        edges = np.linspace(float(x.x[0]), float(x.x[-1]), SPAN_EDGES + 1)[1:-1]
+        return [{"low_end": float(a), "high_end": float(b)} for a, b in combinations(edges, 2)]
+
+    @classmethod
+    def places(cls, x: Scaled, shapes: int) -> int:
+        return SPAN_PLACES ** 2
+
+    @classmethod
+    def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
+        return ({Series(since, (x.name,), shape["low_end"]): 1.0, Series(since, (x.name,), shape["high_end"]): -1.0},)
+
+    @classmethod
+    def step(cls, shape: Shape, name: str, steps: float, x: Scaled) -> float:
+        return shape[name] + 0.5 * float(np.ptp(x.x)) / SPAN_EDGES * steps
+
+    @classmethod
+    def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
+        return {"low_end": shape["low_end"], "high_end": shape["high_end"], "above": a[0], "level": level}
+
+
+def wave(x: Scaled, n: float) -> Array:
+    low, high = x.ends
+    return np.cos(np.pi * n * np.clip((x.z - low) / max(high - low, 1e-9), 0.0, 1.0))
+
+
+class TableForm(TermForm, form=Form.TABLE):
+    means = "straight lines through nodes and values, held beyond the ends"
+    sentences = ("{what} follows {x} in a curve of its own, from {low} to {high}",)
+
+    @staticmethod
+    def value(p: TermParams, x: float, y: float, slow: float) -> float:
+        return float(table_at(p.nodes, p.values, x))
+
+    @staticmethod
+    def said(term: Term) -> Said:
+        return Said({"low": min(term.values), "high": max(term.values)})
+
+    @classmethod
+    def places(cls, x: Scaled, shapes: int) -> int:
+        return WAVES
+
+    @classmethod
+    def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
+        return tuple({Series(wave, (x.name,), float(n)): 1.0} for n in range(1, WAVES + 1))
+
+    @classmethod
+    def written(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> Written:
+        """Straight lines between eight places of the waves: up to 0.4 of the last one's size off between them."""
+        (low, high), share = x.ends, np.linspace(0.0, 1.0, NODES)
+        waves = np.array([np.cos(np.pi * n * share) for n in range(1, WAVES + 1)])
+        return Written(Form.TABLE, {}, [x.of(low + (high - low) * one) for one in share.tolist()],
+                       (level + np.asarray(a) @ waves).tolist())
+
+
+NUMBER: dict[str, int] = {form: k for k, form in enumerate(Form)}
+VALUES: tuple[Callable[[TermParams, float, float, float], float], ...] = tuple(FORMS[form].value for form in Form)
+
+
+def params(form: Form, **numbers: Any) -> TermParams:
+    return TermParams(NUMBER[form], **numbers)
