@@ -30,18 +30,12 @@ def compare(
     Exit code 3: no channel of any log could be held against both.
     """
     from drivers.files.config import load
-    from drivers.files.imports.trouble import ImportTrouble
     from drivers.files.kinds import MACHINE
     machines = [load(name, MACHINE).model for name in (old, new)]
     reads = [*(file for log in logs for file in log_files(log)), *(named(name, MACHINE.folder) for name in (old, new))]
     outputs: list[Output] = [] if report is None else [marked(report, _generator())]
     refuse_collisions(reads, outputs, force)
-    try:
-        found = _compared(logs, machines[0], machines[1], new)
-    except ImportTrouble as trouble:
-        for line in trouble.lines:
-            typer.echo(line, err=True)
-        raise typer.Exit(2) from None
+    found = _compared(logs, machines[0], machines[1], new)
     _write(found, old, new, as_json, report)
     if not any(one.channels for _, one in found):
         raise typer.Exit(NOT_JUDGED)

@@ -50,27 +50,21 @@ def import_log(
     force: Force = False,
 ) -> None:
     """Bring in the log of any machine: a run log that diagnose and replay read."""
-    from drivers.files.imports.trouble import ImportTrouble
     twice = next((path for k, path in enumerate(files) if path.resolve() in [one.resolve() for one in files[:k]]), None)
     if twice is not None:
         raise CommandError(f"{twice}: named twice: allowed is each file once, for its rows would count twice")
     refuse_other(files, LOG)
     given = _Given(_said(inside, task, device, log, values_from), _full(machine))
-    try:
-        if guess:
-            need_ending("--mapping" if mapping is not None else "--out", mapping or (
-                out if out is not None and not _is_log_name(out) else None), ".yaml", ".yml")
-            _guess(files, _place_of_guess(files, mapping, out), given, force)
-        elif out is None:
-            raise CommandError("import: no --out LOG.csv given; --guess writes a first import file")
-        elif _is_copy(files, mapping, out):
-            _copy(files[0], out, force)
-        else:
-            _import(files, mapping, out, given, force)
-    except ImportTrouble as trouble:
-        for line in trouble.lines:
-            typer.echo(line, err=True)
-        raise typer.Exit(2) from None
+    if guess:
+        need_ending("--mapping" if mapping is not None else "--out", mapping or (
+            out if out is not None and not _is_log_name(out) else None), ".yaml", ".yml")
+        _guess(files, _place_of_guess(files, mapping, out), given, force)
+    elif out is None:
+        raise CommandError("import: no --out LOG.csv given; --guess writes a first import file")
+    elif _is_copy(files, mapping, out):
+        _copy(files[0], out, force)
+    else:
+        _import(files, mapping, out, given, force)
 
 
 def _said(inside: str | None, task: str | None, device: str | None, log: str | None,

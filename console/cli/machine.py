@@ -68,19 +68,13 @@ def machine(
     from drivers.files.any_log import open_log
     from drivers.files.atomic import write_atomically
     from drivers.files.config import load
-    from drivers.files.imports.trouble import ImportTrouble
     from drivers.files.kinds import MACHINE
     if out.suffix not in (".yaml", ".yml"):
         raise CommandError(f"--out {out}: allowed is a name that ends in .yaml")
     if out.resolve() == log_files(log)[1].resolve():
         raise CommandError(f"--out {out}: is the sidecar of the log {log}: allowed is another name")
     refuse_collisions(log_files(log), [Output((out,))], force)
-    try:
-        columns = dict(open_log(log).columns)
-    except ImportTrouble as trouble:
-        for line in trouble.lines:
-            typer.echo(line, err=True)
-        raise typer.Exit(2) from None
+    columns = dict(open_log(log).columns)
     try:
         found = suggested(columns)
     except NoColumn as error:

@@ -25,7 +25,6 @@ def watch(
     from console.cli.plain_errors import CommandError
     from console.services.live_check import POLL_S, followed, lower_priority
     from control.diagnosis.live.watch import FIRST_S
-    from drivers.files.imports.trouble import ImportTrouble
     if log.exists() or to_end:
         refuse_other([log], LOG)
         refuse_bench_table(log, "watch")
@@ -43,10 +42,6 @@ def watch(
             if look.departure != last:
                 typer.echo(f"{clock(look.at_s)}  {said(look.departure)}")
             last = look.departure
-    except ImportTrouble as trouble:
-        for line in trouble.lines:
-            typer.echo(line, err=True)
-        raise typer.Exit(2) from None
     except KeyboardInterrupt:
         pass
     if to_end and not looks:

@@ -31,7 +31,6 @@ ALL_SHARE = 0.8             # from here on they tell all
 STRETCH_S = {"shaft": 12.0, "gate": 20.0, "speed": 40.0}    # views whose rows are shown in full, and how long
 TIME_BINS = 90
 RATE_BINS = 24              # a rate needs longer
-ROWS_IN_BIN = 6             # at least, on average
 CHANGING = 0.01             # of an effect's strength in a stretch: below it, it is an even one
 BAND = "The band is the 90 % interval of each mean."
 
@@ -212,13 +211,8 @@ def _rows_for_time(view: View, own: Sequence[EffectInstance]) -> tuple[npt.NDArr
 
 def _in_even_bins(view: View, minutes: Array) -> Callable[[Array, float], tuple[Array, Array, Array]]:
     """(middle of each bin, mean, half of the interval), NaN where a bin says nothing."""
-    low, high = float(minutes.min()), float(minutes.max())
-    most = TIME_BINS if view.segments is None else RATE_BINS
-    count = max(2, min(most, len(minutes) // ROWS_IN_BIN))
-    width = (high - low) / count or 1.0
-    index = np.minimum(count - 1, ((minutes - low) / width).astype(int))
-    cell = Axis("", index.astype(float), names=tuple("-" for _ in range(count)))
-    middle = np.asarray(low + (np.arange(count) + 0.5) * width, np.float64)
+    cell, middle = view.even_bins(minutes, TIME_BINS if view.segments is None else RATE_BINS)
+    count = len(middle)
 
     def means(series: Array, memory: float) -> tuple[Array, Array, Array]:
         found = view.means(cell, series, memory)

@@ -30,6 +30,9 @@ TIME_MORE = 0.08            # of what an effect does must time tell beyond what 
 OWN_AXIS = {"flow.hopper_head": "hopper_kg", "gate.lost_steps": "moved"}       # though time may tell as much
 
 
+ROWS_IN_BIN = 6             # of time, at least on average
+
+
 class View(NamedTuple):
     """One channel. `predict(parts)` is what the machine with these effects would have read, (n,) in `unit`."""
 
@@ -62,6 +65,15 @@ class View(NamedTuple):
             return binned(axis, residual, memory)
         rates = binned_rates(axis, residual, float(np.median(np.diff(self.time_s))), self.segments, memory)
         return Binned(rates.at, -1000.0 * rates.mean, 1000.0 * rates.half)
+
+    def even_bins(self, minutes: Array, most: int) -> tuple[Axis, Array]:
+        """The rows, at these minutes (n,), by even bins of time, `most` at most: the bin of each, and their middles."""
+        low, high = float(minutes.min()), float(minutes.max())
+        count = max(2, min(most, len(minutes) // ROWS_IN_BIN))
+        width = (high - low) / count or 1.0
+        index = np.minimum(count - 1, ((minutes - low) / width).astype(int))
+        return (Axis("", index.astype(float), names=tuple("-" for _ in range(count))),
+                np.asarray(low + (np.arange(count) + 0.5) * width, np.float64))
 
     def memory(self, residual: Array) -> float:
         """Correlation of the residual's neighbouring noise."""

@@ -30,7 +30,7 @@ from control.diagnosis.result import Cause, Diagnosis, Fitted
 from control.diagnosis.runs.hypothesis import EffectInstance
 from control.machine.machine import CATALOGUE, Machine
 
-TIME_BINS, RATE_BINS, ROWS_IN_BIN = 40, 16, 6
+TIME_BINS, RATE_BINS = 40, 16        # as wide as a terminal draws them; a rate needs longer
 STRUCTURE_P = 0.01                  # below it a channel has more than noise
 _NO_PLACE = 0.005                   # m, less is not said
 
@@ -164,20 +164,14 @@ def _curve(view: View, axis: Axis, parts: tuple[EffectInstance, ...]) -> Curve |
 
 def _over_time(view: View, parts: tuple[EffectInstance, ...], onset_min: float | None) -> Curve | None:
     """Means over even bins of the log's time, in minutes; of one head alone where the heads differ."""
-    minutes = view.time_s / 60.0
-    low, high = float(minutes.min()), float(minutes.max())
-    most = TIME_BINS if view.segments is None else RATE_BINS
-    count = max(2, min(most, len(minutes) // ROWS_IN_BIN))
-    width = (high - low) / count or 1.0
-    index = np.minimum(count - 1, ((minutes - low) / width).astype(int))
-    cell = Axis("", index.astype(float), names=tuple("-" for _ in range(count)))
+    cell, middle = view.even_bins(view.time_s / 60.0, TIME_BINS if view.segments is None else RATE_BINS)
     before, after = view.residual(()), view.residual(parts)
     memory = view.memory(after)
     curve = _drawn(view.name, view.unit, "time, min", view.means(cell, before, memory), view.means(cell, after, memory),
                    (), onset_min)
     if curve is None:
         return None
-    return curve._replace(at=tuple(round(low + (place + 0.5) * width, 3) for place in curve.at))
+    return curve._replace(at=tuple(round(float(middle[round(place)]), 3) for place in curve.at))
 
 
 def _drawn(channel: str, unit: str, label: str, before: Binned, after: Binned, names: tuple[str, ...],
