@@ -1,7 +1,6 @@
 """From the command line to the screens: start or attach to a worker, open a log."""
 from __future__ import annotations
 
-import asyncio
 import datetime as dt
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import replace
@@ -56,6 +55,7 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
     from console.services.sound import Player
 
     async def attach() -> Link:
+        import asyncio      # not before the worker is started, which takes as long to come up as all of the console
         where = await asyncio.to_thread(find_running)
         if where is None:
             raise WorkerFailed(_("no control worker runs"))

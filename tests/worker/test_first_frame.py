@@ -37,3 +37,11 @@ def test_the_right_to_be_the_worker_is_taken_before_the_modules_are_read():
                            f"print([name for name in {heavy} if name in sys.modules])"],
                           capture_output=True, text=True, check=True)
     assert said.stdout.strip() == "[]"
+
+
+def test_the_worker_is_started_before_the_console_reads_what_it_draws_with():
+    heavy = "asyncio", "textual", "numpy", "yaml", "console.app"
+    said = subprocess.run([sys.executable, "-c", "import sys, console.cli.run, console.cli.screens, console.running, "
+                           f"console.services.launcher; print([name for name in {heavy} if name in sys.modules])"],
+                          capture_output=True, text=True, check=True)
+    assert said.stdout.strip() == "[]"
