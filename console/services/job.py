@@ -5,7 +5,7 @@ import contextlib
 import datetime as dt
 import shutil
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
@@ -43,7 +43,9 @@ if TYPE_CHECKING:
     from control.field.job import Job
     from control.machine.machine import Machine
     from control.targets.map_check import MapCheck
+    from drivers.files.exports.as_applied import AsApplied
     from drivers.files.prescriptions.words import PrescriptionError
+    from drivers.files.read_log import RunLog
     from drivers.files.setup import Setup
 
 OFFERED_DAYS = 14           # a job that was cut off longer ago is not asked about
@@ -344,30 +346,10 @@ class JobFiles:
 
     def export(self, log_path: str, ending: str, progress: Progress, cancelled: Cancelled) -> tuple[str, ...]:
         """Raises ValueError, OSError."""
-        from drivers.files.exports.as_applied import ExportError, as_applied
+        from drivers.files.exports.as_applied import as_applied
         from drivers.files.exports.write import write_as_applied
-        from drivers.files.read_log import LogError, read_log
-        logs = self._parts(log_path)
-        written: list[str] = []
-        steps = 3 * len(logs)
-        for number, log in enumerate(logs):
-            try:
-                for step, what in enumerate((READING, GATHERING, WRITING)):
-                    if cancelled():
-                        return tuple(written)
-                    progress(3 * number + step, steps, what)
-                    if what == READING:
-                        recorded = read_log(log)
-                    elif what == GATHERING:
-                        applied = as_applied(recorded)
-                    else:
-                        out = log.with_name(f"{log.stem}-applied{ending}")
-                        write_as_applied(applied, out)
-                        written.append(str(out))
-            except (ExportError, LogError) as error:
-                if len(logs) == 1 or (log == logs[-1] and not written):
-                    raise ValueError(str(error).splitlines()[0]) from None
-        return tuple(written)
+        return self._of_parts(log_path, f"-applied{ending}", as_applied,
+                              lambda _recorded, applied, out: write_as_applied(applied, out), progress, cancelled)
 
     def report(self, log_path: str, progress: Progress, cancelled: Cancelled) -> tuple[str, ...]:
         """Raises ValueError, OSError."""
@@ -375,29 +357,42 @@ class JobFiles:
         from console.reports.job_about import about_of
         from console.reports.job_page import MOST_STRETCHES, job_page
         from drivers.files.atomic import write_atomically
-        from drivers.files.exports.as_applied import DEFAULT_EVERY_S, ExportError, as_applied
-        from drivers.files.read_log import LogError, read_log
+        from drivers.files.exports.as_applied import DEFAULT_EVERY_S, as_applied
         from drivers.files.run_meta import software_version
         need_matplotlib()
+
+        def gathered(recorded: RunLog) -> AsApplied:
+            applied = as_applied(recorded)
+            every_s = applied.totals.worked_s / MOST_STRETCHES
+            return as_applied(recorded, every_s=every_s) if every_s > DEFAULT_EVERY_S else applied
+
+        def write(recorded: RunLog, applied: AsApplied, out: Path) -> None:
+            write_atomically(out, job_page(applied, f"topdress {software_version()}", about_of(recorded)))
+        return self._of_parts(log_path, "-report.html", gathered, write, progress, cancelled)
+
+    def _of_parts(self, log_path: str, ending: str, gathered: Callable[[RunLog], AsApplied],
+                  write: Callable[[RunLog, AsApplied, Path], object], progress: Progress,
+                  cancelled: Cancelled) -> tuple[str, ...]:
+        """A file of each log of the job, next to it; cancelled: those that are done. A log with nothing in it is passed
+        over, unless no log has more. Raises ValueError, OSError."""
+        from drivers.files.exports.as_applied import ExportError
+        from drivers.files.read_log import LogError, read_log
         logs = self._parts(log_path)
         written: list[str] = []
         for number, log in enumerate(logs):
             try:
-                progress(3 * number, 3 * len(logs), READING)
-                recorded = read_log(log)
-                if cancelled():
-                    break
-                progress(3 * number + 1, 3 * len(logs), GATHERING)
-                applied = as_applied(recorded)
-                every_s = max(DEFAULT_EVERY_S, applied.totals.worked_s / MOST_STRETCHES)
-                if every_s > DEFAULT_EVERY_S:
-                    applied = as_applied(recorded, every_s=every_s)
-                if cancelled():
-                    break
-                progress(3 * number + 2, 3 * len(logs), WRITING)
-                out = log.with_name(f"{log.stem}-report.html")
-                write_atomically(out, job_page(applied, f"topdress {software_version()}", about_of(recorded)))
-                written.append(str(out))
+                for step, what in enumerate((READING, GATHERING, WRITING)):
+                    if cancelled():
+                        return tuple(written)
+                    progress(3 * number + step, 3 * len(logs), what)
+                    if what == READING:
+                        recorded = read_log(log)
+                    elif what == GATHERING:
+                        applied = gathered(recorded)
+                    else:
+                        out = log.with_name(f"{log.stem}{ending}")
+                        write(recorded, applied, out)
+                        written.append(str(out))
             except (ExportError, LogError) as error:
                 if len(logs) == 1 or (log == logs[-1] and not written):
                     raise ValueError(str(error).splitlines()[0]) from None
