@@ -17,13 +17,11 @@ import subprocess
 import sys
 import tempfile
 import time
-import urllib.request
 from collections.abc import Awaitable, Callable
 from pathlib import Path
-from urllib.parse import quote
 
 import aiohttp
-from tablet_pictures import SETTLE_S, Tab, browser_port
+from tablet_pictures import SETTLE_S, browser, opened
 from verdict import exit_code
 
 CONSOLES, TABLETS = ("ann@cab", "lab@desk"), ("tablet Ann", "tablet office")
@@ -93,17 +91,6 @@ class Scene:
                     if event.partition(" ")[0] in WHO or event.partition(" ")[0].endswith("_by")]
 
 
-async def opened(session: aiohttp.ClientSession, port: int, address: str) -> Tab:
-    request = urllib.request.Request(f"http://127.0.0.1:{port}/json/new?{quote(address, safe='')}", method="PUT")
-    with urllib.request.urlopen(request) as answer:
-        target = json.load(answer)
-    tab = Tab(await session.ws_connect(target["webSocketDebuggerUrl"], max_msg_size=0))
-    await tab.size(1100, 700)
-    await tab.open()
-    await tab.size(1100, 700)
-    return tab
-
-
 async def play(scene: Scene, port: int) -> None:
     """The steps; after each everybody's screen."""
     first, second = CONSOLES
@@ -117,7 +104,8 @@ async def play(scene: Scene, port: int) -> None:
     async with aiohttp.ClientSession() as session:
         address = scene.serve()
         await asyncio.sleep(5.0)
-        tabs = {name: await opened(session, port, f"{address}&name={name.replace(' ', '%20')}") for name in TABLETS}
+        tabs = {name: await opened(session, port, f"{address}&name={name.replace(' ', '%20')}", 1100, 700)
+                for name in TABLETS}
 
         async def shown(step: str, consoles: tuple[str, ...] = CONSOLES) -> None:
             await asyncio.sleep(2.0)
@@ -165,20 +153,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     given = parser.parse_args()
-    program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if program is None or shutil.which("tmux") is None:
-        sys.exit("chromium and tmux are needed: no pictures")
+    if shutil.which("tmux") is None:
+        sys.exit("no tmux is installed: no pictures")
     given.folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix="several-") as home, tempfile.TemporaryDirectory(prefix="tabs-") as profile:
+    with tempfile.TemporaryDirectory(prefix="several-") as home, browser() as port:
         scene = Scene(given.folder, Path(home))
-        browser = subprocess.Popen([program, "--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
-                                    "--remote-debugging-port=0", f"--user-data-dir={profile}", "about:blank"],
-                                   stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
-            asyncio.run(play(scene, browser_port(Path(profile))))
+            asyncio.run(play(scene, port))
         finally:
-            browser.terminate()
-            browser.wait()
             scene.close()
         time.sleep(2.0)
         events = scene.events()

@@ -15,8 +15,11 @@ import subprocess
 import sys
 import tempfile
 import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import aiohttp
 from verdict import exit_code
@@ -77,19 +80,21 @@ class Tab:
         print(path)
 
 
+async def opened(session: aiohttp.ClientSession, port: int, address: str, width: int, height: int) -> Tab:
+    """A new tab of the browser with a console that draws."""
+    request = urllib.request.Request(f"http://127.0.0.1:{port}/json/new?{quote(address, safe='')}", method="PUT")
+    with urllib.request.urlopen(request) as answer:
+        target = json.load(answer)
+    tab = Tab(await session.ws_connect(target["webSocketDebuggerUrl"], max_msg_size=0))
+    await tab.size(width, height)
+    await tab.open()
+    await tab.size(width, height)                   # again: now that the terminal is there to be fitted
+    return tab
+
+
 async def pictures(address: str, folder: Path, keys: list[str], port: int) -> dict[Path, int]:
     async with aiohttp.ClientSession() as session:
-        tabs = {}
-        for name in SIZES:
-            request = urllib.request.Request(f"http://127.0.0.1:{port}/json/new?{address}", method="PUT")
-            with urllib.request.urlopen(request) as answer:
-                target = json.load(answer)
-            socket = await session.ws_connect(target["webSocketDebuggerUrl"], max_msg_size=0)
-            tabs[name] = Tab(socket)
-            await tabs[name].size(*SIZES[name])
-        for name, tab in tabs.items():
-            await tab.open()
-            await tab.size(*SIZES[name])            # again: now that the terminal is there to be fitted
+        tabs = {name: await opened(session, port, address, *size) for name, size in SIZES.items()}
         await asyncio.sleep(SETTLE_S)
         for name, tab in tabs.items():
             await tab.shoot(folder / f"tablet-{name}.png")
@@ -103,7 +108,24 @@ async def pictures(address: str, folder: Path, keys: list[str], port: int) -> di
         return {path: size for tab in tabs.values() for path, size in tab.sizes.items()}
 
 
-def browser_port(profile: Path) -> int:
+@contextmanager
+def browser() -> Iterator[int]:
+    """A headless Chromium with a profile of its own: the port on which it is steered."""
+    program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if program is None:
+        sys.exit("no chromium is installed: no pictures")
+    with tempfile.TemporaryDirectory(prefix="tabs-") as profile:
+        child = subprocess.Popen([program, "--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
+                                  "--remote-debugging-port=0", f"--user-data-dir={profile}", "about:blank"],
+                                 stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        try:
+            yield _port(Path(profile))
+        finally:
+            child.terminate()
+            child.wait()
+
+
+def _port(profile: Path) -> int:
     """The port that the browser chose; it writes it into its profile."""
     told = profile / "DevToolsActivePort"
     for _try in range(200):
@@ -120,19 +142,9 @@ def main() -> int:
     parser.add_argument("--keys", nargs="*", default=[], help="after the first pictures: keys to press in both tabs, "
                         "joined by +, e.g. F3 or *; a picture of both after each")
     given = parser.parse_args()
-    program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if program is None:
-        sys.exit("no chromium is installed: no pictures")
     given.folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix="tablet-") as profile:
-        browser = subprocess.Popen([program, "--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
-                                    "--remote-debugging-port=0", f"--user-data-dir={profile}", "about:blank"],
-                                   stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        try:
-            sizes = asyncio.run(pictures(given.address, given.folder, given.keys, browser_port(Path(profile))))
-        finally:
-            browser.terminate()
-            browser.wait()
+    with browser() as port:
+        sizes = asyncio.run(pictures(given.address, given.folder, given.keys, port))
     return exit_code({f"{path}: {size} bytes: a console is drawn, at least {BLANK_BYTES}": size >= BLANK_BYTES
                       for path, size in sizes.items()})
 
