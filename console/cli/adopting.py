@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import dataclasses
 import datetime as dt
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -62,7 +63,8 @@ def adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path, picke
         raise _nothing(found, out, bool(taken.refused))
     extended = extend(machine, taken.found, sha256=sha256_of(data[0]), date=dt.date.today().isoformat())
     save(out, extended, MACHINE, _said(kept, picked))
-    typer.echo(f"{out}, before -> after (topdress history {out} --undo --out FILE takes it back):", err=True)
+    typer.echo(f"{out}, before -> after (topdress history {shlex.quote(str(out))} --undo --out FILE takes "
+               "it back):", err=True)
     typer.echo("\n".join(side_by_side(extended.history[-1])), err=True)
     return dataclasses.replace(found, extended_machine=str(out))
 

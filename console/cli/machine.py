@@ -1,6 +1,7 @@
 """`topdress machine --from LOG`: a first machine file of one stage, by asking what the log does not say."""
 from __future__ import annotations
 
+import shlex
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -78,8 +79,8 @@ def machine(
     try:
         found = suggested(columns)
     except NoColumn as error:
-        raise CommandError(f"{log}: {error}; topdress import {log} --guess writes an import file in which a line says "
-                           "which column it is") from None
+        raise CommandError(f"{log}: {error}; topdress import {shlex.quote(str(log))} --guess writes an import "
+                           "file in which a line says which column it is") from None
     except ValueError as error:
         raise CommandError(f"{log}: {error}") from None
     answers = Answers(not yes)

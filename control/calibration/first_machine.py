@@ -18,10 +18,13 @@ Array = npt.NDArray[np.float64]
 LEAST_ROWS = 10
 SETTLED_ROWS = 0.5          # share of rows with another command, of a log that holds a settled answer a row ...
 SETTLED_S = 0.5             # ... and rows at least so far apart
+ON_ITS_WAY = 0.5            # of an answer, that comes after the first row of its command: the drive had not settled
 ROUND_TO = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 6.5, 7.0, 8.0, 10.0)      # what full speeds begin with
 LEAST_NOISE = 1e-3          # of full speed, where a log shows none at all
 TAUS_S = np.concatenate(([0.0], np.geomspace(0.005, 5.0, 25)))
 DEADS_S = np.concatenate(([0.0], np.geomspace(0.005, 2.0, 17)))
+FINER = 9                   # places between two neighbours of a grid ...
+ROUNDS = 2                  # ... and again: 1 / 16 of a step of the first one
 MOST_ROWS = 4000            # of the log, that the times are read off
 
 
@@ -52,6 +55,7 @@ def suggested(columns: Mapping[str, npt.NDArray[Any]]) -> Suggested:
     events = columns.get("events", np.empty(0, object))
     settled = any(COMMANDS_HELD in str(text) for text in events) or bool(
         np.mean(np.diff(command) != 0.0) > SETTLED_ROWS and np.median(np.diff(time_s)) >= SETTLED_S)
+    settled = settled and not moves_on(command, reading)
     most = float(np.max(np.abs(np.concatenate((command, reading)))))
     supply = np.asarray(columns.get("supply_v", np.empty(0)), np.float64)
     supply = supply[np.isfinite(supply)]
@@ -74,6 +78,19 @@ def _known(columns: Mapping[str, npt.NDArray[Any]]) -> tuple[Array, Array, Array
                          f"{LEAST_ROWS} on")
     time_s, command, reading = (one[known] for one in found)
     return time_s, command, reading
+
+
+def moves_on(command: Array, reading: Array) -> bool:
+    """Whether a reading (n,) goes on moving in the rows after the one in which it began to answer a command (n,) of the
+    run log: most of what it answers to commands that are held for a while comes later."""
+    changed = np.flatnonzero(np.diff(command)) + 1              # first row of each command ...
+    held = np.diff(np.append(changed, len(command))) > 2        # ... that stays for the answer and a row after it
+    first, last = changed[held], np.append(changed, len(command))[1:][held] - 1
+    if not len(first):
+        return False
+    way = np.sign(command[first] - command[first - 1])
+    at_once, in_all = (float(way @ (reading[to] - reading[first])) for to in (first + 1, last))
+    return in_all - at_once > ON_ITS_WAY * in_all
 
 
 def rounded_up(most: float) -> float:
@@ -100,15 +117,33 @@ def noise_of(command: Array, reading: Array) -> float:
 
 def times_of(time_s: Array, command: Array, reading: Array) -> tuple[float, float]:
     """Dead time and time constant, s, with which the reading follows its command best, whatever its gain and zone are:
-    least squares of the reading over the delayed, lagged command, its size and a constant, on a grid."""
+    least squares of the reading over the delayed, lagged command, its size, a constant and the speed that it began
+    with, on a grid and finer ones between the neighbours of the best."""
     time_s, command, reading = time_s[:MOST_ROWS], command[:MOST_ROWS], reading[:MOST_ROWS]
+    deads_s, taus_s = DEADS_S, TAUS_S
+    dead_s, tau_s = _best_of(deads_s, taus_s, time_s, command, reading)
+    for _ in range(ROUNDS):
+        deads_s, taus_s = _about(dead_s, deads_s), _about(tau_s, taus_s)
+        dead_s, tau_s = _best_of(deads_s, taus_s, time_s, command, reading)
+    return dead_s, tau_s
+
+
+def _about(best: float, grid: Array) -> Array:
+    """Finer places between the neighbours of one of a grid."""
+    k = int(np.argmin(np.abs(grid - best)))
+    return np.linspace(grid[max(0, k - 1)], grid[min(len(grid) - 1, k + 1)], FINER)
+
+
+def _best_of(deads_s: Array, taus_s: Array, time_s: Array, command: Array, reading: Array) -> tuple[float, float]:
+    """The pair with the least squares; of equals the first."""
     best = (np.inf, 0.0, 0.0)
-    for dead_s in DEADS_S:
+    for dead_s in deads_s:
         commanded = command[np.clip(np.searchsorted(time_s, time_s - dead_s, side="right") - 1, 0, len(time_s) - 1)]
-        for tau_s in TAUS_S:
+        for tau_s in taus_s:
             x = _followed(commanded, time_s, float(tau_s))
+            began = np.exp(-(time_s - time_s[0]) / max(float(tau_s), 1e-9))      # what it turned at before the log
             basis = np.column_stack((x, np.sign(x) * np.minimum(np.abs(x), 0.1 * np.max(np.abs(x)) + 1e-9),
-                                     np.ones(len(x))))
+                                     np.ones(len(x)), began))
             left = reading - basis @ np.linalg.lstsq(basis, reading, rcond=None)[0]
             square = float(np.mean(np.square(left)))
             if square < best[0] * (1.0 - 1e-6):

@@ -2,6 +2,7 @@
 it, else where nothing is unsure."""
 from __future__ import annotations
 
+import shlex
 import tempfile
 from collections.abc import Collection
 from dataclasses import replace
@@ -71,8 +72,8 @@ def raw_and_mapping(path: Path, called: Path | None = None) -> tuple[RawTable, I
     raw = read_raw(path)
     found = guess(raw)
     if not found.sure:
-        raise Unsure(called, *found.questions, f"not opened: topdress import {called} --guess writes an import file in "
-                     "which these lines can be put right")
+        raise Unsure(called, *found.questions, f"not opened: topdress import {shlex.quote(str(called))} --guess writes "
+                     "an import file in which these lines can be put right")
     return raw, found.mapping, None
 
 

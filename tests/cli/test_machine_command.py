@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 from console.cli import app
 from control.calibration.first_machine import rounded_up, suggested
 from control.diagnosis.runs.diagnose import diagnose_run
+from control.log_row import COMMANDS_HELD
 from drivers.files.config import load
 from drivers.files.kinds import MACHINE
 from drivers.files.read_log import read_rows
@@ -74,3 +75,17 @@ def test_settled_answers_have_no_times() -> None:
     found = suggested({"time_s": 1.1 * steps, "shaft_rpm_cmd": 10.0 * steps, "shaft_rpm": 11.0 * steps})
     assert found.settled and (found.dead_s, found.tau_s) == (0.0, 0.0)
     assert [rounded_up(one) for one in (637.0, 100.0, 101.0, 0.93, 8200.0)] == [650.0, 100.0, 150.0, 1.0, 10_000.0]
+
+
+@pytest.mark.parametrize("tau_s", [0.1, 0.25, 0.7])
+def test_a_drive_that_moves_on_after_its_row_has_a_time_constant(tau_s: float) -> None:
+    """A row that holds a command and the beginning of its answer, every 20 ms: no settled answers."""
+    rng, time_s = np.random.default_rng(3), np.arange(0.0, 60.0, 0.02)
+    command = np.repeat(rng.choice([0.0, 200.0, 400.0, 900.0, 1500.0], 20), 150)
+    speed_rpm = np.zeros(len(command))
+    for k in range(1, len(command)):
+        speed_rpm[k] = speed_rpm[k - 1] + (command[k - 1] - speed_rpm[k - 1]) * -np.expm1(-0.02 / tau_s)
+    events = np.full(len(time_s), COMMANDS_HELD, object)
+    found = suggested({"time_s": time_s, "shaft_rpm_cmd": command, "events": events,
+                       "shaft_rpm": speed_rpm + rng.normal(0.0, 4.0, len(time_s))})
+    assert not found.settled and found.tau_s == pytest.approx(tau_s, rel=0.05) and found.dead_s < 0.02

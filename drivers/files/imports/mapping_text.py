@@ -1,6 +1,7 @@
 """A guessed import file as text: what is unsure has a comment above it that says why, what is sure one next to it."""
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,8 @@ def first_import_file(guess: Guess, files: Sequence[Path], place: Path) -> str:
     """The guess from the first of `files` as it is written at `place`, with how it is used."""
     return mapping_text(guess, [
         f"Guessed from {files[0].name}: {guess.unsure}. The keys: docs/import.md.",
-        f"Then: topdress import {' '.join(path.name for path in files)} --mapping {place.name} --out LOG.csv"])
+        f"Then: topdress import {shlex.join(path.name for path in files)} --mapping {shlex.quote(place.name)} "
+        "--out LOG.csv"])
 
 
 def mapping_text(guess: Guess, head: Iterable[str]) -> str:
