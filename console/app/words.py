@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from console.app.units import METRIC, Unit, Units
 from console.locale import N_, _
-from control.orders import Alarm, Severity
+from control.orders import Alarm, Severity, Strategy
 from control.safety import ALARMS, REFUSALS, Allowances, read_refusal
 
 STATES = {
@@ -15,9 +15,7 @@ STATES = {
 }
 STATE_SYMBOLS = {"off": "▯", "ready": "▹", "working": "▸", "held": "▮▮", "calibrating": "✚", "fault": "✖"}
 
-STRATEGIES = {
-    "opening_first": N_("opening first"), "speed_first": N_("speed first"), "balanced": N_("balanced"),
-}
+STRATEGIES = {one.value: one.value.replace("_", " ") for one in Strategy}       # `opening first`
 SOURCES = {
     "canopy": N_("from canopy"), "map": N_("from map"), "point": N_("plant by plant"), "manual": N_("manual rate"),
     "fallback": N_("FALLBACK RATE"), "none": N_("no target"), "map_and_canopy": N_("map and canopy"),

@@ -55,7 +55,7 @@ def refused() -> dict[str, str]:
 
 
 def all_texts() -> dict[str, str]:
-    texts = marked() | refused()
+    texts = marked() | refused() | dict.fromkeys(words.STRATEGIES.values(), "words.py")
     for kind in ALARMS.values():
         texts |= dict.fromkeys((kind.text, kind.todo, kind.place), "alarms")
     for form in FORMS.values():
