@@ -10,12 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.cells import cell_len
 from rich.color import Color, ColorSystem
+from rich.style import Style
 
 from console.app import camera, themes, view
 from console.app.actions import ACTIONS
 from console.app.digits import draw
 from console.app.history import History
 from console.app.pace import Pace
+from console.app.pages.calibrate.curve import Curve, CurveView
 from console.app.sample import run_frames
 from console.app.scale import STEPS, calm_ends, colour
 from console.app.units import IMPERIAL, METRIC
@@ -251,3 +253,22 @@ def test_every_action_has_its_own_keys_on_its_screen():
         assert len(keys) == len(set(keys))
     assert {action.id for action in ACTIONS if action.priority} == {"hold", "stop"}
     assert {"hold", "stop"} <= {action.id for action in ACTIONS if action.locked}
+
+
+@pytest.mark.parametrize("slope", [1.0, -1.0])
+def test_points_and_their_line_stand_where_their_axes_say(monkeypatch, slope):
+    """What grows to the right goes up, from edge to edge; the line runs through the points, the band around it."""
+    monkeypatch.setattr(Curve, "style", lambda self, name: Style())
+    monkeypatch.setattr(Curve, "rich_style", Style())
+    ends = ((10.0, 5.0 - 4.0 * slope), (50.0, 5.0), (90.0, 5.0 + 4.0 * slope))
+    alone = CurveView("rpm", "kg", ends)
+    fitted = CurveView("rpm", "kg", (), tuple((x, y, y - 0.5, y + 0.5) for x, y in ends))
+    rows, lined = ([strip.text for strip in Curve(one).paint(one, 70, 20)] for one in (alone, fitted))
+    body = [row[8:] for row in rows[1:-1]]
+    marks = sorted((row.index("o"), k) for k, row in enumerate(body) if "o" in row)
+    assert len(marks) == 3 and marks[0][0] <= 6 and marks[2][0] >= 52, "from edge to edge"
+    down = [k for _, k in marks]
+    assert down == sorted(down, reverse=slope > 0.0) and min(down) <= 4 and max(down) >= len(body) - 5
+    assert float(rows[1].split()[0]) > float(rows[-2].split()[0]), "the axis counts upwards"
+    drawn = [[k for k, row in enumerate(lined[1:-1]) if "\u2800" < row[8 + column] <= "\u28ff"] for column, _ in marks]
+    assert all(min(seen) - 1 <= row <= max(seen) + 1 for seen, row in zip(drawn, down, strict=True))

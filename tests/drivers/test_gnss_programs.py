@@ -47,6 +47,13 @@ def test_what_is_no_fix(change, kind):
     assert kind or decoder.counts.ignored == {"no_fix": 1}
 
 
+@pytest.mark.parametrize(("mode", "fixes"), [(0, 0), (1, 0), (2, 1), (3, 1)])
+def test_a_place_without_height_is_a_fix_too(mode, fixes):
+    """gpsd: 0 not known, 1 none, 2 latitude and longitude, 3 height as well."""
+    decoder = GpsdDecoder()
+    assert len(decoder.feed(lines(TPV | {"mode": mode}), 0.0)) == fixes and not decoder.counts.rejected
+
+
 def test_time_goes_forward_only_until_it_is_a_new_clock():
     decoder = GpsdDecoder()
     assert len(decoder.feed(lines(TPV, TPV), 0.0)) == 1
