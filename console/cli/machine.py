@@ -98,6 +98,8 @@ def _asked(found: Suggested, answers: Answers, full_speed: float | None, settled
     rows = answers.yes(settled, "Does a row hold a command with what it settled at (no: the drive while it runs)",
                        found.settled)
     both = answers.yes(both_ways, "Does it turn backwards too", found.both_ways)
+    if both_ways is None and not answers.ask:
+        both = True             # a log that goes one way does not say that the drive cannot go back
     sd = answers.number(noise, "Noise of its speed sensor, 1 s.d., r/min", found.noise_rpm)
     return found._replace(full_rpm=full, settled=rows, both_ways=both, noise_rpm=sd)
 

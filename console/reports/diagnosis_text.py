@@ -81,6 +81,8 @@ def _verdict(found: Diagnosis) -> str:
              "unexplained": "structure that no known effect explains",
              "not_judged": "not judged: no channel of this data could be held against the model"
                            + ("; applied against target was" if found.rates else "")}
+    if found.verdict == "not_judged" and found.channels:
+        return "not judged: too short, or too little moved, to say that nothing is wrong"
     return words[found.verdict]
 
 

@@ -42,6 +42,8 @@ def _verdict(found: Diagnosis) -> str:
     if found.verdict == "none":
         return "Nothing beyond noise: the machine model predicts this data as well as its sensors allow."
     if found.verdict == "not_judged":
+        if found.channels:
+            return "Not judged: this data is too short, or moves too little, to say that nothing is wrong."
         return "Nothing was judged: no channel of this data could be held against the machine model."
     if found.verdict in ("named", "ambiguous") and not clear:
         return f"Something is there, but no cause is likely enough to be named: {suspected} suspected."

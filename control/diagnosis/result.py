@@ -196,7 +196,8 @@ class RateFit:
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """Precedence of verdicts: unexplained, ambiguous, named, none; not_judged where no channel could be judged.
+    """Precedence of verdicts: unexplained, ambiguous, named, none; not_judged where no channel could be judged: there
+    are none, or the data tell nothing of them that was not believed before.
 
     Fields that do not apply are None, not left out.
     """

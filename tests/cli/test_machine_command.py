@@ -53,7 +53,9 @@ def test_what_it_has_not_got_is_not_told_of(tmp_path: Path) -> None:
     done = RUNNER.invoke(app, ["machine", "--from", str(log), "--out", str(out), "--kind", "fan", "--yes"])
     assert done.exit_code == 0, done.output
     made = load(str(out), MACHINE).model
-    assert made.shaft.one_way == 1.0
+    assert made.shaft.one_way == 0.0, "a log that goes one way does not say that the drive cannot go back"
+    RUNNER.invoke(app, ["machine", "--from", str(log), "--out", str(out), "--yes", "--one-way", "--force"])
+    assert load(str(out), MACHINE).model.shaft.one_way == 1.0
     found = diagnose_run(dict(read_rows(log).columns), made)
     assert found.data.stages == ("shaft",) and [one.channel for one in found.channels] == ["shaft"]
     assert not [one for one in found.findings if "is left out: column" in one]

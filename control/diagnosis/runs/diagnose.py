@@ -154,7 +154,7 @@ def judged_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, pat
         groups, read_off = _sound(groups, read_off, data, machine, findings)
         with np.errstate(all="ignore"):
             found = report(data, machine, groups, read_off, path, tuple(findings))
-    return JudgedRun(_with_rates(found, columns) if found.verdict == "not_judged" else found, data, tuple(groups))
+    return JudgedRun(_with_rates(found, columns) if not found.channels else found, data, tuple(groups))
 
 
 def _sound(groups: list[GroupResult], read_off: tuple[ReadOff, ...], data: RunData, machine: Machine,

@@ -1,13 +1,22 @@
 """What was judged, in the words of the published result: channels, causes, what the log could not show, verdict."""
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtrc, expit
 
-from control.diagnosis.effects import ROWS
+from control.diagnosis.effects import (
+    CANOPY_HEAD_FOULED,
+    FLOW_GAIN,
+    GATE_OFFSET,
+    ROWS,
+    SHAFT_GAIN,
+    SPEED_WHEEL_RADIUS,
+    FoundBy,
+)
 from control.diagnosis.judgement.evidence import Z90, projected
 from control.diagnosis.judgement.prior import LISTED, NAMED, log_odds, smallest_said
 from control.diagnosis.result import (
@@ -47,6 +56,9 @@ Array = npt.NDArray[np.float64]
 MOST_LOG_ODDS = 700.0       # whose exponential a computer can hold
 WINDOW_S = 10.0             # flow is read off the scale over windows of this length
 RISE_KG = 1.0               # over one: a refill; on the nominal machine
+PLAINEST = {                # of each channel: the error that every log of it should show, a factor or an offset
+    "shaft": SHAFT_GAIN.id, "gate": GATE_OFFSET.id, "flow": FLOW_GAIN.id, "speed": SPEED_WHEEL_RADIUS.id,
+    "heads": CANOPY_HEAD_FOULED.id}
 
 
 def channel_rows(one: GroupResult, data: RunData) -> list[Channel]:
@@ -101,18 +113,29 @@ def _flow(time_s: Array, reading: Array, residual: Array, noise_kg: float, p: fl
                    float(1.0 - np.var(wrong) / spread) if spread > 0.0 else 0.0, p)
 
 
-def not_shown(one: GroupResult) -> list[NotShown]:
-    """Smallest size at which an effect that is not named would have been (Fisher information)."""
+class _Open(NamedTuple):
+    """Candidates that were not named, (k,), and what the log tells of the size of each: 1 over its variance (k,)."""
+
+    candidates: list[Candidate]
+    information: Array
+
+
+def _open(one: GroupResult) -> _Open:
     search, now = one.search, one.found
     named = {p.id for p in now.parts}
-    best: dict[str, float] = {}
     kept = [c for c in search.candidates if c.part.id not in named]
-    odds = log_odds("steady", len({c.part.id for c in search.candidates}))
-    columns = [search.columns.of_candidate(now.parts, c.part) for c in kept]
-    p, before = search.columns.compressed(now.parts, columns)
+    p, before = search.columns.compressed(now.parts, [search.columns.of_candidate(now.parts, c.part) for c in kept])
     normal, _ = projected(p, np.arange(before), now.noise)
-    for k, candidate in enumerate(kept):
-        size = _detectable(candidate, float(normal[before + k, before + k]), search.model.machine, odds)
+    return _Open(kept, np.diag(normal)[before:])
+
+
+def not_shown(one: GroupResult) -> list[NotShown]:
+    """Smallest size at which an effect that is not named would have been (Fisher information)."""
+    search, (kept, information) = one.search, _open(one)
+    best: dict[str, float] = {}
+    odds = log_odds("steady", len({c.part.id for c in search.candidates}))
+    for candidate, known in zip(kept, information.tolist(), strict=True):
+        size = _detectable(candidate, known, search.model.machine, odds)
         best[candidate.part.id] = min(size, best.get(candidate.part.id, np.inf))
     found = []
     for effect_id in dict.fromkeys(c.part.id for c in kept):
@@ -120,6 +143,14 @@ def not_shown(one: GroupResult) -> list[NotShown]:
         most = max(map(abs, bounds(effect_id, machine)))
         found.append(NotShown(effect_id, Detectable(size if size <= most else None, unit_of(effect_id, machine))))
     return found
+
+
+def _hardly_known(one: GroupResult) -> list[str]:
+    """Effects of PLAINEST of whose size the log tells less than was believed before (`usual`): that nothing of it is
+    seen is then the prior's word, not the log's."""
+    kept, information = _open(one)
+    return [c.part.id for c, known in zip(kept, information.tolist(), strict=True)
+            if c.part.id in PLAINEST.values() and known * c.usual ** 2 < 1.0]
 
 
 def _detectable(candidate: Candidate, information: float, machine: Machine, odds: float) -> float:
@@ -150,7 +181,11 @@ def report(data: RunData, machine: Machine, judged: Sequence[GroupResult], read_
     terms = [(group, found) for group in judged for found in group.terms]
     tables = [table for one in judged for table in _tables(one, data)]
     absent = [one for group in judged for one in not_shown(group) if one.id not in {r.part.id for r in read_off}]
-    verdict = _verdict(rows, causes, unexplained)
+    hardly = {effect_id for one in judged for effect_id in _hardly_known(one)}
+    open_ = [row.channel for row in rows if PLAINEST.get(row.channel) in hardly]
+    verdict = _verdict([row for row in rows if row.channel not in open_], causes, unexplained)
+    findings = (*findings, *(sentence for name in open_ if (sentence := _cannot_tell(
+        name, absent, {c.id for c in causes}, {one.channel for one in unexplained}))))
     excited = {word: (float(np.percentile(series, 1.0)), float(np.percentile(series, 99.0)))
                for word, series in data.variables.items()}
     return Diagnosis(
@@ -172,6 +207,18 @@ def _verdict(rows: Sequence[Channel], causes: Sequence[Cause], unexplained: Sequ
     if causes:
         return "named"
     return "none" if rows else "not_judged"
+
+
+def _cannot_tell(channel: str, absent: Sequence[NotShown], named: Collection[str], unexplained: Collection[str]) -> str:
+    """What a log cannot tell of a channel, where nothing was found there."""
+    said = any(ROWS[name].channels[:1] == (channel,) and ROWS[name].found_by is FoundBy.SCAN for name in named)
+    if channel in unexplained or said:
+        return ""
+    one = next(one for one in absent if one.id == PLAINEST[channel])
+    size = one.smallest_detectable
+    least = "at any size" if size.value is None else f"below {size.value:.2g} {size.unit}"
+    return (f"{channel}: this log is too short, or moves too little, to say that nothing is wrong: {one.id} {least} "
+            "would not show")
 
 
 def _consequence(cause: Cause) -> float:

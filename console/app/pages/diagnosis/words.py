@@ -130,6 +130,8 @@ def _verdict(found: Found) -> str:
     suspected = len(found.causes) - len(told)
     if found.verdict == "none":
         return _("Everything is as the machine file says, as far as the sensors can tell.")
+    if found.verdict == "not_judged" and found.channels:
+        return _("This data is too short, or moves too little, to say that nothing is wrong.")
     if found.verdict == "not_judged":
         return _("None of this data could be compared with the machine file.")
     if found.verdict == "unexplained" and found.left:
@@ -185,6 +187,8 @@ def todo(found: Found) -> str:
     """What to do next, in one line."""
     if found.verdict == "none":
         return _("Nothing to do.")
+    if found.verdict == "not_judged" and found.channels:
+        return _("Record more: longer, and with more different commands. The notes say what would not show.")
     if found.verdict == "not_judged":
         return _("Look at the notes: they say which columns are missing or empty.")
     if found.verdict == "ambiguous" and found.next_run is not None:
