@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from math import inf, log, log1p, sqrt
 
+from control.machine.forms import Form
 from control.machine.terms import Acts
 
 FAULTY = 0.3                # a group of a machine that is looked at has something wrong: about one in three
@@ -21,7 +22,6 @@ UNKNOWN = 0.03              # ... or something that no effect describes, shared 
 LOCAL = 0.1                 # an effect holds in one label or table only, though others could show it: one in ten
 MISTAKEN = 0.03             # ... or a bench table has one setting that was set or written down wrongly
 MISREAD = 0.1               # one row of a bench table was misread: one table in ten
-FORMS = 12                  # of a term (control/machine/terms.py)
 USUAL_OF_TERM = {           # s.d. of a term's coefficients over the spread of its variable, in its quantity's unit
     Acts.SHAFT_PERCENT: 3.0, Acts.SHAFT_RPM: 3.0, Acts.GATE_MM: 1.5, Acts.FLOW_PERCENT: 6.0, Acts.SCALE_KG: 1.0,
     Acts.WHEEL_PERCENT: 3.0}
@@ -66,7 +66,7 @@ def log_odds_of_form(quantities: int, variables: int, places: int, temporary: bo
     places. temporary : it comes and goes, over no variable but time."""
     if temporary:
         return log(UNKNOWN * COURSE["ends"] / (max(1, quantities) * places))
-    return log(UNKNOWN / (max(1, quantities) * max(1, variables) * FORMS * max(1, places)))
+    return log(UNKNOWN / (max(1, quantities) * max(1, variables) * len(Form) * max(1, places)))
 
 
 def smallest_said(usual: float, information: float, log_odds: float) -> float:

@@ -21,12 +21,12 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from control.diagnosis.judgement import noise as noises
-from control.diagnosis.judgement.evidence import Column, problem, solved, taken_off, weighted
-from control.diagnosis.judgement.noise import Noise, series_of
+from control.diagnosis.judgement.evidence import Column
+from control.diagnosis.judgement.noise import Noise
 
 from .hypothesis import Hypothesis
 from .search import Search
+from .whitened import WhitenedResidual
 
 Array = npt.NDArray[np.float64]
 
@@ -55,28 +55,13 @@ def even_gain(search: Search, others: Hypothesis, noise: dict[str, Noise], trace
     others : the model without it; more : columns of it along with those of its parts. What these take up of the trace
     is none of its evidence.
     """
-    columns, model = search.columns, search.model
-    base = [*columns.of_hypothesis(others), *more]
-    banded = model.banded_residual(others)
-    p = problem(model.channels, banded, [*base, trace])
-    fixed = np.arange(len(base))
-    amplitude, covariance = solved(p, fixed, noise)
-    normal, _ = weighted(p, noise)
-    taken = covariance @ normal[:len(base), len(base)]          # of each base column, in the trace
-    bound, free = np.flatnonzero(p.sd[:-1] < np.inf), np.flatnonzero(p.sd[:-1] == np.inf)
-    held = np.where(p.sd[:-1] < np.inf, taken, 0.0)             # ... of those with a prior, which the free ones follow
-    if len(free) and len(bound):
-        held[free] = -solved(p, free, noise)[1] @ normal[np.ix_(free, bound)] @ taken[bound]
-    left = taken_off(banded, base, amplitude)
+    model = search.model
+    base = [*search.columns.of_hypothesis(others), *more]
+    residual = WhitenedResidual(model.channels, model.banded_residual(others), base, noise)
+    own, held = residual.split(trace)
     sums = []
     for channel in model.channels:
-        name, cut = channel.name, channel.cut
-        plain, holding = _sum([*base, trace], (*-taken, 1.0), name), _sum(base, held, name)
-        if not plain.any() and not holding.any():
-            continue
-        scale = 1.0 / np.sqrt(noises.strengths(noise[name], channel.prior, cut, channel.grid.step_s))
-        r, t, h = (series_of(scale * one, cut) if one.size else 0.0 * series_of(scale, cut)
-                   for one in (left[name], plain, holding))
+        r, t, h = (residual.series(channel, rows) for rows in (residual.left, own, held))
         lasts_s = channel.grid.step_s * len(r)
         blocks = int(np.clip(lasts_s / (channel.copies * BLOCK_S), FEWEST, MOST)) * channel.copies
         if channel.settled:         # no row knows of the one before
@@ -84,20 +69,12 @@ def even_gain(search: Search, others: Hypothesis, noise: dict[str, Noise], trace
         edges = np.linspace(0, len(r), blocks + 1).astype(int)[:-1]
         sums.append([np.add.reduceat(product, edges) for product in (
             r * r, t * r, t * t, h * r, h * h, np.ones(len(r)))])
-    if not sums:
+    by_block = Blocks(*(np.concatenate(one) for one in zip(*sums, strict=True)))
+    if not by_block.trace_trace.any() and not by_block.held_held.any():
         return 0.0
     # Each prior is one more reading, of its mean, with its s.d. as noise.
-    off = (p.mean[bound] - amplitude[bound]) / p.sd[bound]
-    spared = -taken[bound] / p.sd[bound]
-    by_block = Blocks(*(np.concatenate(one) for one in zip(*sums, strict=True)))
+    off, spared = residual.left[residual.priors], own[residual.priors]
     return _gain(by_block, float(off @ spared), float(spared @ spared))
-
-
-def _sum(columns: Sequence[Column], sizes: Sequence[float] | Array, name: str) -> Array:
-    """Coefficients of columns with sizes in one channel; none (0,) where none of them does anything there."""
-    there = [size * column.coefficients[name] for size, column in zip(sizes, columns, strict=True)
-             if size != 0.0 and name in column.coefficients]
-    return np.sum(there, axis=0) if there else np.empty(0)
 
 
 def _gain(by_block: Blocks, score_of_priors: float, energy_of_priors: float) -> float:

@@ -28,33 +28,48 @@ STIFF = 1e-4                # of a form's own energy: two amplitudes that are to
 class WhitenedResidual:
     """A hypothesis fitted and taken off under a given noise.
 
-    channels : of the group. banded : cosine coefficients of the residual where the hypothesis stands, by channel.
-    base : columns of all that it can take up. basis : these, orthonormal (rows, columns).
+    banded : cosine coefficients of the residual where the hypothesis stands, by channel of the group. base : columns of
+    all that it can take up. left : what it leaves (rows,): of each channel its coefficients, then `priors`, one each.
     """
 
     def __init__(self, channels: Sequence[ChannelSeries], banded: Mapping[str, Array], base: Sequence[Column],
                  noise: Mapping[str, Noise]) -> None:
-        self.channels = tuple(channels)
+        base = sorted(base, key=lambda column: column.sd < np.inf)      # what has no prior first
+        self._free = sum(column.sd == np.inf for column in base)
         self._scale = {c.name: 1.0 / np.sqrt(strengths(noise[c.name], c.prior, c.cut, c.grid.step_s)) for c in channels}
         ends = np.cumsum([0, *(len(one) for one in self._scale.values())]).tolist()
         self._place = {name: slice(*ends[k:k + 2]) for k, name in enumerate(self._scale)}
-        stack, right = np.zeros((ends[-1] + len(base), len(base))), np.zeros(ends[-1] + len(base))
+        self.priors = slice(ends[-1], ends[-1] + len(base))
+        right, stack = self._stacked(banded), np.array([self._stacked(column.coefficients) for column in base]).T
+        stack = stack.reshape(len(right), len(base))
+        stack[self.priors] = np.diag([1.0 / column.sd for column in base])
+        right[self.priors] = [column.mean / column.sd for column in base]
+        self._basis = np.linalg.qr(stack / np.maximum(np.linalg.norm(stack, axis=0), 1e-300))[0]
+        self.left = right - self._basis @ (self._basis.T @ right)
+
+    def _stacked(self, coefficients: Mapping[str, Array]) -> Array:
+        """Coefficients by channel, whitened, in one column with the rows of the priors, which are 0: (rows,)."""
+        found = np.zeros(self.priors.stop)
         for name, place in self._place.items():
-            right[place] = banded[name] * self._scale[name]
-            for k, column in enumerate(base):
-                if name in column.coefficients:
-                    stack[place, k] = column.coefficients[name] * self._scale[name]
-        for k, column in enumerate(base):
-            stack[ends[-1] + k, k] = 1.0 / column.sd
-            right[ends[-1] + k] = column.mean / column.sd
-        stack /= np.maximum(np.linalg.norm(stack, axis=0), 1e-300)
-        self._basis = np.linalg.qr(stack)[0]
-        self._left = right - self._basis @ (self._basis.T @ right)
+            if name in coefficients:
+                found[place] = coefficients[name] * self._scale[name]
+        return found
+
+    def split(self, column: Column) -> tuple[Array, Array]:
+        """A further column, whitened: what the hypothesis cannot take up, and what it takes up of it by moving what has
+        a prior, the rest following: (rows,) each."""
+        whole = self._stacked(column.coefficients)
+        taken = self._basis.T @ whole
+        return whole - self._basis @ taken, self._basis[:, self._free:] @ taken[self._free:]
+
+    def series(self, channel: ChannelSeries, rows: Array) -> Array:
+        """Whitened rows of a channel as a series (copies x m,)."""
+        return series_of(rows[self._place[channel.name]], channel.cut)
 
     def weighted(self, channel: ChannelSeries) -> Array:
         """What is left of a channel, times the inverse covariance of its noise: (copies, m)."""
         name = channel.name
-        return series_of(self._left[self._place[name]] * self._scale[name], channel.cut).reshape(channel.copies, -1)
+        return series_of(self.left[self._place[name]] * self._scale[name], channel.cut).reshape(channel.copies, -1)
 
     def white(self, channel: ChannelSeries, series: Array) -> tuple[Array, Array]:
         """Series (k, m) of a channel whitened, and what the hypothesis takes up of them, in its basis."""
@@ -64,7 +79,7 @@ class WhitenedResidual:
     def products(self, channel: ChannelSeries, series: Array) -> tuple[Array, Array]:
         """Normal equations of series (k, m) of one channel once the hypothesis is fitted: (k, k) and (k,)."""
         white, taken = self.white(channel, series)
-        return white @ white.T - taken @ taken.T, white @ self._left[self._place[channel.name]]
+        return white @ white.T - taken @ taken.T, white @ self.left[self._place[channel.name]]
 
     def kept_products(self, channel: ChannelSeries, kept: npt.NDArray[np.float32]) -> tuple[Array, Array]:
         """The same of the slowest cosine coefficients (k, kept), in single precision: good enough to choose by."""
@@ -73,7 +88,7 @@ class WhitenedResidual:
         white = kept * self._scale[channel.name][:count].astype(np.float32)
         taken = white @ self._basis[place].astype(np.float32)
         normal = white @ white.T - taken @ taken.T
-        return normal.astype(np.float64), (white @ self._left[place].astype(np.float32)).astype(np.float64)
+        return normal.astype(np.float64), (white @ self.left[place].astype(np.float32)).astype(np.float64)
 
 
 def without(normal: Array, right: Array, k: int) -> tuple[Array, Array]:
