@@ -1,16 +1,14 @@
 """The live check: what begins is said within minutes, nothing is said of a healthy machine or of a single odd look."""
 from dataclasses import replace
-from itertools import cycle
 from typing import Any
 
 import numpy as np
 import pytest
 
 from control.diagnosis.judgement.noise import Noise
-from control.diagnosis.live.change import ChangePoint, change_points
 from control.diagnosis.live.departure import Departure
-from control.diagnosis.live.rolling import Rolling
-from control.diagnosis.live.watch import BARS, LOOK_S, NAMED_AFTER_S, QUARTER_S, LiveCheck, departure_of
+from control.diagnosis.live.rolling import BAR, ChangePoint, Rolling
+from control.diagnosis.live.watch import AGAIN_S, LOOK_S, QUARTER_S, LiveCheck, departure_of
 from control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Rival, Size, Unexplained
 from control.diagnosis.runs.hypothesis import EffectInstance
 from control.machine.machine import Machine
@@ -27,6 +25,13 @@ def wheel_log(seconds: float, wrong_from_s: float = np.inf, percent: float = 4.0
     return {"time_s": time_s, "speed_mps": speed + 0.03 * rng.standard_normal(len(time_s)),
             "wheel_speed_mps": factor * speed + 0.02 * rng.standard_normal(len(time_s)),
             "state": np.full(len(time_s), "working", object)}
+
+
+def change_points(columns: dict[str, Any], machine: Machine) -> list[ChangePoint]:
+    """The test asked once, of the end of a log."""
+    time_s = columns["time_s"]
+    return Rolling(machine)(lambda since_s: {name: column[time_s >= since_s] for name, column in columns.items()},
+                            float(time_s[-1]))
 
 
 def fed(check: LiveCheck, columns: dict[str, Any]) -> list[tuple[float, Departure | None]]:
@@ -49,9 +54,9 @@ def cause(effect_id: str, *rivals: Rival, onset_s: float | None = None) -> Cause
 
 def test_the_test_sees_a_wheel_that_begins_to_read_too_much_and_nothing_before() -> None:
     calm = change_points(wheel_log(500.0), MACHINE)
-    assert [one.group for one in calm] == ["speed"] and calm[0].gain < BARS["speed"]
+    assert [one.group for one in calm] == ["speed"] and calm[0].evidence < BAR
     (found,) = change_points(wheel_log(500.0, 400.0), MACHINE)
-    assert found.part.id.startswith("speed.wheel_") and found.gain > BARS["speed"]
+    assert found.part.id.startswith("speed.wheel_") and found.evidence > BAR
     assert found.part.onset_s == pytest.approx(400.0, abs=10.0)
     assert found.part.size == pytest.approx(4.0, abs=1.0)
 
@@ -59,9 +64,35 @@ def test_the_test_sees_a_wheel_that_begins_to_read_too_much_and_nothing_before()
 def test_a_departure_is_said_with_its_time_and_its_name() -> None:
     seen = fed(LiveCheck(MACHINE), wheel_log(870.0, 500.0))
     said = [(at_s, one) for at_s, one in seen if one is not None]
-    assert said and 500.0 < said[0][0] <= 660.0             # without a name at first: two minutes more
+    assert said and 500.0 < said[0][0] <= 660.0             # without a name at first: a minute more
     assert said[0][1].since_s == pytest.approx(500.0, abs=20.0)
     assert said[-1][1].cause.startswith("speed.wheel") and said[-1][1].since_s == pytest.approx(500.0, abs=20.0)
+
+
+def shaft_log(seconds: float, wrong_from_s: float, percent: float) -> dict[str, Any]:
+    """A shaft alone, ten rows a second, another speed every twenty seconds; it turns too slowly from some time on."""
+    rng, time_s = np.random.default_rng(5), np.arange(0.0, seconds, 0.1)
+    asked = np.array([40.0, 55.0, 70.0])[(time_s // 20.0).astype(int) % 3]
+    turns = np.convolve(np.r_[np.full(9, asked[0]), asked], np.ones(10) / 10.0, "valid")
+    factor = np.where(time_s >= wrong_from_s, 1.0 + percent / 100.0, 1.0)
+    return {"time_s": time_s, "shaft_rpm_cmd": asked, "state": np.full(len(time_s), "working", object),
+            "shaft_rpm": factor * turns + 0.3 * rng.standard_normal(len(time_s))}
+
+
+def test_every_effect_of_a_group_is_tried_and_the_likeliest_one_is_said() -> None:
+    (found,) = change_points(shaft_log(500.0, 400.0, -5.0), MACHINE)
+    assert found.part.id in ("shaft.gain", "shaft.load_droop") and found.evidence > BAR
+    assert found.part.onset_s == pytest.approx(400.0, abs=5.0)
+
+
+def test_the_statistic_grows_by_one_a_sample_where_nothing_begins() -> None:
+    """Its mean, by theory; it passes the bar of 100 hours in none of these logs."""
+    most = []
+    for seed in range(12):
+        rng, columns = np.random.default_rng(seed), wheel_log(620.0)
+        columns["wheel_speed_mps"] = columns["speed_mps"] + 0.03 * rng.standard_normal(len(columns["time_s"]))
+        most.append(change_points(columns, MACHINE)[0].evidence)
+    assert np.log(100.0) - 3.0 < np.median(most) < np.log(600.0) + 1.0 and max(most) < BAR
 
 
 @pytest.mark.exam
@@ -73,7 +104,7 @@ def test_times_are_those_of_the_log_however_late_it_is() -> None:
     assert said and all(one.since_s == pytest.approx(1700.0, abs=20.0) for one in said)
 
 
-def test_a_beginning_that_the_diagnosis_does_not_bear_out_is_not_said_and_raises_the_bar() -> None:
+def test_a_beginning_that_the_diagnosis_does_not_bear_out_is_not_said_and_is_asked_about_again() -> None:
     asked: list[float] = []
 
     def diagnose(columns: Any, _: Machine) -> Diagnosis:
@@ -82,7 +113,7 @@ def test_a_beginning_that_the_diagnosis_does_not_bear_out_is_not_said_and_raises
     check = LiveCheck(MACHINE, lambda *_: [ChangePoint("speed", WHEEL, 50.0)], diagnose)
     seen = fed(check, wheel_log(800.0))
     assert all(one is None for _, one in seen)
-    assert len(asked) == 1                      # 1.5 times 50 is the bar now
+    assert asked == pytest.approx([330.0, 390.0, 450.0, 510.0, 570.0, 630.0, 690.0, 750.0], abs=0.2)
 
 
 def test_another_channels_finding_does_not_bear_it_out() -> None:
@@ -101,14 +132,8 @@ def test_a_beginning_is_borne_out_by_what_begins_or_by_the_same_name() -> None:
     assert said(cause("gate.offset"))[0].since_s == pytest.approx(500.0)
 
 
-@pytest.mark.parametrize("onsets_s", [(400.0, None), (200.0, 400.0)], ids=["now and then", "never the same"])
-def test_a_beginning_that_two_looks_in_a_row_do_not_see_is_not_diagnosed(onsets_s: tuple[float | None, ...]) -> None:
-    each = cycle(onsets_s)
-
-    def test(*_: Any) -> list[ChangePoint]:
-        at_s = next(each)
-        return [] if at_s is None else [ChangePoint("speed", EffectInstance("speed.wheel_radius", 1.0, at_s), 50.0)]
-    check = LiveCheck(MACHINE, test, lambda *_: pytest.fail("diagnosed"))
+def test_a_beginning_below_the_bar_is_not_diagnosed() -> None:
+    check = LiveCheck(MACHINE, lambda *_: [ChangePoint("speed", WHEEL, BAR - 0.1)], lambda *_: pytest.fail("diagnosed"))
     assert all(one is None for _, one in fed(check, wheel_log(800.0)))
 
 
@@ -128,9 +153,9 @@ def test_the_drift_is_learnt_of_the_looks_before_and_not_of_what_begins_now() ->
     assert usual.slow_sd == pytest.approx(0.9)
 
 
-@pytest.mark.parametrize(("until_s", "said"), [(400.0, False), (800.0, True)])
+@pytest.mark.parametrize(("until_s", "said"), [(380.0, False), (800.0, True)])
 def test_what_has_no_name_must_be_seen_twice(until_s: float, said: bool) -> None:
-    """Two minutes apart: a moment's noise has no name either."""
+    """A minute apart: a moment's noise has no name either."""
     def nameless(*_: Any) -> Diagnosis:
         left = Unexplained("speed", "", 0.3, 0.05, 0.02, "m/s")
         return replace(diagnosis(), verdict="unexplained", unexplained=(left,))
@@ -139,7 +164,7 @@ def test_what_has_no_name_must_be_seen_twice(until_s: float, said: bool) -> None
         return [ChangePoint("speed", EffectInstance("speed.wheel_radius", 1.0, 400.0), 50.0)] if now_s < until_s else []
     seen = fed(LiveCheck(MACHINE, begins, nameless), wheel_log(800.0))
     times = [at_s for at_s, one in seen if one is not None]
-    assert bool(times) is said and all(at_s >= seen[0][0] + NAMED_AFTER_S for at_s in times)
+    assert bool(times) is said and all(at_s >= seen[0][0] + AGAIN_S for at_s in times)
 
 
 def by_quarter(*causes: tuple[Cause, ...], asked: list[int]) -> Any:

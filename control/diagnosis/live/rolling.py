@@ -1,29 +1,41 @@
-"""What the machine leaves unexplained within the last minutes, kept from look to look: only new rows are predicted.
+"""The sequential test: has an effect begun within the last minutes? A look predicts the rows that are new.
+
+At each look every effect of the catalogue is tried with every time of beginning in the window, on the residual whitened
+by the noise that is fitted to it, with the drift of the hour before (`runs/changes.py`). The statistic is that of
+Shiryaev and Roberts: likelihood ratios summed over all times of beginning, with sizes and effects integrated over their
+priors. Without a change its mean grows by one with each sample, so that it stays below A for A samples in the mean
+(Pollak, Annals of Statistics 15, 1987, 749); a window costs it nothing that counts (Lai, IEEE Transactions on
+Information Theory 44, 1998, 2917). The bar is therefore the time between false alarms.
 
 A piece is the newest rows with some before them, in which the stages come to where they are: what a drive or a tube
 remembers is over within seconds. Its residuals and what each effect does are taken in bins of a second, at which every
 effect that is a straight line in its size still shows whole, and are put behind those of the pieces before. What a
-scale reads is a sum: its pieces are kept as changes from bin to bin.
+scale reads is a sum: its pieces are kept as changes from bin to bin. Dead times, bands and play are no straight lines
+in their sizes and are taken for each other in so short a stretch: they wait for a full diagnosis.
 """
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from math import log
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import logsumexp
 
 from control.diagnosis.effects import ROWS
 from control.diagnosis.judgement.evidence import Column, Role, best_fitted, problem
 from control.diagnosis.judgement.noise import Noise, NoisePrior, coefficients, segments, series_of, start
+from control.diagnosis.judgement.prior import COURSE, course_of
 from control.diagnosis.runs.changepoint import best_begins, that_may_begin
 from control.diagnosis.runs.channels import ChannelSeries, channels
 from control.diagnosis.runs.columns import nuisance_columns
 from control.diagnosis.runs.diagnose import series_of_log
+from control.diagnosis.runs.hypothesis import EffectInstance
 from control.diagnosis.runs.log import HEADS, MIN_ROWS, Clean, gate
 from control.diagnosis.runs.model import GROUPS, GroupModel, adds_up
 from control.diagnosis.runs.row_order import Move, moved, order_of
-from control.diagnosis.runs.search import Candidate, ScoreTest, candidates
+from control.diagnosis.runs.search import Candidate, candidates
 from control.diagnosis.runs.stages import Grid
 from control.machine.machine import Machine
 
@@ -36,7 +48,9 @@ COMES_TO_S = 15.0           # before its new rows a piece begins: the slowest dr
 COMES_TO_ROWS = 2 * MIN_ROWS
 NOT_YET_S = 2.0             # the last of the rows: smoothing has not seen what follows
 LEAST_BINS = 60
-MATTERS = 15.0              # of twice the log-likelihood: half the lowest bar; what gains less is had less exactly
+BETWEEN_S = 100 * 3600.0    # of work, in the mean, until the test says of a healthy machine that something began
+BAR = log(BETWEEN_S / BIN_S * len(GROUPS))      # of the logarithm of the statistic, a sample a bin, in any group
+MATTERS = BAR               # of twice the log-likelihood: half of what passes; what gains less is had less exactly
 SEEN_S = 20.0               # that a beginning is seen for, at least: a late answer or a stop passes sooner
 LEARNT_S = (300.0, 3900.0)  # before now: looks of which the drift is learnt; what begins now is in none of them
 LATER_S = 10.0              # a fill that began less than so long before the end of a piece may not be over
@@ -59,8 +73,16 @@ class Lines(NamedTuple):
 PREDICTED: Key = ("predicted", "", None)
 
 
+class ChangePoint(NamedTuple):
+    """The likeliest beginning in one group of channels."""
+
+    group: str
+    part: EffectInstance        # its onset in s of the log
+    evidence: float             # that anything began: logarithm of the statistic of Shiryaev and Roberts
+
+
 class Rolling:
-    """The last minutes of a log by group of channels. `best(group)`: what likeliest began within them."""
+    """The last minutes of a log by group of channels, asked again and again while it grows."""
 
     def __init__(self, machine: Machine, window_s: float = WINDOW_S) -> None:
         self._machine, self._window_s = machine, window_s
@@ -71,11 +93,16 @@ class Rolling:
         self._tried = _tried(machine)
         self._noises: dict[str, list[tuple[float, Noise]]] = {}     # fitted at each look, by channel
 
-    def take(self, rows: Rows, now_s: float) -> None:
-        """The rows until now taken in. rows : those since a time.
+    def __call__(self, rows: Rows, now_s: float) -> list[ChangePoint]:
+        """For each group of channels that the rows can show, what likeliest began within the last minutes.
 
-        Raises ValueError where they are too few.
+        rows : columns of a run log since a time. Raises ValueError in one line where nothing can be judged.
         """
+        self._take(rows, now_s)
+        return [found for group in self._kept if (found := self._best(group)) is not None]
+
+    def _take(self, rows: Rows, now_s: float) -> None:
+        """The rows until now taken in."""
         until_s = float(np.floor(now_s - NOT_YET_S))
         if self._whole or self._until_s < now_s - self._window_s:
             from_s = now_s - self._window_s
@@ -103,7 +130,7 @@ class Rolling:
             self._kept[group] = before | {name: _joined(before.get(name), one) for name, one in new.items()}
         return piece.unfinished
 
-    def best(self, group: str) -> ScoreTest | None:
+    def _best(self, group: str) -> ChangePoint | None:
         """The likeliest beginning among the effects of a group; None where too little is known."""
         since_s = self._until_s - self._window_s
         members = [_since(one, since_s) for one in self._kept.get(group, {}).values()]
@@ -132,7 +159,12 @@ class Rolling:
         usual = {name: self._usual(name, one) for name, one in fit.noise.items()}
         found = best_begins(series, banded, base, [usual], list(tried.values()), [traces[key] for key in tried],
                             MATTERS, SEEN_S)
-        return found[0] if found else None
+        if not found:
+            return None
+        times = sum(len(one.at_s) for one in members)
+        odds = [one.evidence + log(COURSE[course_of(one.part.onset_s, None, one.part.grows)]) for one in found]
+        prior = log(sum(COURSE[word] for word in ("begins", "grows")) * len(tried))
+        return ChangePoint(group, found[0].part, float(logsumexp(odds)) - prior + log(times))
 
     def _usual(self, name: str, now: Noise) -> Noise:
         """The noise of a channel with the drift that the last hour had: what begins now is in its own noise too.
@@ -149,10 +181,6 @@ class Rolling:
         drift = 0.5 * float(np.log(np.mean([one.slow_sd ** 2 for one in learnt])))
         return Noise((*now.theta[:2], drift, float(np.mean([one.theta[3] for one in learnt]))))
 
-    @property
-    def groups(self) -> tuple[str, ...]:
-        return tuple(self._kept)
-
 
 class _Piece(NamedTuple):
     """groups : the new bins. broken : they cannot be put behind older ones. unfinished : nothing can be put behind."""
@@ -168,8 +196,9 @@ def _tried(machine: Machine) -> dict[str, list[Candidate]]:
     for names in GROUPS.values():
         every = candidates(names, machine, len(HEADS), False)
         for one in that_may_begin([c for c in every if ROWS[c.part.id].probe is not None]):
+            usual = one._replace(usual=ROWS[one.part.id].on(machine).usual)
             for channel in ROWS[one.part.id].channels:
-                found.setdefault(channel, []).append(one)
+                found.setdefault(channel, []).append(usual)
     return found
 
 

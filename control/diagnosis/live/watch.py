@@ -1,6 +1,6 @@
 """A log that is still being written, looked at every half minute: since when does the machine depart from its model?
 
-Two things may say so. The sequential test (`change.py`) says that something has started; a full diagnosis of the
+Two things may say so. The sequential test (`rolling.py`) says that something has begun; a full diagnosis of the
 stretch around it must then agree. And full diagnoses of quarters of an hour find what was there from the start or
 grew too slowly; two in a row, which share no row, must say the same. While nothing stands, the first of such two is
 diagnosed only once the second says something: alone it says nothing. Pure: rows come in, what stands comes out;
@@ -21,9 +21,8 @@ from control.diagnosis.runs.diagnose import diagnose_run
 from control.diagnosis.runs.model import GROUPS
 from control.machine.machine import Machine
 
-from .change import Beginnings, ChangePoint
 from .departure import Departure
-from .rolling import Rows
+from .rolling import BAR, ChangePoint, Rolling, Rows
 
 Columns = Mapping[str, npt.NDArray[Any]]
 Array = npt.NDArray[Any]
@@ -33,13 +32,7 @@ QUARTER_S = 900.0           # between two full diagnoses, and what each is about
 FIRST_S = 300.0             # of the log, before which nothing can be said
 BEFORE_S = 600.0            # of a beginning, that its diagnosis sees
 MOST_S = 1800.0             # of a stretch that is diagnosed: what is kept of the log
-NAMED_AFTER_S = 120.0       # what has no name is diagnosed again when so much more of it is seen
-SAME_S = 60.0               # by so much the beginnings of two looks in a row may differ
-# What a beginning must gain (twice the log-likelihood) at two looks in a row, by group of channels; the run length
-# that follows is measured by benchmarks/live_check.py. Of 75 hours of healthy logs that drift (tuning seeds) 0 to 5
-# beginnings passed; a shaft 1 % slow gains 3,000, a wheel of 2 % 200.
-BARS = {"shaft": 80.0, "metering": 40.0, "speed": 30.0, "heads": 40.0}
-REFUSED = 1.5               # times the gain that a diagnosis did not bear out: the bar for the next quarter of an hour
+AGAIN_S = 1.5 * LOOK_S      # what a diagnosis did not bear out or name is diagnosed again at every second look
 
 _GROUP_OF = {channel: group for group, names in GROUPS.items() for channel in names} | {"flow": "metering"}
 
@@ -55,13 +48,10 @@ class LiveCheck:
     """Rows in, departures out. `standing`: what departs now, None where nothing does."""
 
     def __init__(self, machine: Machine, test: Callable[[Rows, float], list[ChangePoint]] | None = None,
-                 diagnose: Callable[[Columns, Machine], Diagnosis] = diagnose_run,
-                 bars: Mapping[str, float] = BARS) -> None:
-        self._machine, self._test, self._diagnose = machine, test or Beginnings(machine), diagnose
-        self._bars = dict(bars)
-        self._raised: dict[str, float] = {}         # bars until the next quarter of an hour
-        self._seen: dict[str, float] = {}           # beginnings that the look before saw, by group
-        self._nameless: dict[str, float] = {}       # when a beginning without a name was seen first, by group
+                 diagnose: Callable[[Columns, Machine], Diagnosis] = diagnose_run) -> None:
+        self._machine, self._test, self._diagnose = machine, test or Rolling(machine), diagnose
+        self._asked: dict[str, float] = {}          # when a beginning was diagnosed last, by group ...
+        self._nameless: dict[str, float] = {}       # ... and when one that has no name
         self._rows: list[dict[str, Array]] = []     # pieces as they came
         self._begin_s: float | None = None
         self._looked_s = self._diagnosed_s = self._reported_s = 0.0
@@ -103,7 +93,7 @@ class LiveCheck:
     def _named(self) -> None:
         """A name for what began and has none yet."""
         found = self.standing
-        if found is None or found.cause or found.since_s is None or self.now_s - self._reported_s < NAMED_AFTER_S:
+        if found is None or found.cause or found.since_s is None or self.now_s - self._reported_s < AGAIN_S:
             return
         departure = self._departure(found.since_s - BEFORE_S, _GROUP_OF.get(found.channel))
         if departure is not None and departure.cause:
@@ -114,33 +104,24 @@ class LiveCheck:
             found = self._test(self._since, self.now_s)
         except ValueError:              # too few rows of anything
             return
-        high = [one for one in found if one.gain > self._bar(one.group)]
-        before, self._seen = self._seen, {one.group: _onset_s(one, self.now_s) for one in high}
-        over = [(one.gain - self._bar(one.group), one) for one in high
-                if abs(before.get(one.group, np.inf) - self._seen[one.group]) <= SAME_S]
-        if not over:
+        said = None if self.standing is None else _GROUP_OF.get(self.standing.channel)
+        new = [one for one in found if one.evidence > BAR and one.group != said
+               and self.now_s - self._asked.get(one.group, -np.inf) >= AGAIN_S]
+        if not new:
             return
-        _, first = max(over, key=lambda each: each[0])
-        onset_s = _onset_s(first, self.now_s)
-        if self.standing is not None and _GROUP_OF.get(self.standing.channel) == first.group:
-            return                      # it is said already
-        seen_s = self._nameless.get(first.group, -np.inf)
-        if self.now_s - seen_s < NAMED_AFTER_S:
-            return
+        first = max(new, key=lambda one: one.evidence)
+        self._asked[first.group] = self.now_s
+        onset_s = self.now_s if first.part.onset_s is None else first.part.onset_s
         departure = self._departure(onset_s - BEFORE_S, first.group)
         if departure is None or not _borne_out(first, departure):
-            self._raised[first.group] = REFUSED * first.gain
-        elif departure.cause or self.now_s - seen_s < QUARTER_S:
+            return
+        if departure.cause or self.now_s - self._nameless.get(first.group, -np.inf) < QUARTER_S:
             self.standing = _dated(departure, onset_s)
         else:                           # what has no name must be seen twice: a moment's noise has none either
             self._nameless[first.group] = self.now_s
 
-    def _bar(self, group: str) -> float:
-        return max(self._bars[group], self._raised.get(group, 0.0))
-
     def _quarter(self) -> None:
         this, self._diagnosed_s = _Stretch(self._diagnosed_s, self.now_s), self.now_s
-        self._raised.clear()
         if self.standing is None and self._last is None:
             self._last = this           # whatever it says, it says nothing alone
             return
@@ -203,10 +184,6 @@ def _of_cause(cause: Cause, found: Diagnosis) -> Departure:
                      not not_adoptable(cause) and not cause.rivals,
                      found.next_run.plan if cause.rivals and found.next_run is not None else "",
                      cause.size.value, cause.size.unit)
-
-
-def _onset_s(change: ChangePoint, now_s: float) -> float:
-    return now_s if change.part.onset_s is None else change.part.onset_s
 
 
 def _borne_out(change: ChangePoint, found: Departure) -> bool:
