@@ -3,7 +3,6 @@ it, else where nothing is unsure."""
 from __future__ import annotations
 
 import shlex
-import tempfile
 from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
@@ -43,14 +42,11 @@ def by_import(path: Path, raw: RawTable, mapping: ImportFile, said_by: Path | No
     """What was read, as a run log. said_by: the import file. Raises ImportTrouble, OSError."""
     from drivers.files.imports.convert import convert
     from drivers.files.imports.join import joined
-    from drivers.files.imports.log_file import write_imported
+    from drivers.files.imports.log_file import run_log
     imported = joined([convert(raw, mapping)], mapping.join)
-    with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
-        place = Path(folder) / "imported.csv"
-        write_imported(place, imported, mapping, said_by)
-        log = read_rows(place)
+    log = run_log(path, imported, mapping, said_by)
     odd = (*(one for part in imported.parts for one in part.findings), *imported.findings)
-    return replace(log, path=path, findings=(*odd, *(one for one in log.findings if one not in odd)))
+    return replace(log, findings=(*odd, *(one for one in log.findings if one not in odd)))
 
 
 def raw_and_mapping(path: Path, called: Path | None = None) -> tuple[RawTable, ImportFile, Path | None]:

@@ -5,7 +5,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from itertools import repeat
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,11 @@ from drivers.files.log_store import StoreError, is_store, read_store, stored_abo
 from drivers.files.log_text import columns_of, header_of
 from drivers.files.run_meta import RunMeta, meta_from_yaml
 from drivers.files.table import Columns, TableError, read_table
+from drivers.files.table import columns_of as columns_of_frame
 from drivers.plain_text import OneLine
+
+if TYPE_CHECKING:
+    import polars as pl
 
 SLOW_STEP_S = 2.0           # rows farther apart may be milliseconds, which another column shows: all are read
 _NUMBERS = frozenset(COLUMNS) - TEXT_COLUMNS - {"time_s"}        # times may be dates
@@ -134,6 +138,20 @@ def _read_log(path: Path, only: Collection[str] | None, without: Collection[str]
     if only is not None:
         columns = {name: array for name, array in columns.items() if name in only or name == "time_s"}
     return RunLog(path, columns, meta, (*meta_findings, *table.findings, *findings))
+
+
+def log_of(path: Path, frame: pl.DataFrame, meta: RunMeta) -> RunLog:
+    """A frame with a run log's columns, as written, as the log that would be read of it: it is examined alike. Raises
+    LogError where nothing can be worked on."""
+    names = tuple(frame.columns)
+    try:
+        columns, findings = examined(columns_of_frame(frame, _NUMBERS | {"time_s"}, TEXT_COLUMNS), names)
+    except UnusableLog as error:
+        raise LogError(f"{path}: {error}") from None
+    log = RunLog(path, columns, meta, tuple(findings))
+    if not len(log):
+        raise LogError(f"{path}: no whole row below the header")
+    return log
 
 
 def read_rows(path: str | Path, without: Collection[str] = ()) -> RunLog:

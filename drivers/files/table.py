@@ -96,7 +96,7 @@ def read_table(path: Path, numbers: Collection[str] = (), texts: Collection[str]
         columns = {name: np.array([], object if name in texts else np.float64) for name in wanted}
     elif (frame := _regular(data, layout, wanted, numbers)) is not None:
         del data
-        columns = _columns_of(frame, numbers, texts, layout.decimal_comma)
+        columns = columns_of(frame, numbers, texts, layout.decimal_comma)
     else:
         columns = _carefully(path, data, layout, wanted, numbers, texts, findings)
     for name, factor in factors.items():
@@ -291,9 +291,9 @@ def _regular(data: bytes, layout: _Layout, wanted: list[str], numbers: Collectio
     return frame if frame.height == rows or quoted else None
 
 
-def _columns_of(frame: pl.DataFrame, numbers: Collection[str], texts: Collection[str],
-                decimal_comma: bool) -> Columns:
-    """Takes the columns out of the frame one by one, so that they are not in memory twice."""
+def columns_of(frame: pl.DataFrame, numbers: Collection[str], texts: Collection[str], decimal_comma: bool = False
+               ) -> Columns:
+    """A frame's columns as a table's. They are taken out of it one by one, so as not to be in memory twice."""
     import polars as pl
 
     columns: Columns = {}

@@ -1,6 +1,7 @@
 """From the file's words to the log's: units, signs, times, row conventions, extra columns, several files."""
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -13,6 +14,10 @@ import yaml
 from click.testing import Result
 
 from control.log_row import COMMANDS_HELD
+from drivers.files.any_log import open_log, raw_and_mapping
+from drivers.files.imports.convert import convert
+from drivers.files.imports.join import joined
+from drivers.files.imports.log_file import write_imported
 from drivers.files.read_log import RunLog, read_log
 
 TIME: dict[str, Any] = {"column": "t", "counts": "s"}
@@ -289,3 +294,25 @@ def test_notes_of_a_few_rows_beside_the_log_s_sheet_are_left_out_and_said(topdre
     done = topdress("import", tmp_path / "log.xlsx", "--out", tmp_path / "out.csv")
     assert done.exit_code == 0, done.output
     assert len(read_log(tmp_path / "out.csv")) == 90 and "sheet Sheet left out: 3 rows beside a log" in done.output
+
+
+def test_what_is_opened_is_what_would_be_written_and_read_and_no_file_lies_between(
+        written: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Texts, whole numbers, more decimals than a log keeps, sentinels, a rows' order that is mended, a UTC beside."""
+    source = written(table("t;rpm;what;n;utc;x", [0.0, 0.1004, 0.2, 0.2, 0.3, 0.4], [60.123456, 61, -9999, 3, 62, ""],
+                           ["on", " off", "", "on", "on", "1"], [4, 4, 5, 5, "", 4],
+                           [f"2026-03-20T08:00:0{k}Z" for k in range(6)], [1, 2, 3, 4, 5, 1e300]).replace(",", ";"), "in.csv")
+    place = written(yaml.safe_dump({"format": "topdress-import/1", "time": TIME, "extra": "keep", "columns": {
+        "shaft_rpm": {"from": "rpm", "unit": "r/min"}, "fix_quality": {"from": "n"}, "utc": {"from": "utc"}}}),
+        "in.import.yaml")
+    raw, mapping, said_by = raw_and_mapping(source)
+    assert said_by == place
+    write_imported(tmp_path / "out.csv", joined([convert(raw, mapping)], mapping.join), mapping, said_by)
+    read = read_log(tmp_path / "out.csv")
+    monkeypatch.setattr(tempfile, "mkdtemp", lambda *_, **__: pytest.fail("a file in between"))
+    opened = open_log(source)
+    assert list(opened.columns) == list(read.columns) and len(opened) == 5
+    for name, array in read.columns.items():
+        np.testing.assert_array_equal(opened.columns[name], array, err_msg=name)
+        assert opened.columns[name].dtype == array.dtype
+    assert opened.meta is not None and read.meta is not None and opened.meta.extra == read.meta.extra

@@ -3,7 +3,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -17,8 +16,8 @@ from drivers.files.imports.join import Joined
 from drivers.files.imports.mapping import ImportFile
 from drivers.files.log_store import SUFFIXES, write_store
 from drivers.files.plain import plain
-from drivers.files.read_log import meta_of, read_log
-from drivers.files.run_meta import meta_to_yaml, run_meta
+from drivers.files.read_log import RunLog, log_of, meta_of
+from drivers.files.run_meta import meta_from_yaml, meta_to_yaml, run_meta
 
 
 def log_frame(log: Joined) -> pl.DataFrame:
@@ -32,15 +31,19 @@ def log_frame(log: Joined) -> pl.DataFrame:
     return pl.DataFrame([*columns, *(_rounded(frame[name]) for name in [*own, *beyond])])
 
 
+def run_log(path: Path, log: Joined, mapping: ImportFile, mapping_file: Path | None) -> RunLog:
+    """The log and its sidecar as they would be read from `path`, in memory. Raises LogError."""
+    frame = log_frame(log)
+    return log_of(path, frame.with_columns(frame["time_s"].cast(pl.Float64)),
+                  meta_from_yaml(_meta(log, mapping, mapping_file)))
+
+
 def write_imported(path: Path, log: Joined, mapping: ImportFile, mapping_file: Path | None) -> pl.DataFrame:
     """The log at `path`, its sidecar next to it (in a store: within); returns what was written. Raises OSError."""
     if path.suffix.lower() in SUFFIXES:
-        with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
-            text_log = Path(folder) / "imported.csv"
-            written = write_imported(text_log, log, mapping, mapping_file)
-            read = read_log(text_log)
+        read = run_log(path, log, mapping, mapping_file)
         write_store(path, read.columns, read.meta, read.findings)
-        return written
+        return log_frame(log)
     frame = log_frame(log)
     text = io.BytesIO()
     frame.write_csv(text)
