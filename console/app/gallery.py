@@ -24,7 +24,7 @@ from console.app.units import METRIC
 from console.frame import DeviceDo, Frame
 from console.locale import ENGLISH, use
 from console.worker.resume_alarms import AlarmBook
-from control.diagnosis.live.departure import Departure
+from control.diagnosis.result import Departure
 from control.orders import Answer, Order, State
 
 

@@ -13,7 +13,7 @@ from console.app.pages.map.laid_files import LayerFiles
 from console.app.pages.replay.log_files import LogFiles
 from console.app.settings import SettingsStore
 from console.frame import Frame
-from control.diagnosis.live.departure import Departure
+from control.diagnosis.result import Departure
 
 
 @dataclass(frozen=True, slots=True)

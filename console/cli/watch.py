@@ -10,7 +10,7 @@ import typer
 from console.cli.inputs import LOG, refuse_bench_table, refuse_other
 
 if TYPE_CHECKING:
-    from control.diagnosis.live.departure import Departure
+    from control.diagnosis.result import Departure
 
 
 def watch(

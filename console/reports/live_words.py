@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from console.locale import N_, _
-from control.diagnosis.live.departure import Departure
+from control.diagnosis.result import Departure
 from control.machine.machine import CATALOGUE
 
 CHANNELS = {"shaft": N_("shaft"), "gate": N_("gate"), "flow": N_("flow"), "scale": N_("scale"), "speed": N_("speed"),

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from control.diagnosis.live.departure import Departure
+    from control.diagnosis.result import Departure
     from control.machine.machine import Machine
     from drivers.files.table import Columns
 

@@ -14,7 +14,7 @@ import threading
 from collections.abc import Sequence
 
 from console.threads import ONE_THREAD
-from control.diagnosis.live.departure import Departure
+from control.diagnosis.result import Departure
 
 PROGRAM = (sys.executable, "-P", "-m", "console.services.live_check")
 AGAIN_S = 120.0                 # after its death

@@ -4,7 +4,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from control.diagnosis.effects import ROWS, FoundBy
-from control.diagnosis.outside import machine_of
+from control.diagnosis.given import machine_of
 from control.machine.form import FORMS, SHAFT_ANGLE
 from control.machine.history import noted
 from control.machine.machine import CATALOGUE, Adopted, Machine, bounds, with_effect

@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from control.diagnosis.result import notebook
 from control.log_row import COLUMNS, TEXT_COLUMNS
+from control.machine.machine import Machine
 
 Columns = dict[str, npt.NDArray[Any]]
 
@@ -20,6 +22,14 @@ COUNTS_S = {"time_ms": 1e-3, "time_us": 1e-6, "time_ns": 1e-9, "time_min": 60.0,
 DATES = ("time", "timestamp", "datetime", "date", "utc", "index")
 ALLOWED = ("allowed: a pandas or polars DataFrame, a dict of equally long columns, a list of dicts, or an array with "
            "named fields")
+
+
+def machine_of(machine: Machine | str) -> Machine:
+    """A machine, or the machine file of a path or a shipped name. Raises ValueError."""
+    if isinstance(machine, Machine):
+        return machine
+    found: Machine = notebook().machine_named(machine)
+    return found
 
 
 def columns_of(data: Any) -> Columns:

@@ -2,9 +2,8 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Literal
-
-from .outside import notebook
+from importlib import import_module
+from typing import Any, Literal, NamedTuple
 
 FORMAT = "topdress-diagnosis/1"
 UNKNOWN = "unknown"          # a rival that is no effect of the catalogue: something else
@@ -12,6 +11,7 @@ RUN_CHANNELS = ("shaft", "gate", "flow", "scale", "speed", "heads")
 CHANNELS = (*RUN_CHANNELS, "lag", "place")
 
 Verdict = Literal["named", "none", "ambiguous", "unexplained", "not_judged"]
+NOTEBOOK = "console.reports.notebook"       # pages and pictures, and the machine files that come with topdress
 STRUCTURE_P = 0.1          # a channel of which nothing but noise is less probable shows something (1 - prior.NAMED)
 
 
@@ -236,3 +236,31 @@ class Diagnosis:
     def _repr_html_(self) -> str:
         """What a notebook shows below a cell that ends with a diagnosis."""
         return str(notebook().html_of(self))
+
+
+class Departure(NamedTuple):
+    """What a live check says: how the machine departs from its model.
+
+    `cause`: id of an effect, "" where it has no name. `percent`: by how much the dose is wrong, None where that is not
+    known or nothing. `since_s`: of the log; None: since it began, or before the stretch that was looked at. `certain`:
+    no other effect would do as well. `next_run`: what would tell the rivals apart (`NextRun.plan`).
+    """
+
+    channel: str
+    cause: str
+    percent: float | None
+    since_s: float | None
+    certain: bool = True
+    adoptable: bool = False
+    next_run: str = ""
+    size: float | None = None
+    unit: str = ""
+
+
+def notebook() -> Any:
+    """The room that draws, asked for by name when it is wanted: control knows nothing of it. Raises ValueError, one
+    line, where only `control` is installed."""
+    try:
+        return import_module(NOTEBOOK)
+    except ImportError as error:
+        raise ValueError(f"pictures and shipped machines come with the whole of topdress: {error}") from None

@@ -9,7 +9,7 @@ from console.app.pages.run.model_check import ModelCheck, model_check_texts
 from console.app.services import Services
 from console.locale import use
 from console.reports.live_words import departure_line
-from control.diagnosis.live.departure import Departure
+from control.diagnosis.result import Departure
 
 FOUND = Departure("flow", "flow.gain", -4.0, 600.0, adoptable=True)
 

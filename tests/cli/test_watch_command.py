@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 from console.cli import app
 from console.services import live_check
 from console.services.live_check import Look
-from control.diagnosis.live.departure import Departure
+from control.diagnosis.result import Departure
 
 RUNNER = CliRunner()
 FOUND = Departure("flow", "flow.fill_falloff", -4.0, 600.0, adoptable=True)

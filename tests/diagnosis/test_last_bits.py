@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from control.calibration.bench_table import BenchTable
-from control.diagnosis.tables.ties import best_first, first_best
+from control.diagnosis.tables.piece import best_first, first_best
 from drivers.files.bench_table import read_bench_table
 from drivers.files.config import load
 from drivers.files.kinds import MACHINE

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from control.diagnosis.judgement.noise import Noise
-from control.diagnosis.live.departure import Departure
 from control.diagnosis.live.rolling import BAR, ChangePoint, Rolling
 from control.diagnosis.live.watch import AGAIN_S, LOOK_S, QUARTER_S, LiveCheck, departure_of
-from control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Rival, Size, Unexplained
+from control.diagnosis.result import Cause, Data, Departure, Diagnosis, FieldCost, Rival, Size, Unexplained
 from control.diagnosis.runs.hypothesis import EffectInstance
 from control.machine.machine import Machine
 

@@ -17,7 +17,7 @@ import pytest
 from console.services import live_check
 from console.services.live_check import followed
 from console.services.live_checker import LiveChecker
-from control.diagnosis.live.departure import Departure
+from control.diagnosis.result import Departure
 from drivers.files import growing_log
 from drivers.files.growing_log import GrowingLog
 from drivers.files.log_store import write_store

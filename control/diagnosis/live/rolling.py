@@ -1,7 +1,7 @@
 """The sequential test: has an effect begun within the last minutes? A look predicts the rows that are new.
 
 At each look every effect of the catalogue is tried with every time of beginning in the window, on the residual whitened
-by the noise that is fitted to it, with the drift of the hour before (`runs/changes.py`). The statistic is that of
+by the noise that is fitted to it, with the drift of the hour before (`runs/changepoint.py`). The statistic is that of
 Shiryaev and Roberts: likelihood ratios summed over all times of beginning, with sizes and effects integrated over their
 priors. Without a change its mean grows by one with each sample, so that it stays below A for A samples in the mean
 (Pollak, Annals of Statistics 15, 1987, 749); a window costs it nothing that counts (Lai, IEEE Transactions on

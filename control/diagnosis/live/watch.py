@@ -16,12 +16,11 @@ import numpy.typing as npt
 
 from control.diagnosis.effects import ROWS
 from control.diagnosis.extend import not_adoptable
-from control.diagnosis.result import UNKNOWN, Cause, Diagnosis
+from control.diagnosis.result import UNKNOWN, Cause, Departure, Diagnosis
 from control.diagnosis.runs.diagnose import diagnose_run
 from control.diagnosis.runs.model import GROUPS
 from control.machine.machine import Machine
 
-from .departure import Departure
 from .rolling import BAR, ChangePoint, Rolling, Rows
 
 Columns = Mapping[str, npt.NDArray[Any]]

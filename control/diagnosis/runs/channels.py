@@ -6,20 +6,24 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import fdtrc
 
+from control.diagnosis.judgement import noise as noises
+from control.diagnosis.judgement.checks import LEVEL
 from control.diagnosis.judgement.noise import NoisePrior, Segments, as_one_band, segments
+from control.diagnosis.judgement.noise_fit import BAND_DOF
 from control.machine.compiled import flow_run, gate_run, heads_run, scale_run, shaft_run, speed_run
 from control.machine.effect import HOPPER
 from control.machine.flow import FlowInput, FlowOutput, flow_start
 from control.machine.gate import GateInput, GateOutput, gate_start
 from control.machine.heads import HeadInput
 from control.machine.machine import Machine, of_nominal
-from control.machine.over_log import LEAST_STEPS, input_rows
+from control.machine.over_log import LEAST_STEPS, MOST_STEP_S, input_rows
 from control.machine.scale import ScaleInput
 from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start
 from control.machine.speed import SpeedInput, SpeedOutput, speed_start
 
-from .hypothesis import MAX_SWITCHES, Schedule
+from .hypothesis import MAX_SWITCHES, Schedule, schedule, stages_of
 from .stages import Drive, Grid, Heads, Hopper, RunData, Speed, joined
 
 Array = npt.NDArray[np.float64]
@@ -30,6 +34,11 @@ SEAM_S = 20.0               # a longer gap between readings, times MAX_BRIDGED_S
 OVER_FULL_KG = 5.0          # free in the model's hopper above the highest reading, on the nominal machine
 NO_DRIFT, NO_SPREAD = 0.01, 0.1         # of a noise that has no slow part: a share that nobody sees, known well
 WHITE_S = 0.02              # correlation time that stands for "none"
+
+# Narrowband noise of a speed sensor.
+QUICK_S = 4.5               # a longer period may be the ground's
+SLOWER = 1.5                # times that period: a damped oscillation reaches so far
+ABOUT = 4                   # bands on either side, an octave and more: their median does not move with one line
 
 
 class ChannelSeries(NamedTuple):
@@ -250,3 +259,44 @@ def _floor(measured: Array) -> float:
     steps = np.diff(known)
     steps = steps[steps > 1e-9]
     return float(np.percentile(steps, 5) / np.sqrt(12.0)) if len(steps) and len(known) < 2000 else 0.0
+
+
+def without_narrowband(seen: dict[str, ChannelSeries], machine: Machine) -> tuple[dict[str, ChannelSeries], list[str]]:
+    """The channels, the speed's without its narrowband noise; a sentence where there was any.
+
+    The two speeds are held against each other, and both have errors: shifted in time, the oscillation of one cancels
+    against itself, so that it passes for a latency; and a noise model of two first-order components takes the power of
+    its one line for noise at every frequency about it. No tractor swings as quickly, so that nothing is lost.
+    """
+    if "speed" not in seen:
+        return seen, []
+    channel = seen["speed"]
+    periods_s = narrowband_periods_s(channel, machine)
+    if not len(periods_s):
+        return seen, []
+    least_s = max(QUICK_S, SLOWER * float(periods_s.max()))
+    quick = channel.cut.omega * least_s > 2.0 * np.pi * channel.grid.step_s
+    if quick.all():
+        return seen, []
+    said = " and ".join(f"{period_s:.2g} s" for period_s in periods_s)
+    return ({**seen, "speed": channel._replace(cut=noises.leaving_out(channel.cut, quick))},
+            [f"speed: a sensor oscillates with a period of {said}; the speeds are compared over "
+             f"periods longer than {least_s:.2g} s"])
+
+
+def narrowband_periods_s(channel: ChannelSeries, machine: Machine) -> Array:
+    """Periods at which the nominal machine leaves a quick line in a channel, s, longest first (k,).
+
+    A band's power over what the bands about it have is an F variable: its own coefficients, and those that its variance
+    is worth (`BAND_DOF`). All bands together have the level of the other checks.
+    """
+    left = channel.measured - channel.predict(schedule(stages_of(machine), ()), MOST_STEP_S)
+    cut, step_s = channel.cut, channel.grid.step_s
+    power = np.add.reduceat(noises.coefficients(left, cut) ** 2, cut.starts)
+    fitted = noises.fit(power, noises.start(channel.prior), channel.prior, cut, step_s)
+    over = power / cut.members / noises.spectrum(np.array(fitted.theta), channel.prior, cut, step_s)
+    about = [np.r_[max(0, k - ABOUT):k, k + 1:min(len(over), k + 1 + ABOUT)] for k in range(len(over))]
+    usual = np.array([float(np.median(over[near])) if len(near) else np.inf for near in about])
+    by_chance = fdtrc(cut.members, BAND_DOF, over / np.maximum(usual, 1e-300))
+    stand_out = (by_chance < LEVEL / len(over)) & (cut.omega * QUICK_S > 2.0 * np.pi * step_s)
+    return np.asarray(2.0 * np.pi / cut.omega[stand_out] * step_s)

@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import t as student
 
-from control.diagnosis.given import columns_of
-from control.diagnosis.outside import machine_of
+from control.diagnosis.given import columns_of, machine_of
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 

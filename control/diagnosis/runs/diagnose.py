@@ -8,18 +8,16 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from control.diagnosis.given import columns_of
-from control.diagnosis.outside import machine_of
+from control.diagnosis.given import columns_of, machine_of
 from control.diagnosis.result import Diagnosis
 from control.machine.machine import Machine
 
-from .channels import ChannelSeries, channels
+from .channels import ChannelSeries, channels, without_narrowband
 from .findings import between_rows, hardly_read, on_the_whole, turned_back, unsure_drives
 from .guard import Cancelled, attempt, is_finite, named
 from .intermittent import ReadOff, without_spells
 from .log import Clean, gate, readable
 from .model import GROUPS
-from .narrowband import without_narrowband
 from .quantised import without_steps
 from .rates import rates, sentence
 from .report import report

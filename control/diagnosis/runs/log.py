@@ -93,8 +93,12 @@ def gate(columns: Mapping[str, npt.NDArray[Any]], has: Callable[[str], bool] = l
     _units(found, findings)
     for name in ("shaft_rpm", "opening_mm", "hopper_kg"):
         found[name] = _without_held(name, found[name], float(np.median(np.diff(time))), findings)
-    found["hopper_kg"] = _if_it_moves("hopper_kg", found["hopper_kg"], findings)
-    found["shaft_rpm"] = _if_it_turned(found["shaft_rpm"], found["shaft_rpm_cmd"], findings)
+    never = ": a scale that never changes is not read"
+    found["hopper_kg"] = _unless_still("hopper_kg", found["hopper_kg"], never, findings)
+    asked_rpm = float(np.nanmax(np.abs(np.r_[0.0, found["shaft_rpm_cmd"]])))
+    if asked_rpm > 0.0 and not np.nansum(np.abs(found["shaft_rpm"])):
+        never = f", though up to {asked_rpm:g} r/min were commanded: it never turned, or is not read"
+        found["shaft_rpm"] = _unless_still("shaft_rpm", found["shaft_rpm"], never, findings)
     stood = _stood(found)
     if stood and (has("speed") or has("heads")):
         findings.append("the machine stood all the time: its speeds and canopy heads are left out")
@@ -216,23 +220,13 @@ def _units(found: dict[str, Array], findings: list[str]) -> None:
             return
 
 
-def _if_it_moves(name: str, values: Array, findings: list[str]) -> Array:
-    """A scale that shows the very same number in every row is not read: no hopper, full or empty, is so quiet."""
+def _unless_still(name: str, values: Array, why: str, findings: list[str]) -> Array:
+    """Readings that are the very same in every row say nothing: no hopper, full or empty, is so quiet."""
     known = values[np.isfinite(values)]
     if len(known) < MIN_ROWS or np.ptp(known) > 0.0:
         return values
-    findings.append(f"column {name}: {known[0]:g} in every row: a scale that never changes is not read: left out")
+    findings.append(f"column {name}: {known[0]:g} in every row{why}: left out")
     return np.full(len(values), np.nan)
-
-
-def _if_it_turned(read_rpm: Array, command_rpm: Array, findings: list[str]) -> Array:
-    """A shaft that reads 0 in every row, whatever it was asked for, says nothing of how it answers."""
-    known, most = read_rpm[np.isfinite(read_rpm)], np.nanmax(np.abs(np.r_[0.0, command_rpm]))
-    if len(known) < MIN_ROWS or np.any(known != 0.0) or most == 0.0:
-        return read_rpm
-    findings.append(f"column shaft_rpm: 0 in every row, though up to {most:g} r/min were commanded: it never turned, "
-                    "or is not read: left out")
-    return np.full(len(read_rpm), np.nan)
 
 
 def _stood(found: dict[str, Array]) -> bool:

@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.extend import extend
-from control.diagnosis.given import columns_of
-from control.diagnosis.outside import machine_of
+from control.diagnosis.given import columns_of, machine_of
 from control.diagnosis.result import Diagnosis
 from control.log_row import COMMANDS_HELD
 from control.machine.machine import Machine

@@ -11,8 +11,7 @@ from control.diagnosis.effects import ROWS
 from control.diagnosis.judgement.checks import drifts, is_loud, line_s
 from control.diagnosis.judgement.evidence import problem, solved, taken_off
 
-from .channels import ChannelSeries
-from .narrowband import QUICK_S
+from .channels import QUICK_S, ChannelSeries
 from .selection import GroupResult
 
 Array = npt.NDArray[np.float64]

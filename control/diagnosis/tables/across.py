@@ -19,10 +19,9 @@ from control.machine.fall import start_drop_s
 from control.machine.machine import Machine
 from control.machine.start import response_s
 
-from .piece import Array, BoolArray
+from .piece import Array, BoolArray, best_first
 from .rows.labels import labels_of
 from .rows.place import UNCORRECTED
-from .ties import best_first
 
 MIN_SHARED = 5              # shaft speeds that both have
 UNREPEATED = 0.01           # share of a value that a row without replicates is taken to be good for

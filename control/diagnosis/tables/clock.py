@@ -13,8 +13,7 @@ from scipy.special import ndtr, stdtrit
 
 from control.diagnosis.judgement.checks import LEVEL
 
-from .piece import Array
-from .ties import first_best
+from .piece import Array, first_best
 
 # The test of the quantogram's peak.
 DRAWS = 1500                # of smooth scatter

@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import f as fisher
 
-from .piece import Array, BoolArray, IntArray, Piece
-from .ties import first_best
+from .piece import Array, BoolArray, IntArray, Piece, first_best
 
 # Outliers are winsorised: drawn in to so many robust s.d. (1.4826 median absolute deviations) from the median of their
 # replicates (3.5: Iglewicz and Hoaglin 1993).

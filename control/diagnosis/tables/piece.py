@@ -1,7 +1,7 @@
 """One measured column of a bench table, and what the machine model says about it."""
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +12,12 @@ from control.machine.machine import CATALOGUE, Machine
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
+
+# Scores within this share of one another are equal: two names may stand for the same column of a table (a constant
+# extra lag, and a dead time that one table alone has), and the last bits, which differ from one processor to another,
+# would choose between them. Rounding leaves some 1e-12 of a sum over the rows; two causes that differ are not told
+# apart by a millionth of their sum of squares.
+TIED = 1e-6
 
 
 class Candidate(NamedTuple):
@@ -95,3 +101,21 @@ def varying(variables: Mapping[str, Array]) -> dict[str, Array]:
     """Those that are known in every row and take more than one value."""
     return {name: values for name, values in variables.items()
             if np.all(np.isfinite(values)) and np.ptp(values) > 1e-9 * max(1.0, float(np.abs(values).max()))}
+
+
+def first_best(scores: Sequence[float] | Array) -> int:
+    """Index of the highest score (n,), of equal ones the first: the order given decides, not rounding."""
+    values = np.asarray(scores, np.float64)
+    highest = float(values.max())
+    least = highest - TIED * abs(highest) if np.isfinite(highest) else highest
+    return int(np.flatnonzero(values >= least)[0])
+
+
+def best_first(scores: Sequence[float] | Array) -> list[int]:
+    """Indices of the scores (n,) from the highest down, equal ones in the order given."""
+    values = np.asarray(scores, np.float64)
+    left = list(range(len(values)))
+    out = []
+    while left:
+        out.append(left.pop(first_best(values[left])))
+    return out

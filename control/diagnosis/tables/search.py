@@ -18,9 +18,8 @@ from control.diagnosis.judgement.prior import UNKNOWN, log_of_size, sd_of_size
 from control.diagnosis.judgement.rows import Posterior, Rows, mixed, posterior, rows_of
 
 from .candidates import Effect, Unknown, effects_of, unknowns_of
-from .piece import Array, BoolArray, IntArray, SizedEffect
+from .piece import Array, BoolArray, IntArray, SizedEffect, best_first
 from .problem import Problem
-from .ties import best_first
 
 MAX_EFFECTS = 3             # at once
 WINDOW = 7.0                # log odds behind the best: what is further off is not counted (Madigan and Raftery 1994)

@@ -12,7 +12,7 @@ from console.app.widgets.panel import Panel, fit, line
 from console.frame import Frame
 from console.locale import _
 from console.reports.live_words import departure_line, offer, todo
-from control.diagnosis.live.departure import Departure
+from control.diagnosis.result import Departure
 from control.orders import State
 
 
