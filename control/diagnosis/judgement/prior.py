@@ -28,6 +28,7 @@ USUAL_OF_TERM = {           # s.d. of a term's coefficients over the spread of i
 FORM_SHARE = 0.25           # of an effect's own signal, by which its form may differ from the catalogue's
 NAMED = 0.9                 # posterior probability from which on a cause is named
 SAID = log(NAMED / (1.0 - NAMED))       # log odds against nothing, from which on something is said to be there
+ROBUST_SD = 1.4826          # of a normal, over its median absolute deviation
 NINE_IN_TEN_SD = 1.2816     # of a normal: nine in ten are above its mean less so many s.d.
 LISTED = 0.02               # ... and from which on a rival is listed
 

@@ -15,7 +15,7 @@ from scipy.special import betainc, betaln, expit, gammaln, logsumexp
 
 from control.diagnosis import effects
 from control.diagnosis.effects import ROWS
-from control.diagnosis.judgement.prior import SAID, UNKNOWN, log_odds
+from control.diagnosis.judgement.prior import ROBUST_SD, SAID, UNKNOWN, log_odds
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
@@ -29,7 +29,6 @@ from .stages import Hopper, RunData, Speed
 Array = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
-ROBUST_SD = 1.4826          # times the median absolute deviation: the s.d. of a normal
 SWELL = 41                  # samples over which noise grows and shrinks
 
 # Bridges that stand for many seconds, block by block.

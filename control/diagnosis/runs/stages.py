@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import convolve1d, maximum_filter1d
 
+from control.diagnosis.judgement.prior import ROBUST_SD
 from control.machine.compiled import term_run
 from control.machine.effect import HOPPER, OPENING_RANGE, SHAFT_RANGE
 from control.machine.form import SHAFT_ANGLE
@@ -39,7 +40,7 @@ LATE_ROWS = 0.01            # of the rows missing, and as many ...
 OFF_STEP = 0.02             # ... off whole steps by so much of one: the computer was late, also with what it wrote ...
 STAMP_SHARE = 0.29          # ... by any time up to a row, 1 / sqrt(12) of one (1 s.d.)
 SAME_RPM, SAME_MM = 0.1, 0.05       # commands this close are the same: a third of the noise of a reading
-SHAFT_ANSWERS_S, GATE_ANSWERS_S = 1.0, 1.0      # after a command, the drive has answered it
+ANSWERS_S = 1.0             # after a command, a drive has answered it
 SMOOTH_S = 1.5              # of slowly varying sensors that serve as inputs
 # r/min and kg are those of the nominal machine: a share of another's range.
 STOPPED_RPM = 1.0           # a shaft read slower than this stands still: the reading cannot fall below 0
@@ -323,14 +324,14 @@ def _drives(log: Clean, every: _Rows, machine: Machine, whole: bool) -> dict[str
         read = _smooth(_bridged(every.time_s, c["shaft_rpm"], np.zeros(len(every.time_s))), log.step_s)
         still = (since > STILL_AFTER_S) & (np.abs(read) < still_rpm)    # for a while: single readings would be a choice
         # A shaft that stands as it was commanded tells nothing, and its reading has none of the noise of a turning one.
-        sure = ~still & _sure(every, every.command_rpm, of_nominal(machine, SHAFT_RANGE) * SAME_RPM, SHAFT_ANSWERS_S)
+        sure = ~still & _sure(every, every.command_rpm, of_nominal(machine, SHAFT_RANGE) * SAME_RPM)
         sure &= ~against_the_way(every.time_s, every.command_rpm, c["shaft_rpm"], machine)
         settle_s = min(SETTLE_S, SETTLES * (machine.shaft.dead_time_s + machine.shaft.time_constant_s))
         settled = log.held and every.step_s > ANSWERED * (machine.shaft.dead_time_s + machine.shaft.time_constant_s)
         found["shaft"] = _drive("shaft", every, every.command_rpm, c["shaft_rpm"], sure, whole, machine.noise.shaft_rpm,
                                 settle_s, settled, MIN_SETTLED if log.held else MIN_ROWS)
     if "gate" in log.stages:
-        sure = _sure(every, every.command_mm, of_nominal(machine, OPENING_RANGE) * SAME_MM, GATE_ANSWERS_S)
+        sure = _sure(every, every.command_mm, of_nominal(machine, OPENING_RANGE) * SAME_MM)
         found["gate"] = _drive("gate", every, every.command_mm, c["opening_mm"], sure, whole, machine.noise.opening_mm)
     return {name: drive for name, drive in found.items() if drive is not None}
 
@@ -347,7 +348,7 @@ def against_the_way(time_s: Array, command_rpm: Array, read_rpm: Array, machine:
     return np.asarray(time_s - last <= SETTLES * machine.shaft.time_constant_s)
 
 
-def _sure(every: _Rows, command: Array, same: float, answers_s: float) -> npt.NDArray[np.bool_]:
+def _sure(every: _Rows, command: Array, same: float) -> npt.NDArray[np.bool_]:
     """Rows whose drive has answered every command that can have been given since the row before: (n,).
 
     Where commands may be missing from the log, a row is sure when its command and those of all rows within the time of
@@ -358,7 +359,7 @@ def _sure(every: _Rows, command: Array, same: float, answers_s: float) -> npt.ND
     changed = np.abs(np.diff(command, prepend=command[0])) > same
     unsure_from = np.where(changed & every.lost, every.time_s, -np.inf)      # given at some time before this row
     last = np.maximum.accumulate(unsure_from)
-    return np.asarray(every.time_s - last >= answers_s)
+    return np.asarray(every.time_s - last >= ANSWERS_S)
 
 
 def _late(every: _Rows) -> bool:
@@ -599,7 +600,7 @@ def _trust(gnss: Array, wheel: Array, machine: Machine) -> float:
         own = np.array([machine.noise.gnss_mps, machine.noise.wheel_mps]) ** 2 + 1e-12
     else:
         steps = np.diff(np.array([gnss, wheel]), axis=1)
-        reach = 4.0 * 1.4826 * np.median(np.abs(steps), axis=1, keepdims=True) + 1e-9
+        reach = 4.0 * ROBUST_SD * np.median(np.abs(steps), axis=1, keepdims=True) + 1e-9
         spread = np.cov(np.clip(steps, -reach, reach))
         own = np.maximum(np.diag(spread) - max(0.0, float(spread[0, 1])), 0.01 * np.diag(spread)) + 1e-12
     return float(own[0] / own.sum())

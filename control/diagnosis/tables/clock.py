@@ -12,6 +12,7 @@ import numpy as np
 from scipy.special import ndtr, stdtrit
 
 from control.diagnosis.judgement.checks import LEVEL
+from control.diagnosis.judgement.prior import ROBUST_SD
 
 from .piece import Array, first_best
 
@@ -173,7 +174,7 @@ def _refined(times: Array, step: float) -> tuple[float, float]:
     for _ in range(5):
         whole = np.round(times / step)
         off = times - whole * step
-        limit = max(3.0 * 1.4826 * float(np.median(np.abs(off))), 0.02 * step)
+        limit = max(3.0 * ROBUST_SD * float(np.median(np.abs(off))), 0.02 * step)
         keep = (np.abs(off) <= limit) & (whole != 0)
         if keep.sum() < 3:
             return step, step * 0.05

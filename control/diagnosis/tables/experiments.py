@@ -6,10 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from control.machine.effect import OPENING_RANGE, SHAFT_RANGE
 from control.machine.fall import start_drop_s
 from control.machine.flow import grams_per_rev
 from control.machine.heads import HeadInput, head_reads
-from control.machine.machine import Machine
+from control.machine.machine import Machine, of_nominal
 from control.machine.scale import ScaleInput, scale_reads
 from control.machine.start import response_s
 
@@ -19,10 +20,21 @@ from .rows.weigh import USUAL_MPS, wheel_reads
 MIN_APART_SD = 4.0      # between two hypotheses, from which on a test separates them
 MAX_TESTS = 3
 
-
-TWO_RATES = ("a step from 40 to 80 r/min at the rig, ten times: time from the shaft's change until the plate stands "
-             "half-way between its two readings; as a table with before_rpm 40, shaft_rpm 80 and drop_s it is for "
-             "topdress calibrate lag")
+# Shaft speeds and openings of the tests, on the nominal machine: shares of another's ranges.
+SHAFT_RPM = (10.0, 20.0, 40.0, 60.0, 70.0, 80.0, 100.0)
+OPENING_MM = (10.0, 25.0, 40.0)
+SLOW_MPS, FAST_MPS = 0.8, 1.8           # ground speeds that a tractor holds
+# What the mean of a test's repeats is good for (1 s.d.).
+STARTS_S = 0.003        # of a start by the encoder, five times
+FALLS_S = 0.03          # of a lag by the rig or by hand, five times: half of what one scatters by
+PLACES_M = 0.04         # of a lag measured as a distance, five times
+CATCHES = 0.004         # share of a weighed catch of a minute, three times
+OUTLETS = 0.006         # ... of one outlet's, and of a speed by tape and watch
+PULSES = 0.004          # share of a wheel's pulses over 100 m: one in 640, three times, and the tape
+STANDING_KG = 0.15      # of a hopper's scale, three times
+PANEL_NDVI, SAME_PANEL_NDVI, PANELS_NDVI = 0.005, 0.002, 0.003      # of heads over panels: one, the same again, several
+WEIGHT_KG = 100.0
+WARM_S = 3600.0
 
 
 class Experiment(NamedTuple):
@@ -45,60 +57,92 @@ def _place(m: Machine, rpm: float, speed_mps: float) -> float:
 
 
 def _wheel(m: Machine) -> Array:
-    return np.array([wheel_reads(m, USUAL_MPS, working) / USUAL_MPS for working in (0.0, 1.0)]) / 0.004
+    return np.array([wheel_reads(m, USUAL_MPS, working) / USUAL_MPS for working in (0.0, 1.0)]) / PULSES
 
 
-EXPERIMENTS = (
-    Experiment("response_test",
-               "response test: 5 starts each at 10, 40 and 70 r/min, encoder only, time from command to turning shaft",
-               10.0, lambda m: np.array([response_s(m, n) for n in (10.0, 40.0, 70.0)]) / 0.003),
-    Experiment("lag_rig",
-               "lag test with the rig, machine standing: 5 starts each at 10, 40, 70 and 100 r/min, times written down",
-               20.0, lambda m: np.array([_lag(m, n) for n in (10.0, 40.0, 70.0, 100.0)]) / 0.03),
-    Experiment("measured_speed",
-               "measure the ground speed of the lag test over 30 m with tape and watch, 3 times",
-               10.0, lambda m: np.array([1.0 + m.fall.speed_scale_percent / 100.0]) / 0.006),
-    Experiment("lag_two_speeds",
-               "lag test by distance at two measured ground speeds, 0.8 and 1.8 m/s, 5 times each at 40 r/min",
-               30.0, lambda m: np.array([_place(m, 40.0, v) for v in (0.8, 1.8)]) / 0.04),
-    Experiment("lag_empty_running",
-               "lag test at 40 r/min from an empty tube and as a change from 20 r/min while running, 5 times each",
-               15.0, lambda m: np.array([_lag(m, 40.0, 1.0), _lag(m, 40.0)]) / 0.03),
-    Experiment("lag_up_down",
-               "lag test of equal steps up and down, 20 to 60 r/min, 5 times each",
-               15.0, lambda m: np.array([_lag(m, 40.0, 0.0, 1.0), _lag(m, 40.0, 0.0, -1.0)]) / 0.03),
-    Experiment("catch_openings",
-               "catch test on a bench balance at 40 r/min with openings of 10 and 40 mm, 3 catches of 60 s each",
-               20.0, lambda m: np.array([grams_per_rev(m.flow, 40.0, o) / (5.5 * o) for o in (10.0, 40.0)]) / 0.004),
-    Experiment("catch_speeds",
-               "catch test on a bench balance at 25 mm with 20, 60 and 100 r/min, 3 catches of 60 s each",
-               20.0, lambda m: np.array([grams_per_rev(m.flow, n, 25.0) for n in (20.0, 60.0, 100.0)]) / 0.55),
-    Experiment("catch_outlets",
-               "catch test by outlet at 40 r/min and 25 mm, 3 catches of 60 s",
-               25.0, lambda m: np.array([1.0 + (k == m.flow.uneven_outlet) * m.flow.uneven_percent / 100.0
-                                         for k in range(1, m.geometry.outlets + 1)]) / 0.006),
-    Experiment("static_weigh",
-               "static weigh: put a known weight of 100 kg on the hopper, 3 times",
-               10.0, lambda m: np.array([scale_reads(m.scale, ScaleInput(100.0, 0.0))]) / 0.15),
-    Experiment("wheel_pulses",
-               "drive a taped 100 m out of work, count the wheel's pulses, 3 times",
-               10.0, lambda m: _wheel(m)[:1]),
-    Experiment("wheel_in_work",
-               "drive a taped 100 m out of work and again in work, count the wheel's pulses, 3 times each",
-               20.0, _wheel),
-    Experiment("heads_one_panel",
-               "hold all heads over one reference panel at NDVI 0.5, a quarter of an hour after switching on",
-               10.0, lambda m: np.array([head_reads(m.heads, HeadInput(0.5, float(k), 900.0))
-                                         for k in range(1, m.geometry.heads + 1)]) / 0.005),
-    Experiment("heads_warming_up",
-               "read one panel 1, 5 and 20 minutes after switching on, all heads",
-               25.0, lambda m: np.array([head_reads(m.heads, HeadInput(0.5, 0.0, 60.0 * t))
-                                         for t in (1.0, 5.0, 20.0)]) / 0.002),
-    Experiment("heads_three_panels",
-               "warm heads over panels of NDVI 0.3, 0.6 and 0.8",
-               15.0, lambda m: np.array([head_reads(m.heads, HeadInput(v, 0.0, 3600.0))
-                                         for v in (0.3, 0.6, 0.8)]) / 0.003),
-)
+def two_rates(machine: Machine) -> str:
+    """The test that tells whether the stream in the tube carries what falls."""
+    _, _, mid, _, _, fast, _ = _settings(machine)[0]
+    return (f"a step from {mid:g} to {fast:g} r/min at the rig, ten times: time from the shaft's change until the "
+            f"plate stands half-way between its two readings; as a table with before_rpm {mid:g}, shaft_rpm {fast:g} "
+            "and drop_s it is for topdress calibrate lag")
+
+
+def _settings(machine: Machine) -> tuple[list[float], list[float]]:
+    """Shaft speeds, r/min, and openings, mm, of the tests on this machine."""
+    limits, rpm, mm = machine.limits, of_nominal(machine, SHAFT_RANGE), of_nominal(machine, OPENING_RANGE)
+    return ([round(max(limits.shaft_low_rpm, rpm * one), 1) for one in SHAFT_RPM],
+            [round(max(limits.opening_low_mm, mm * one), 1) for one in OPENING_MM])
+
+
+def _of_lags(machine: Machine) -> list[Experiment]:
+    low, slow, mid, high, upper, _, full = _settings(machine)[0]
+    each, all_speeds = (low, mid, upper), (low, mid, upper, full)
+    return [
+        Experiment("response_test", f"response test: 5 starts each at {_listed(each)} r/min, encoder only, time from "
+                   "command to turning shaft", 10.0, lambda m: np.array([response_s(m, n) for n in each]) / STARTS_S),
+        Experiment("lag_rig", f"lag test with the rig, machine standing: 5 starts each at {_listed(all_speeds)} r/min, "
+                   "times written down", 20.0, lambda m: np.array([_lag(m, n) for n in all_speeds]) / FALLS_S),
+        Experiment("measured_speed", "measure the ground speed of the lag test over 30 m with tape and watch, 3 times",
+                   10.0, lambda m: np.array([1.0 + m.fall.speed_scale_percent / 100.0]) / OUTLETS),
+        Experiment("lag_two_speeds", f"lag test by distance at two measured ground speeds, {SLOW_MPS:g} and "
+                   f"{FAST_MPS:g} m/s, 5 times each at {mid:g} r/min", 30.0,
+                   lambda m: np.array([_place(m, mid, v) for v in (SLOW_MPS, FAST_MPS)]) / PLACES_M),
+        Experiment("lag_empty_running", f"lag test at {mid:g} r/min from an empty tube and as a change from {slow:g} "
+                   "r/min while running, 5 times each", 15.0,
+                   lambda m: np.array([_lag(m, mid, 1.0), _lag(m, mid)]) / FALLS_S),
+        Experiment("lag_up_down", f"lag test of equal steps up and down, {slow:g} to {high:g} r/min, 5 times each",
+                   15.0, lambda m: np.array([_lag(m, mid, 0.0, 1.0), _lag(m, mid, 0.0, -1.0)]) / FALLS_S)]
+
+
+def _of_catches(machine: Machine) -> list[Experiment]:
+    (_, slow, mid, high, _, _, full), (narrow, usual, wide) = _settings(machine)
+    g_rev_mm = machine.flow.grams_per_rev_mm
+
+    def caught(m: Machine, rpm: float, mm: float) -> float:
+        return float(grams_per_rev(m.flow, rpm, mm)) / (g_rev_mm * mm)
+
+    def outlets(m: Machine) -> list[float]:
+        return [1.0 + (k == m.flow.uneven_outlet) * m.flow.uneven_percent / 100.0
+                for k in range(1, m.geometry.outlets + 1)]
+    return [
+        Experiment("catch_openings", f"catch test on a bench balance at {mid:g} r/min with openings of {narrow:g} and "
+                   f"{wide:g} mm, 3 catches of 60 s each", 20.0,
+                   lambda m: np.array([caught(m, mid, o) for o in (narrow, wide)]) / CATCHES),
+        Experiment("catch_speeds", f"catch test on a bench balance at {usual:g} mm with {_listed((slow, high, full))} "
+                   "r/min, 3 catches of 60 s each", 20.0,
+                   lambda m: np.array([caught(m, n, usual) for n in (slow, high, full)]) / CATCHES),
+        Experiment("catch_outlets", f"catch test by outlet at {mid:g} r/min and {usual:g} mm, 3 catches of 60 s", 25.0,
+                   lambda m: np.array(outlets(m)) / OUTLETS)]
+
+
+def _of_sensors(_: Machine) -> list[Experiment]:
+    def heads(m: Machine, ndvi: Sequence[float], on_s: Sequence[float], which: Sequence[int] = (0,)) -> Array:
+        return np.array([head_reads(m.heads, HeadInput(value, float(head), after_s))
+                         for value in ndvi for after_s in on_s for head in which])
+    return [
+        Experiment("static_weigh", f"static weigh: put a known weight of {WEIGHT_KG:g} kg on the hopper, 3 times", 10.0,
+                   lambda m: np.array([scale_reads(m.scale, ScaleInput(WEIGHT_KG, 0.0))]) / STANDING_KG),
+        Experiment("wheel_pulses", "drive a taped 100 m out of work, count the wheel's pulses, 3 times", 10.0,
+                   lambda m: _wheel(m)[:1]),
+        Experiment("wheel_in_work", "drive a taped 100 m out of work and again in work, count the wheel's pulses, "
+                   "3 times each", 20.0, _wheel),
+        Experiment("heads_one_panel", "hold all heads over one reference panel at NDVI 0.5, a quarter of an hour after "
+                   "switching on", 10.0,
+                   lambda m: heads(m, (0.5,), (WARM_S / 4,), range(1, m.geometry.heads + 1)) / PANEL_NDVI),
+        Experiment("heads_warming_up", "read one panel 1, 5 and 20 minutes after switching on, all heads", 25.0,
+                   lambda m: heads(m, (0.5,), (60.0, 300.0, 1200.0)) / SAME_PANEL_NDVI),
+        Experiment("heads_three_panels", "warm heads over panels of NDVI 0.3, 0.6 and 0.8", 15.0,
+                   lambda m: heads(m, (0.3, 0.6, 0.8), (WARM_S,)) / PANELS_NDVI)]
+
+
+def experiments(machine: Machine) -> tuple[Experiment, ...]:
+    """Every test, at settings of this machine's ranges."""
+    return (*_of_lags(machine), *_of_catches(machine), *_of_sensors(machine))
+
+
+def _listed(values: Sequence[float]) -> str:
+    return f"{', '.join(f'{value:g}' for value in values[:-1])} and {values[-1]:g}"
 
 
 Pair = tuple[SizedEffect, SizedEffect]
@@ -121,19 +165,20 @@ def separating(machine: Machine, rivals: Sequence[Sequence[SizedEffect]]) -> Pla
     pairs = tuple((a, b) for members in rivals for i, a in enumerate(members) for b in members[i + 1:])
     if not pairs:
         return None
-    readings = {effect: [e.reads(with_effects(machine, (effect,))) for e in EXPERIMENTS]
+    every = experiments(machine)
+    readings = {effect: [e.reads(with_effects(machine, (effect,))) for e in every]
                 for pair in pairs for effect in pair}
-    apart = np.array([[float(np.linalg.norm(readings[a][k] - readings[b][k])) for k in range(len(EXPERIMENTS))]
+    apart = np.array([[float(np.linalg.norm(readings[a][k] - readings[b][k])) for k in range(len(every))]
                       for a, b in pairs])
     picked: list[int] = []
     open_ = np.ones(len(pairs), bool)
     while open_.any() and len(picked) < MAX_TESTS:
-        worth = [float(np.sum(apart[open_, k] >= MIN_APART_SD)) / EXPERIMENTS[k].minutes
-                 for k in range(len(EXPERIMENTS))]
+        worth = [float(np.sum(apart[open_, k] >= MIN_APART_SD)) / every[k].minutes
+                 for k in range(len(every))]
         if max(worth) <= 0.0:
             break
         picked.append(int(np.argmax(worth)))
         open_ &= apart[:, picked[-1]] < MIN_APART_SD
     clear = min((float(np.max(apart[k, picked])) for k in range(len(pairs)) if not open_[k]), default=None)
-    return Plan(tuple(EXPERIMENTS[k] for k in picked), pairs,
+    return Plan(tuple(every[k] for k in picked), pairs,
                 tuple(pair for pair, still in zip(pairs, open_, strict=True) if still), clear)

@@ -6,12 +6,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import f as fisher
 
+from control.diagnosis.judgement.prior import ROBUST_SD
+
 from .piece import Array, BoolArray, IntArray, Piece, first_best
 
-# Outliers are winsorised: drawn in to so many robust s.d. (1.4826 median absolute deviations) from the median of their
+# Outliers are winsorised: drawn in to so many robust s.d. from the median of their
 # replicates (3.5: Iglewicz and Hoaglin 1993).
 MAX_ROBUST_SD = 3.5
-ROBUST_SD = 1.4826
 MIN_ROWS_TO_WINSORISE = 4   # replicates at a setting, below which its median is no better known than the row
 
 # Brown-Forsythe test (1974) of equal variances: below this p, settings get weights of their own.

@@ -16,7 +16,7 @@ from .across import across
 from .clock import Clock
 from .cost import field_cost
 from .duplicate_rows import DuplicateRows, sentences
-from .experiments import TWO_RATES, Pair, Plan, separating
+from .experiments import Pair, Plan, separating, two_rates
 from .gain import label_contrasts
 from .noise import MAX_ROBUST_SD, UNEQUAL_P
 from .piece import BoolArray, Candidate, Piece, SizedEffect
@@ -121,7 +121,8 @@ def two_rates_of(tables: Sequence[BenchTable], machine: Machine) -> NextRun | No
     if machine.tube_is_settled or not lags or any(table.running().any() for table in lags):
         return None
     return NextRun("starts cannot tell whether the stream in the tube carries what falls or each granule falls singly, "
-                   "and until that is known no strategy moves the shaft for what is landing", f"{TWO_RATES} (10 min)")
+                   "and until that is known no strategy moves the shaft for what is landing",
+                   f"{two_rates(machine)} (10 min)")
 
 
 def _next_run(plan: Plan) -> NextRun:
