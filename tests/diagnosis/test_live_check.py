@@ -85,7 +85,7 @@ def test_every_effect_of_a_group_is_tried_and_the_likeliest_one_is_said() -> Non
 
 
 def test_the_statistic_grows_by_one_a_sample_where_nothing_begins() -> None:
-    """Its mean, by theory; it passes the bar of 100 hours in none of these logs."""
+    """Its mean, by theory; it passes the bar in none of these logs."""
     most = []
     for seed in range(12):
         rng, columns = np.random.default_rng(seed), wheel_log(620.0)

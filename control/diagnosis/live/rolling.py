@@ -48,7 +48,8 @@ COMES_TO_S = 15.0           # before its new rows a piece begins: the slowest dr
 COMES_TO_ROWS = 2 * MIN_ROWS
 NOT_YET_S = 2.0             # the last of the rows: smoothing has not seen what follows
 LEAST_BINS = 60
-BETWEEN_S = 100 * 3600.0    # of work, in the mean, until the test says of a healthy machine that something began
+BETWEEN_S = 1000 * 3600.0   # of work, in the mean, until the test alone says of a healthy machine that something began:
+                            # ten times what the line promises, as no noise is quite what a model says
 BAR = log(BETWEEN_S / BIN_S * len(GROUPS))      # of the logarithm of the statistic, a sample a bin, in any group
 MATTERS = BAR               # of twice the log-likelihood: half of what passes; what gains less is had less exactly
 SEEN_S = 20.0               # that a beginning is seen for, at least: a late answer or a stop passes sooner
