@@ -25,6 +25,8 @@ from control.diagnosis.result import RateFit, Size
 from control.geodesy import TangentPlane
 from control.orders import State
 
+from .log import MOVING_MPS
+
 Array = npt.NDArray[np.float64]
 
 TARGET, APPLIED = "target_rate_kg_ha", "applied_rate_kg_ha"
@@ -35,7 +37,6 @@ MIN_ROWS = 12               # of a pass, that every lag can be asked for
 MAX_GAP_STEPS = 2.5         # of the median step; a longer one ends a pass
 MIN_GAP_S = 3.0
 TURN_DEG = 60.0             # off the course that a pass began with
-MOVING_MPS = 0.3
 MIN_CHANGE = 0.02           # standard deviation over mean of a target that shows a lag
 MAX_CORRELATION = 0.95
 DIFFER_P = 1e-3             # passes that differ more than this are said to differ
