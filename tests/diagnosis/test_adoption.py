@@ -5,6 +5,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import typer
 
@@ -82,3 +83,13 @@ def test_the_page_offers_a_drive_as_a_whole_as_the_command_line_does(tmp_path: P
     assert error_on(steps(2), new) < 0.6 * error_on(steps(2), DRIVE)
     assert "shaft as a whole: Shaft" in adopted_title(found, found.adoptable[0])
     assert "as a whole" in " ".join(channels(found).gains)
+
+
+def test_steps_of_an_encoder_do_not_keep_a_drive_from_being_fitted_as_a_whole() -> None:
+    """Readings in steps of 16 r/min hide what a slope says of a lag; what all rows say of it they do not hide."""
+    columns, other = steps(1), steps(2)
+    for one in (columns, other):
+        one["shaft_rpm"] = 16.0 * np.round(one["shaft_rpm"] / 16.0)
+    found = diagnose_run(columns, DRIVE)
+    assert found.fitted is not None and {"shaft.slow", "shaft.dead_time"} & {name for name, _ in found.fitted.sizes}
+    assert error_on(other, extend(DRIVE, found)) < 0.6 * error_on(other, DRIVE)

@@ -88,6 +88,9 @@ def _judged(search: Search, others: Hypothesis, parts: Hypothesis) -> _Tried | N
 def _sets(search: Search) -> list[tuple[str, ...]]:
     """Names that are fitted together, from nothing to all of them."""
     tried = {c.part.id for c in search.candidates if c.part.onset_s is None}
+    drive = search.model.data.shaft
+    if drive is not None and drive.moves_seen:
+        tried |= set(MOVES)         # steps of an encoder hide what a slope says of a move, not what all rows say
     moves, back = (tuple(name for name in names if name in tried) for names in (MOVES, BACKWARDS))
     curves = [(), (SHAFT_GAIN.id,), (SHAFT_GAIN.id, SHAFT_DEAD_ZONE.id),
               (SHAFT_GAIN.id, SHAFT_DEAD_ZONE.id, SHAFT_SATURATION.id)]
