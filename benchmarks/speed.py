@@ -2,7 +2,8 @@
 
 The table of all that was promised to be fast: the median and the range of both, and old over new. Short work is taken
 five times, in turns with the other tree's; what takes long once. Where a row says so it is the processor's time, which
-a busy machine stretches less. Below eight minutes on a quiet machine of two cores. Linux only.
+a busy machine stretches less. Whole some twenty minutes, most of them for what is simulated (`rows`, `simulate`); on a
+busy machine take parts. Linux only.
 """
 from __future__ import annotations
 
