@@ -1,14 +1,17 @@
 """Drives far from their data sheet: several names that are one curve, and a drive that no name fits, as a whole."""
 from __future__ import annotations
 
+import math
+import random
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
-from control.diagnosis.extend import extend
+from control.diagnosis.extend import extend, not_adoptable
 from control.diagnosis.result import Diagnosis
+from control.diagnosis.runs.adoption import adoptable_of
 from control.diagnosis.runs.channels import channels, drive_rows
 from control.diagnosis.runs.diagnose import diagnose_run, series_of_log
 from control.diagnosis.runs.hypothesis import EffectInstance, schedule, stages_of
@@ -114,3 +117,26 @@ def test_freedom_of_form_moves_no_size() -> None:
 def test_a_drive_may_be_quicker_than_its_data_sheet_and_never_ahead() -> None:
     assert lag_s(DRIVE.shaft._replace(slow_s=-0.04)) == pytest.approx(0.02)
     assert lag_s(DRIVE.shaft._replace(slow_s=-1.0)) > 0.0
+
+
+def eight_duties(seed: int) -> dict[str, Any]:
+    """A motor asked for eight duties by turns: it starts at 68 r/min of its command, lags it by 30, ends at 283. Rows
+    of 50 ms, its encoder counts 3.3 r/min."""
+    draws, duty, speed_rpm, rows = random.Random(seed), 0, 0.0, []
+    for k in range(2400):
+        if k % 60 == 0:
+            duty = draws.choice([0, 30, 60, 90, 120, 160, 200, 255])
+        goal_rpm = 0.0 if duty < 45 else min(1.5 * (duty - 20), 1700.0 / 6.0)
+        speed_rpm -= (goal_rpm - speed_rpm) * math.expm1(-0.05 / 0.15)
+        rows.append((0.05 * k, 1.5 * duty, round((speed_rpm + draws.gauss(0.0, 1.0)) * 0.3) / 0.3))
+    return dict(zip(("time_s", "shaft_rpm_cmd", "shaft_rpm"), np.array(rows).T, strict=True))
+
+
+def test_names_that_leave_something_are_adopted_together() -> None:
+    """The judged curve bends where the motor ends, and a threshold is left: it predicts, its parts alone hardly do."""
+    machine = DRIVE.model_copy(update={
+        "shaft": DRIVE.shaft._replace(dead_time_s=0.0, time_constant_s=0.108, full_rpm=400.0),
+        "limits": Limits(shaft_low_rpm=0.0, shaft_high_rpm=400.0)})
+    found = diagnose_run(eight_duties(1), machine)
+    new = extend(machine, adoptable_of(found, [one.id for one in found.causes if not not_adoptable(one)]).found)
+    assert error_on(eight_duties(2), new) < 0.5 * error_on(eight_duties(2), machine)

@@ -7,8 +7,9 @@ simplest of the sets whose error on rows that it was not fitted to is within one
 Friedman, Olshen and Stone, Classification and Regression Trees, 1984, 3.4.3), of those whose every size the pieces of
 the log agree on: what a log leaves open leads anywhere beyond it. Nothing of it is a named cause.
 
-Where names are found but not told apart from others, their sizes were fitted together, and one of them without another
-is a curve that nobody fitted: the judged set then stands as a whole, where it predicts those pieces better.
+Where names are found but not told apart from others, or leave something, their sizes were fitted together, and one of
+them without another is a curve that nobody fitted: the judged set then stands as a whole, where it predicts those
+pieces better.
 """
 from __future__ import annotations
 
@@ -68,8 +69,7 @@ def as_a_whole(one: GroupResult, rest: Sequence[Remains]) -> Fitted | None:
     sds = {part.id: sd for part, sd in zip(one.found.parts, one.found.sd, strict=True)}
     if gained:
         return _result(search, chosen, before, [sds[part.id] for part in others])
-    undecided = any(one.rivals) and not rest and not one.terms
-    judged = _judged(search, others, one.found.parts) if undecided else None
+    judged = None if one.terms else _judged(search, others, one.found.parts)
     if judged is None or not _surely(before.errors - judged.errors):
         return None
     return _result(search, judged, before, [sds[part.id] for part in judged.parts])
