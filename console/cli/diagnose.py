@@ -76,7 +76,12 @@ def diagnose(
             found, tools = _run(data[0], loaded, seed)
     else:
         found, tools = _tables(data, loaded, kind, seed)
-    found, refused = (found, None) if adopt is None else adopted(found, loaded, data, adopt, picked)
+    refused: Exception | None = None
+    if several is not None and several.of_a_kind and adopt is not None:
+        refused = CommandError(f"--adopt {adopt}: these logs are of machines of a kind, each with sizes of its own: "
+                               "allowed is one log, or logs of one machine")
+    elif adopt is not None:
+        found, refused = adopted(found, loaded, data, adopt, picked)
     _write(found, several, as_json, report, tools)      # whatever became of the adoption
     if setup is not None and closed_loop is not None:
         for line in _closed_loop(found, setup, job or "demo", closed_loop):
@@ -201,9 +206,16 @@ def _closed_loop(found: Diagnosis, setup: Setup, job: str, seconds: float) -> li
     return lines
 
 
+def _lines(found: Diagnosis, several: Several) -> list[str]:
+    from console.reports.diagnosis_text import by_log, of_a_kind, summary
+    if several.of_a_kind:
+        return [*of_a_kind(several), *by_log(several.each, "")]
+    return [*summary(found), *by_log(several.each)]
+
+
 def _write(found: Diagnosis, several: Several | None, as_json: Path | None, report: Path | None,
            tools: dict[str, Any]) -> None:
-    from console.reports.diagnosis_text import by_log, summary
+    from console.reports.diagnosis_text import summary
     from drivers.files.atomic import write_atomically
     if sys.stderr.isatty():
         sys.stderr.write("\r\x1b[K")
@@ -211,7 +223,7 @@ def _write(found: Diagnosis, several: Several | None, as_json: Path | None, repo
     if as_json is not None and str(as_json) == "-":
         typer.echo(json.dumps(plain, indent=1))
     else:
-        for line in (*summary(found), *(() if several is None else by_log(several.each))):
+        for line in summary(found) if several is None else _lines(found, several):
             typer.echo(line)
         if as_json is not None:
             write_atomically(as_json, json.dumps(plain, indent=1) + "\n")

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from console.reports.term_words import compensation, sentence
 from console.reports.verdict import headlines_first
 from console.reports.words import headlined, left_facts, name_of, not_judged, when
-from control.diagnosis.result import Cause, Diagnosis, Fitted, Unexplained
+from control.diagnosis.result import Cause, Diagnosis, Fitted, Size, Unexplained
 from control.diagnosis.runs.rates import in_words
+from control.diagnosis.runs.several import Several
 from control.machine.machine import CATALOGUE
 
 SHOWN_LIMIT = 8
@@ -59,9 +60,21 @@ def fitted_words(whole: Fitted | None) -> list[str]:
             f"error {whole.before:.4g} -> {whole.after:.4g} {whole.unit}. Adopted together, and no name beside it"]
 
 
-def by_log(each: Sequence[Diagnosis]) -> list[str]:
-    """What logs of one machine have beyond what they share: a line each, and what is behind it."""
-    lines = ["", "each log by itself, beyond what they share:"]
+def of_a_kind(found: Several) -> list[str]:
+    """What logs of machines of a kind have in common, each by its own size."""
+    paths = [one.data.path for one in found.each]
+    lines = [f"{' + '.join(paths)} on {found.machine.id}: not one machine, but machines of a kind: the same is wrong "
+             "in each log, by a size of its own"]
+    for one in found.of_a_kind:
+        lines += ["", f"{one.id}: {CATALOGUE[one.id].effect.title}",
+                  f"    chance of sizes so far apart in one machine: {one.p:.2g}",
+                  *(f"    {path}: {_size(size)}" for path, size in zip(paths, one.sizes, strict=True))]
+    return lines
+
+
+def by_log(each: Sequence[Diagnosis], beyond: str = ", beyond what they share") -> list[str]:
+    """What logs have of their own: a line each, and what is behind it."""
+    lines = ["", f"each log by itself{beyond}:"]
     for found in each:
         own = [line for cause in found.causes for line in _cause(cause)[:2]]
         own += [f"unexplained: {_left(left)}" for left in found.unexplained]
@@ -96,16 +109,18 @@ def _left(left: Unexplained) -> str:
         f"says why{facts}"
 
 
+def _size(size: Size) -> str:
+    value = "size not known" if size.value is None else f"{size.value:.3g} {size.unit}"
+    return value + ("" if size.low is None or size.high is None else f" (90 %: {size.low:.3g} to {size.high:.3g})")
+
+
 def _cause(cause: Cause) -> list[str]:
     entry = CATALOGUE.get(cause.id)
-    size = cause.size
-    value = "size not known" if size.value is None else f"{size.value:.3g} {size.unit}"
-    span = "" if size.low is None or size.high is None else f" (90 %: {size.low:.3g} to {size.high:.3g})"
     which = "" if cause.member is None else f", number {cause.member}"
-    then = when(cause.onset_s, cause.until_s, cause.grows, size.value, size.unit)
+    then = when(cause.onset_s, cause.until_s, cause.grows, cause.size.value, cause.size.unit)
     suspected = "" if headlined(cause) else "suspected: "
     lines = [f"{suspected}{cause.id}: {entry.effect.title if entry else ''}",
-             f"    {value}{span}{which}{then and f', {then}'}; probability {cause.probability:.2f}"]
+             f"    {_size(cause.size)}{which}{then and f', {then}'}; probability {cause.probability:.2f}"]
     rivals = [f"{name_of(rival.id)} ({rival.probability:.2f})" for rival in cause.rivals if rival.id != cause.id]
     if rivals:
         lines.append(f"    could also be: {', '.join(rivals)}")

@@ -72,3 +72,44 @@ def test_logs_are_put_one_after_the_other_with_what_they_lack_empty() -> None:
         joined([first, held], ["a", "b"], Machine())
     with pytest.raises(ValueError, match="allowed two or more"):
         joined([first], ["a"], Machine())
+
+
+def test_two_machines_of_a_kind_have_the_same_by_sizes_of_their_own(tmp_path: Path) -> None:
+    found = diagnose_runs([wheel_log(1, 1.03), wheel_log(2, 1.08)], Machine(), paths=("a", "b"))
+    (one,) = found.of_a_kind
+    assert one.id == "speed.wheel_radius" and one.p < 1e-6 and found.machine == Machine()
+    assert [size.value for size in one.sizes] == pytest.approx([3.0, 8.0], abs=0.5)
+    assert [[cause.id for cause in each.causes] for each in found.each] == [["speed.wheel_radius"]] * 2
+    assert found.to_json()["of_a_kind"][0]["sizes"][1]["unit"] == "%"
+    assert diagnose_runs([wheel_log(1, 1.03), wheel_log(2, 1.03)], Machine()).of_a_kind == ()
+    paths = []
+    for seed, wheel in ((1, 1.03), (2, 1.08)):
+        log, path = wheel_log(seed, wheel), tmp_path / f"log{seed}.csv"
+        path.write_text(",".join(log) + "\n" + "".join(
+            ",".join(f"{value:.4f}" for value in row) + "\n" for row in zip(*log.values(), strict=True)))
+        paths.append(str(path))
+    done = CliRunner().invoke(app, ["diagnose", *paths, "--adopt", str(tmp_path / "new.yaml")])
+    assert done.exit_code == 2 and "machines of a kind" in done.stdout and not (tmp_path / "new.yaml").exists()
+    assert "allowed is one log, or logs of one machine" in done.output
+
+
+def test_logs_whose_rows_hold_the_beginning_of_an_answer_are_joined_with_time_to_settle() -> None:
+    """The second log begins at a speed that its first command did not make: that is no change of the machine."""
+    def drive_log(seed: int) -> Log:
+        rng, time_s = np.random.default_rng(seed), np.arange(0.0, 60.0, 0.02)
+        command = np.repeat(rng.choice([200.0, 400.0, 600.0, 900.0, 1200.0, 1500.0], 20), 150)
+        command[:150] = 1500.0
+        speed_rpm = np.zeros(len(command))
+        for k in range(1, len(command)):
+            speed_rpm[k] = speed_rpm[k - 1] + (0.9 * command[k - 1] - speed_rpm[k - 1]) * -np.expm1(-0.02 / 0.25)
+        events = np.full(len(time_s), "", object)
+        events[0] = COMMANDS_HELD
+        return {"time_s": time_s, "shaft_rpm_cmd": command, "events": events,
+                "shaft_rpm": speed_rpm + rng.normal(0.0, 4.0, len(time_s))}
+    machine = Machine.model_validate({"id": "wheel", "stages": ["shaft"], "noise": {"shaft_rpm": 4.0},
+                                      "shaft": {"full_rpm": 1500, "acceleration_rpm_s": 1e6, "dead_time_s": 0.0,
+                                                "time_constant_s": 0.25},
+                                      "limits": {"shaft_low_rpm": 0, "shaft_high_rpm": 1500}})
+    found = diagnose_runs([drive_log(1), drive_log(2)], machine)
+    assert [cause.id for cause in found.together.causes] == ["shaft.gain"] and not found.together.unexplained
+    assert [one.verdict for one in found.each] == ["none", "none"]

@@ -1,15 +1,23 @@
-"""Several logs of one machine: what they share is found once, on all of them; what differs is reported by log."""
+"""Several logs of one machine: what they share is found once, on all of them; what differs is reported by log.
+
+Logs of machines of a kind (two robots with the same motors) have the same wrong with them, each by its own size.
+Whether one size is behind all of them is Cochran's test (Biometrics 10, 1954, 101), at the level of the checks.
+"""
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import chdtrc
 
 from control.diagnosis.extend import extend
 from control.diagnosis.given import columns_of, machine_of
-from control.diagnosis.result import Diagnosis
+from control.diagnosis.judgement.checks import LEVEL
+from control.diagnosis.judgement.evidence import Z90
+from control.diagnosis.result import Cause, Diagnosis, Size
 from control.log_row import COMMANDS_HELD
 from control.machine.machine import Machine
 
@@ -22,17 +30,34 @@ GAP_S = 60.0                # between logs that follow each other, as `import` j
 READINGS = ("shaft_rpm", "opening_mm", "hopper_kg")     # not judged while a drive comes to what a log begins with
 
 
+class OfAKind(NamedTuple):
+    """An effect that every log has. sizes : in each, as the logs come. p : of sizes so far apart where one is behind
+    them all."""
+
+    id: str
+    member: int | None
+    sizes: tuple[Size, ...]
+    p: float
+
+
 class Several(NamedTuple):
     """together : what all logs show as one, with the machine file that it was held against. machine : that with what
-    they share. each : every log held against `machine`: what is left is its own."""
+    they share. each : every log held against `machine`: what is left is its own.
+
+    of_a_kind : where the logs are of machines of a kind, what each of them has, by its own size; `machine` is then the
+    file that was given, and `each` is all that is wrong in a log.
+    """
 
     together: Diagnosis
     machine: Machine
     each: tuple[Diagnosis, ...]
+    of_a_kind: tuple[OfAKind, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """The diagnosis of all together; under `logs` what each has beyond it."""
-        return {**self.together.to_json(), "logs": [one.to_json() for one in self.each]}
+        """The diagnosis of all together; under `logs` what each has beyond it, under `of_a_kind` sizes by log."""
+        return {**self.together.to_json(), "logs": [one.to_json() for one in self.each],
+                "of_a_kind": [{**one._asdict(), "sizes": [asdict(size) for size in one.sizes]}
+                              for one in self.of_a_kind]}
 
 
 def diagnose_runs(logs: Sequence[Any], machine: Machine | str, *, paths: Sequence[str] = (),
@@ -80,12 +105,46 @@ def diagnose_runs(logs: Sequence[Any], machine: Machine | str, *, paths: Sequenc
     def part(number: int) -> Callable[[float, str], None] | None:
         if progress is None:
             return None
-        return lambda share, word: progress((number + share) / (1 + len(given)), word)
+        return lambda share, word: progress((number + share) / (1 + 2 * len(given)), word)
     together = diagnose_run(joined(given, names, of), of, path=" + ".join(names), progress=part(0), each=each)
     known = extend(of, together)
-    alone = tuple(diagnose_run(log, known, path=name, progress=part(1 + k), each=each)
-                  for k, (log, name) in enumerate(zip(given, names, strict=True)))
+
+    def against(machine: Machine, first: int) -> tuple[Diagnosis, ...]:
+        return tuple(diagnose_run(log, machine, path=name, progress=part(first + k), each=each)
+                     for k, (log, name) in enumerate(zip(given, names, strict=True)))
+    alone = against(known, 1)
+    if together.unexplained or together.terms or any(one.verdict != "none" for one in alone):
+        whole = against(of, 1 + len(given))
+        if kinds := of_a_kind(whole, alone):
+            return Several(together, of, whole, kinds)
     return Several(together, known, alone)
+
+
+def of_a_kind(each: Sequence[Diagnosis], beyond: Sequence[Diagnosis]) -> tuple[OfAKind, ...]:
+    """The effects that every log has all along, where the size of one of them differs between logs, so that a log shows
+    it even beyond what they share; none else."""
+    left = {(cause.id, cause.member) for one in beyond for cause in one.causes}
+    steady = [{(cause.id, cause.member): cause for cause in one.causes if _is_sized(cause)} for one in each]
+    found = []
+    for key in steady[0]:
+        if all(key in one for one in steady):
+            sizes = tuple(one[key].size for one in steady)
+            found.append(OfAKind(*key, sizes, _alike_p(sizes)))
+    return tuple(found) if any(one.p < LEVEL and (one.id, one.member) in left for one in found) else ()
+
+
+def _is_sized(cause: Cause) -> bool:
+    size = cause.size
+    return cause.onset_s is None and not cause.rivals and None not in (size.value, size.low, size.high)
+
+
+def _alike_p(sizes: Sequence[Size]) -> float:
+    """Cochran's Q: the chance of sizes so far apart, where one size is behind them all."""
+    values = np.array([size.value for size in sizes], np.float64)
+    half = 0.5 * (np.array([size.high for size in sizes], np.float64) - np.array([size.low for size in sizes]))
+    weights = (Z90 / np.maximum(half, 1e-12)) ** 2
+    mean = float(weights @ values) / float(weights.sum())
+    return float(chdtrc(len(values) - 1, float(weights @ (values - mean) ** 2)))
 
 
 def joined(logs: Sequence[Mapping[str, npt.NDArray[Any]]], names: Sequence[str], machine: Machine) -> Columns:
@@ -99,7 +158,7 @@ def joined(logs: Sequence[Mapping[str, npt.NDArray[Any]]], names: Sequence[str],
     if len(set(held)) > 1:
         raise ValueError(f"{names[held.index(True)]} holds settled answers, {names[held.index(False)]} does not: "
                          "allowed logs of one kind together")
-    settle_s = 0.0 if held[0] else min(SETTLE_S, SETTLES * (machine.shaft.dead_time_s + machine.shaft.time_constant_s))
+    settle_s = min(SETTLE_S, SETTLES * (machine.shaft.dead_time_s + machine.shaft.time_constant_s))
     kinds = {name: np.asarray(values).dtype.kind for log in reversed(logs) for name, values in log.items()}
     parts: dict[str, list[npt.NDArray[Any]]] = {name: [] for name in kinds}
     begin_s = 0.0
