@@ -1,4 +1,4 @@
-"""The sequential test: has an effect begun within the last minutes? A look predicts the rows that are new.
+"""The sequential test: has an effect started within the last minutes? A look predicts the rows that are new.
 
 At each look every effect of the catalogue is tried with every time of beginning in the window, on the residual whitened
 by the noise that is fitted to it, with the drift of the hour before (`runs/changepoint.py`). The statistic is that of

@@ -1,6 +1,6 @@
 """A log that is still being written, looked at every half minute: since when does the machine depart from its model?
 
-Two things may say so. The sequential test (`rolling.py`) says that something has begun; a full diagnosis of the
+Two things may say so. The sequential test (`rolling.py`) says that something has started; a full diagnosis of the
 stretch around it must then agree. And full diagnoses of quarters of an hour find what was there from the start or
 grew too slowly; two in a row, which share no row, must say the same. While nothing stands, the first of such two is
 diagnosed only once the second says something: alone it says nothing. Pure: rows come in, what stands comes out;

@@ -15,8 +15,8 @@ BoolArray = npt.NDArray[np.bool_]
 
 # Scores within this share of one another are equal: two names may stand for the same column of a table (a constant
 # extra lag, and a dead time that one table alone has), and the last bits, which differ from one processor to another,
-# would choose between them. Rounding leaves some 1e-12 of a sum over the rows; two causes that differ are not told
-# apart by a millionth of their sum of squares.
+# would choose between them. Rounding leaves some 1e-12 of a sum over the rows; two causes that differ are not
+# told apart by a millionth of their sum of squares.
 TIED = 1e-6
 
 
