@@ -2,8 +2,8 @@
 
     python -m benchmarks fleet pooled [--seeds 11 12]    1,000 logs of 20 machines, each log as its quadratic form
     python -m benchmarks fleet logs DIR [--minutes 6]    makes the 1,000 logs in DIR (hidden generator), broken ones too
-    python -m benchmarks fleet run DIR OUT [--workers 2] `topdress fleet` on them, then `told`
-    python -m benchmarks fleet told OUT                  truth against what stands in OUT
+    python -m benchmarks fleet run DIR OUT [--workers 2] `topdress fleet` on them, then `reported`
+    python -m benchmarks fleet reported OUT             truth against what stands in OUT
     python -m benchmarks fleet scaling DIR [--logs 60]   the first logs with 1 and 2 workers; share of overhead
     python -m benchmarks fleet killed DIR [--logs 40]    a worker killed, the command killed and begun again
     python -m benchmarks fleet long DIR [--logs 20]      a log of 1e6 rows among others: memory of workers
@@ -36,7 +36,7 @@ from drivers.files.kinds import MACHINE  # noqa: E402
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("pooled", "logs", "run", "told", "scaling", "killed", "long", "elsewhere",
+    parser.add_argument("what", choices=("pooled", "logs", "run", "reported", "scaling", "killed", "long", "elsewhere",
                                          "weak"))
     parser.add_argument("folder", type=Path, nargs="?")
     parser.add_argument("out", type=Path, nargs="?")
@@ -57,8 +57,8 @@ def main() -> int:
         make_broken(given.folder)
     elif given.what == "run":
         whole.run(given.folder, given.out or given.folder.with_name(f"{given.folder.name}-out"), given.workers, checks)
-    elif given.what == "told":
-        whole.told(given.folder, given.minutes, checks)
+    elif given.what == "reported":
+        whole.reported(given.folder, given.minutes, checks)
     elif given.what == "long":
         whole.long(given.folder, given.logs, machine, checks)
     else:

@@ -35,7 +35,7 @@ def run(folder: Path, out: Path, workers: int, checks: Checks) -> None:
     told(out, 6.0, checks)
 
 
-def told(out: Path, minutes: float, checks: Checks) -> None:
+def reported(out: Path, minutes: float, checks: Checks) -> None:
     """Truth against the records in `out`."""
     every = [{"key": path.stem, **one} for path, one in zip(done_in(out), records_in(out), strict=True)]
     records = [one for one in every if "error" not in one]

@@ -53,9 +53,8 @@ def suggested(columns: Mapping[str, npt.NDArray[Any]]) -> Suggested:
     """
     time_s, command, reading = _known(columns)
     events = columns.get("events", np.empty(0, object))
-    settled = any(COMMANDS_HELD in str(text) for text in events) or bool(
-        np.mean(np.diff(command) != 0.0) > SETTLED_ROWS and np.median(np.diff(time_s)) >= SETTLED_S)
-    settled = settled and not moves_on(command, reading)
+    held = any(COMMANDS_HELD in str(text) for text in events)
+    settled = (held or settings_a_row(time_s, command)) and not moves_on(command, reading)
     most = float(np.max(np.abs(np.concatenate((command, reading)))))
     supply = np.asarray(columns.get("supply_v", np.empty(0)), np.float64)
     supply = supply[np.isfinite(supply)]
@@ -78,6 +77,11 @@ def _known(columns: Mapping[str, npt.NDArray[Any]]) -> tuple[Array, Array, Array
                          f"{LEAST_ROWS} on")
     time_s, command, reading = (one[known] for one in found)
     return time_s, command, reading
+
+
+def settings_a_row(time_s: Array, command: Array) -> bool:
+    """Whether nearly every row (n,) holds another command, far apart in time: a staircase, a row for each step."""
+    return bool(np.mean(np.diff(command) != 0.0) > SETTLED_ROWS and np.median(np.diff(time_s)) >= SETTLED_S)
 
 
 def moves_on(command: Array, reading: Array) -> bool:

@@ -74,8 +74,8 @@ def _sources_of(run: Callable[..., Any]) -> str:
     if folder == _here:
         return _SOURCES
     with contextlib.suppress(OSError):
-        beside = b"".join(file.read_bytes() for file in sorted(folder.glob("*.py")))
-        return hashlib.sha256(_sources + beside).hexdigest()[:12]
+        of_folder = b"".join(file.read_bytes() for file in sorted(folder.glob("*.py")))
+        return hashlib.sha256(_sources + of_folder).hexdigest()[:12]
     return _SOURCES
 
 

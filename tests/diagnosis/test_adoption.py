@@ -53,7 +53,7 @@ def test_a_file_without_an_undecided_part_of_a_curve_is_never_worse(curve: Diagn
 
 
 def test_what_is_left_of_a_joint_fit_is_fitted_anew(curve: Diagnosis) -> None:
-    """A staircase without its bend: gain and zone fit on their own, at other sizes than beside it."""
+    """A staircase without its bend: gain and zone fit on their own, at other sizes than with it."""
     taken = adoptable_of(curve, ["shaft.gain", "shaft.dead_zone"])
     assert [one.id for one in taken.found.causes] == ["shaft.gain", "shaft.dead_zone"] or taken.refused
     sizes = {one.id: one.size.value for one in curve.causes}

@@ -116,6 +116,6 @@ def test_what_rows_refer_to_is_there() -> None:
         assert {*row.siblings, row.loss_begins_as} - {""} <= set(CATALOGUE)
         assert {row.form_over, row.along} - {""} <= set(MIN_RANGE)
         assert not row.moves or row.moves in {n.field for n in nuisances(row.stage, machine)}
-        assert not (row.probe and row.trial_sizes), f"{row.id}: a straight line or a ladder, not both"
+        assert not (row.probe and row.trial_sizes), f"{row.id}: a straight line or trial sizes, not both"
         for sibling in row.siblings:
-            assert effects.ROWS[sibling].trial_sizes, f"{row.id}: {sibling} has no ladder to take its slope on"
+            assert effects.ROWS[sibling].trial_sizes, f"{row.id}: {sibling} has no trial sizes to take its slope on"

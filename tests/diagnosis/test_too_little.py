@@ -35,7 +35,8 @@ def test_a_set_point_that_is_not_reached_is_not_called_healthy() -> None:
 def test_a_long_healthy_log_is_none() -> None:
     rng = np.random.default_rng(2)
     time_s = np.arange(0.0, 120.0, 0.05)
-    told = np.repeat(rng.uniform(60.0, 600.0, 120), 20)
-    read = lagged(np.concatenate((told[:1], told[:-1])), 0.06, 0.05) + 2.0 * rng.standard_normal(len(told))
-    columns = {"time_s": time_s, "shaft_rpm_cmd": told, "shaft_rpm": read}
+    commanded = np.repeat(rng.uniform(60.0, 600.0, 120), 20)
+    noise = 2.0 * rng.standard_normal(len(commanded))
+    read = lagged(np.concatenate((commanded[:1], commanded[:-1])), 0.06, 0.05) + noise
+    columns = {"time_s": time_s, "shaft_rpm_cmd": commanded, "shaft_rpm": read}
     assert diagnose_run(columns, sheet(2.0, dead_time_s=0.05)).verdict == "none"

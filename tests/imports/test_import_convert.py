@@ -298,7 +298,7 @@ def test_notes_of_a_few_rows_beside_the_log_s_sheet_are_left_out_and_said(topdre
 
 def test_what_is_opened_is_what_would_be_written_and_read_and_no_file_lies_between(
         written: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Texts, whole numbers, more decimals than a log keeps, sentinels, a rows' order that is mended, a UTC beside."""
+    """Texts, whole numbers, more decimals than a log keeps, sentinels, a rows' order that is mended, a UTC column."""
     text = table("t;rpm;what;n;utc;x", [0.0, 0.1004, 0.2, 0.2, 0.3, 0.4], [60.123456, 61, -9999, 3, 62, ""],
                  ["on", " off", "", "on", "on", "1"], [4, 4, 5, 5, "", 4],
                  [f"2026-03-20T08:00:0{k}Z" for k in range(6)], [1, 2, 3, 4, 5, 1e300])

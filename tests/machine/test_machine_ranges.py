@@ -106,9 +106,9 @@ def test_sizes_tried_lie_within_the_bounds(name: str, effect_id: str) -> None:
 
 
 def test_thresholds_are_tried_down_to_the_slowest_command() -> None:
-    ladder = ROWS["shaft.dead_band"].on(of("drive_alone")).trial_sizes
-    assert 6.5 < ladder[0] < 8.2 and ladder[-1] == pytest.approx(260.0)
-    assert all(b / a < 1.31 for a, b in pairwise(ladder))
+    sizes = ROWS["shaft.dead_band"].on(of("drive_alone")).trial_sizes
+    assert 6.5 < sizes[0] < 8.2 and sizes[-1] == pytest.approx(260.0)
+    assert all(b / a < 1.31 for a, b in pairwise(sizes))
     assert ROWS["shaft.dead_band"].on(of("spreader")).trial_sizes[0] == pytest.approx(110.0)     # it turns from 200 on
 
 

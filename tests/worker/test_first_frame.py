@@ -30,18 +30,19 @@ async def test_who_comes_gets_the_newest_frame_at_once(rig):
         server.close()
 
 
-def test_the_right_to_be_the_worker_is_taken_before_the_modules_are_read():
-    """A new lock settles for 0.4 s: they come up meanwhile."""
-    heavy = "numpy", "pydantic", "yaml", "control.loop", "drivers.cab"
-    said = subprocess.run([sys.executable, "-c", "import sys, console.worker.__main__; "
+def loaded_with(modules: str, *heavy: str) -> str:
+    """Which of some modules a fresh interpreter has loaded after importing others."""
+    said = subprocess.run([sys.executable, "-c", f"import sys, {modules}; "
                            f"print([name for name in {heavy} if name in sys.modules])"],
                           capture_output=True, text=True, check=True)
-    assert said.stdout.strip() == "[]"
+    return said.stdout.strip()
+
+
+def test_the_right_to_be_the_worker_is_taken_before_the_modules_are_read():
+    """A new lock settles for 0.4 s: they come up meanwhile."""
+    assert loaded_with("console.worker.__main__", "numpy", "pydantic", "yaml", "control.loop", "drivers.cab") == "[]"
 
 
 def test_the_worker_is_started_before_the_console_reads_what_it_draws_with():
-    heavy = "asyncio", "textual", "numpy", "yaml", "console.app"
-    said = subprocess.run([sys.executable, "-c", "import sys, console.cli.run, console.cli.screens, console.running, "
-                           f"console.services.launcher; print([name for name in {heavy} if name in sys.modules])"],
-                          capture_output=True, text=True, check=True)
-    assert said.stdout.strip() == "[]"
+    assert loaded_with("console.cli.run, console.cli.screens, console.running, console.services.launcher",
+                       "asyncio", "textual", "numpy", "yaml", "console.app") == "[]"

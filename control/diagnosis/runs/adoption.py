@@ -74,7 +74,7 @@ def adoptable_of(found: Diagnosis, chosen: Collection[str]) -> Adoptable:
         left = [cause for cause in own if cause not in kept and not not_adoptable(cause)]
         search = Search([seen[name] for name in names if name in seen], machine, data)
         started_late = tuple(_part(cause) for cause in own if cause.id not in off and not_adoptable(cause)
-                      and cause.size.value is not None)
+                             and cause.size.value is not None)
         good, why = _without(search, here, started_late) if left else (_as_found(search, here, started_late), WORSE)
         causes += good
         refused += [] if good else [(cause.id, why) for cause in here]

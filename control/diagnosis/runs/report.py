@@ -45,7 +45,7 @@ from .intermittent import ReadOff
 from .model import tolerance_of
 from .next_run import next_run
 from .onset import stop_interval
-from .search import Candidate
+from .search import Candidate, Search
 from .selection import GroupResult
 from .stages import RunData
 from .term_seen import marginal, means_along
@@ -83,8 +83,7 @@ def channel_rows(one: GroupResult, data: RunData) -> list[Channel]:
 
 def by_chance(gain: float) -> float:
     """Probability that one size gains as much where there is nothing (chi-square, one degree of freedom). A part that
-    its equal in the same model makes superfluous may gain less than nothing: that is 1; a
-    probability is always a number."""
+    its equal in the same model makes superfluous may gain less than nothing: that is 1."""
     return float(chdtrc(1.0, max(0.0, gain)))
 
 
@@ -114,10 +113,12 @@ def _flow(time_s: Array, reading: Array, residual: Array, noise_kg: float, p: fl
 
 
 class _Open(NamedTuple):
-    """Candidates that were not named, (k,), and what the log tells of the size of each: 1 over its variance (k,)."""
+    """A group's candidates that were not named, (k,), and what the log tells of the size of each: 1 over its variance
+    (k,)."""
 
+    search: Search
     candidates: list[Candidate]
-    information: Array
+    information: list[float]
 
 
 def _open(one: GroupResult) -> _Open:
@@ -126,30 +127,29 @@ def _open(one: GroupResult) -> _Open:
     kept = [c for c in search.candidates if c.part.id not in named]
     p, before = search.columns.compressed(now.parts, [search.columns.of_candidate(now.parts, c.part) for c in kept])
     normal, _ = projected(p, np.arange(before), now.noise)
-    return _Open(kept, np.diag(normal)[before:])
+    return _Open(search, kept, np.diag(normal)[before:].tolist())
 
 
-def not_shown(one: GroupResult) -> list[NotShown]:
+def _not_shown(left: _Open) -> list[NotShown]:
     """Smallest size at which an effect that is not named would have been (Fisher information)."""
-    search, (kept, information) = one.search, _open(one)
+    search = left.search
     best: dict[str, float] = {}
     odds = log_odds("steady", len({c.part.id for c in search.candidates}))
-    for candidate, known in zip(kept, information.tolist(), strict=True):
+    for candidate, known in zip(left.candidates, left.information, strict=True):
         size = _detectable(candidate, known, search.model.machine, odds)
         best[candidate.part.id] = min(size, best.get(candidate.part.id, np.inf))
     found = []
-    for effect_id in dict.fromkeys(c.part.id for c in kept):
+    for effect_id in dict.fromkeys(c.part.id for c in left.candidates):
         machine, size = search.model.machine, best.get(effect_id, np.inf)
         most = max(map(abs, bounds(effect_id, machine)))
         found.append(NotShown(effect_id, Detectable(size if size <= most else None, unit_of(effect_id, machine))))
     return found
 
 
-def _hardly_known(one: GroupResult) -> list[str]:
+def _hardly_known(left: _Open) -> list[str]:
     """Effects of PLAINEST of whose size the log tells less than was believed before (`usual`): that nothing of it is
     seen is then the prior's word, not the log's."""
-    kept, information = _open(one)
-    return [c.part.id for c, known in zip(kept, information.tolist(), strict=True)
+    return [c.part.id for c, known in zip(left.candidates, left.information, strict=True)
             if c.part.id in PLAINEST.values() and known * c.usual ** 2 < 1.0]
 
 
@@ -180,8 +180,9 @@ def report(data: RunData, machine: Machine, judged: Sequence[GroupResult], read_
     causes += [_read_off_cause(one, machine, data) for one in read_off]
     terms = [(group, found) for group in judged for found in group.terms]
     tables = [table for one in judged for table in _tables(one, data)]
-    absent = [one for group in judged for one in not_shown(group) if one.id not in {r.part.id for r in read_off}]
-    hardly = {effect_id for one in judged for effect_id in _hardly_known(one)}
+    left = [_open(one) for one in judged]
+    absent = [one for each in left for one in _not_shown(each) if one.id not in {r.part.id for r in read_off}]
+    hardly = {effect_id for each in left for effect_id in _hardly_known(each)}
     open_ = [row.channel for row in rows if PLAINEST.get(row.channel) in hardly]
     verdict = _verdict([row for row in rows if row.channel not in open_], causes, unexplained)
     findings = (*findings, *(sentence for name in open_ if (sentence := _cannot_tell(

@@ -109,11 +109,11 @@ def diagnose_runs(logs: Sequence[Any], machine: Machine | str, *, paths: Sequenc
     together = diagnose_run(joined(given, names, of), of, path=" + ".join(names), progress=part(0), each=each)
     known = extend(of, together)
 
-    def against(machine: Machine, first: int) -> tuple[Diagnosis, ...]:
-        return tuple(diagnose_run(log, machine, path=name, progress=part(first + k), each=each)
+    def against(file: Machine, first: int) -> tuple[Diagnosis, ...]:
+        return tuple(diagnose_run(log, file, path=name, progress=part(first + k), each=each)
                      for k, (log, name) in enumerate(zip(given, names, strict=True)))
     alone = against(known, 1)
-    if together.unexplained or together.terms or any(one.verdict != "none" for one in alone):
+    if any(one.causes for one in alone):
         whole = against(of, 1 + len(given))
         if kinds := of_a_kind(whole, alone):
             return Several(together, of, whole, kinds)

@@ -138,7 +138,7 @@ def _commands(time_s: NDArray[np.float64], columns: dict[str, NDArray[np.float64
                 _answer_in_row(out, f"{reading} moves in the very row in which {command} does: answer_in_row where a "
                                "row holds a command and its answer, answer_next_row where it was given after the "
                                "reading")
-        elif command in DRIVEN and physics.settings_a_row(time_s, columns[command]):
+        elif command in DRIVEN and physics.are_settings(time_s, columns[command]):
             apart_s = float(np.median(np.diff(time_s)))
             _answer_in_row(out, f"nearly every row has another {command}, and rows are {apart_s:.2g} s apart: taken "
                            "for settings with their settled answers")

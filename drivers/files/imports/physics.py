@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from control.calibration.first_machine import settings_a_row
 from control.log_limits import stand_for_nothing
 from drivers.files.imports.units import UNITS
 from drivers.files.log_values import speed_over_track
@@ -18,8 +19,7 @@ FARTHEST_LAG = 40                   # rows, within which an answer is looked for
 LEAST_CHANGES = 8                   # a command needs so many to tell anything about its answer
 LEAST_CORRELATION = 0.3             # of steps of command and answer
 AS_GOOD = 0.98                      # of the best correlation: repeating commands agree at many lags, the nearest wins
-A_SETTING_A_ROW = 0.5               # share of rows with another command: a table of settings, not a run
-SETTLED_S = 0.5                     # and rows so far apart that each can have settled
+LEAST_SETTINGS = 4                  # known rows of a command that may be a table of settings
 
 
 class Answer(NamedTuple):
@@ -59,12 +59,10 @@ def answer(command: Floats, reading: Floats) -> Answer | None:
     return Answer(lag, strengths[lag])
 
 
-def settings_a_row(time_s: Floats, command: Floats) -> bool:
-    """Whether nearly every row holds another command, far apart in time: a staircase, a row for each step."""
+def are_settings(time_s: Floats, command: Floats) -> bool:
+    """Whether a command (n,) of which some may be unknown is a table of settings, one a row."""
     known = command[np.isfinite(command)]
-    if known.size < 4:
-        return False
-    return bool(np.mean(np.diff(known) != 0.0) > A_SETTING_A_ROW and np.median(np.diff(time_s)) >= SETTLED_S)
+    return known.size >= LEAST_SETTINGS and settings_a_row(time_s, known)
 
 
 def slope(command: Floats, reading: Floats) -> float:

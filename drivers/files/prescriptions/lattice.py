@@ -36,7 +36,7 @@ _THOUSANDS = re.compile(r"^\s*([-+]?\d{1,3})\.(\d{3})\s*$")
 SAME_M = 0.01               # points nearer than this are one place
 OFF_CELLS = 0.25            # of a cell, that a point may lie off its middle: rounded degrees
 STEP_SHARE = 0.3            # of the nearest points' distance: a larger step leads to the next row
-BESIDE_SHARE = 0.8          # of the points have one next to them in their row, and one in their column
+JOINED_SHARE = 0.8          # of the points have one next to them in their row, and one in their column
 FIRST_CELLS = 4.0           # the lattice is laid out from its middle, over twice the ground each time
 LONGEST_CELL = 10.0         # times its width; longer ones are tracks with their points, not cells
 
@@ -224,7 +224,7 @@ def _check(cells: NDArray[np.int64], wide: float, high: float) -> None:
     if len(there) < len(cells):
         raise NoLattice("{count} points share their cell with another", count=len(cells) - len(there))
     for i, j in ((1, 0), (0, 1)):
-        beside = sum((a + i, b + j) in there or (a - i, b - j) in there for a, b in there)
-        if beside < BESIDE_SHARE * len(there):
-            raise NoLattice("{count} of {total} points have none next to them", count=len(there) - beside,
+        joined = sum((a + i, b + j) in there or (a - i, b - j) in there for a, b in there)
+        if joined < JOINED_SHARE * len(there):
+            raise NoLattice("{count} of {total} points have none next to them", count=len(there) - joined,
                             total=len(there))
