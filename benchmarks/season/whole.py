@@ -32,7 +32,7 @@ def run(folder: Path, out: Path, workers: int, checks: Checks) -> None:
     print(one.said.strip())
     print(f"{workers} workers: {one.seconds:.0f} s, {one.processor_s:.0f} s of processor, {one.memory_mb:.0f} MB at "
           f"most in one worker, {one.memory_of_command_mb:.0f} MB in the command")
-    told(out, 6.0, checks)
+    reported(out, 6.0, checks)
 
 
 def reported(out: Path, minutes: float, checks: Checks) -> None:
