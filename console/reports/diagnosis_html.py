@@ -16,7 +16,7 @@ from console.reports.term_words import compensation
 from console.reports.term_words import sentence as term_sentence
 from console.reports.variables import recorded
 from console.reports.verdict import WORDS, cost, headlines_first, member_of, others, sentence, title_of
-from console.reports.words import headlined, left_facts, plan_steps, tied, when
+from console.reports.words import as_items, headlined, left_facts, tied, when
 from control.diagnosis.result import UNKNOWN, Cause, Diagnosis, Gain, NextRun, TermFound
 from control.machine.machine import CATALOGUE
 
@@ -135,7 +135,7 @@ def _term(found: TermFound, picture: Picture | None) -> str:
 def _next_run(plan: NextRun | None) -> str:
     if plan is None:
         return ""
-    steps = [f"{step}." for step in plan_steps(plan.plan)]
+    steps = [f"{step}." for step in as_items(plan.to_do())]
     return section("Next run", paragraph(f"Why: {plan.why}."), items(steps, ordered=True))
 
 

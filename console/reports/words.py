@@ -1,7 +1,6 @@
 """What terminal, report and Diagnosis page say alike: since when, how much is left, what is only suspected."""
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from typing import Protocol
 
@@ -11,8 +10,6 @@ from control.diagnosis.result import RUN_CHANNELS, UNKNOWN, Data
 
 SOMETHING_ELSE = N_("something else")       # title of the rival UNKNOWN
 HEADLINE = 0.5                              # least probability of a cause that a headline names
-# Bench tests are planned as `1. one; then 2. another`, in one sentence; the plan of a run is one step.
-_STEP = re.compile(r"(?:;\s*)?(?:then\s+)?(?:^|(?<=\s))\d+\.\s+(?=\S)")
 
 
 class _Rival(Protocol):
@@ -57,10 +54,9 @@ def name_of(effect_id: str) -> str:
     return _(SOMETHING_ELSE) if effect_id == UNKNOWN else effect_id
 
 
-def plan_steps(plan: str) -> tuple[str, ...]:
-    """What is to be done next (`NextRun.plan`, or its translation) as steps: where it counts them, or as one."""
-    parts = (part.strip(" ;.") for part in _STEP.split(plan))
-    return tuple(part[0].upper() + part[1:] for part in parts if part)
+def as_items(steps: Sequence[str]) -> tuple[str, ...]:
+    """What is to be done, as the items of a list: each with a capital, and without the stop of a sentence."""
+    return tuple(step[0].upper() + step[1:].rstrip(".") for step in steps if step)
 
 
 def headlined(cause: _Cause) -> bool:

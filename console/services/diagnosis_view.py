@@ -51,7 +51,8 @@ def found_of(found: Diagnosis, tools: Mapping[str, Any], name: str, mean_target_
                  _channels(found, views, tables, parts),
                  tuple(LeftShown(**asdict(left)) for left in found.unexplained),
                  tuple(GainShown(g.channel, g.metric, g.before, g.after) for g in found.gain), found.findings,
-                 None if run is None else RunPlan(run.id if drivable(run.id) else "", run.plan, run.minutes or 0.0),
+                 None if run is None else RunPlan(run.id if drivable(run.id) else "", run.plan, run.minutes or 0.0,
+                                                  run.to_do()),
                  kept, refused, sum(one.smallest_detectable.value is None for one in found.not_shown),
                  _left_curve(found, views, parts), "", planted,
                  not_judged(data, [channel.channel for channel in found.channels]), whole=_whole(found.fitted))

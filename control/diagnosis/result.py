@@ -115,13 +115,19 @@ class Unexplained:
 @dataclass(frozen=True, slots=True)
 class NextRun:
     """What would tell rivals apart. `id`, `minutes` and `steps` are for programs. Where no run of the program's list
-    tells them apart, these are empty and `plan` is the effect's own experiment."""
+    tells them apart, these are empty and `plan` is the effect's own experiment. `tests`: the bench tests of a plan one
+    by one, for people, each with its minutes; (): `plan` is one thing to do."""
 
     why: str
     plan: str
     id: str = ""
     minutes: float | None = None
     steps: tuple[str, ...] = ()
+    tests: tuple[str, ...] = ()
+
+    def to_do(self) -> tuple[str, ...]:
+        """What a person does, one thing after the other."""
+        return self.tests or (self.plan,)
 
 
 @dataclass(frozen=True, slots=True)

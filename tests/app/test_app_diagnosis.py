@@ -25,7 +25,6 @@ from console.app.services import Services
 from console.app.units import IMPERIAL, METRIC
 from console.locale import catalogue, use
 from console.reports.verdict import title_of
-from console.reports.words import plan_steps
 from control.diagnosis.result import UNKNOWN
 from control.machine.machine import CATALOGUE
 from control.orders import Do
@@ -442,10 +441,12 @@ def test_cost_in_both_units_and_where_nothing_is_known():
     assert diagnosis_words.cost(cause._replace(rate_percent=0.0, place_m=None), METRIC) == "no effect on rate or place"
 
 
-def test_steps_of_a_counted_plan():
+def test_the_steps_of_a_plan_are_a_field_and_its_words_are_not_cut():
+    tests = ("stop the shaft in gear 2. weigh; then 3. go on (5 min)", "wait.")
     found = sample_found()
-    found = found._replace(next_run=found.next_run._replace(id="", plan="1. stop the shaft; 2. weigh; then 3. wait."))
-    assert plan_steps(diagnosis_words.plan_words(found)) == ("Stop the shaft", "Weigh", "Wait")
+    found = found._replace(next_run=found.next_run._replace(
+        id="", plan=f"1. {tests[0]}; then 2. {tests[1]}", to_do=tests))
+    assert diagnosis_shown.plan(found).steps == ("Stop the shaft in gear 2. weigh; then 3. go on (5 min)", "Wait")
 
 
 def test_a_channel_is_marked_only_where_the_error_is_beyond_noise():

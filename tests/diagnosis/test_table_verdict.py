@@ -163,6 +163,8 @@ def test_the_next_run_has_its_tests_and_minutes() -> None:
     assert found.steps and set(found.steps) == {one.steps for one in tests}
     assert found.minutes == sum(one.minutes for one in tests)
     assert all(step in found.plan for step in found.steps)
+    assert found.to_do() == tuple(f"{one} ({minutes:.0f} min)" for one, minutes in zip(
+        found.steps, ({each.steps: each.minutes for each in tests}[one] for one in found.steps), strict=True))
 
 
 def test_every_experiment_has_an_id_of_its_own() -> None:

@@ -117,5 +117,6 @@ def full(cause_of: Callable[..., Cause], found_of: Callable[..., Diagnosis]) -> 
         cause_of("canopy.head_fouled", -8.0), cause_of("flow.blocked_outlet", 10.0, onset_s=130.0, member=None),
         verdict="ambiguous", findings=("column supply_v: 3 cells hold -9999, which stands for a missing value",),
         next_run=NextRun("this data cannot tell them apart",
-                         "1. stairs, twice (10 min); then 2. refill by bags (20 min)"),
+                         "1. stairs, twice (10 min); then 2. refill by bags (20 min)",
+                         tests=("stairs, twice (10 min)", "refill by bags (20 min)")),
         gain=(Gain("shaft", "rmse, r/min", 0.354, 0.2868, 0.283, 0.291, "blocks 2, 5, 7 of 8"),))

@@ -134,10 +134,10 @@ def _next_run(plan: Plan) -> NextRun:
     if plan.unsettled:
         why += "; still open after them: " + ", ".join(f"{a.candidate.id} from {b.candidate.id}"
                                                        for a, b in plan.unsettled)
-    return NextRun(why, "; then ".join(f"{k}. {test.steps} ({test.minutes:.0f} min)"
-                                       for k, test in enumerate(plan.tests, 1)),
+    tests = tuple(f"{test.steps} ({test.minutes:.0f} min)" for test in plan.tests)
+    return NextRun(why, "; then ".join(f"{k}. {test}" for k, test in enumerate(tests, 1)),
                    id="+".join(test.id for test in plan.tests), minutes=sum(test.minutes for test in plan.tests),
-                   steps=tuple(test.steps for test in plan.tests))
+                   steps=tuple(test.steps for test in plan.tests), tests=tests)
 
 
 def _names(pairs: Sequence[Pair]) -> str:

@@ -117,11 +117,13 @@ class GainShown(NamedTuple):
 
 
 class RunPlan(NamedTuple):
-    """The run that would tell rivals apart. id: "" where the simulated machine cannot drive it."""
+    """The run that would tell rivals apart. id: "" where the simulated machine cannot drive it; to_do: what a person
+    does, one thing after the other."""
 
     id: str
     plan: str
     minutes: float
+    to_do: tuple[str, ...]
 
 
 class Offer(NamedTuple):

@@ -244,7 +244,7 @@ def drive(page: DiagnosisScreen, found: Found) -> None:
             page.begin(_("Separating run, simulated"), partial(page.served.drive, found),
                        DRIVE_S_PER_MIN * found.next_run.minutes if found.next_run else 0.0)
 
-    page.app.push_screen(Confirm(_("Drive the separating run?"), f"{words.plan_words(found)}\n{text}"), answer)
+    page.app.push_screen(Confirm(_("Drive the separating run?"), "\n".join((*words.to_do(found), text))), answer)
 
 
 @_of_found

@@ -23,6 +23,7 @@ from console.app.pages.diagnosis.data import (
     Stopped,
     Tell,
 )
+from console.app.pages.diagnosis.words import RUNS
 
 SOURCES = (
     Source("/data/logs/20260318-061200.csv", "20260318-061200.csv", "run", "2026-03-18 06:12", "1.2 MB", True),
@@ -65,7 +66,7 @@ def sample_found(verdict: str = "ambiguous") -> Found:
     found = Found(
         "20260317-134500.csv", "/data/logs/20260317-134500.csv", "run", "huanghai", 48_240, 2412.0, "ambiguous",
         (_FILL, _SAG), _CHANNELS, (), (GainShown("shaft", "rmse, r/min", 1.91, 0.288),), (),
-        RunPlan("stairs", "Shaft staircase: 20, 40, 60, 80 r/min for a minute each at one opening, twice.", 10.0),
+        RunPlan("stairs", RUNS["stairs"], 10.0, (RUNS["stairs"],)),
         ("flow.fill_falloff", "shaft.voltage_sag"), (), 17, None, "/tmp/made-up", offers=(
             Offer(("shaft.voltage_sag",), "machine-0.yaml", ("  shaft.voltage_sag: 0 -> 3.1 % lost per V",)),
             Offer(("flow.fill_falloff", "shaft.voltage_sag"), "machine-1.yaml", (

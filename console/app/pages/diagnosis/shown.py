@@ -10,7 +10,7 @@ from console.app.pages.diagnosis.run_plan import PlanView
 from console.app.pages.diagnosis.verdict import Said
 from console.app.units import Units
 from console.locale import _, in_use
-from console.reports.words import plan_steps
+from console.reports.words import as_items
 
 MOST_GAIN_LINES = 3
 LEAST_SHARE = 0.01              # of a channel's error beyond its noise: less is there, and is worth no mark
@@ -81,7 +81,7 @@ def plan(found: Found) -> PlanView:
     how = _("About {minutes} minutes. Drive it and diagnose its log; or try it on the simulated machine first.").format(
         minutes=f"{found.next_run.minutes:g}") if found.next_run.id else _("Do it by these steps; it cannot be "
                                                                            "simulated.")
-    return PlanView(why, plan_steps(words.plan_words(found)), how, in_use())
+    return PlanView(why, as_items(words.to_do(found)), how, in_use())
 
 
 def over(found: Found, at: int) -> PlotView | None:

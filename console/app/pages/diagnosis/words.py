@@ -17,7 +17,7 @@ from console.app.units import Units
 from console.app.view import duration
 from console.locale import N_, _
 from console.reports.variables import recorded
-from console.reports.words import headlined, left_facts, plan_steps, tied, when
+from console.reports.words import as_items, headlined, left_facts, tied, when
 
 VERDICTS = {"none": N_("NOTHING WRONG"), "named": N_("CAUSE NAMED"), "ambiguous": N_("NOT TOLD APART"),
             "unexplained": N_("UNEXPLAINED"), "not_judged": N_("NOT JUDGED")}
@@ -106,8 +106,8 @@ def sentence(found: Found) -> str:
 def _next_test(found: Found) -> str:
     """The next test leads: a name that this data cannot tell from others is no headline."""
     assert found.next_run is not None
-    steps = plan_steps(plan_words(found))
-    first = steps[0].rstrip(".") if steps else _("the separating run")
+    steps = as_items(to_do(found))
+    first = steps[0] if steps else _("the separating run")
     minutes = f" ({found.next_run.minutes:g} min)" if found.next_run.minutes else ""
     said = [_("Test next: {what}{minutes}.").format(what=first, minutes=minutes)]
     equals = dict.fromkeys(name for cause in found.causes for name, _sure in ties(cause))
@@ -268,10 +268,9 @@ def rivals(cause: CauseShown) -> str:
     return ", ".join(f"{_(rival.title)} {percent(rival.probability)}" for rival in cause.rivals)
 
 
-def plan_words(found: Found) -> str:
-    if found.next_run is None:
-        return ""
-    return _(found.next_run.plan)       # RUNS, on the machine that their numbers are of
+def to_do(found: Found) -> tuple[str, ...]:
+    """What a person does next, one thing after the other; RUNS translated, on the machine that their numbers are of."""
+    return tuple(_(step) for step in found.next_run.to_do) if found.next_run is not None else ()
 
 
 def curve_title(curve: Curve) -> str:
