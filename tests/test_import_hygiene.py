@@ -50,6 +50,12 @@ def test_the_worker_reads_no_shapes_before_a_job_names_some() -> None:
     assert not loaded_by("console.worker.__main__") & {"shapefile", "http"}
 
 
+def test_a_fleet_is_asked_for_before_the_judgement_is_read() -> None:
+    """The workers begin a second earlier: this process reads it while they are at their logs."""
+    before = "console.cli.fleet, console.services.fleet, console.services.fleet_tables, console.reports.html"
+    assert not loaded_by(before) & {"scipy", "numba", "polars"}
+
+
 def test_control_is_ours() -> None:
     """python-control on PyPI installs into the same folder `control/`."""
     import control

@@ -1,8 +1,10 @@
 """`topdress fleet`: a season of logs of many machines, on this computer or a Dask cluster."""
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -47,7 +49,7 @@ def fleet(
     from console.reports.html import GENERATOR
     from console.services.fleet import Asked, cluster, diagnosed, logs_at
     from console.services.fleet_job import FORMAT
-    from console.services.fleet_season import TABLES
+    from console.services.fleet_tables import TABLES
     from drivers.files.config import load, sha256_of
     from drivers.files.kinds import MACHINE
     from drivers.files.run_meta import software_version
@@ -67,7 +69,8 @@ def fleet(
     salt = f"{FORMAT} {software_version()} {sha256_of(loaded.path)} "
     begin = time.monotonic()
     asked = Asked(loaded.model.model_dump(mode="json"), known, salt, options, retry)
-    with cluster(scheduler, workers) as client:
+    with cluster(scheduler, min(workers, len(logs))) as client:
+        threading.Thread(target=_load_report, daemon=True).start()
         try:
             found = diagnosed(client, logs, asked, out, _progress())
         except KeyboardInterrupt:
@@ -83,6 +86,13 @@ def fleet(
         raise CommandError(f"{out}: no log was diagnosed: allowed is a run with at least one that can be read")
 
 
+def _load_report() -> None:
+    """What puts the logs together is read while the workers are at theirs: it takes a second. Where it cannot be read,
+    `_told` says so."""
+    with contextlib.suppress(ImportError):
+        pass
+
+
 def _options(said: list[str]) -> dict[str, str]:
     """NAME=VALUE, as fsspec takes them."""
     for one in said:
@@ -94,7 +104,8 @@ def _options(said: list[str]) -> dict[str, str]:
 def _told(found: object, out: Path, price: float | None, currency: str) -> None:
     from console.reports.fleet_page import aside_words, costliest, fleet_page, low_words, same_words, shared_words
     from console.services.fleet import Found
-    from console.services.fleet_season import season, write_tables
+    from console.services.fleet_season import season
+    from console.services.fleet_tables import write_tables
     from drivers.files.atomic import write_atomically
     from drivers.files.run_meta import software_version
     assert isinstance(found, Found)

@@ -27,6 +27,9 @@ SUFFIXES = (".csv", ".parquet", ".pq")
 ASIDE = (".truth.csv",)
 AHEAD = 4                       # tasks in the cluster for each of its threads: few, so that cancelling is quick
 MEMORY = "2GB"                  # of a local worker
+# Dask gives memory back at every 64 kB that are free. glibc then maps and unmaps each array above 128 kB anew, which
+# takes half of a diagnosis (mallopt(3): "dynamic mmap threshold"). None: as it was set outside, else glibc's own.
+ENVIRONMENT = {"distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None}
 MOST_LOOKED_AT = 100            # folders of which every worker reads a log's first bytes
 CONNECT_S, JOIN_S = 10.0, 30.0  # how long a scheduler, and the first of its workers, are waited for
 LOOK_S = 2.0                    # how often it is looked whether a worker is left
@@ -72,6 +75,7 @@ class Asked:
 def cluster(scheduler: str | None, workers: int) -> Iterator[Any]:
     """A Dask client: of the scheduler at an address, else of workers on this computer. Raises NoDask, OSError."""
     try:
+        import dask
         from distributed import Client, LocalCluster
     except ImportError:
         raise NoDask(f"a fleet needs Dask, and it is not installed: {install_line('fleet')}") from None
@@ -83,7 +87,7 @@ def cluster(scheduler: str | None, workers: int) -> Iterator[Any]:
             yield client
         return
     try:
-        with _deaf():
+        with _deaf(), dask.config.set(ENVIRONMENT):
             local = LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, memory_limit=MEMORY,
                                  dashboard_address=None)
     except RuntimeError as error:

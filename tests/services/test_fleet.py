@@ -17,7 +17,8 @@ from console.cli import app
 from console.reports.fleet_page import costliest, fleet_page, service
 from console.services import fleet
 from console.services.fleet_job import FORMAT, beside_url, checksum, record
-from console.services.fleet_season import TABLES, season, write_tables
+from console.services.fleet_season import season
+from console.services.fleet_tables import TABLES, write_tables
 from control.diagnosis.season.courses import Course, Fit, Shared
 from control.diagnosis.season.evidence import evidence
 from control.diagnosis.season.owner import machines
@@ -301,6 +302,15 @@ def test_a_worker_without_topdress_is_said() -> None:
 def test_a_cluster_that_is_as_here_is_used(client: Any) -> None:
     with fleet.cluster(client.scheduler.address, 1) as other:
         assert other.nthreads() == client.nthreads()
+
+
+def test_workers_of_this_computer_keep_the_memory_of_arrays_as_any_process_does() -> None:
+    """Dask's own setting has each larger array mapped anew: a diagnosis then takes twice as long."""
+    pytest.importorskip("distributed", reason="the extra `fleet` is not installed")
+    name = "MALLOC_TRIM_THRESHOLD_"
+    outside = os.environ.get(name)          # Dask sets it here too
+    with fleet.cluster(None, 1) as client:
+        assert list(client.run(os.getenv, name).values()) == [outside]
 
 
 def bare(path: str, unit: str, time_d: float, model: str = "one", **shared: str) -> dict[str, Any]:
