@@ -189,6 +189,7 @@ class _Level(NamedTuple):
     left: Array
     swell: Array                # how much louder the noise is around each sample than usually, at least 1
     refilled: npt.NDArray[np.int64]     # samples at which the hopper is filled
+    after_gap: npt.NDArray[np.int64]    # samples before which rows are missing for long: the level is open there
 
 
 def _without_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, ReadOff | None]:
@@ -201,7 +202,8 @@ def _without_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, ReadOff | Non
     left = channel.measured - predicted
     steps = np.abs(np.diff(left, append=left[-1:]))
     swell = np.maximum(1.0, median_filter(steps, SWELL) / max(float(np.median(steps)), 1e-9))
-    level = _Level(predicted, left, swell, np.searchsorted(h.grid.even_s, h.time_s[list(h.jumps)]))
+    level = _Level(predicted, left, swell, *(np.searchsorted(h.grid.even_s, h.time_s[list(bins)])
+                                             for bins in (h.jumps, [end for end, _ in h.gaps])))
     found = [one for one in (_long_bridges(h, level), _short_bridges(h, level)) if one is not None]
     if not found:
         return h, None
@@ -229,6 +231,8 @@ def _short_bridges(h: Hopper, level: _Level) -> tuple[Array, ReadOff] | None:
     near = np.zeros(len(at), bool)
     for jump in level.refilled:
         near |= np.abs(at - jump) < 2 * (side + gap)
+    for end in level.after_gap:
+        near |= (at - side <= end) & (end <= at + gap + side)
     used = predicted[at] - predicted[at + gap]              # kg that a standstill of the whole gap keeps back
     z = np.where((used > 0.0) & ~near, rose / (sd * level.swell[at]), 0.0)
     places = float(np.log(max(2.0, len(at) / side)))
@@ -275,6 +279,7 @@ def _long_bridges(h: Hopper, level: _Level) -> tuple[Array, ReadOff] | None:
     fell = np.where([rpm[k:k + hop].min() > 0.0 for k in marks], predicted[marks] - predicted[marks + hop], 0.0)
     for jump in level.refilled // hop:          # the reading rises for half a minute, and settles
         fell[max(0, jump - 12):jump + 4] = 0.0
+    fell[np.clip((level.after_gap - 1) // hop, 0, len(fell) - 1)] = 0.0
     sd = level.swell[marks] * (ROBUST_SD * float(np.median(np.abs(rose - np.median(rose)))) + 1e-3)
     # Student's t: a refill or a knock on the scale is far from a bridge and from none alike.
     score = 0.5 * (FREEDOM + 1.0) * np.log1p((rose / sd) ** 2 / FREEDOM)

@@ -40,7 +40,8 @@ LATE_ROWS = 0.01            # of the rows missing, and as many ...
 OFF_STEP = 0.02             # ... off whole steps by so much of one: the computer was late, also with what it wrote ...
 STAMP_SHARE = 0.29          # ... by any time up to a row, 1 / sqrt(12) of one (1 s.d.)
 SAME_RPM, SAME_MM = 0.1, 0.05       # commands this close are the same: a third of the noise of a reading
-ANSWERS_S = 1.0             # after a command, a drive has answered it
+ANSWERS_S = 1.0             # after a command, a drive has answered it, if not in ...
+SLOWER = 2.0                # ... times what a drive of the machine file takes for its way: one half as fast has, too
 SMOOTH_S = 1.5              # of slowly varying sensors that serve as inputs
 # r/min and kg are those of the nominal machine: a share of another's range.
 STOPPED_RPM = 1.0           # a shaft read slower than this stands still: the reading cannot fall below 0
@@ -53,7 +54,9 @@ WORKING_RPM = 2.0
 STATED_WITHIN_S = 120.0     # of a fill: an event so near belongs to it
 MIN_READINGS_APART = 400    # readings from which two sensors' noises are told apart
 SPEED_WINDOW_S = 3.0        # parabola through the speed: a tractor's acceleration is slower than its sensors' noise
-MAX_BRIDGED_STEPS = 5.0     # a longer gap of a grid is left out
+MAX_BRIDGED_STEPS = 5.0     # a longer gap of a grid is left out ...
+FORGETS_S = 1.0             # ... but for so long of two speeds: filters of receivers and wheels forget within a second,
+                            # and what stopped braking is not what starts again in the next row
 
 
 class Grid(NamedTuple):
@@ -292,17 +295,18 @@ def _smooth(series: Array, step_s: float) -> Array:
     return np.asarray((total[width:] - total[:-width]) / width)
 
 
-def joined(time: Array, step_s: float) -> Array:
-    """The clock of readings at `time`, long gaps left out: (m,)."""
+def joined(time: Array, step_s: float, seam_s: float = 0.0) -> Array:
+    """The clock of readings at `time` (m,), long gaps left out but for a step, or `seam_s` where that is longer."""
     spans = np.diff(time)
-    spans = np.where(spans > MAX_BRIDGED_STEPS * step_s, step_s, spans)
+    spans = np.where(spans > MAX_BRIDGED_STEPS * step_s, np.clip(seam_s, step_s, spans), spans)
     return np.asarray(time[0] + np.concatenate(([0.0], np.cumsum(spans))))
 
 
-def _grid(time: Array, known: npt.NDArray[np.bool_], step_s: float, clock: Array | None = None) -> Grid:
+def _grid(time: Array, known: npt.NDArray[np.bool_], step_s: float, clock: Array | None = None,
+          seam_s: float = 0.0) -> Grid:
     rows = np.flatnonzero(known)
     inner = (time if clock is None else clock)[rows]
-    inner = joined(inner, step_s)
+    inner = joined(inner, step_s, seam_s)
     count = max(2, int(np.floor((inner[-1] - inner[0]) / step_s + 1e-6)) + 1)
     even = inner[0] + step_s * np.arange(count)
     as_is = count == len(rows) and bool(np.allclose(inner, even, atol=0.2 * step_s))
@@ -324,14 +328,17 @@ def _drives(log: Clean, every: _Rows, machine: Machine, whole: bool) -> dict[str
         read = _smooth(_bridged(every.time_s, c["shaft_rpm"], np.zeros(len(every.time_s))), log.step_s)
         still = (since > STILL_AFTER_S) & (np.abs(read) < still_rpm)    # for a while: single readings would be a choice
         # A shaft that stands as it was commanded tells nothing, and its reading has none of the noise of a turning one.
-        sure = ~still & _sure(every, every.command_rpm, of_nominal(machine, SHAFT_RANGE) * SAME_RPM)
+        sure = ~still & _sure(every, every.command_rpm, of_nominal(machine, SHAFT_RANGE) * SAME_RPM,
+                              machine.shaft.dead_time_s + ANSWERED * machine.shaft.time_constant_s,
+                              machine.shaft.acceleration_rpm_s)
         sure &= ~against_the_way(every.time_s, every.command_rpm, c["shaft_rpm"], machine)
         settle_s = min(SETTLE_S, SETTLES * (machine.shaft.dead_time_s + machine.shaft.time_constant_s))
         settled = log.held and every.step_s > ANSWERED * (machine.shaft.dead_time_s + machine.shaft.time_constant_s)
         found["shaft"] = _drive("shaft", every, every.command_rpm, c["shaft_rpm"], sure, whole, machine.noise.shaft_rpm,
                                 settle_s, settled, MIN_SETTLED if log.held else MIN_ROWS)
     if "gate" in log.stages:
-        sure = _sure(every, every.command_mm, of_nominal(machine, OPENING_RANGE) * SAME_MM)
+        sure = _sure(every, every.command_mm, of_nominal(machine, OPENING_RANGE) * SAME_MM, machine.gate.dead_time_s,
+                     machine.gate.slew_mm_s)
         found["gate"] = _drive("gate", every, every.command_mm, c["opening_mm"], sure, whole, machine.noise.opening_mm)
     return {name: drive for name, drive in found.items() if drive is not None}
 
@@ -348,18 +355,19 @@ def against_the_way(time_s: Array, command_rpm: Array, read_rpm: Array, machine:
     return np.asarray(time_s - last <= SETTLES * machine.shaft.time_constant_s)
 
 
-def _sure(every: _Rows, command: Array, same: float) -> npt.NDArray[np.bool_]:
+def _sure(every: _Rows, command: Array, same: float, dead_s: float, per_s: float) -> npt.NDArray[np.bool_]:
     """Rows whose drive has answered every command that can have been given since the row before: (n,).
 
     Where commands may be missing from the log, a row is sure when its command and those of all rows within the time of
-    an answer are the same, the row before them included: any command between two equal ones had no reason.
+    an answer are the same, the row before them included: any command between two equal ones had no reason. dead_s :
+    what a drive takes however short its way is; per_s : how much of the way it goes in a second.
     """
     if not every.lost.any():
         return np.ones(len(command), bool)
-    changed = np.abs(np.diff(command, prepend=command[0])) > same
-    unsure_from = np.where(changed & every.lost, every.time_s, -np.inf)      # given at some time before this row
-    last = np.maximum.accumulate(unsure_from)
-    return np.asarray(every.time_s - last >= ANSWERS_S)
+    way = np.nan_to_num(np.abs(np.diff(command, prepend=command[0])))
+    answers_s = np.maximum(ANSWERS_S, SLOWER * (dead_s + way / per_s))
+    unsure_until = np.where((way > same) & every.lost, every.time_s + answers_s, -np.inf)
+    return np.asarray(every.time_s >= np.maximum.accumulate(unsure_until))
 
 
 def _late(every: _Rows) -> bool:
@@ -585,7 +593,7 @@ def _speed(every: _Rows, gnss: Array, wheel: Array, machine: Machine) -> Speed |
     window = min(len(both) - 1 + len(both) % 2, 2 * int(0.5 * SPEED_WINDOW_S / step) + 1)
     smooth = _smoothed(both, window) if window > 3 else both
     moving = smooth > MOVING_MPS
-    grid = _grid(at, moving if moving.sum() > 0.2 * len(at) else np.ones(len(at), bool), step)
+    grid = _grid(at, moving if moving.sum() > 0.2 * len(at) else np.ones(len(at), bool), step, seam_s=FORGETS_S)
     more = every.more.get("wheel_percent")
     return Speed(at, smooth, every.working[rows], every.pitch_deg[rows], wheel_there, gnss[rows], grid,
                  0.0 if more is None else more[rows])
