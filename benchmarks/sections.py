@@ -39,7 +39,7 @@ from control.machine.sections import Strip, strips
 from control.orders import Do, Order, State, Strategy, TargetSource
 from control.readings import DriveCommand
 from control.simulation.assembly import control_loop
-from control.simulation.measuring import Measuring
+from control.simulation.closed_loop import Measuring
 from control.simulation.plant import Plant, Truth
 from control.simulation.tractor import Leg, Path, pass_order
 from drivers.files.setup import Setup, load_setup

@@ -24,12 +24,11 @@ from console.app.alarms import entries
 from console.app.company import leave_words
 from console.app.dialogs import Choice, ChoiceDialog, Confirm
 from console.app.first_question import start_from_any_page
-from console.app.jump import labels, letters
 from console.app.pages.replay import keys as replay
 from console.app.reasons import why_no_acknowledge, why_no_menu, why_no_start, why_no_tour, why_no_undo
 from console.app.screens.alarm_list import AlarmList
 from console.app.screens.help import HelpScreen
-from console.app.screens.jump import JumpScreen, Place, places_of, press
+from console.app.screens.jump import JumpScreen, Place, labels, letters, places_of, press
 from console.app.tour import Tour
 from console.app.units import UNITS
 from console.locale import N_, _, in_use, languages, use

@@ -126,7 +126,7 @@ def _guessed(files: list[Path], given: _Given) -> tuple[RawTable, Guess]:
 
 def _read(files: list[Path]) -> list[Path]:
     """With the companions of a shapefile and the files of a task."""
-    from drivers.files.file_set import files_of
+    from drivers.files.archives import files_of
     return [one for path in files for one in files_of(path)]
 
 

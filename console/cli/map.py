@@ -87,7 +87,7 @@ def _is_log(source: Path) -> bool:
 
 
 def _read(source: Path, is_log: bool, machine: str | None) -> tuple[Path, ...]:
-    from drivers.files.file_set import files_of
+    from drivers.files.archives import files_of
     from drivers.files.kinds import MACHINE
     from drivers.files.point_files import TABLES
     if not is_log or source.suffix.lower() not in TABLES:

@@ -31,8 +31,8 @@ from console.app.pages.diagnosis.data import (
 )
 from console.services.diagnosis_job import REPORT, RESULT, VIEW, Order
 from console.services.foreign_files import is_listed, may_be_brought_in
-from console.services.free_path import free_path
 from console.threads import ONE_THREAD
+from drivers.files.atomic import free_path
 
 if TYPE_CHECKING:
     from pydantic import BaseModel

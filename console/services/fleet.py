@@ -396,7 +396,7 @@ def _seen(out: Path) -> dict[str, tuple[str, str]]:
 
 def _mark(path: str, asked: Asked) -> str:
     """Tells whether a file is as it was without reading it; "" where that is not known."""
-    from drivers.files.imports.beside import import_file
+    from drivers.files.any_log import import_file
     try:
         if "://" in path:
             import fsspec

@@ -41,7 +41,7 @@ def checksum(where: str, options: Options, salt: str) -> str:
 
     Raises OSError; where there is no such file too: all that a worker does not see would have one checksum.
     """
-    from drivers.files.imports.beside import import_file
+    from drivers.files.any_log import import_file
     digest = hashlib.sha256(salt.encode())
     with local(where, options) as path:
         path.stat()
@@ -153,7 +153,7 @@ def local(where: str, options: Options) -> Iterator[Path]:
         return
     import fsspec
 
-    from drivers.files.imports.beside import OF_FOLDER, OWN
+    from drivers.files.any_log import OF_FOLDER, OWN
     system, path = fsspec.core.url_to_fs(where, **options)
     with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
         place = Path(folder) / path.rstrip("/").split("/")[-1]

@@ -4,7 +4,7 @@ from __future__ import annotations
 from pathlib import Path, PurePosixPath
 
 from console.app.pages.diagnosis.data import OpenQuestions
-from console.services.free_path import free_path
+from drivers.files.atomic import free_path
 
 LISTED = frozenset({".csv", ".tsv", ".xlsx", ".xlsm", ".xls", ".xlsb", ".ods", ".geojson", ".shp", ".parquet", ".pq"})
 READ = LISTED | {".txt", ".log", ".dat", ".json", ".xml", ".zip"}       # may be logs, and often are something else

@@ -110,7 +110,7 @@ class JobFiles:
     def _map(self, job: Job, machine: Machine, found: dict[str, Loaded[BaseModel]], limit_kg_ha: float,
              folder: Path) -> _MapFacts:
         """Looked at anew only when the file or the job has changed: a large one takes seconds."""
-        from drivers.files.file_set import files_of
+        from drivers.files.archives import files_of
         from drivers.files.prescriptions.for_job import check_of_job
         from drivers.files.prescriptions.words import PrescriptionError
         if job.target.map is None:
@@ -246,8 +246,7 @@ class JobFiles:
 
     def take_map(self, preview: MapPreview) -> str:
         """Raises ValueError."""
-        from console.services.free_path import free_path
-        from drivers.files.atomic import write_atomically
+        from drivers.files.atomic import free_path, write_atomically
         place = free_path(self._folder / "maps", Path(preview.kept).stem, ".geojson")
         target = load(_path_of(self._found(), JOB.format, "demo"), JOB).model.target
         said = f"Prescription {Path(preview.path).name}, column {preview.reading.column or '-'}, {preview.unit}"

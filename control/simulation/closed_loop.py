@@ -9,13 +9,31 @@ import numpy as np
 from control.loop import ControlLoop, Tick
 from control.machine.elements import Array
 from control.orders import Do, Order, State
-from control.readings import DriveCommand
+from control.readings import DriveCommand, Measurements, Reading, ValvesSeen
 from control.targets.lag_correction import Fired
 
 from .canopy import AcrossWidth
 from .dose_watch import DoseWatch
-from .measuring import Measuring
-from .plant import Plant, Truth
+from .plant import Plant, Sensed, Truth
+
+
+class Measuring:
+    """The plant's sensors straight to the loop's measurements, without the bytes: the newest of everything, as the
+    drivers keep it."""
+
+    def __init__(self, heads: int) -> None:
+        self._now = Measurements(0.0, ndvi=(None,) * heads)
+
+    def take(self, s: Sensed) -> Measurements:
+        t = s.time_s
+        ndvi = self._now.ndvi if s.ndvi is None else tuple(Reading(v, t) for v in s.ndvi)
+        self._now = Measurements(
+            t, s.gnss or self._now.gnss, Reading(s.wheel_mps, t), ndvi, Reading(s.shaft_rpm, t),
+            Reading(s.opening_mm, t), Reading(s.hopper_kg, t), Reading(s.supply_v, t), Reading(s.pitch_deg, t),
+            Reading(s.roll_deg, t), s.work_switch, plants=s.plants, speed_told=s.speed_told or self._now.speed_told,
+            canopy_index=s.canopy_index, valves=None if s.valves_open is None else ValvesSeen(t, s.valves_open))
+        return self._now
+
 
 REFILL_SEEN_KG = 5.0
 

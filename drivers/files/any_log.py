@@ -14,6 +14,17 @@ from drivers.files.log_store import is_store
 from drivers.files.read_log import LogError, RunLog, read_rows
 from drivers.files.table import NoHeader, header_of
 
+OWN, OF_FOLDER = ".import.yaml", "import.yaml"
+
+
+def import_file(log: Path) -> Path | None:
+    """`LOG.import.yaml` next to LOG.csv, else `import.yaml` in its folder; None where there is neither."""
+    for place in (log.with_suffix(OWN), log.with_name(OF_FOLDER)):
+        if place.is_file() and place != log:
+            return place
+    return None
+
+
 if TYPE_CHECKING:
     from drivers.files.imports.mapping import ImportFile
     from drivers.files.imports.raw import RawTable
@@ -54,7 +65,6 @@ def raw_and_mapping(path: Path, called: Path | None = None) -> tuple[RawTable, I
 
     called: the file of which `path` holds a copy. Raises ImportTrouble, ConfigError, OSError.
     """
-    from drivers.files.imports.beside import import_file
     from drivers.files.imports.read import read_raw
     from drivers.files.imports.trouble import Unsure
     called = called or path

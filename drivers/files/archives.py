@@ -11,6 +11,7 @@ from drivers.files.limits import DAMAGED_ZIP, SHAPES
 from drivers.plain_text import Refused
 
 DEEPEST = 4                     # folders in one another that are looked into
+OF_MAPS = (".xml", ".bin", ".shp", ".shx", ".dbf", ".prj", ".cpg", ".cst", ".json", ".txt")
 HIDDEN = ("__macosx", "$recycle.bin", "system volume information")
 
 
@@ -107,3 +108,15 @@ def _check_size(label: str, size: int) -> None:
     if size > SHAPES.most:
         raise ArchiveError(label, "{found}: allowed up to {most}", found=f"{size >> 20} MB",
                            most=f"{SHAPES.most >> 20} MB")
+
+
+def files_of(path: Path) -> tuple[Path, ...]:
+    """All files that reading what lies at `path` may open: those of its task or of a field of AgOpenGPS, the companions
+    of a shapefile."""
+    folder = path if path.is_dir() else path.parent
+    if path.is_dir() or path.suffix.lower() == ".xml":
+        names = Folder(folder, deep=path.is_dir()).names()
+        return tuple(folder / name for name in names if Path(name).suffix.lower() in OF_MAPS)
+    if path.suffix.lower() == ".shp":
+        return tuple(file for file in folder.glob("*") if file.name.casefold().startswith(path.stem.casefold()))
+    return (path,)

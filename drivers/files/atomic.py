@@ -152,3 +152,11 @@ def _sync_folder(folder: Path) -> None:
         pass
     finally:
         os.close(handle)
+
+
+def free_path(folder: Path, stem: str, *endings: str) -> Path:
+    """A file of the first ending whose name nothing has yet with any of the endings."""
+    name, number = stem, 2
+    while any((folder / f"{name}{ending}").exists() for ending in endings):
+        name, number = f"{stem}-{number}", number + 1
+    return folder / f"{name}{endings[0]}"

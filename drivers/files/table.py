@@ -17,12 +17,11 @@ from numpy.typing import NDArray
 
 from drivers.files.findings import Finding, many
 from drivers.files.header_names import Renamed
-from drivers.files.imports.header import is_unit_row, is_value
+from drivers.files.imports.header import NOTHING, is_unit_row, is_value
 from drivers.files.limits import BeyondLimits, check_file, check_text
 from drivers.files.long_lines import without_long_lines
 from drivers.files.quotes import unclosed_quote
 from drivers.files.sheet_text import SUFFIXES, SheetError, sheet_text
-from drivers.files.unknown import NOTHING
 from drivers.plain_text import OneLine
 
 if TYPE_CHECKING:

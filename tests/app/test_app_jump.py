@@ -8,9 +8,8 @@ from textual.widgets import Button, Input
 
 from console.app import actions
 from console.app.dialogs import ChoiceDialog
-from console.app.jump import labels, letters
 from console.app.screens.help import HelpScreen
-from console.app.screens.jump import JumpScreen, places_of
+from console.app.screens.jump import JumpScreen, labels, letters, places_of
 from console.app.widgets.key_bar import KeyBar
 from console.app.widgets.page_bar import PageBar
 from control.orders import Do

@@ -19,12 +19,12 @@ from console.app.app import TopdressApp
 from console.app.dialogs import Dialog
 from console.app.gallery import PICTURES, Picture, settle, still_app
 from console.app.number_dialog import NumberDialog
+from console.app.pages.page import NoticeRows
 from console.app.units import IMPERIAL, METRIC, UNITS
 from console.app.view import AlarmsView, RatesView, Shown, StatusView, alarms
 from console.app.widgets import panel
 from console.app.widgets.alarm_bar import AlarmBar, rows_needed
 from console.app.widgets.canvas import Canvas
-from console.app.widgets.notice_rows import NoticeRows
 from console.app.widgets.panel import Panel
 from console.app.widgets.rates import Rates
 from console.app.widgets.status_line import StatusLine

@@ -12,7 +12,7 @@ from control.field.job import Simulated
 from control.orders import Do, Order, State
 from control.readings import DriveCommand, GnssFix, Measurements, Reading
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.measuring import Measuring
+from control.simulation.closed_loop import Measuring
 from drivers.files.setup import load_setup
 
 STANDS = ({"at_s": 0.0, "speed_kmh": 0.0},)

@@ -13,7 +13,7 @@ from control.orders import Do, Order
 from control.readings import DriveCommand, GnssFix, Measurements, Reading
 from control.sensing import Sensing
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.measuring import Measuring
+from control.simulation.closed_loop import Measuring
 from drivers.files.setup import load_setup
 
 

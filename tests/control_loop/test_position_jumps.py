@@ -21,7 +21,7 @@ from control.sensing import Sensing
 from control.sensing.position_gate import PositionGate
 from control.sensing.walk_watch import WINDOWS_S
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.measuring import Measuring
+from control.simulation.closed_loop import Measuring
 from drivers.files.prescriptions.for_job import map_of_job
 from drivers.files.setup import load_setup
 

@@ -20,7 +20,7 @@ from control.field.job import Wanted
 from control.orders import Do, Order, TargetSource
 from control.readings import POSSIBLE, DriveCommand, Measurements, Reading, possible
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.measuring import Measuring
+from control.simulation.closed_loop import Measuring
 from drivers.files.setup import load_setup
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -29,7 +29,7 @@ Answer = dict[str, Any]
 
 def answer(case: Case, machine: Any) -> Answer:
     """What is said of a case: verdict, names with their scopes and rivals, sizes with their intervals."""
-    from control.diagnosis.run import diagnose_run
+    from control.diagnosis.runs.diagnose import diagnose_run
     from control.diagnosis.tables import diagnose_tables
     _, data = case
     found = diagnose_run(data, machine) if isinstance(data, dict) else diagnose_tables(data, machine)

@@ -32,7 +32,7 @@ def test_the_examples_in_the_docstrings_do_what_they_say(module: str) -> None:
 def test_the_entry_has_what_a_notebook_needs() -> None:
     for name in entry.__all__:
         assert callable(getattr(entry, name)), name
-    from control.diagnosis.run import diagnose_run
+    from control.diagnosis.runs.diagnose import diagnose_run
     assert entry.diagnose_run is diagnose_run
     with pytest.raises(AttributeError, match="nothing_of_the_kind"):
         _ = entry.nothing_of_the_kind

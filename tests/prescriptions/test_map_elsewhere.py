@@ -13,7 +13,7 @@ from control.orders import Do, Order, TargetSource
 from control.readings import DriveCommand
 from control.safety import read_refusal
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.measuring import Measuring
+from control.simulation.closed_loop import Measuring
 from control.targets.map_profile import MapProfile
 from control.targets.prescription import Fallbacks, MapData, Prescription, Zone, on_plane
 from control.targets.rate_map import GridMap, ZoneMap, frame_deg

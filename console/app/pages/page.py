@@ -3,28 +3,61 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
+from rich.cells import cell_len
 from textual import events, getters
 from textual.app import ComposeResult
 from textual.binding import Binding
 from textual.containers import Horizontal
+from textual.content import Content
 from textual.css.scalar import Scalar
 from textual.screen import Screen
 
 from console.app.action import ANYWHERE, DIAGNOSIS, REPLAY, RUN, Action
+from console.app.company import CompanyView
 from console.app.pace import MAPS_S, NUMBERS_S, PLOTS_S, Pace
 from console.app.view import AlarmsView, RunView, look, without_worker
 from console.app.widgets.alarm_bar import AlarmBar, rows_needed
 from console.app.widgets.canvas import Canvas
-from console.app.widgets.company_bar import CompanyBar
 from console.app.widgets.key_bar import KeyBar, KeysView
-from console.app.widgets.notice_rows import NoticeRows
 from console.app.widgets.page_bar import PageBar, PagesView
-from console.app.widgets.panel import Panel
+from console.app.widgets.panel import Panel, fit, line, wrapped
 from console.app.widgets.small import Small, SmallView
 from console.app.widgets.status_line import StatusLine
 from console.app.widgets.tour_bar import TourBar, TourView, rows_of
 from console.frame import Frame
 from console.locale import _, in_use
+
+
+class NoticeRows(Panel[str]):
+    """Over the last rows of a page, above the keys: what was refused or done, where the row next to them is too
+    short."""
+
+    def lines(self, view: str, width: int, height: int) -> list[Content]:
+        return [line((fit(f" {row}", width), "bold reverse")) for row in wrapped(view, width - 2)]
+
+    def say(self, text: str, room: int, width: int) -> None:
+        """room: cells of the row next to hold and STOP, which is enough for most."""
+        long = text if cell_len(text) + 1 > room else ""
+        self.display = bool(long)
+        if long:
+            self.styles.height = len(wrapped(long, width - 2))
+        self.show(long)
+
+
+class CompanyBar(Panel[CompanyView | None]):
+    """A row under the alarms while somebody else is at the machine too: the latest order and whose it is, then who is
+    there. A click lists everybody."""
+
+    def lines(self, view: CompanyView | None, width: int, height: int) -> list[Content]:
+        if view is None:
+            return []
+        order = f" {view.order}  " if view.order else ""
+        return [line((order, "bold"), (fit(f" {view.others}", width - cell_len(order)), "$muted"))]
+
+    async def on_click(self, event: events.Click) -> None:
+        event.stop()
+        await self.run_action("app.company")
+
 
 if TYPE_CHECKING:
     from console.app.app import TopdressApp

@@ -6,8 +6,7 @@ from textual import events
 from textual.content import Content
 
 from console.app.view import AlarmLine, AlarmsView
-from console.app.widgets.panel import Panel, Part, fit, fullest, line
-from console.app.widgets.wrap import wrapped
+from console.app.widgets.panel import Panel, Part, fit, fullest, line, wrapped
 from console.locale import _
 from control.orders import Severity
 

@@ -5,12 +5,15 @@ import re
 from collections.abc import Iterable
 from typing import ClassVar, Generic, TypeVar
 
-from rich.cells import cell_len, set_cell_size
+from rich.cells import cell_len, chop_cells, set_cell_size
 from textual.content import Content
 from textual.widget import Widget
 
 V = TypeVar("V")
 Part = str | tuple[str, str]
+# Where a text may be broken: between words, and between any two Chinese characters; but no row begins with these.
+_PIECES = re.compile(r"[ \t]+|[⺀-鿿　-〿＀-￯]|[^\s⺀-鿿　-〿＀-￯]+")
+_NOT_FIRST = "，。；：、！？）」』】》"
 
 
 class Panel(Widget, Generic[V]):
@@ -102,3 +105,19 @@ def spread(left: list[Part], end: list[Part], width: int) -> Content:
         kept.append((text, style) if style else text)
     gap = max(0, width - cells(kept) - cells(end))
     return line(*kept, " " * gap, *end)
+
+
+def wrapped(text: str, width: int) -> list[str]:
+    """Rows of `text`, each at most `width` cells; a word that is longer is cut. No row begins with a full stop."""
+    if width < 2:
+        return []
+    rows: list[list[str]] = [[]]
+    for piece in _PIECES.findall(text):
+        row = rows[-1]
+        if cell_len("".join(row) + piece.rstrip()) <= width:
+            row.append(piece)
+            continue
+        carried = [row.pop()] if piece in _NOT_FIRST and len(row) > 1 else []
+        *whole, rest = chop_cells("".join(carried) + piece.strip(), width) or [""]
+        rows += [*([one] for one in whole), [rest]]
+    return [line for line in ("".join(row).strip() for row in rows) if line]

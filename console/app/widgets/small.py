@@ -7,8 +7,7 @@ from textual.content import Content
 
 from console.app.digits import ROWS, draw, largest
 from console.app.view import RatesView, Tile
-from console.app.widgets.panel import Panel, fit, fullest, line, solid
-from console.app.widgets.wrap import wrapped
+from console.app.widgets.panel import Panel, fit, fullest, line, solid, wrapped
 from console.locale import _
 
 

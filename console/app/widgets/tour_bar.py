@@ -7,8 +7,7 @@ from rich.cells import cell_len
 from textual import events
 from textual.content import Content
 
-from console.app.widgets.panel import Panel, fit, line
-from console.app.widgets.wrap import wrapped
+from console.app.widgets.panel import Panel, fit, line, wrapped
 from console.locale import _
 
 

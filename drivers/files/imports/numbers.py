@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import polars as pl
 
-from drivers.files.unknown import NOTHING
+from drivers.files.imports.header import NOTHING
 
 
 class Numbers(NamedTuple):

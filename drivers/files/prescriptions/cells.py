@@ -5,7 +5,7 @@ import math
 import re
 from typing import Any, NamedTuple
 
-from drivers.files.unknown import NOTHING
+from drivers.files.imports.header import NOTHING
 
 _NUMBER = re.compile(r"^(?P<number>[-+]?[\d.,'’\s]*\d[.,]?(?:[eE][-+]?\d+)?)\s*(?P<unit>[^\d\s].*)?$")
 

@@ -13,7 +13,7 @@ from control.targets.map_check import MapCheck, map_check
 from control.targets.map_profile import MapProfile
 from control.targets.plants import PlantList
 from control.targets.prescription import MapData, on_plane, rates_on
-from drivers.files.file_set import files_of
+from drivers.files.archives import files_of
 from drivers.files.prescriptions.plants import read_plants
 from drivers.files.prescriptions.words import Imported, PrescriptionError, RateQuestion
 

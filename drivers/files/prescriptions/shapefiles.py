@@ -9,9 +9,8 @@ import shapefile
 
 from control.targets.rate_map import Floats
 from drivers.files.findings import Finding, many
-from drivers.files.prescriptions.features import Feature, imported, ring
+from drivers.files.prescriptions.features import Feature, imported, ring, sorted_rings
 from drivers.files.prescriptions.projected import TransverseMercator, projection_of
-from drivers.files.prescriptions.rings import sorted_rings
 from drivers.files.prescriptions.words import Choice, Imported, NoPolygons, PrescriptionError
 from drivers.files.shape_sets import ShapeSet, column_names, damage_said
 from drivers.plain_text import Where

@@ -6,8 +6,7 @@ from typing import NamedTuple
 from rich.cells import cell_len
 from textual.content import Content
 
-from console.app.widgets.panel import Panel, fit, line
-from console.app.widgets.wrap import wrapped
+from console.app.widgets.panel import Panel, fit, line, wrapped
 
 
 class Row(NamedTuple):

@@ -8,8 +8,7 @@ from textual import events
 from textual.content import Content
 from textual.message import Message
 
-from console.app.widgets.panel import Panel, fit, line
-from console.app.widgets.wrap import wrapped
+from console.app.widgets.panel import Panel, fit, line, wrapped
 from console.locale import _
 
 

@@ -5,8 +5,7 @@ from typing import NamedTuple
 
 from textual.content import Content
 
-from console.app.widgets.panel import Panel, fit, line, right
-from console.app.widgets.wrap import wrapped
+from console.app.widgets.panel import Panel, fit, line, right, wrapped
 from console.locale import _
 
 

@@ -6,8 +6,7 @@ from typing import NamedTuple
 from rich.cells import cell_len
 from textual.content import Content
 
-from console.app.widgets.panel import Panel, fullest, line
-from console.app.widgets.wrap import wrapped
+from console.app.widgets.panel import Panel, fullest, line, wrapped
 
 _STYLES = {"none": "bold reverse", "named": "bold $on-alarm-amber on $alarm-amber",
            "ambiguous": "bold $on-alarm-amber on $alarm-amber", "unexplained": "bold $on-alarm-red on $alarm-red",

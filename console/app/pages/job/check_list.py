@@ -8,8 +8,7 @@ from textual import events
 from textual.content import Content
 
 from console.app.pages.job.day import LEVEL_WORDS, LOOK, OK, STOP, Check, worst
-from console.app.widgets.panel import Panel, Part, fit, line
-from console.app.widgets.wrap import wrapped
+from console.app.widgets.panel import Panel, Part, fit, line, wrapped
 from console.locale import _
 
 STYLES = {OK: "$muted", LOOK: "bold $on-alarm-amber on $alarm-amber", STOP: "bold $on-alarm-red on $alarm-red"}

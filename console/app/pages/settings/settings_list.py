@@ -9,8 +9,7 @@ from textual.content import Content
 from textual.message import Message
 
 from console.app.pages.job.day import file_name
-from console.app.widgets.panel import Panel, Part, fit, fullest, line
-from console.app.widgets.wrap import wrapped
+from console.app.widgets.panel import Panel, Part, fit, fullest, line, wrapped
 
 
 class SettingLine(NamedTuple):

@@ -6,6 +6,7 @@ from typing import ClassVar, NamedTuple
 
 from textual.app import ComposeResult
 from textual.containers import Vertical
+from textual.content import Content
 
 from console.app.action import TRENDS, Action, bindings
 from console.app.channels import AT_FIRST, BY_ID, Channel
@@ -13,13 +14,26 @@ from console.app.pages.log_page import LogPage
 from console.app.pages.trends.channel_dialog import ChannelDialog
 from console.app.pages.trends.keys import ACTIONS
 from console.app.pages.trends.plots import Piece, Plot, Plots, PlotsView, empty_plots, round_ends
-from console.app.pages.trends.span_bar import SpanBar, SpanView
 from console.app.replay_job import ReplayJob
 from console.app.series import Stretch, sums
 from console.app.units import Unit
 from console.app.view import STALE_S, duration, wall_clock
+from console.app.widgets.panel import Panel, spread
 from console.frame import Frame
 from console.locale import _, in_use
+
+
+class SpanView(NamedTuple):
+    span: str
+    states: tuple[str, ...]
+    standing: bool
+
+
+class SpanBar(Panel[SpanView]):
+    def lines(self, view: SpanView, width: int, height: int) -> list[Content]:
+        style = "bold reverse" if view.standing else "$muted"
+        return [spread([(f" {view.span} ", "bold")], [(f" {'   '.join(view.states)} ", style)], width)]
+
 
 SPANS_S = (10.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0, 7200.0, 14_400.0, 28_800.0)
 FIRST_SPAN = SPANS_S.index(120.0)
