@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test exam check lock licences release benchmark-diagnosis benchmark-diagnosis-peers clean
+.PHONY: run test exam check lock licences release benchmark-diagnosis clean
 
 # Exactly the packages of the lock files, by their hashes; nothing else is fetched, not even to build. pip tells what it
 # fetches: a first start takes minutes.
@@ -77,13 +77,7 @@ release: .venv-tools/.installed
 	.ci/release $(TAG)
 
 benchmark-diagnosis: $(VENV)/.installed
-	$(BIN)/python benchmarks/diagnosis/run.py --cases 1200 --seed 1 --programmes all --jobs 2 --out docs/benchmark-diagnosis.md $(PEERS)
-
-# The same cases for other methods: `make benchmark-diagnosis-peers [SYSIDENT=PYTHON]`; SysIdentPy wants an environment
-# of its own, whose python is given.
-benchmark-diagnosis-peers: $(VENV)/.installed
-	$(BIN)/python -m pip install --quiet --editable '.[benchmark]'
-	$(MAKE) benchmark-diagnosis PEERS="--peers $(if $(SYSIDENT),--sysident $(SYSIDENT))"
+	$(BIN)/python benchmarks/diagnosis/run.py --cases 1200 --seed 1 --programmes all --jobs 2 --out docs/benchmark-diagnosis.md
 
 clean:
 	rm -rf $(VENV) .venv-tools .venv-release dist

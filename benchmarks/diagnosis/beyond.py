@@ -1,13 +1,13 @@
 """Machines that do what no catalogue holds: is it found, said rightly, and worth adopting?
 
     python -m benchmarks diagnosis/beyond --cases 300 --nulls 100 --seed 1 --programmes unseen --jobs 2 --minutes 60 \\
-        --keep FOLDER [--peers [--sysident PYTHON]] [--out F.md]
+        --keep FOLDER [--out F.md]
 
 Cases of the hidden generator (tests/diagnosis/hidden) in nine classes in turn, and healthy logs. Each is diagnosed and
 adopted; then the same machine is driven again, with other canopy, noise and drive, once on the same programme and once
 on another. There the machine file is held against what the hidden term truly does, which only the generator knows.
 What is done is kept below --keep and not done again as long as the code is the same. Exit code 1 where no case was
-examined. --peers: other methods on the same cases, in the same call (needs the extra `benchmark`).
+examined.
 """
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ import sys
 import time
 from pathlib import Path
 
-from beyond_case import AGAIN, CALIBRATING, FIRST_NULL, Task, examine
+from beyond_case import AGAIN, FIRST_NULL, Task, examine
 from kept import HERE, ROOT, code_hash, worked
 
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "diagnosis"), str(HERE)]
 
-DECIDES = ("beyond_case.py", "beyond_other_run.py", "beyond_problem.py")      # beside the program and the generator
+DECIDES = ("beyond_case.py", "beyond_other_run.py")      # and the program and the generator
 
 
 def _numbers(args: argparse.Namespace) -> list[int]:
-    """Cases and healthy logs, mixed, so that a run that is stopped has some of both; those for the peers at the end."""
+    """Cases and healthy logs, mixed, so that a run that is stopped has some of both."""
     cases = list(range(args.start, args.start + args.cases))
     nulls = list(range(FIRST_NULL + args.start, FIRST_NULL + args.start + args.nulls))
     whole = [((k + 0.5) / len(some), n) for some in (cases, nulls) for k, n in enumerate(some)]
-    return [*(n for _, n in sorted(whole)), *range(CALIBRATING, CALIBRATING + args.peer_nulls * args.peers)]
+    return [n for _, n in sorted(whole)]
 
 
 def main() -> None:
@@ -43,25 +43,22 @@ def main() -> None:
     a.add_argument("--minutes", type=float, default=240.0, help="stop after so long; what is done counts")
     a.add_argument("--keep", type=Path, default=ROOT / ".benchmarks" / "beyond")
     a.add_argument("--out", type=Path, help="Markdown; else to the screen")
-    a.add_argument("--peers", action="store_true", help="other methods on the same cases")
-    a.add_argument("--peer-nulls", type=int, default=40, help="healthy logs of the tuning half that set thresholds")
-    a.add_argument("--sysident", type=Path, help="python of SysIdentPy's own environment")
     args = a.parse_args()
 
     code = code_hash(HERE / name for name in DECIDES)
     name = f"{args.seed}-{args.programmes}-{code}"
-    tasks = [Task(n, args.seed, args.programmes, str(args.keep / name)) for n in _numbers(args)]
+    tasks = [Task(n, args.seed, args.programmes) for n in _numbers(args)]
     began = time.monotonic()
     kept, count = worked(tasks, examine, args.keep / f"{name}.jsonl", args.jobs, args.minutes)
     from beyond_report import nulls_table, of_kept, sections
 
     there = {n: one for n, one in sorted(kept.items()) if one["truth"] is not None}
     cases = {n: of_kept(one) for n, one in there.items() if n < FIRST_NULL}
-    nulls = [one for n, one in there.items() if FIRST_NULL <= n < CALIBRATING]
+    nulls = [one for n, one in there.items() if n >= FIRST_NULL]
     if not cases:
         sys.exit("no case was examined")
     busy = sum(one["whole_s"] for one in kept.values())
-    asked = [(one["seconds"], one["processor_s"]) for n, one in there.items() if n < CALIBRATING]
+    asked = [(one["seconds"], one["processor_s"]) for one in there.values()]
     broken = sum(one["trouble"] is not None for one in kept.values())
     missing = {word: sum(kept[n][word] is None for n in cases) for word in AGAIN}
     lines = [f"# Beyond the catalogue: seed {args.seed}, programmes {args.programmes}", "",
@@ -70,10 +67,6 @@ def main() -> None:
              "on another run of the same machine, truth without noise, all channels (a file that changes nothing: 0). "
              f"Cases without another run: {', '.join(f'{word} {n}' for word, n in missing.items())}.", "",
              *sections(list(cases.values())), "", "## Healthy logs", "", *nulls_table(nulls)]
-    if args.peers:
-        from beyond_peers import compared
-
-        lines += ["", *compared(there, args.keep / name, args.sysident, args.jobs)]
     lines += ["", f"Code {code}; {count} in this call, wall time {(time.monotonic() - began) / 60:.1f} min with "
                   f"{args.jobs} jobs; all {len(kept)} took {busy / 60:.1f} min of one job; a diagnosis "
                   f"{sum(s for s, _ in asked) / max(1, len(asked)):.1f} s in the mean, of processor "

@@ -1,28 +1,23 @@
 """One case of the benchmark beyond the catalogue: made, diagnosed, adopted, held against other runs of the machine."""
 from __future__ import annotations
 
-import pickle
 import time
 import traceback
-from pathlib import Path
 from typing import Any, NamedTuple
 
 # Healthy logs, in turn: half of them as the machine is said to be, half from further afield.
 NULLS = ("none", "healthy_columns", "none", "healthy_loud", "none", "healthy_loop", "none", "healthy_coarse",
          "none", "healthy_sparse", "none", "healthy_foreign")
 FIRST_NULL = 1_000_000            # number of the first healthy log
-CALIBRATING = 2_000_000           # and of the first of those by which the peers' thresholds are set
-CALIBRATION = ("none", "healthy_columns")
 AGAIN = {"again": False, "elsewhere": True}      # other runs: of the same programme, of another one
 
 
 class Task(NamedTuple):
-    """Case `number` of a seed. `folder`: where what the peers need of it is kept."""
+    """Case `number` of a seed."""
 
     number: int
     seed: int
     programmes: str
-    folder: str
 
 
 def made(task: Task) -> Any:
@@ -30,9 +25,6 @@ def made(task: Task) -> Any:
     from hidden.cases import one
     from hidden.terms import CLASSES
 
-    if task.number >= CALIBRATING:
-        wanted = CALIBRATION[task.number % len(CALIBRATION)]
-        return one(task.number, task.seed, "tuning", (wanted,), ("run",))
     if task.number >= FIRST_NULL:
         return one(task.number, task.seed, task.programmes, (NULLS[task.number % len(NULLS)],), ("run",))
     kind = CLASSES[task.number % len(CLASSES)]
@@ -53,9 +45,7 @@ def examine(task: Task) -> dict[str, Any]:
         case = made(task)
         out["truth"] = case.truth
         others = _other_runs(case)
-        if task.number < CALIBRATING:
-            out |= _answered(case, nominal, others, task.seed)
-        _keep(case, nominal, others, Path(task.folder) / f"{task.number}.pickle")
+        out |= _answered(case, nominal, others, task.seed)
     except Exception:
         out["trouble"] = traceback.format_exc(limit=-4)
     return {**out, "whole_s": time.perf_counter() - started}
@@ -86,17 +76,3 @@ def _answered(case: Any, nominal: Any, others: dict[str, Any], seed: int) -> dic
               **judged(other.columns, other.changed(), case.truth["outside"]["channel"], nominal, adopted)}
              for word, other in others.items()}
     return {"answer": ask.published(diagnosis), "seconds": seconds, "processor_s": busy, "adopted": changed, **worth}
-
-
-def _keep(case: Any, nominal: Any, others: dict[str, Any], path: Path) -> None:
-    """What the peers are given."""
-    from beyond_problem import problem_of
-
-    stage = case.truth["outside"]["channel"] if case.truth["outside"] else ""
-    kept = {"truth": case.truth, "log": problem_of(case.columns, nominal, stage, None),
-            **{word: None if other is None else problem_of(other.columns, nominal, stage, other.changed())
-               for word, other in others.items()}}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(".part")
-    part.write_bytes(pickle.dumps(kept))
-    part.replace(path)

@@ -1,4 +1,4 @@
-"""Figures of the benchmark beyond the catalogue, ours and the peers' counted alike."""
+"""Figures of the benchmark beyond the catalogue."""
 from __future__ import annotations
 
 from collections import Counter
@@ -148,9 +148,3 @@ def _by_z(cases: Sequence[Case]) -> list[list[str]]:
 
 def _common(words: Any) -> str:
     return ", ".join(f"{a} {n}" for a, n in Counter(words).most_common(4))
-
-
-def peers_table(lines: Sequence[tuple[str, Sequence[Case], str, str]]) -> list[str]:
-    """A line each: method, its cases, terms named in healthy logs, seconds of processor a case."""
-    return table(["method", *HEADS, "healthy logs: a term", "s of processor a case"],
-                 [[name, *row(cases), nulls, seconds] for name, cases, nulls, seconds in lines])

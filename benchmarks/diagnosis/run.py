@@ -92,10 +92,6 @@ def main() -> int:
     a.add_argument("--minutes", type=float, default=240.0, help="stop after so long; what is done counts")
     a.add_argument("--keep", type=Path, default=ROOT / ".benchmarks" / "diagnosis")
     a.add_argument("--out", type=Path, help="Markdown table; else to the screen")
-    a.add_argument("--peers", action="store_true", help="afterwards other methods on the first runs of the timetable; "
-                                                        "needs the extra `benchmark`")
-    a.add_argument("--peer-cases", type=int, default=200)
-    a.add_argument("--sysident", type=Path, help="python of SysIdentPy's own environment")
     args = a.parse_args()
     from hidden.class_report import sections
     from hidden.report import report
@@ -121,15 +117,6 @@ def main() -> int:
     raised = sum(bool(o["trouble"]) for o in kept.values())
     promises: dict[str, object] = {"at least one case is asked": kept,
                                    f"{raised} of {len(kept)} cases raised: none": not raised}
-    if args.peers:
-        from peers import NULLS, compared
-
-        told, more = compared(args.peer_cases, NULLS, args.seed, args.jobs, args.sysident, kept)
-        if args.out is None:
-            print(told)
-        else:
-            args.out.with_stem(f"{args.out.stem}-peers").write_text(told, encoding="utf-8", newline="\n")
-        promises |= more
     return exit_code(promises)
 
 
