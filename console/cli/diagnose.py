@@ -4,6 +4,7 @@ from __future__ import annotations
 import datetime as dt
 import json
 import sys
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -124,23 +125,32 @@ def _is_run(data: list[Path]) -> bool:
     return tells_time and recognise(our_names(names, KNOWN, {}).names) is None
 
 
-def _columns(path: Path, machine: Machine, where: str = "") -> dict[str, Any]:
-    """A log's columns that a diagnosis reads; what was odd about the log is said."""
+def _columns(path: Path, machine: Machine) -> tuple[dict[str, Any], list[str]]:
+    """A log's columns that a diagnosis reads, and what was odd about the log."""
     from control.diagnosis.runs.log import UNREAD
     from control.log_row import TEXT_COLUMNS
     from drivers.files.any_log import open_log
     log = open_log(path, UNREAD & TEXT_COLUMNS)         # numbers are examined, and what is odd about them is said
-    for finding in log.findings:
-        if finding.id != "missing" or not machine.stages:       # what the machine has not got is not missed
-            typer.echo(f"note: {where}{finding}", err=True)
-    return {name: array for name, array in log.columns.items() if name not in UNREAD}
+    odd = [str(finding) for finding in log.findings
+           if finding.id != "missing" or not machine.stages]    # what the machine has not got is not missed
+    return {name: array for name, array in log.columns.items() if name not in UNREAD}, odd
+
+
+def _notes(odd: Iterable[str], where: str = "") -> None:
+    for sentence in odd:
+        typer.echo(f"note: {where}{sentence}", err=True)
 
 
 def _run(data: Path, machine: Machine, seed: int) -> tuple[Diagnosis, dict[str, Any]]:
     from control.diagnosis.runs.diagnose import diagnose_run
-    columns = _columns(data, machine)
-    with ThreadPoolExecutor(TOGETHER) as pool:
-        found = diagnose_run(columns, machine, path=str(data), progress=_progress(), seed=seed, each=pool.map)
+    columns, odd = _columns(data, machine)
+    said: tuple[str, ...] = ()
+    try:
+        with ThreadPoolExecutor(TOGETHER) as pool:
+            found = diagnose_run(columns, machine, path=str(data), progress=_progress(), seed=seed, each=pool.map)
+        said = found.findings
+    finally:                                    # what the report says itself is said once
+        _notes(one for one in odd if one not in said)
     return found, {"columns": columns, "machine": machine}
 
 
@@ -153,7 +163,11 @@ def _several(data: list[Path], machine: Machine) -> tuple[Several, dict[str, Any
     other = next((path for path in data if not _is_run([path])), None)
     if other is not None:
         raise CommandError(f"{other}: a bench table among run logs: allowed are logs together, or tables together")
-    logs, names = [_columns(path, machine, f"{path}: ") for path in data], [str(path) for path in data]
+    logs, names = [], [str(path) for path in data]
+    for path in data:
+        columns, odd = _columns(path, machine)
+        _notes(odd, f"{path}: ")
+        logs.append(columns)
     with ThreadPoolExecutor(TOGETHER) as pool:
         found = diagnose_runs(logs, machine, paths=names, progress=_progress(), each=pool.map)
     return found, {"columns": joined(logs, names, machine), "machine": machine}

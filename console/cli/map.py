@@ -146,9 +146,9 @@ def _convert(source: Path, out: Path | None, choice: Choice, rule: str | None, a
 def _tell(read: Imported, as_json: bool) -> None:
     from console.app.pages.job.map_words import map_words
     from console.app.units import METRIC
+    from control.recordings.finding import many
     from control.targets.map_check import map_check
     from control.targets.prescription import statistics
-    from drivers.files.findings import many
     shares = statistics(read.data)
     area, mass = sum(s.area_ha for s in shares), sum(s.mass_kg for s in shares)
     grid = read.data.grid

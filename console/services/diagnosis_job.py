@@ -151,7 +151,8 @@ def _diagnosed(order: Order, machine: Machine, data: Path, name: str, notes: tup
         log = read_rows(data)
         columns = dict(log.columns)
         found = diagnose_run(columns, machine, path=str(data), progress=lambda share, word: tell(0.85 * share, word))
-        found = dataclasses.replace(found, findings=(*notes, *map(str, log.findings), *found.findings))
+        said = dict.fromkeys((*notes, *map(str, log.findings), *found.findings))
+        found = dataclasses.replace(found, findings=tuple(said))
         tools, target = {"columns": columns, "machine": machine}, mean_target(columns)
     else:
         from control.diagnosis.tables.diagnose import diagnose_tables

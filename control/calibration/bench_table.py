@@ -7,6 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from control.recordings.finding import Finding
+from control.recordings.speeds import KMH_PER_MPS
+from control.recordings.values import known
+
 Array = npt.NDArray[np.float64]
 
 KINDS = ("lag", "catch", "weigh", "heads", "place")
@@ -61,7 +65,7 @@ class BenchTable:
         """Written ground speed, (n,) m/s; None where the table has none."""
         if "speed_mps" in self.columns:
             return self.columns["speed_mps"]
-        return self.columns["speed_kmh"] / 3.6 if "speed_kmh" in self.columns else None
+        return self.columns["speed_kmh"] / KMH_PER_MPS if "speed_kmh" in self.columns else None
 
 
 def missing(kind: str, names: Collection[str]) -> tuple[str, ...] | None:
@@ -91,6 +95,7 @@ def usable(table: BenchTable) -> BenchTable:
     group = missing(table.kind, table.columns)
     if group is not None:
         raise ValueError(f"{path}: column {' or '.join(group)}: missing: a {table.kind} table needs it")
+    table = _readable(table)
     measured = [name for name in LAGS if name in table.columns]
     needed = [name for group in NEEDED[table.kind] for name in group if name in table.columns and name not in LAGS]
     keep = np.all([np.isfinite(table.columns[name]) for name in needed], axis=0)
@@ -111,6 +116,15 @@ def usable(table: BenchTable) -> BenchTable:
     dropped = int((~keep).sum())
     return replace(where(table, keep),
                    findings=(*table.findings, f"{path}: {dropped} rows lack a needed number and are left out"))
+
+
+def _readable(table: BenchTable) -> BenchTable:
+    """The table without what no machine reads and what stands for a missing value, and with that said."""
+    findings: list[Finding] = []
+    columns = {name: known(name, values, RANGES[name], findings) if name in RANGES else values
+               for name, values in table.columns.items()}
+    said = (f"{table.path or 'table'}: {finding}" for finding in findings)
+    return replace(table, columns=columns, findings=(*table.findings, *said))
 
 
 def where(table: BenchTable, rows: npt.NDArray[np.bool_]) -> BenchTable:

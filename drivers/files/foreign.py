@@ -8,11 +8,12 @@ import numpy as np
 
 from control.calibration.bench_table import recognise
 from control.log_row import COLUMNS, NDRE_COLUMNS, SPEEDS
-from drivers.files.findings import Finding
+from control.recordings.finding import Finding
+from control.recordings.mended import mend_values, mended
+from control.recordings.speeds import KMH_PER_MPS
 from drivers.files.header_names import Renamed
 from drivers.files.header_names import our_names as renamed
-from drivers.files.log_times import UnusableLog, with_good_times
-from drivers.files.log_values import with_good_values
+from drivers.files.log_times import UnusableLog, seconds_of, with_times
 from drivers.files.table import Columns
 
 __all__ = ["UnusableLog", "examined", "needed", "our_names"]
@@ -85,9 +86,17 @@ def examined(columns: Columns, names: Collection[str]) -> tuple[Columns, list[Fi
     `names`: all columns of the file, of which `columns` may be a part. Raises UnusableLog, one line.
     """
     columns, from_kmh = _with_speed_from_kmh(columns)
-    columns, times = with_good_times(columns, names)
-    columns, values = with_good_values(columns)
-    return columns, [*from_kmh, *times, *values, *_missing(columns, names)]
+    columns, findings = with_times(columns, names)
+    utc = columns.get("utc")
+    try:
+        if columns["time_s"].size:
+            columns, odd = mended(columns, None if utc is None else lambda: seconds_of(utc))
+            findings += odd
+        else:
+            columns = mend_values(columns, findings)
+    except ValueError as error:
+        raise UnusableLog(str(error)) from None
+    return columns, [*from_kmh, *findings, *_missing(columns, names)]
 
 
 def _with_speed_from_kmh(columns: Columns) -> tuple[Columns, list[Finding]]:
@@ -95,7 +104,7 @@ def _with_speed_from_kmh(columns: Columns) -> tuple[Columns, list[Finding]]:
     if speed_kmh is None or "speed_mps" in columns or speed_kmh.dtype == object:
         return columns, []
     found = Finding("speed_from_kmh", f"speed_mps computed from column {_KMH_COLUMN}", "speed_mps")
-    return {**columns, "speed_mps": speed_kmh / 3.6}, [found]
+    return {**columns, "speed_mps": speed_kmh / KMH_PER_MPS}, [found]
 
 
 def _missing(columns: Columns, names: Collection[str]) -> list[Finding]:

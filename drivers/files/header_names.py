@@ -4,7 +4,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
-from drivers.files.findings import Finding
+from control.recordings.finding import Finding
 from drivers.files.imports.header import named
 from drivers.files.imports.units import Unit, unit_named
 

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from control.log_row import TEXT_COLUMNS
+from control.recordings.finding import Finding
 from drivers.files.atomic import sidecar, write_atomically
-from drivers.files.findings import Finding
 from drivers.files.limits import BeyondLimits, check_file
 from drivers.files.log_text import texts_of
 from drivers.files.run_meta import RunMeta, meta_from_yaml, meta_to_yaml

@@ -1,7 +1,7 @@
 """Rows that are longer than any row may be: they are left out and said, the others are read."""
 from __future__ import annotations
 
-from drivers.files.findings import Finding, many
+from control.recordings.finding import Finding, many
 from drivers.files.limits import LINE
 
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")

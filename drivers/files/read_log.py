@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from control.log_row import ALL_COLUMNS, COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS, LogRow
+from control.recordings.finding import Finding
 from drivers.files.atomic import sidecar
-from drivers.files.findings import Finding
 from drivers.files.foreign import UnusableLog, examined, needed, our_names
 from drivers.files.log_store import StoreError, is_store, read_store, stored_about
 from drivers.files.log_text import columns_of, header_of

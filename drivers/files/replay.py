@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from control.log_row import GNSS_HOLDS_S, HEAD_COLUMNS, HOLDS_S, NDRE_COLUMNS
 from control.readings import GnssFix, Measurements, Reading, SpeedPlan, announced_of
-from drivers.files.findings import Finding
+from control.recordings.finding import Finding
 from drivers.files.read_log import RunLog
 
 Floats = NDArray[np.float64]

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.files.findings import Finding, many
+from control.recordings.finding import Finding, many
 from drivers.files.header_names import Renamed
 from drivers.files.imports.header import NOTHING, is_unit_row, is_value
 from drivers.files.limits import BeyondLimits, check_file, check_text

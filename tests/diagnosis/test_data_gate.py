@@ -191,4 +191,24 @@ def test_a_speed_that_happens_to_be_a_sentinel_is_a_reading_where_the_others_com
     assert np.sum(clean.columns["shaft_rpm"] == -99.0) >= 1
     assert np.isnan(clean.columns["shaft_rpm"][7])
     assert [text for text in clean.findings if "shaft_rpm:" in text] == [
-        "column shaft_rpm: 1 cells hold -9999, which stands for a missing value"]
+        "column shaft_rpm: 1 value -9999 emptied: not known"]
+
+
+def test_a_notebook_s_times_and_units_are_mended_as_a_file_s_are():
+    """Before, only the reader of files knew milliseconds, coarse times, clocks set back, places and percent."""
+    time_s, speed_mps = 0.1 * np.arange(ROWS), np.full(ROWS, 1.2)
+    way = np.random.default_rng(2).normal(0.0, 0.01, ROWS)
+    plain = columns(speed_mps + way) | {"wheel_speed_mps": speed_mps - way, "time_s": time_s,
+                                        "lat_deg": 34.0 + 1.2 * time_s / 111_200.0, "lon_deg": np.full(ROWS, 119.0)}
+    good = gate(plain)
+    for spoilt, word in (({"time_s": 1.7e12 + 1000.0 * time_s}, "milliseconds"),
+                         ({"speed_mps": 3.6 * plain["speed_mps"], "wheel_speed_mps": 3.6 * plain["wheel_speed_mps"]},
+                          "in km/h"), ({"ndvi_1": 100.0 * plain["ndvi_1"]}, "in percent")):
+        clean = gate(plain | spoilt)
+        assert any(word in text for text in clean.findings), (word, clean.findings)
+        assert clean.step_s == pytest.approx(good.step_s, rel=1e-6) and clean.stages == good.stages
+        assert all(np.allclose(clean.columns[name], good.columns[name], equal_nan=True) for name in good.columns)
+    coarse = gate(plain | {"time_s": np.floor(time_s)})
+    assert len(coarse.time_s) == ROWS and coarse.step_s == pytest.approx(0.1)
+    back = gate(plain | {"time_s": time_s - np.where(np.arange(ROWS) < ROWS // 2, 0.0, 5.03)})
+    assert len(back.time_s) == ROWS - 50 and np.diff(back.time_s).min() > 0.05

@@ -39,6 +39,15 @@ def test_any_lag_column_will_do(tmp_path: Path, lag: str) -> None:
     assert any("1 rows lack" in text for text in table.findings)
 
 
+def test_what_stands_for_a_missing_value_is_none(tmp_path: Path) -> None:
+    """Before, the whole table was refused: row 2, column lag_s: -999: allowed -5 to 60."""
+    table = read_bench_table(written(tmp_path, "shaft_rpm,lag_s\n10,2.1\n20,-999\n40,1.9\n"))
+    assert table.columns["lag_s"].tolist() == [2.1, 1.9]
+    path = tmp_path / "table.csv"
+    assert table.findings == (f"{path}: column lag_s: 1 value -999 emptied: not known",
+                              f"{path}: 1 rows lack a needed number and are left out")
+
+
 def test_speed_in_kmh_is_understood(tmp_path: Path) -> None:
     speed = read_bench_table(written(tmp_path, "shaft_rpm,speed_kmh,lag_m\n10,3.6,3.1\n20,7.2,5.9\n")).speed_mps()
     assert speed is not None

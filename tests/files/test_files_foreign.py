@@ -82,7 +82,7 @@ def test_cells_that_are_no_numbers_are_counted(written: Written) -> None:
     (b"time_s,speed_mps\n0,0,1,5\n1,0,1,25\n", "is the decimal sign a comma?"),
     (b"tme_s,speed_mps\n0,1\n", r"no column time_s .*columns found: tme_s, speed_mps \(is it tme_s\?\)"),
     (b"time_s,speed_mps\nx,1\ny,2\n", "column time_s: no number in it"),
-    (b"time_s,speed_mps\n3,1\n2,2\n1,1\n0,1\n", "sort the log by time_s"),
+    (b"time_s,speed_mps\n3,1\n2,2\n3,1\n2,1\n3,1\n2,1\n", "sort the log by time_s"),
 ])
 def test_what_cannot_be_used_is_refused_in_one_line(written: Written, content: bytes, line: str) -> None:
     path = written(content)
@@ -112,6 +112,24 @@ def test_repeated_and_backward_times_are_left_out(written: Written) -> None:
     assert said(log, "backward_time").startswith("1 row left out: earlier than a row before, first at 2.500 s")
 
 
+def test_a_log_that_stands_newest_first_is_read(written: Written) -> None:
+    log = times_of(written, [3, 2, 1, 0])
+    assert log.time_s.tolist() == [0, 1, 2, 3] and log.columns["hopper_kg"].tolist() == [3, 2, 1, 0]
+    assert said(log, "row_order") == "rows do not stand in order of time (4 of 4): taken in order of time"
+
+
+def test_one_wrong_time_costs_one_row(written: Written) -> None:
+    """Before, every row after it was earlier than a row before, and the log was refused."""
+    log = times_of(written, [0, 1, 2, 86400, 4, 5, 6, 7, 8, 9])
+    assert log.columns["hopper_kg"].tolist() == [0, 1, 2, 4, 5, 6, 7, 8, 9]
+    assert said(log, "forward_time") == "1 row left out: later than a row after, first at 86400.000 s"
+
+
+def test_rows_lost_here_and_there_are_no_mixed_sample_time(written: Written) -> None:
+    log = times_of(written, [round(0.1 * k, 1) for k in range(200) if k % 11])
+    assert ids(log) == {"skipped_times"} and "about 18 rows missing (9.0 %)" in said(log, "skipped_times")
+
+
 def test_rows_without_a_time_are_left_out(written: Written) -> None:
     log = times_of(written, [0, "", 2, "x", 4])
     assert log.columns["hopper_kg"].tolist() == [0, 2, 4]
@@ -121,7 +139,8 @@ def test_rows_without_a_time_are_left_out(written: Written) -> None:
 def test_gaps_are_said(written: Written) -> None:
     log = times_of(written, [*np.arange(0, 2, 0.1).round(3), *np.arange(5, 7, 0.1).round(3)])
     assert len(log) == 40
-    assert said(log, "skipped_times") == "1 gap in the times, the longest 3.1 s after 1.900 s (sample time 0.1 s)"
+    assert said(log, "skipped_times") == ("1 gap in the times, the longest 3.1 s after 1.900 s (sample time 0.1 s): "
+                                          "about 30 rows missing (42.9 %)")
 
 
 def test_a_mixed_sample_time_is_said(written: Written) -> None:
@@ -206,6 +225,13 @@ def test_speeds_in_other_units_are_found_by_the_places(written: Written, unit: s
     log = read_log(written(track(1.25, round(1.25 * factor, 3))))
     assert log.columns["speed_mps"] == pytest.approx(1.25, rel=2e-3)
     assert f"is in {unit}" in said(log, "speed_unit")
+
+
+def test_a_speed_in_km_h_is_found_by_the_other_one(written: Written) -> None:
+    """Before, the reader of files had places alone to tell by, and a diagnosis the other speed alone."""
+    log = read_log(written(table("time_s,speed_mps,wheel_speed_mps", [f"{k},4.5,1.25" for k in range(60)])))
+    assert log.columns["speed_mps"].tolist() == [1.25] * 60 and log.columns["wheel_speed_mps"].tolist() == [1.25] * 60
+    assert said(log, "speed_unit") == ("column speed_mps is in km/h (it is 3.60 times wheel_speed_mps): divided")
 
 
 def test_a_wheel_that_slips_is_not_another_unit(written: Written) -> None:

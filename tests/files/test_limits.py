@@ -15,12 +15,12 @@ import pytest
 
 from console.worker import resume
 from console.worker.resume_ground import unpacked
+from control.recordings.places import pieces
 from drivers.files import limits
 from drivers.files.bench_table import read_bench_table
 from drivers.files.config import ConfigError
 from drivers.files.imports.read import read_raw
 from drivers.files.limits import LIMITS, BeyondLimits, check_file, check_text, read_json
-from drivers.files.log_values import _chords
 from drivers.files.prescriptions.plants import read_plants
 from drivers.files.prescriptions.read import read_prescription
 from drivers.files.read_log import read_log
@@ -159,7 +159,7 @@ def test_bare_returns_are_line_ends(tmp_path: Path) -> None:
 def test_times_of_other_scales_cost_nothing() -> None:
     """Three rows, the last a thousand years later: marks of five seconds between them would be 50 GB."""
     time_s = np.array([0.0, 6.0, 12.0, 3.2e10])
-    found = _chords(time_s, np.array([34.0, 34.1, 34.2, 34.3]), np.full(4, 119.0))
+    found = pieces(time_s, np.array([34.0, 34.1, 34.2, 34.3]), np.full(4, 119.0))
     assert found is not None and found[0].tolist() == [0, 1] and found[1].tolist() == [1, 2]
 
 

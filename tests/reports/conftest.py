@@ -115,7 +115,7 @@ def full(cause_of: Callable[..., Cause], found_of: Callable[..., Diagnosis]) -> 
         cause_of("shaft.voltage_sag", SAG_PERCENT_PER_V,
                  rivals=(Rival("shaft.load_droop", 0.21), Rival("shaft.dead_band", 0.07))),
         cause_of("canopy.head_fouled", -8.0), cause_of("flow.blocked_outlet", 10.0, onset_s=130.0, member=None),
-        verdict="ambiguous", findings=("column supply_v: 3 cells hold -9999, which stands for a missing value",),
+        verdict="ambiguous", findings=("column supply_v: 3 values -9999 emptied: not known",),
         next_run=NextRun("this data cannot tell them apart",
                          "1. stairs, twice (10 min); then 2. refill by bags (20 min)",
                          tests=("stairs, twice (10 min)", "refill by bags (20 min)")),

@@ -9,10 +9,10 @@ from control.diagnosis.effects import ROWS, Costs
 from control.diagnosis.result import FieldCost
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
+from control.recordings.speeds import MOVING_MPS
 
 from .channels import SEAM_S, drive_rows, speed_rows
 from .hypothesis import EffectInstance, Schedule, schedule, stages_of, with_part
-from .log import MOVING_MPS
 from .stages import Drive, RunData, joined
 
 Array = npt.NDArray[np.float64]

@@ -11,12 +11,13 @@ import numpy.typing as npt
 from control.diagnosis.given import columns_of, machine_of
 from control.diagnosis.result import Diagnosis
 from control.machine.machine import Machine
+from control.recordings.values import readable
 
 from .channels import ChannelSeries, channels, without_narrowband
 from .findings import between_rows, hardly_read, on_the_whole, turned_back, unsure_drives
 from .guard import Cancelled, attempt, is_finite, named
 from .intermittent import ReadOff, without_spells
-from .log import Clean, gate, readable
+from .log import Clean, gate
 from .model import GROUPS
 from .quantised import without_steps
 from .rates import rates, sentence

@@ -24,8 +24,7 @@ from control.diagnosis.judgement.evidence import Z90
 from control.diagnosis.result import RateFit, Size
 from control.geodesy import TangentPlane
 from control.orders import State
-
-from .log import MOVING_MPS
+from control.recordings.speeds import MOVING_MPS
 
 Array = npt.NDArray[np.float64]
 

@@ -14,8 +14,9 @@ from control.machine.form import SHAFT_ANGLE
 from control.machine.machine import Machine, of_nominal
 from control.machine.term_sums import angle_over_log, commanded_over_log, dead_times_s, over_log
 from control.machine.terms import COMMANDED_MM, COMMANDED_RPM
+from control.recordings.speeds import MOVING_MPS
 
-from .log import HEADS, MIN_ROWS, MIN_SETTLED, MOVING_MPS, Clean
+from .log import HEADS, MIN_ROWS, MIN_SETTLED, Clean
 
 Array = npt.NDArray[np.float64]
 

@@ -18,6 +18,7 @@ from control.calibration.bench_table import BenchTable
 from control.machine.fall import start_drop_s
 from control.machine.machine import Machine
 from control.machine.start import response_s
+from control.recordings.speeds import KMH_PER_MPS
 
 from .piece import Array, BoolArray, best_first
 from .rows.labels import labels_of
@@ -29,7 +30,6 @@ ROUNDED = 0.001             # share of a value that a table's digits leave open
 TWO_SE = 2.0                # a row holds within so many standard errors
 ALIKE = 0.002               # a factor so near to 1, or a shift (s, m) so near to 0, is none
 WORSE_P = 0.05              # below it the other quantity is said to fit less well (F test of the residuals)
-KMH = 3.6
 
 
 class Series(NamedTuple):
@@ -169,8 +169,8 @@ def sentence(pair: Across) -> str:
         return f"{pair.first.name} and {pair.second.name} say the same: {pair.kind} {_span(pair, 1.0, '.3f')}, in " \
                f"{pair.holds} of {pair.rows} rows"
     if pair.kind == "speed":
-        by_what = f"a speed of {_span(pair, KMH, '.2f')} km/h"
-        written = "" if pair.first.mps is None else f"; {KMH * pair.first.mps:.2f} km/h is written"
+        by_what = f"a speed of {_span(pair, KMH_PER_MPS, '.2f')} km/h"
+        written = "" if pair.first.mps is None else f"; {KMH_PER_MPS * pair.first.mps:.2f} km/h is written"
     else:
         by_what, written = {"factor": f"a factor of {_span(pair, 1.0, '.3f')}", "delay": f"a delay of "
                          f"{_span(pair, 1.0, '.3f')} s",
@@ -180,7 +180,7 @@ def sentence(pair: Across) -> str:
         return f"{names}: no one quantity reconciles them; {by_what} holds in {pair.holds} of {pair.rows} rows{written}"
     other = ""
     if pair.other:
-        scale, unit = {"speed": (KMH, " km/h"), "delay": (1.0, " s"), "length": (1.0, " m"), "factor": (1.0,
+        scale, unit = {"speed": (KMH_PER_MPS, " km/h"), "delay": (1.0, " s"), "length": (1.0, " m"), "factor": (1.0,
                                                                                                         "")}[pair.other]
         other = (f"; a {pair.other} of {scale * pair.other_value:.3g}{unit} fits "
                  f"{'less well' if pair.other_worse else 'nearly as well'}")

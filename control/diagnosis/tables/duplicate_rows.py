@@ -15,8 +15,9 @@ import numpy as np
 
 from control.calibration.bench_table import LAGS, SPEEDS, BenchTable, where
 from control.machine.machine import Machine
+from control.recordings.speeds import KMH_PER_MPS
 
-from .across import KMH, MIN_SHARED, Across, Series, sentence, series_of
+from .across import MIN_SHARED, Across, Series, sentence, series_of
 from .noise import quantum_of
 from .piece import BoolArray
 from .rows.labels import labels_of
@@ -141,5 +142,5 @@ def sentences(pairs: Sequence[Across], retellings: Sequence[DuplicateRows]) -> t
 def _said(pair: DuplicateRows) -> str:
     said = f"{pair.again.name} tells {pair.kept.name} once more, to the last digit"
     if pair.speed_mps is not None:
-        said += f": the times were worked out of the distances with {KMH * pair.speed_mps:.2f} km/h"
+        said += f": the times were worked out of the distances with {KMH_PER_MPS * pair.speed_mps:.2f} km/h"
     return f"{said}; it counts once"

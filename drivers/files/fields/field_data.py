@@ -12,8 +12,8 @@ import shapely
 from control.field.boundary import Boundary
 from control.field.job import Ground, GuidanceLine
 from control.geodesy import TangentPlane
+from control.recordings.finding import Finding
 from control.targets.rate_map import Floats
-from drivers.files.findings import Finding
 from drivers.plain_text import OneLine
 
 EVEN_M = 0.5                # a headland whose width differs by less is of one width

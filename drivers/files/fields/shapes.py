@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import shapely
 
+from control.recordings.finding import Finding
 from control.targets.rate_map import Floats
 from drivers.files.atomic import write_atomically
 from drivers.files.fields.field_data import FieldData, FieldError, Line
 from drivers.files.fields.shapefiles import is_shapefile, read_named
-from drivers.files.findings import Finding
 from drivers.files.limits import BeyondLimits, check_file, read_json
 from drivers.files.ogr import FORMATS, ShapesError, name_of, read_layers, write_layer
 

@@ -9,8 +9,9 @@ import polars as pl
 
 from control.log_row import COMMANDS_HELD, TEXT_COLUMNS
 from control.orders import State
+from control.recordings.finding import Finding, many
+from control.recordings.times import mended_times
 from drivers.files.config_words import nearest
-from drivers.files.findings import Finding, many
 from drivers.files.imports.header import named
 from drivers.files.imports.mapping import EVENTS, EXTRA_START, MADE_BY_WORKING, Column, ImportFile, Working
 from drivers.files.imports.numbers import Numbers, numbers
@@ -18,7 +19,6 @@ from drivers.files.imports.raw import RawTable
 from drivers.files.imports.times import clock, read_texts
 from drivers.files.imports.trouble import ImportTrouble, listed
 from drivers.files.imports.units import in_log_unit, quantity_of, slug, unit_named
-from drivers.files.log_times import UnusableLog, with_good_times
 
 US = "us"                       # the time of a row, whole microseconds
 UTC, UTC_US = "utc", "utc_us"   # the log's column, and here as microseconds since 1970
@@ -233,14 +233,13 @@ def _in_order(raw: RawTable, frame: pl.DataFrame, findings: list[Finding]) -> pl
     first = int(known[0]) if known.len() else 0
     time_s = ((us - first).cast(pl.Float64) / 1e6).fill_null(float("nan")).to_numpy()
     try:
-        good, said = with_good_times({"time_s": time_s, "row": np.arange(len(time_s), dtype=np.float64)}, ("time_s",))
-    except UnusableLog as error:
+        times = mended_times(time_s)
+    except ValueError as error:
         raise ImportTrouble(raw.path, f"{str(error).replace('time_s', 'time')}") from None
-    findings += said
-    rows = good["row"].astype(np.int64)
-    kept = frame[rows]
-    if any(finding.id == "coarse_times" for finding in said):
-        spread = first + np.round(good["time_s"] * 1e6).astype(np.int64)
+    findings += times.findings
+    kept = frame if isinstance(times.rows, slice) else frame[times.rows]
+    if times.spread:
+        spread = first + np.round(times.time_s * 1e6).astype(np.int64)
         kept = kept.with_columns(pl.Series(US, spread))
     return kept
 

@@ -9,7 +9,7 @@ from typing import Any
 import polars as pl
 from python_calamine import CalamineError, CalamineWorkbook
 
-from drivers.files.findings import Finding, many
+from control.recordings.finding import Finding, many
 from drivers.files.imports.dialect import SAMPLE_LINES
 from drivers.files.imports.header import Layout, layout_of, named
 from drivers.files.imports.mapping import Source

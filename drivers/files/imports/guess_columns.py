@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from control.log_row import COLUMNS, PLAUSIBLE, TEXT_COLUMNS
+from control.recordings.speeds import FAST_MPS, MOVING_MPS
 from drivers.files.imports import physics
 from drivers.files.imports.convert import extra_name
 from drivers.files.imports.guessed import PAIRS, Candidate, Doubt, Guess, Key
@@ -27,9 +28,7 @@ from drivers.files.imports.words import (
     subject_of,
 )
 
-MOVING_MPS = 0.3
 TOO_FAST = 60.0                 # no machine drives so fast in any unit of speed: it is a rotation
-FAST_MPS = 8.0                  # no spreader works at more than 29 km/h: such a number is km/h, or no ground speed
 SHAPEFILE_NAME = 10             # letters that a shapefile leaves of a name
 DEGREES = ("latitude", "longitude", "heading")      # their unit needs no word
 IN_RPM = ("rpm", "drehzahl", "转速")                 # words that are units by themselves

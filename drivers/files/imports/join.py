@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import polars as pl
 
-from drivers.files.findings import Finding
+from control.recordings.finding import Finding
 from drivers.files.imports.convert import US, UTC_US, Converted
 from drivers.files.imports.mapping import EVENTS, Join
 from drivers.files.imports.trouble import ImportTrouble

@@ -7,14 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from control.calibration.first_machine import settings_a_row
-from control.log_limits import stand_for_nothing
+from control.recordings.speeds import over_track, unit_of
+from control.recordings.values import stand_for_nothing
 from drivers.files.imports.units import UNITS
-from drivers.files.log_values import speed_over_track
 
 Floats = NDArray[np.float64]
 
 SPEED_FACTORS = {unit.name: 1.0 / unit.factor for unit in UNITS if unit.quantity == "speed"}       # to one m/s
-SPEED_TOLERANCE = 0.08
 FARTHEST_LAG = 40                   # rows, within which an answer is looked for
 LEAST_CHANGES = 8                   # a command needs so many to tell anything about its answer
 LEAST_CORRELATION = 0.3             # of steps of command and answer
@@ -32,7 +31,7 @@ class Answer(NamedTuple):
 def speed_unit(time_s: Floats, lat_deg: Floats, lon_deg: Floats, speed: Floats) -> tuple[str | None, float]:
     """The unit in which a speed (n,) makes the distance between the places, and its ratio to m/s; NaN: unknown."""
     columns = {"time_s": time_s, "lat_deg": lat_deg, "lon_deg": lon_deg, "speed_mps": speed}
-    ratio = speed_over_track(columns, "speed_mps")
+    ratio = over_track(columns, "speed_mps")
     if ratio is None:
         return None, float("nan")
     return unit_of_ratio(ratio), ratio
@@ -40,7 +39,7 @@ def speed_unit(time_s: Floats, lat_deg: Floats, lon_deg: Floats, speed: Floats) 
 
 def unit_of_ratio(ratio: float) -> str | None:
     """The unit of a speed whose numbers are `ratio` times those in m/s."""
-    return next((unit for unit, factor in SPEED_FACTORS.items() if abs(ratio / factor - 1.0) < SPEED_TOLERANCE), None)
+    return unit_of(ratio, SPEED_FACTORS)
 
 
 def answer(command: Floats, reading: Floats) -> Answer | None:

@@ -8,8 +8,8 @@ import numpy as np
 import polars as pl
 import shapefile
 
+from control.recordings.finding import Finding, many
 from drivers.files.archives import chosen
-from drivers.files.findings import Finding, many
 from drivers.files.imports.header import named
 from drivers.files.imports.mapping import Source
 from drivers.files.imports.raw import RawTable

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivers.files.findings import Finding
+from control.recordings.finding import Finding
 from drivers.files.imports.mapping import Source
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 import polars as pl
 
-from drivers.files.findings import Finding, many
+from control.recordings.finding import Finding, many
 from drivers.files.imports.devices import Meaning, Part, parts_of, width_m
 from drivers.files.imports.mapping import EVENTS, Source
 from drivers.files.imports.raw import RawTable, unique

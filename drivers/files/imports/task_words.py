@@ -4,7 +4,7 @@ from __future__ import annotations
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
-from drivers.files.findings import many
+from control.recordings.finding import many
 from drivers.files.imports.devices import Part, width_m
 from drivers.files.imports.task_log import log_lines, task_logs
 from drivers.files.imports.trouble import listed

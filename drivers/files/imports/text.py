@@ -8,7 +8,7 @@ from pathlib import Path
 
 import polars as pl
 
-from drivers.files.findings import Finding, many
+from control.recordings.finding import Finding, many
 from drivers.files.imports.dialect import DELIMITERS, SAMPLE_BYTES, Dialect, dialect_of, encoding_of
 from drivers.files.imports.header import named
 from drivers.files.imports.mapping import Source

@@ -6,6 +6,7 @@ from typing import Literal, NamedTuple
 
 import polars as pl
 
+from control.recordings.times import SPREADSHEET_DAYS, SPREADSHEET_EPOCH_DAYS
 from drivers.files.imports.mapping import Times
 from drivers.files.imports.numbers import numbers
 from drivers.files.imports.raw import RawTable
@@ -14,8 +15,6 @@ from drivers.files.imports.trouble import ImportTrouble
 ISO = "%Y-%m-%d %H:%M:%S%.f"
 _OFFSET = r":\d{2}(?:\.\d+)?\s*(Z|z|[+-]\d{2}:?\d{2})$"
 _DAY_US = 86_400_000_000
-_EXCEL_EPOCH_DAYS = 25_569              # 1970-01-01 counted from 1899-12-30, as spreadsheets do
-SPREADSHEET_DAYS = (30_000, 80_000)     # 1982 and 2119
 _STEPS_US = {"s": 1e6, "ms": 1e3, "us": 1.0, "min": 60e6, "h": 3600e6, "unix_s": 1e6, "unix_ms": 1e3, "unix_us": 1.0}
 _PARTS = re.compile(r"%\.?[A-Za-z]")
 _DIGITS = {"%Y": 4, "%y": 2, "%m": 2, "%d": 2, "%H": 2, "%M": 2, "%S": 2}
@@ -46,7 +45,7 @@ def clock(table: RawTable, times: Times) -> Clock:
         return found
     found_numbers = numbers(series, table.decimal_comma).values
     if times.counts == "excel_day":
-        ms = ((found_numbers - _EXCEL_EPOCH_DAYS) * (_DAY_US / 1000)).round(0).cast(pl.Int64, strict=False)
+        ms = ((found_numbers - SPREADSHEET_EPOCH_DAYS) * (_DAY_US / 1000)).round(0).cast(pl.Int64, strict=False)
         found = _of_naive(ms * 1000, times.zone)
     else:
         us = (found_numbers * _STEPS_US[times.counts]).round(0).cast(pl.Int64, strict=False)
@@ -126,7 +125,7 @@ def _of_spreadsheet(day: pl.Series) -> pl.Series:
     whole = _whole(day)
     assert whole is not None
     whole = whole.set(~whole.is_between(*SPREADSHEET_DAYS).fill_null(True), None)
-    return (whole - _EXCEL_EPOCH_DAYS).cast(pl.Int32, strict=False).cast(pl.Date).dt.strftime("%Y-%m-%d")
+    return (whole - SPREADSHEET_EPOCH_DAYS).cast(pl.Int32, strict=False).cast(pl.Date).dt.strftime("%Y-%m-%d")
 
 
 def _parsed(texts: pl.Series, form: str) -> pl.Series:

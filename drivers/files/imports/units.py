@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS
+from control.recordings.speeds import KMH_PER_MPS, MILE_M, NAUTICAL_MILE_M
 from drivers.files.prescriptions.words import MASS_UNITS, VOLUME_UNITS
 
 SLOPE = "slope %"           # 100 m up in 100 m along: no factor, an arc tangent
@@ -25,14 +26,14 @@ class Unit(NamedTuple):
 
 
 _POUND_KG = 0.45359237
-_MILE_M, _FOOT_M, _INCH_MM = 1609.344, 0.3048, 25.4
+_FOOT_M, _INCH_MM = 0.3048, 25.4
 
 UNITS = (
     Unit("m/s", "speed", 1.0, ("mps", "m/sec", "ms-1", "m s-1", "m_s", "米/秒")),
-    Unit("km/h", "speed", 1.0 / 3.6, ("kmh", "kph", "kmph", "km/hr", "km/hour", "km h-1", "km_h",
+    Unit("km/h", "speed", 1.0 / KMH_PER_MPS, ("kmh", "kph", "kmph", "km/hr", "km/hour", "km h-1", "km_h",
                                    "公里/小时", "千米/小时", "公里/时")),
-    Unit("mph", "speed", _MILE_M / 3600.0, ("mi/h", "miles/h", "mile/h", "miles/hour")),
-    Unit("kn", "speed", 1852.0 / 3600.0, ("knots", "knot", "kt", "kts")),
+    Unit("mph", "speed", MILE_M / 3600.0, ("mi/h", "miles/h", "mile/h", "miles/hour")),
+    Unit("kn", "speed", NAUTICAL_MILE_M / 3600.0, ("knots", "knot", "kt", "kts")),
     Unit("ft/s", "speed", _FOOT_M, ("fps", "ft/sec")),
     Unit("cm/s", "speed", 0.01),
     Unit("mm/s", "speed", 0.001),

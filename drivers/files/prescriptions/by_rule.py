@@ -5,8 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from control.agronomy.noa import Rule
+from control.recordings.finding import Finding
 from control.targets.prescription import MapData
-from drivers.files.findings import Finding
 from drivers.files.prescriptions.words import Choice, Imported, PrescriptionError
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import shapely
 
+from control.recordings.finding import Finding, many
 from control.targets.rate_map import Floats
-from drivers.files.findings import Finding, many
 from drivers.files.imports.dialect import encoding_of
 from drivers.files.limits import BeyondLimits, check_file
 from drivers.files.prescriptions.features import Feature, imported, ring

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import shapely
 
+from control.recordings.finding import Finding, many
 from control.targets.prescription import NO_FALLBACKS, Fallbacks, MapData, Zone
 from control.targets.rate_map import Floats
-from drivers.files.findings import Finding, many
 from drivers.files.imports.trouble import listed
 from drivers.files.prescriptions.rate_column import rate_column
 from drivers.files.prescriptions.words import (

@@ -5,9 +5,9 @@ import json
 from pathlib import Path
 from typing import Any
 
+from control.recordings.finding import Finding, many
 from control.targets.prescription import NO_FALLBACKS, Fallbacks
 from control.targets.rate_map import Floats
-from drivers.files.findings import Finding, many
 from drivers.files.limits import read_json
 from drivers.files.prescriptions.features import Feature, imported, ring
 from drivers.files.prescriptions.words import Choice, Imported, NotAMap, PrescriptionError, checked_rate

@@ -7,9 +7,9 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from control.recordings.finding import Finding, many
 from control.targets.prescription import Fallbacks, GridDeg, MapData, Zone
 from control.targets.rate_map import Floats
-from drivers.files.findings import Finding, many
 from drivers.files.prescriptions.features import sorted_rings
 from drivers.files.prescriptions.task_files import TaskFiles, task_tree
 from drivers.files.prescriptions.words import (

@@ -15,8 +15,8 @@ import shapely
 from numpy.typing import NDArray
 
 from control.geodesy import TangentPlane
+from control.recordings.finding import Finding, many
 from control.targets.rate_map import Floats
-from drivers.files.findings import Finding, many
 from drivers.files.imports.mapping import Source
 from drivers.files.imports.numbers import numbers
 from drivers.files.imports.raw import RawTable

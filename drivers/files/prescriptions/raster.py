@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from control.recordings.finding import Finding, many
 from control.targets.rate_map import Floats
 from drivers.files.extras import install_line
-from drivers.files.findings import Finding, many
 from drivers.files.prescriptions.features import Feature, imported
 from drivers.files.prescriptions.projected import TransverseMercator, projection_of
 from drivers.files.prescriptions.words import Choice, Imported, NotAMap, PrescriptionError

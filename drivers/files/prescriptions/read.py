@@ -6,8 +6,8 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from control.recordings.finding import Finding
 from drivers.files.archives import ArchiveError, chosen, files_at
-from drivers.files.findings import Finding
 from drivers.files.imports.trouble import listed
 from drivers.files.limits import BeyondLimits, check_file
 from drivers.files.point_files import TABLES, holds_points

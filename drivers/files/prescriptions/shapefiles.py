@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import shapefile
 
+from control.recordings.finding import Finding, many
 from control.targets.rate_map import Floats
-from drivers.files.findings import Finding, many
 from drivers.files.prescriptions.features import Feature, imported, ring, sorted_rings
 from drivers.files.prescriptions.projected import TransverseMercator, projection_of
 from drivers.files.prescriptions.words import Choice, Imported, NoPolygons, PrescriptionError

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import shapely
 
+from control.recordings.finding import Finding, many
 from control.targets.prescription import MapData
-from drivers.files.findings import Finding, many
 from drivers.files.imports.trouble import listed
 from drivers.files.ogr import Layer, ShapesError, name_of, read_layers, stated, write_layer
 from drivers.files.prescriptions.features import Feature, imported, ring

@@ -7,8 +7,8 @@ from math import isfinite
 from pathlib import Path
 from typing import Literal
 
+from control.recordings.finding import Finding
 from control.targets.prescription import Fallbacks, MapData
-from drivers.files.findings import Finding
 from drivers.plain_text import Refused, Where
 
 HIGHEST_KG_HA = 20_000.0

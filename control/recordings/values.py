@@ -1,0 +1,131 @@
+"""The values of a recording: what no machine reads, what stands for nothing, ranges, readings that only repeat."""
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from control.log_row import HEAD_COLUMNS, NDRE_COLUMNS
+from control.recordings.finding import Finding, many
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+ANYTHING = (-np.inf, np.inf)
+SENTINELS = (-999.0, -9999.0, -99999.0, -999.9, -999.99, -99.0, 999.0, 9999.0, 99999.0, 999999.0, 999.9, 9999.9,
+             32767.0, -32768.0, 65535.0, 2147483647.0, -2147483648.0)
+SENTINEL_APART = 3.0        # inside the plausible range: that many times larger than any other value
+MOST = 1e9                  # a number beyond this is no reading of a machine, in any unit (so are a machine file's) ...
+LEAST = 1e-9                # ... and one so small is nothing: its square would be lost next to any other
+PRINTED_DIGITS = 8          # after the point: logs print three to six, places (which are not rounded) eight
+MAX_HELD_S = 3.0            # a cell stands empty after so long without a reading: longer runs of equals are no dropout
+HELD_P = 0.01               # chance that equal readings in a row are as many by accident, anywhere in the log
+NDVI = (*HEAD_COLUMNS, "ndvi")
+
+# Left out where they stand outside: vegetation indices by their definition, places by theirs.
+EMPTIED_OUTSIDE = frozenset({"lat_deg", "lon_deg", *NDVI, *NDRE_COLUMNS, "ndre"})
+
+
+def known(name: str, values: Floats, limits: tuple[float, float], findings: list[Finding],
+          inside: Flags | None = None) -> Floats:
+    """Values (n,) of which those that no machine reads and those that stand for nothing are NaN; the very array where
+    there are none. limits : what the quantity can be. inside : as of `stand_for_nothing`."""
+    marked = stand_for_nothing(values, limits, inside)
+    if marked.any():
+        kinds = ", ".join(f"{value:g}" for value in np.unique(values[marked])[:3])
+        count = int(marked.sum())
+        findings.append(Finding("sentinel", f"column {name}: {many(count, 'value')} {kinds} emptied: not known", name,
+                                count))
+        values = np.where(marked, np.nan, values)
+    infinite, beyond = np.isinf(values), np.isfinite(values) & (np.abs(values) > MOST)
+    for marked, id_, what in ((infinite, "infinite", "infinite"), (beyond, "beyond", f"beyond {MOST:.0e}")):
+        if marked.any():
+            count = int(marked.sum())
+            findings.append(Finding(id_, f"column {name}: {many(count, 'cell')} {what}, which no machine reads: "
+                                    "emptied", name, count))
+            values = np.where(marked, np.nan, values)
+    return values
+
+
+def readable(values: Floats) -> Floats:
+    """Numbers (n,) that arithmetic can go on with: NaN for what no machine reads, 0 for what is lost in any sum."""
+    sane = np.where(np.isfinite(values) & ~(np.abs(values) > MOST), values, np.nan)
+    sane[np.abs(sane) < LEAST] = 0.0
+    if np.array_equal(sane, values, equal_nan=True) and not np.signbit(values[values == 0.0]).any():
+        return values                   # nothing in it was otherwise: a million rows are not kept twice
+    return sane
+
+
+def stand_for_nothing(values: Floats, limits: tuple[float, float] = ANYTHING, inside: Flags | None = None) -> Flags:
+    """Which values (n,) are sentinels: out of the limits, or far larger than all others; or in the rows `inside` (n,),
+    where those are given."""
+    low, high = limits
+    if not values.size or not _reaches_one(values, limits):
+        return np.zeros(values.shape, bool)
+    suspect = np.isin(values, SENTINELS)
+    if inside is None:
+        others = np.abs(values[~suspect & np.isfinite(values) & ~(np.abs(values) > MOST)])
+        inside = np.abs(values) > SENTINEL_APART * (others.max() if others.size else np.inf)
+    return np.asarray(suspect & ((values < low) | (values > high) | inside), bool)
+
+
+def _reaches_one(values: Floats, limits: tuple[float, float]) -> bool:
+    """A quick look: most columns stay far from any."""
+    low, high = np.fmin.reduce(values), np.fmax.reduce(values)
+    return bool(low <= -99.0 or high >= 999.0 or low < limits[0] or high > limits[1])
+
+
+def within(name: str, values: Floats, limits: tuple[float, float], findings: list[Finding]) -> Floats:
+    """What stands outside of the limits is said; and emptied, where a definition says that it cannot be."""
+    outside = (values < limits[0]) | (values > limits[1])
+    count = int(np.count_nonzero(outside))
+    if count == 0:
+        return values
+    example = f"{values[outside][0]:g}"
+    allowed = f"allowed {limits[0]:g} to {limits[1]:g}"
+    if name in EMPTIED_OUTSIDE:
+        findings.append(Finding("outside", f"column {name}: {many(count, 'value')} such as {example} emptied: "
+                                f"{allowed}", name, count))
+        return np.where(outside, np.nan, values)
+    findings.append(Finding("implausible", f"column {name}: {many(count, 'value')} such as {example}, {allowed}: left "
+                            "as read", name, count))
+    return values
+
+
+def from_percent(name: str, values: Floats, findings: list[Finding]) -> Floats:
+    """NDVI as a share, where it was written in percent."""
+    seen = values[np.isfinite(values)]
+    if not seen.size or np.median(seen) <= 1.0 or seen.min() < 0.0 or seen.max() > 100.0:
+        return values
+    findings.append(Finding("ndvi_percent", f"column {name} is in percent: divided by 100", name, int(seen.size)))
+    return values / 100.0
+
+
+def as_printed(values: Floats) -> Floats:
+    """Readings that are alike to the last digit that a log prints are one reading: what repeats, and in which steps, is
+    evidence, and must not hang on the last bits of a float."""
+    with np.errstate(over="ignore"):
+        rounded = np.round(values, PRINTED_DIGITS) + 0.0       # no -0
+    if np.array_equal(rounded, values, equal_nan=True):
+        return values                   # as a log prints them: a million rows are not kept twice
+    return np.where(np.isfinite(rounded), rounded, values)
+
+
+def without_held(name: str, values: Floats, step_s: float, findings: list[Finding]) -> Floats:
+    """Readings held through a dropout say nothing new: only the first of an improbably long run of equals is kept."""
+    same = np.concatenate(([False], (values[1:] == values[:-1]) & (values[1:] != 0.0)))
+    share = same.sum() / max(1, np.isfinite(values).sum())
+    if share == 0.0 or share > 0.5:         # most readings repeat: so coarse a reading is held by nothing
+        return values
+    longest = max(3, int(np.ceil(np.log(HELD_P / len(values)) / np.log(min(0.9, share + 1e-4)))))
+    starts = np.flatnonzero(~same)
+    lengths = np.diff(np.append(starts, len(values)))
+    held = np.zeros(len(values), bool)
+    odd = (lengths > longest) & (lengths * step_s < MAX_HELD_S)
+    for start, length in zip(starts[odd], lengths[odd], strict=True):
+        held[start + 1:start + length] = True
+    if not held.any():
+        return values
+    count = int(held.sum())
+    findings.append(Finding("held", f"column {name}: {count} cells only repeat an older reading and are not used", name,
+                            count))
+    return np.where(held, np.nan, values)
