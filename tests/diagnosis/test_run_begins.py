@@ -130,3 +130,34 @@ def test_a_box_in_a_gap_of_the_log_has_no_evidence(work, machine):
     part = next(c.part for c in search.candidates if c.part.id == "shaft.gain")._replace(onset_s=203.0, until_s=225.0)
     trace, noise = search.columns.trace((part,), 0), search.refit(()).noise
     assert even_gain(search, (), noise, trace) == 0.0
+
+
+@pytest.mark.parametrize("late_s", [0.013, 0.026, 0.039])
+def test_a_gate_that_stuck_between_two_rows_has_nothing_else(machine, late_s):
+    """It moves by a millimetre from row to row, and stands where it stopped: gave gate.offset, 0.74 mm."""
+    rng, time_s, stuck_s = np.random.default_rng(round(late_s / 0.013)), np.arange(0.0, 600.0, 0.05), 300.2 + late_s
+    command = rng.uniform(10.0, 45.0, 200)[(time_s // 6.0).astype(int)]
+    opening = [command[0]]
+    for k in range(1, len(time_s)):
+        most = 20.0 * np.clip(stuck_s + 0.05 - time_s[k], 0.0, 0.05)
+        opening.append(opening[-1] + np.clip(command[max(0, k - 3)] - opening[-1], -most, most))
+    columns = {"time_s": time_s, "opening_mm_cmd": command,
+               "opening_mm": np.array(opening) + rng.normal(0.0, 0.1, len(time_s))}
+    found = diagnose_run(columns, machine)
+    assert [cause.id for cause in found.causes] == ["gate.stuck"], found.causes
+    assert found.causes[0].onset_s == pytest.approx(stuck_s, abs=0.1)
+
+
+def test_a_wheel_that_misses_pulses_has_its_radius():
+    """A wheel's reading that remembers 0.2 s blurs its dips: gave speed.wheel_radius, 1.8 %, p = 0.97."""
+    rng, time_s = np.random.default_rng(1), np.arange(0.0, 900.0, 0.1)
+    speed = 1.3 + 0.2 * np.sin(time_s / 40.0) + 0.1 * np.sin(time_s / 11.0)
+    missing = np.zeros(len(time_s))
+    for begin in np.flatnonzero(rng.random(len(time_s)) < 0.03):
+        missing[begin:begin + rng.integers(2, 9)] = 0.9
+    remembers = np.exp(-np.arange(0.0, 3.0, 0.1) / 0.2)
+    wheel = speed * (1.0 - np.convolve(missing, remembers / remembers.sum())[:len(time_s)])
+    found = diagnose_run({"time_s": time_s, "speed_mps": speed + rng.normal(0.0, 0.03, len(time_s)),
+                          "wheel_speed_mps": np.maximum(0.0, wheel + rng.normal(0.0, 0.012, len(time_s)))},
+                         load("huanghai", MACHINE).model)
+    assert [cause.id for cause in found.causes] == ["speed.missed_pulses"], found.causes

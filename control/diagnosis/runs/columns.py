@@ -18,7 +18,7 @@ from control.machine.terms import own_command
 
 from .channels import ChannelSeries
 from .hypothesis import EffectInstance, Hypothesis, schedule
-from .model import GroupModel, adds_up, course, stamp_sd_s, stood_for, with_course
+from .model import HALT_S, GroupModel, adds_up, course, stamp_sd_s, stood_for, with_course
 from .smooth import TABLES, series, span
 
 Array = npt.NDArray[np.float64]
@@ -94,7 +94,11 @@ def _of_readings(model: GroupModel, channel: ChannelSeries) -> list[Column]:
         assert row.slope_step is not None
         late = model.difference((), EffectInstance(row.id, row.slope_step))
         stamp = {name: change / row.slope_step for name, change in late.items()}
-        return [_column(model, label, stamp, stamp_sd_s(model.machine, channel.grid.step_s))]
+        found = [_column(model, label, stamp, stamp_sd_s(model.machine, channel.grid.step_s))]
+        if data.speed is not None and data.speed.unseen_percent > 0.0:
+            short = model.difference((), EffectInstance(effects.SPEED_WHEEL_RADIUS.id, 1.0))
+            found.append(_column(model, label, short, data.speed.unseen_percent))
+        return found
     if channel.name == "heads":
         ones = [model.difference((), EffectInstance(effects.CANOPY_HEAD_FOULED.id, 1.0, None, k + 1))
                 for k in range(model.heads)]
@@ -160,7 +164,18 @@ class Columns:
         """The nuisances, at the nominal values as they stand, but for those that a part of the hypothesis moves."""
         self._refresh()
         moved = stood_for(parts)
-        return [c for c in self._fixed if c.label.role is not Role.TOLERANCE or c.label.name not in moved]
+        stuck = [part for part in parts if part.id == effects.GATE_STUCK.id]
+        return [*(c for c in self._fixed if c.label.role is not Role.TOLERANCE or c.label.name not in moved),
+                *(self._where_it_stands(parts, part) for part in stuck)]
+
+    def _where_it_stands(self, parts: Hypothesis, stuck: EffectInstance) -> Column:
+        """A gate that stuck within a move stands anywhere on the way that it goes from row to row. The first seconds
+        after a halt are left out of what is judged (HALT_S)."""
+        model, home = self.model, ROWS[effects.GATE_HOME_ERROR.id].on(self.model.machine)
+        assert home.probe is not None
+        off = self.of_candidate(parts, EffectInstance(home.id, home.probe, (stuck.onset_s or 0.0) + HALT_S))
+        return off._replace(label=Label(Role.READING),
+                            sd=model.machine.gate.slew_mm_s * model.channel("gate").grid.step_s)
 
     def slopes(self, parts: Hypothesis) -> list[Column]:
         """Slope of the prediction in each part's size, at the hypothesis."""

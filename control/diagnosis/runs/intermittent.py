@@ -39,7 +39,6 @@ ENDS = (0.2, 0.5)           # ... and that it ends in one: it stands for some te
 # Bridges below the scale's noise, by the step that each leaves in (reading - prediction) for good.
 STEP_SIDE_S = 20.0          # on each side of a step: the scale's noise remembers a second or two
 STEP_GAP_S = 8.0            # left out around a step
-UNSEEN_SD = 0.2             # s.d. of the mass of standstills too short to be seen, as a share of it
 
 # Missing pulses of the wheel, as dips of its speed over the GNSS speed.
 LONG_DIP = 3                # rows: a reading's tail is over in one, and outliers are as often above as below
@@ -49,6 +48,8 @@ CLASSES = 16                # of a variable that the dips may follow ...
 ALIKE = 4.0                 # ... times as many samples as there are classes: rates alike within 1 / sqrt(4) of each
 FAST_MPS = 0.6              # below this speed a reading says little about the ratio
 COMES_WITH_TIME = ("time_s", "hopper_kg", "speed_mps")      # what changes how many pulses there are
+
+UNSEEN_SD = 0.2             # s.d. of what spells too short to be seen make, as a share of what was seen
 
 
 class ReadOff(NamedTuple):
@@ -122,7 +123,7 @@ def _without_dips(s: Speed, where: Sequence[Array]) -> tuple[Speed, ReadOff | No
         return s, None
     wheel = np.where(dips, s.wheel_mps * usual / np.maximum(ratio, 0.05), s.wheel_mps)
     sd = share * np.sqrt(2.0 / _starts(dips))
-    return s._replace(wheel_mps=wheel), ReadOff(missed, float(sd), odds)
+    return s._replace(wheel_mps=wheel, unseen_percent=UNSEEN_SD * share), ReadOff(missed, float(sd), odds)
 
 
 def _pulses(on: BoolArray, rows: float) -> float:

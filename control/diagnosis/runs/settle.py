@@ -65,7 +65,7 @@ def _wanted(columns: Columns, parts: Hypothesis) -> tuple[list[tuple[Nuisance, f
 def _at_rest(columns: Columns, parts: Hypothesis) -> float:
     """Log-likelihood with the nominal values exactly where they stand."""
     model = columns.model
-    kept = [c for c in columns.fixed() if c.label.role not in (Role.TOLERANCE, Role.TRAIT)]
+    kept = [c for c in columns.fixed(parts) if c.label.role not in (Role.TOLERANCE, Role.TRAIT)]
     p = problem(model.channels, model.banded_residual(parts), kept)
     value = fitted(p, np.arange(len(kept)), model.noise, rounds=2).log_likelihood
     for _, n in model.nuisances:
@@ -86,7 +86,7 @@ def _try_times(columns: Columns, parts: Hypothesis) -> None:
 
 def _move_time(columns: Columns, parts: Hypothesis, channel: ChannelSeries, n: Nuisance) -> None:
     model, name = columns.model, channel.name
-    kept = [c for c in columns.fixed() if name in c.coefficients
+    kept = [c for c in columns.fixed(parts) if name in c.coefficients
             and not (c.label.role is Role.TOLERANCE and c.label.name == n.key)]
     places = np.arange(len(kept))
 

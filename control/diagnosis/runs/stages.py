@@ -134,6 +134,7 @@ class Speed(NamedTuple):
     gnss_mps: Array
     grid: Grid
     more_percent: Array | float = 0.0   # of the machine file's terms
+    unseen_percent: float = 0.0         # (1 s.d.) of the wheel's speed, missing in dips too short to be taken out
 
 
 class Heads(NamedTuple):
