@@ -114,10 +114,10 @@ class Terminal:
     def did(self) -> tuple[int, ...]:
         """What the program has done so far: bytes written, and where the system tells it ticks of the processor."""
         try:
-            told = Path(f"/proc/{self.process.pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+            stat = Path(f"/proc/{self.process.pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
         except OSError:
             return (self._bytes,)
-        return self._bytes, int(told[11]) + int(told[12])           # utime and stime, man 5 proc
+        return self._bytes, int(stat[11]) + int(stat[12])           # utime and stime, man 5 proc
 
     def hang_up(self) -> None:
         """What closing the window does."""
@@ -247,7 +247,7 @@ def wait(true: Callable[[], bool], most_s: float, what: str, terminal: Terminal 
 class Death(NamedTuple):
     what: str
     happened: str
-    after_s: float | None           # to held, or to being told
+    after_s: float | None           # to held, or to word of it
     log: str
     ok: bool
 
@@ -321,7 +321,7 @@ def worker_dies(folder: Path) -> Death:
         time.sleep(1.0)
         died_s = time.monotonic()
         os.kill(where.pid, signal.SIGKILL)
-        told_s = wait(lambda: console.terminal.shows("gone"), 5.0, "word of it on the screen", console.terminal)
+        said_s = wait(lambda: console.terminal.shows("gone"), 5.0, "word of it on the screen", console.terminal)
         wait(lambda: watcher.gone_at_s is not None, 5.0, "the link's end")
         assert watcher.gone_at_s is not None
         log, rows = log_says(where)
@@ -331,7 +331,7 @@ def worker_dies(folder: Path) -> Death:
         return Death("worker SIGKILL", f"link closed after {watcher.gone_at_s - died_s:.2f} s, the console says so; "
                      "the board stops by itself after 1 s (loss table); the last "
                      f"{max(0.0, missing_s):.2f} s are not in the log",
-                     told_s, log, told_s < 1.5 and missing_s < 1.1 and alive)
+                     said_s, log, said_s < 1.5 and missing_s < 1.1 and alive)
     finally:
         console.terminal.end()
         console.end_worker()

@@ -2,7 +2,7 @@
 
 Every strategy is driven through the manoeuvres of `manoeuvres.py`, with each way of knowing the speed to come: not at
 all; what the driver has set, at once; changes of that a lag ahead; all that the drive will do, its wander included.
-Told are, over the runs of all seeds: rate error (mean, p95 over runs) against what was held, and against the graded and
+Printed are, over all seeds: rate error (mean, p95 over runs) against what was held, and against the graded and
 the smooth need of the canopy; place error (mean, p95, bias); what landed beyond the field; gate moves an hour.
 
 --against: the same, not known only, with the code of another tree, in the same run. Exit code 1 where a promise breaks;
@@ -33,7 +33,7 @@ from control.simulation.figures import moves
 KNOWN = ("none", "set", "plan", "drive")
 GO_HELD = (GO[0], *((1.0 + 0.2 * k, Order(Do.START, True)) for k in range(40)))     # START held until the machine works
 PROMISED_FROM = 3               # seeds
-HEAD = (f"{'manoeuvre':36}{'strategy':14}{'told':6}{'held %':>8}{'p95':>7}{'graded':>8}{'smooth':>8}{'bias %':>8}"
+HEAD = (f"{'manoeuvre':36}{'strategy':14}{'preview':8}{'held %':>8}{'p95':>7}{'graded':>8}{'smooth':>8}{'bias %':>8}"
         f"{'place m':>9}{'p95':>7}{'bias m':>8}{'steps':>6}{'lost':>5}{'beyond':>8}{'gate/h':>8}{'us/tick':>8}")
 
 
@@ -43,7 +43,7 @@ class Found(NamedTuple):
     tree: str
     manoeuvre: str
     strategy: str
-    told: str
+    preview: str
     held_percent: float
     held_p95_percent: float         # over runs
     graded_percent: float
@@ -60,19 +60,19 @@ class Found(NamedTuple):
     seeds: int
 
     def line(self) -> str:
-        return (f"{self.manoeuvre:36}{self.strategy:14}{self.told:6}{self.held_percent:8.2f}"
+        return (f"{self.manoeuvre:36}{self.strategy:14}{self.preview:8}{self.held_percent:8.2f}"
                 f"{self.held_p95_percent:7.2f}{self.graded_percent:8.2f}{self.smooth_percent:8.2f}"
                 f"{self.bias_percent:+8.2f}{self.place_m:9.3f}{self.place_p95_m:7.3f}{self.place_bias_m:+8.3f}"
                 f"{self.steps:6d}{self.lost:5d}{self.outside_m:8.3f}{self.gate_moves_per_h:8.0f}{self.tick_us:8.0f}")
 
 
-def measured(what: Manoeuvre, strategy: Strategy, told: str, seeds: int, tree: str, settled: bool = False) -> Found:
+def measured(what: Manoeuvre, strategy: Strategy, preview: str, seeds: int, tree: str, settled: bool = False) -> Found:
     setup = the_setup(settled)
     width_m = setup.machine.geometry.working_width_m
     orders = None
     if what.speeds and what.speeds[0][1] == 0:
         orders = GO_HELD if hasattr(SafetyLimits(), "launch_max_s") else GO
-    sim = sim_of(what) | ({} if told == "none" else {"speed_told": told})
+    sim = sim_of(what) | ({} if preview == "none" else {"speed_told": preview})
     each, needed, places, gate, ticks = [], [], [], [], 0
     begun = time.process_time()
     for seed in range(1, seeds + 1):
@@ -86,7 +86,7 @@ def measured(what: Manoeuvre, strategy: Strategy, told: str, seeds: int, tree: s
     took_us = 1e6 * (time.process_time() - begun) / max(1, ticks)
     rates = [one.rate_percent for one in each]
     size = np.abs(places) if places else np.full(1, np.nan)
-    return Found(tree, what.name, strategy.value, told, statistics.fmean(rates), float(np.percentile(rates, 95)),
+    return Found(tree, what.name, strategy.value, preview, statistics.fmean(rates), float(np.percentile(rates, 95)),
                  float(np.mean([g for g, _ in needed])), float(np.mean([s for _, s in needed])),
                  statistics.fmean(one.bias_percent for one in each), float(size.mean()),
                  float(np.percentile(size, 95)), float(np.mean(places)) if places else float("nan"), len(places),
@@ -116,20 +116,20 @@ def promises(found: Sequence[Found], settled: bool = False) -> dict[str, object]
     for f in found:
         if f.tree != "new":
             continue
-        who = f"{f.manoeuvre}, {f.strategy}, told {f.told}"
+        who = f"{f.manoeuvre}, {f.strategy}, preview {f.preview}"
         kept[f"{who}: something landed as wanted: {f.held_percent:.2f} % below 40 %"] = f.held_percent < 40.0
         if f.seeds < PROMISED_FROM:
             continue
         as_it_plans = f.strategy if settled or f.strategy != "balanced" else "opening_first"
-        limit = PROMISED.get((f.manoeuvre, as_it_plans, f.told))
+        limit = PROMISED.get((f.manoeuvre, as_it_plans, f.preview))
         if limit is not None:
             kept[f"{who}: rate error {f.held_percent:.2f} %: at most {limit:g} %"] = f.held_percent <= limit
-        if f.manoeuvre.startswith("steady") and f.strategy != "speed_first" and f.told == "none":
+        if f.manoeuvre.startswith("steady") and f.strategy != "speed_first" and f.preview == "none":
             kept[f"{who}: place bias {f.place_bias_m:+.3f} m: at most 0.01 m"] = abs(f.place_bias_m) <= 0.01
     return kept
 
 
-# Rate error, %, by manoeuvre, strategy and what is told. Where a figure of the issue is not reached the promise is what
+# Rate error, %, by manoeuvre, strategy and preview. Where a figure of the issue is not reached the promise is what
 # is: opening first cannot know a wander of the throttle that shows itself within the lag; at 1 m/s2 the shaft's limit
 # binds; in the middle of a field the first metre passes while the first granules fall.
 PROMISED: dict[tuple[str, str, str], float] = {
@@ -145,12 +145,12 @@ PROMISED: dict[tuple[str, str, str], float] = {
     ("start from standstill in the field", "balanced", "plan"): 15.0}
 
 
-def every(chosen: Sequence[Manoeuvre], strategies: Sequence[str], told: Sequence[str], seeds: int,
+def every(chosen: Sequence[Manoeuvre], strategies: Sequence[str], preview: Sequence[str], seeds: int,
           tree: str, settled: bool) -> Iterator[Found]:
     knows = "speed_told" in Simulated.model_fields
     for what in chosen:
         for strategy in strategies:
-            for how in told if knows else ("none",):
+            for how in preview if knows else ("none",):
                 yield measured(what, Strategy(strategy), how, seeds, tree, settled)
 
 
@@ -158,8 +158,8 @@ def _other(tree: Path, arguments: Sequence[str]) -> list[Found]:
     """The same of another tree, not known only."""
     here = Path(__file__).resolve()
     environment = os.environ | {"PYTHONPATH": f"{tree}{os.pathsep}{here.parent}"}
-    run = subprocess.run([sys.executable, str(here), *arguments, "--told", "none", "--json"], env=environment, cwd=tree,
-                         stdout=subprocess.PIPE, text=True, check=False)
+    run = subprocess.run([sys.executable, str(here), *arguments, "--preview", "none", "--json"], env=environment,
+                         cwd=tree, stdout=subprocess.PIPE, text=True, check=False)
     return [Found(**json.loads(line)) for line in run.stdout.splitlines() if line.startswith("{")]
 
 
@@ -168,7 +168,7 @@ def run() -> int:
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--only", default="", help="manoeuvres whose name contains one of these, comma separated")
     parser.add_argument("--strategies", default=",".join(Strategy))
-    parser.add_argument("--told", default=",".join(KNOWN))
+    parser.add_argument("--preview", default=",".join(KNOWN))
     parser.add_argument("--against", type=Path, help="another tree, measured in the same run")
     parser.add_argument("--settled", action="store_true",
                         help="control knows from a lag test between two rates that the stream carries what falls")
@@ -181,10 +181,10 @@ def run() -> int:
     lines = [] if given.json else [HEAD]
     if given.against is not None:
         found += _other(given.against, arguments)
-        found = [f._replace(tree="old", told="old") for f in found]
+        found = [f._replace(tree="old", preview="old") for f in found]
         lines += [f.line() for f in found]
     print("\n".join(lines), flush=True)
-    for one in every(chosen, given.strategies.split(","), given.told.split(","), given.seeds, "new",
+    for one in every(chosen, given.strategies.split(","), given.preview.split(","), given.seeds, "new",
                      given.settled):
         found.append(one)
         lines.append(json.dumps(one._asdict()) if given.json else one.line())

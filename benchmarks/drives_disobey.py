@@ -1,7 +1,7 @@
-"""What a drive that does not stand when it is told to costs, and when it is said: `python -m benchmarks drives_disobey`
+"""What a drive that does not stop when commanded to costs, and when it is said: `python -m benchmarks drives_disobey`
 
 Worker's loop, cab and drivers against the virtual machine's bytes, on an injected clock. In each state the board turns
-the shaft at 70 r/min for 30 s, whatever it is told; or opens the gate; or a section's valve stays open. Printed: what
+the shaft at 70 r/min for 30 s, whatever the command; or opens the gate; or a section's valve stays open. Printed: what
 left the machine (plant), what the console counted, what the log's events tell, and after how many seconds it was said.
 """
 from __future__ import annotations

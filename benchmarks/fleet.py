@@ -8,7 +8,6 @@
     python -m benchmarks fleet killed DIR [--logs 40]    a worker killed, the command killed and begun again
     python -m benchmarks fleet long DIR [--logs 20]      a log of 1e6 rows among others: memory of workers
     python -m benchmarks fleet elsewhere DIR [--logs 12] a scheduler and workers started by hand; logs by file:// and http://
-    python -m benchmarks fleet weak [--seeds 11]         30 logs with an effect of z 3 in each, and the same without it
 
 Exit code 1 where a promise is not kept. `pooled` draws each log's form about the truth with the information of real
 logs, so that a thousand logs cost seconds; all others diagnose real rows. Outputs lie beside DIR.
@@ -28,7 +27,6 @@ from season.judged import Checks  # noqa: E402
 from season.logs import make, make_broken  # noqa: E402
 from season.pooled import pooled  # noqa: E402
 from season.truth import days  # noqa: E402
-from season.weak import weak  # noqa: E402
 
 from drivers.files.config import load  # noqa: E402
 from drivers.files.kinds import MACHINE  # noqa: E402
@@ -36,8 +34,7 @@ from drivers.files.kinds import MACHINE  # noqa: E402
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("pooled", "logs", "run", "reported", "scaling", "killed", "long", "elsewhere",
-                                         "weak"))
+    parser.add_argument("what", choices=("pooled", "logs", "run", "reported", "scaling", "killed", "long", "elsewhere"))
     parser.add_argument("folder", type=Path, nargs="?")
     parser.add_argument("out", type=Path, nargs="?")
     parser.add_argument("--minutes", type=float, default=6.0)
@@ -48,8 +45,6 @@ def main() -> int:
     machine, checks = load("huanghai", MACHINE).model, Checks()
     if given.what == "pooled":
         checks = pooled(given.seeds, given.minutes, machine)
-    elif given.what == "weak":
-        weak(given.minutes, machine, given.seeds[0], checks)
     elif given.folder is None:
         parser.error(f"{given.what} needs a folder")
     elif given.what == "logs":

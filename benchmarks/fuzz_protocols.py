@@ -46,7 +46,7 @@ class Subject(NamedTuple):
     make: Callable[[random.Random], bytes]
     read: Callable[[bytes], Iterable[Said]]
     stream: Callable[[], Callable[[bytes], object]]
-    why: str                        # a wrong frame that is believed cannot be told from one that was sent, because ...
+    why: str                        # why a wrong frame that is believed looks like one that was sent
 
 
 def fix(chance: random.Random) -> GnssFix:
@@ -132,7 +132,7 @@ def module_status(chance: random.Random) -> bytes:
                                 chance.uniform(0, 1000)))
 
 
-def module_told(chance: random.Random) -> bytes:
+def module_commands(chance: random.Random) -> bytes:
     if chance.random() < 0.3:
         return encode_relays(Relays(chance.randrange(16), chance.randrange(16), chance.randrange(2)))
     return encode_target(Target(chance.randrange(16), 0, chance.uniform(0, 100), chance.uniform(100, 1000), "motor",
@@ -227,7 +227,7 @@ SUBJECTS: dict[str, Subject] = {
     "dose report": Subject(dose_report, crc_frames(point_dose.decode_report), lambda: _fed(SlaveBoard()), CRC16),
     "lag rig": Subject(lag_line, crc_frames(lag_rig.decode_status), lambda: _fed(lag_rig.LagRig()), CRC16),
     "rate module": Subject(module_status, datagrams(rate_module_frames.decode_heard), _module, SUM),
-    "rate module, told": Subject(module_told, datagrams(rate_module_frames.decode_command), _module, SUM),
+    "rate module, commands": Subject(module_commands, datagrams(rate_module_frames.decode_command), _module, SUM),
 }
 
 

@@ -94,7 +94,7 @@ def in_replay(terminal: Terminal, times: int) -> Iterator[tuple[str, float]]:
         time.sleep(0.2)
 
 
-def told(name: str, found: list[tuple[str, float]]) -> dict[str, object]:
+def printed(name: str, found: list[tuple[str, float]]) -> dict[str, object]:
     promises: dict[str, object] = {}
     for kind in dict.fromkeys(kind for kind, _s in found):
         seconds = sorted(s for one, s in found if one == kind)
@@ -114,7 +114,7 @@ def run() -> int:
         terminal = console.terminal
         try:
             wait(lambda: terminal.shows("NDVI 0."), 60.0, "numbers", terminal)
-            promises = told("at work", list(at_work(terminal, times)))
+            promises = printed("at work", list(at_work(terminal, times)))
         finally:
             terminal.end()
             console.end_worker()
@@ -131,7 +131,7 @@ def run() -> int:
             replay.type("y")
             wait(lambda: replay.shows("playing"), 20.0, "playing", replay)
             speed = next((word for word in replay.text().split() if word.endswith("x") and word[:-1].isdigit()), "?")
-            promises |= told(f"in replay at {speed}", list(in_replay(replay, times)))
+            promises |= printed(f"in replay at {speed}", list(in_replay(replay, times)))
         finally:
             replay.end()
     return exit_code(promises)

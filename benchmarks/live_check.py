@@ -107,17 +107,17 @@ def delays(seed: int, repeated: int) -> None:
     fits = [p for p in chosen("all") if p.strategy != "opening_first"]
     for which in (1, 2, 0):             # the middle sizes first: a run may be cut
         for k, (effect, sizes) in enumerate(SIZES.items()):
-            size, told = sizes[which], []
+            size, cells = sizes[which], []
             for again in range(repeated):
                 number = seed + 1000 * again + k
                 e = Effect(effect, size, 0, 0.5, None, 2 if effect.startswith("canopy") else None, number,
                            course=Course(ONSET, BEGINS_S, 0.0))
                 columns = log_of(number, (e,), fits[(2 * k + again) % len(fits)])
                 if columns is None:
-                    told.append("no log")
+                    cells.append("no log")
                     continue
-                told.append(_first_and_named(columns))
-            print(f"  {effect:20} {size:6g}  {'   '.join(told)}", flush=True)
+                cells.append(_first_and_named(columns))
+            print(f"  {effect:20} {size:6g}  {'   '.join(cells)}", flush=True)
 
 
 def _first_and_named(columns: Columns) -> str:

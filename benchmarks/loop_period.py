@@ -44,7 +44,7 @@ COLUMNS = ("p50_ms", "p99_ms", "p999_ms", "max_ms", "busy_p50_ms", "busy_max_ms"
            "load", "drawn_kB")
 ROWS, COLUMNS_WIDE = 40, 120
 START_EVERY_S = 0.5             # the operator tries again until it works
-LEAST_TICKS = 0.8               # the console's start and end take some; skipped ones are told
+LEAST_TICKS = 0.8               # the console's start and end take some; skipped ones are printed
 
 
 def host_of(given: argparse.Namespace) -> Host:

@@ -464,7 +464,7 @@ def log_failed(folder: Path) -> Found:
     from drivers.files.read_log import read_log
     rows = sum(1 for _ in read_log(path).rows())
     return Found("disk full, log not writable", "red, no flow; on only if the operator says so", 0.1, measured_s,
-                 f"log_failed, no flow; told to go on: flow after {on_s:.2f} s; space again: {rows} rows of {ticks} "
+                 f"log_failed, no flow; ordered to go on: flow after {on_s:.2f} s; space again: {rows} rows of {ticks} "
                  "ticks in the log", alarm and goes_on and on_s < 1.0 and whole and rows == ticks)
 
 

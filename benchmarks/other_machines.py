@@ -4,7 +4,7 @@ Control has the shipped machine file. What is driven is one of `control.machine.
 goes on in the tube, and drives, flow and field lag are never quite the file's. Nothing on the machine sees the ground,
 so machines that differ in the tube alone are driven once, and landed each its own way.
 
-Told are, mean over seeds: rate error as it fell, and with the best constant shift along the way (what a lag test on
+Printed are, mean over seeds: rate error as it fell, and with the best constant shift along the way (what a lag test on
 this machine would have taken away); place error likewise; and for each strategy the mean and the worst of all machines.
 
 --against: the same with the control of another tree, in the same run. Exit code 1 where a promise breaks.
@@ -51,7 +51,7 @@ SHIFTS_M = np.arange(-1.2, 1.2001, 0.05)
 GO_HELD = (GO[0], *((1.0 + 0.2 * k, Order(Do.START, True)) for k in range(40)))
 PROMISED_FROM = 3               # seeds
 TESTED_SD = 0.05                # of the carried share, after ten steps from 40 to 80 r/min
-HEAD = (f"{'manoeuvre':43}{'strategy':14}{'told':7}{'machine':15}{'held %':>8}{'shifted':>9}{'shift m':>9}"
+HEAD = (f"{'manoeuvre':43}{'strategy':14}{'preview':8}{'machine':15}{'held %':>8}{'shifted':>9}{'shift m':>9}"
         f"{'place m':>9}{'shifted':>9}{'p95':>7}{'steps':>6}{'lost':>5}{'worst bin':>11}{'bare m':>8}")
 
 
@@ -60,7 +60,7 @@ class Drive(NamedTuple):
 
     manoeuvre: str
     strategy: str
-    told: str
+    preview: str
     seed: int
     machine: dict[str, Any]
     drives: str                 # name of what differs in drives and flow
@@ -73,7 +73,7 @@ class Found(NamedTuple):
     tree: str
     manoeuvre: str
     strategy: str
-    told: str
+    preview: str
     machine: str
     held_percent: float
     shifted_percent: float      # with the best constant shift
@@ -87,8 +87,8 @@ class Found(NamedTuple):
     bare_m: float               # of the way: below a tenth of what was wanted, a run
 
     def line(self) -> str:
-        told = self.told if self.tree == "new" else self.tree
-        return (f"{self.manoeuvre:43}{self.strategy:14}{told:7}{self.machine:15}{self.held_percent:8.2f}"
+        preview = self.preview if self.tree == "new" else self.tree
+        return (f"{self.manoeuvre:43}{self.strategy:14}{preview:8}{self.machine:15}{self.held_percent:8.2f}"
                 f"{self.shifted_percent:9.2f}{self.shift_m:+9.2f}{self.place_m:9.3f}{self.shifted_place_m:9.3f}"
                 f"{self.place_p95_m:7.3f}{self.steps:6d}{self.lost:5d}{self.worst_kg_ha:11.0f}{self.bare_m:8.2f}")
 
@@ -97,8 +97,8 @@ def drive(what: Drive) -> tuple[dict[str, Any], list[Any]]:
     """Columns of `Record` and the changes made; works with trees that know nothing of this benchmark."""
     setup, manoeuvre = _knowing(what.known), next(m for m in DRIVEN if m.name == what.manoeuvre)
     sim = setup.job.simulated.model_dump() | sim_of(manoeuvre)
-    if what.told != "none":
-        sim["speed_told"] = what.told
+    if what.preview != "none":
+        sim["speed_told"] = what.preview
     update: dict[str, Any] = {"strategy": Strategy(what.strategy), "simulated": Simulated.model_validate(sim)}
     profile = None
     if what.manoeuvre == ZONES:
@@ -120,11 +120,11 @@ def drive(what: Drive) -> tuple[dict[str, Any], list[Any]]:
     return record.columns(), record.fired
 
 
-def _of_this_tree(told: dict[str, Any]) -> Machine:
+def _of_this_tree(published: dict[str, Any]) -> Machine:
     """Keys that an older tree does not know are left out: its machine has no such thing (`shaft.one_way`: all its
     shafts turn one way)."""
     plain, known = Machine(), dict[str, Any]()
-    for name, value in told.items():
+    for name, value in published.items():
         fields = getattr(getattr(plain, name, None), "_fields", None)
         if name in Machine.model_fields:
             known[name] = value if fields is None else {key: own for key, own in value.items() if key in fields}
@@ -177,13 +177,13 @@ def judge(columns: dict[str, Any], fired: Sequence[Any], what: Manoeuvre, width_
     return Judged(held, np.array([of(shift)[0] for shift in SHIFTS_M]), places, lost, worst, bare)
 
 
-def found(tree: str, manoeuvre: str, strategy: str, told: str, machine: str, each: Sequence[Judged]) -> Found:
+def found(tree: str, manoeuvre: str, strategy: str, preview: str, machine: str, each: Sequence[Judged]) -> Found:
     by_shift = np.mean([one.by_shift for one in each], axis=0)      # one shift for all seeds: it is the machine's
     best = int(np.argmin(by_shift))
     places = np.concatenate([one.places_m for one in each])
     size = np.abs(places) if len(places) else np.full(1, np.nan)
     about = np.abs(places - np.median(places)) if len(places) else np.full(1, np.nan)
-    return Found(tree, manoeuvre, strategy, told, machine, statistics.fmean(one.held for one in each),
+    return Found(tree, manoeuvre, strategy, preview, machine, statistics.fmean(one.held for one in each),
                  float(by_shift[best]), float(SHIFTS_M[best]), float(size.mean()), float(about.mean()),
                  float(np.percentile(about, 95)), len(places), sum(one.lost for one in each),
                  max(one.worst_kg_ha for one in each), statistics.fmean(one.bare_m for one in each))
@@ -203,8 +203,8 @@ def driven_by(tree: Path | None, drives: Sequence[Drive]) -> list[tuple[dict[str
         return list(pickle.loads(got.read_bytes()))
 
 
-def measured(manoeuvres: Sequence[Manoeuvre], strategies: Sequence[str], told: str, machines: Sequence[str], seeds: int,
-             tree: Path | None, lag_tested: bool = False) -> Iterator[Found]:
+def measured(manoeuvres: Sequence[Manoeuvre], strategies: Sequence[str], preview: str, machines: Sequence[str],
+             seeds: int, tree: Path | None, lag_tested: bool = False) -> Iterator[Found]:
     from control.machine.plausible import plausible
     setup = the_setup()
     width_m = setup.machine.geometry.working_width_m
@@ -212,7 +212,8 @@ def measured(manoeuvres: Sequence[Manoeuvre], strategies: Sequence[str], told: s
     for what in manoeuvres:
         for strategy in strategies:
             kinds = {name: "file" if name in IN_THE_TUBE and not lag_tested else name for name in machines}
-            drives = [Drive(what.name, strategy, told, seed, _known_to_all(machine), kind, _tested(machine, lag_tested))
+            drives = [Drive(what.name, strategy, preview, seed, _known_to_all(machine), kind,
+                            _tested(machine, lag_tested))
                       for kind, machine in {kinds[name]: true[name] for name in machines}.items()
                       for seed in range(1, seeds + 1)]
             runs: dict[str, list[tuple[dict[str, Any], list[Any]]]] = {}
@@ -222,7 +223,7 @@ def measured(manoeuvres: Sequence[Manoeuvre], strategies: Sequence[str], told: s
                 each = [judge(relanded(columns, true[name]), fired, what, width_m)
                         for columns, fired in runs[kinds[name]]]
                 yield found("new" if tree is None else "old", what.name, strategy,
-                            "tested" if lag_tested else told, name, each)
+                            "tested" if lag_tested else preview, name, each)
 
 
 def _tested(machine: Machine, lag_tested: bool) -> dict[str, Any]:
@@ -233,26 +234,26 @@ def _tested(machine: Machine, lag_tested: bool) -> dict[str, Any]:
 def _known_to_all(machine: Machine) -> dict[str, Any]:
     """The file of the machine's drives and flow, of each part what is not as it comes by itself: a tree that knows
     fewer keys reads it too. Its tube is left to the landing."""
-    plain, told = Machine(), dict[str, Any]()
+    plain, published = Machine(), dict[str, Any]()
     values = machine.model_dump(mode="json", exclude={"fall", "tolerance", "set_points"}, exclude_defaults=True)
     for name, value in values.items():
         part, usual = getattr(machine, name), getattr(plain, name)
         if hasattr(part, "_asdict"):
             value = {key: own for key, own in part._asdict().items() if own != getattr(usual, key)}
-        told[name] = value
-    return told
+        published[name] = value
+    return published
 
 
 def summary(all_found: Sequence[Found]) -> Iterator[str]:
     """By manoeuvre and strategy: mean and worst of the machines."""
-    yield (f"\n{'manoeuvre':43}{'strategy':14}{'told':7}{'held % mean':>12}{'worst':>8}{'shifted mean':>14}"
+    yield (f"\n{'manoeuvre':43}{'strategy':14}{'preview':8}{'held % mean':>12}{'worst':>8}{'shifted mean':>14}"
            f"{'worst':>8}  {'of':15}{'place mean':>11}{'worst':>8}{'shifted mean':>14}{'worst':>8}")
     groups: dict[tuple[str, str, str, str], list[Found]] = {}
     for f in all_found:
-        groups.setdefault((f.manoeuvre, f.strategy, f.tree, f.told), []).append(f)
-    for (manoeuvre, strategy, tree, told), of in groups.items():
+        groups.setdefault((f.manoeuvre, f.strategy, f.tree, f.preview), []).append(f)
+    for (manoeuvre, strategy, tree, preview), of in groups.items():
         worst = max(of, key=lambda f: f.shifted_percent)
-        yield (f"{manoeuvre:43}{strategy:14}{told if tree == 'new' else tree:7}"
+        yield (f"{manoeuvre:43}{strategy:14}{preview if tree == 'new' else tree:8}"
                f"{statistics.fmean(f.held_percent for f in of):12.2f}{max(f.held_percent for f in of):8.2f}"
                f"{statistics.fmean(f.shifted_percent for f in of):14.2f}{worst.shifted_percent:8.2f}  "
                f"{worst.machine:15}{statistics.fmean(f.place_m for f in of):11.3f}{max(f.place_m for f in of):8.3f}"
@@ -264,7 +265,7 @@ def promises(all_found: Sequence[Found], seeds: int) -> dict[str, object]:
     for f in all_found:
         if f.tree != "new" or seeds < PROMISED_FROM:
             continue
-        who = f"{f.manoeuvre}, {f.strategy}, {f.machine}, told {f.told}"
+        who = f"{f.manoeuvre}, {f.strategy}, {f.machine}, preview {f.preview}"
         promised = PROMISED_IN_FIELD_PERCENT if f.machine == "field_lag" else PROMISED_PERCENT
         rate = promised.get((f.manoeuvre, f.strategy))
         place = PROMISED_M.get((f.manoeuvre, f.strategy))
@@ -289,8 +290,8 @@ def run() -> int:
     parser.add_argument("--only", default="", help="manoeuvres whose name contains one of these, comma separated")
     parser.add_argument("--strategies", default=",".join(Strategy))
     parser.add_argument("--machines", default=",".join(PLAUSIBLE))
-    parser.add_argument("--told", default="none", help="none, set, plan, drive; comma separated")
-    parser.add_argument("--against", type=Path, help="another tree, measured in the same run, nothing told")
+    parser.add_argument("--preview", default="none", help="none, set, plan, drive; comma separated")
+    parser.add_argument("--against", type=Path, help="another tree, measured in the same run, nothing announced")
     parser.add_argument("--tested", action="store_true", help="also with a machine file that a lag test between two "
                                                               "rates has put right")
     parser.add_argument("--out", type=Path, help="write the lines there too")
@@ -298,13 +299,13 @@ def run() -> int:
     chosen = [m for m in DRIVEN if any(word in m.name for word in given.only.split(","))]
     strategies, machines = given.strategies.split(","), given.machines.split(",")
     trees = [(given.against, "none")] if given.against is not None else []
-    trees += [(None, told) for told in given.told.split(",")]
+    trees += [(None, preview) for preview in given.preview.split(",")]
     trees += [(None, "tested")] if given.tested else []
     lines, all_found = [HEAD], list[Found]()
     print(HEAD)
-    for tree, told in trees:
-        for one in measured(chosen, strategies, "none" if told == "tested" else told, machines, given.seeds, tree,
-                            told == "tested"):
+    for tree, preview in trees:
+        for one in measured(chosen, strategies, "none" if preview == "tested" else preview, machines, given.seeds, tree,
+                            preview == "tested"):
             all_found.append(one)
             lines.append(one.line())
             print(lines[-1], flush=True)

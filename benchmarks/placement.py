@@ -84,7 +84,7 @@ def oblique(pass_m: float = PASS_M) -> dict[str, object]:
             for changing in (False, True):
                 found = [oblique_run(setup, rpm, kmh, changing, look_ahead, k, pass_m)
                          for k, kmh in enumerate(SPEEDS_KMH)]
-                cells += [f"{_told(misses, lost)}" for misses, lost in found]
+                cells += [f"{_cell(misses, lost)}" for misses, lost in found]
                 steps, lost = sum(len(misses) for misses, _ in found), sum(lost for _, lost in found)
                 promises[f"{rpm:g} r/min, look-ahead {look_ahead}, changing {changing}: {steps} steps found, "
                          f"{lost} lost: more found than lost"] = steps > lost
@@ -151,7 +151,7 @@ def _changes(speed_kmh: float, lasts_s: float) -> tuple[SpeedChange, ...]:
     return tuple(found)
 
 
-def _told(misses: np.ndarray, lost: int) -> str:
+def _cell(misses: np.ndarray, lost: int) -> str:
     if not len(misses):
         return f"none ({lost} lost)"
     p50, p95 = np.percentile(np.abs(misses), (50, 95))

@@ -95,9 +95,9 @@ def exports(seconds: float) -> bool:
         for name, *got in found:
             off = [None if value is None else value - true for value, true in zip(got, wanted, strict=True)]
             good &= all(gap is None or abs(gap) <= 0.0006 for gap in off[:2]) and abs(off[2] or 0.0) <= 0.6
-            told = ", ".join(f"{label} {'not in the format' if value is None else f'{value:.6f} ({gap:+.1e})'}"
+            read_back = ", ".join(f"{label} {'not in the format' if value is None else f'{value:.6f} ({gap:+.1e})'}"
                              for label, value, gap in zip(("applied kg", "target kg", "m2"), got, off, strict=True))
-            print(f"{name}: {told}")
+            print(f"{name}: {read_back}")
     return good
 
 

@@ -36,7 +36,7 @@ COLD_STARTS = ("beidou-bd.log",)       # its first places jump by 33 m while it 
 
 class Receiver(NamedTuple):
     """How a receiver errs. Places: white noise, and a slow part of that s.d. and correlation; speeds: noise, delay, the
-    step in which they are told, below which speed it tells none."""
+    step in which they are reported, below which speed it reports none."""
 
     name: str
     quality: int
@@ -125,7 +125,7 @@ def _plan(rng: np.random.Generator) -> Iterator[tuple[float, float, float, bool]
         side = -side
 
 
-class Told:
+class Reports:
     """Fixes of a receiver that watches a machine. `drift`: of the place, east, m; `with_it`: of its speed, m/s."""
 
     def __init__(self, receiver: Receiver, rng: np.random.Generator) -> None:
@@ -165,12 +165,12 @@ class Believed(NamedTuple):
 
 
 def drifting(receiver: Receiver, drift_mps: float, with_it: bool, seed: int = 1) -> Believed:
-    told, sensing = Told(receiver, np.random.default_rng(seed)), Sensing(0.0, PLANE)
+    reports, sensing = Reports(receiver, np.random.default_rng(seed)), Sensing(0.0, PLANE)
     fix, far_m, said_s = None, 0.0, None
     for k, at in enumerate(straight(BEFORE_S + LOOKED_S)):
         now_s = k * TICK_S
         since_s = max(0.0, now_s - BEFORE_S)
-        new = told.fix(now_s, at, drift_mps * since_s, drift_mps if with_it and since_s > 0.0 else 0.0)
+        new = reports.fix(now_s, at, drift_mps * since_s, drift_mps if with_it and since_s > 0.0 else 0.0)
         fix = new or fix
         sensed = sensing.update(Measurements(now_s, gnss=fix, wheel_speed_mps=Reading(at.wheel_mps, now_s)))
         if since_s <= 0.0 or sensed.east_m is None or sensed.north_m is None:
@@ -213,9 +213,9 @@ def recorded(path: Path, hz: float = 1.0) -> Iterator[tuple[float, GnssFix, Read
     now_s, clock = 0.0, None
     for line in path.read_bytes().splitlines(keepends=True):
         for fix in decoder.feed(line, now_s):
-            told = None if fix.utc is None else np.datetime64(fix.utc.rstrip("Z"), "ms")
-            step_s = 1.0 / hz if told is None or clock is None else (told - clock) / np.timedelta64(1, "s")
-            clock = told
+            reports = None if fix.utc is None else np.datetime64(fix.utc.rstrip("Z"), "ms")
+            step_s = 1.0 / hz if reports is None or clock is None else (reports - clock) / np.timedelta64(1, "s")
+            clock = reports
             now_s += step_s if 0.0 < step_s < 60.0 else 1.0 / hz
             yield now_s, fix._replace(time_s=now_s), None
 
@@ -225,11 +225,11 @@ def hour(receiver: Receiver, seconds: float, seed: int) -> Heard:
     rng = np.random.default_rng(seed)
 
     def fixes() -> Iterator[tuple[float, GnssFix, Reading | None]]:
-        told, fix, gap_from_s = Told(receiver, rng), None, 60.0
+        reports, fix, gap_from_s = Reports(receiver, rng), None, 60.0
         gap_s = rng.uniform(0.3, 20.0)
         for k, at in enumerate(worked(seconds, rng)):
             now_s = k * TICK_S
-            new = told.fix(now_s, at)
+            new = reports.fix(now_s, at)
             if now_s >= gap_from_s + gap_s:
                 gap_from_s, gap_s = now_s + rng.uniform(60.0, 400.0), rng.uniform(0.3, 20.0)
             if new is not None and not gap_from_s <= now_s < gap_from_s + gap_s:

@@ -141,7 +141,7 @@ class Machine:
         self._said: dict[str, Any] = {}
         self._off: tuple[float, float] | None = None
         self._skew_s = 0.0
-        self._told = chance.random() < 0.5      # the tractor speaks
+        self._announces = chance.random() < 0.5      # the tractor speaks
         self._frozen = 0                # ticks for which clock and devices still stand
         self._last: Measurements | None = None
 
@@ -187,7 +187,7 @@ class Machine:
 
     def _tell(self, now_s: float) -> None:
         """What the tractor says of its speeds."""
-        if not self._told or self._quiet():
+        if not self._announces or self._quiet():
             return
         chance = self._chance
         points = [(0.0, self._speed_mps), (1.0, chance.choice((0.0, 1.2, 3.0)))][:chance.choice((1, 2))]
@@ -276,8 +276,8 @@ def run(number: int, seed: int, setup: Any, done: Done) -> None:
             done["opened"] += any(tick.command.valves)
             text.line(tick.row)
             if step % 5 == 0:
-                told: dict[str, Any] = {name: getattr(tick, name) for name in FRAME_FIELDS}
-                framed(Frame(seq=step, at_s=0.0, totals=loop.totals, **told))
+                shown: dict[str, Any] = {name: getattr(tick, name) for name in FRAME_FIELDS}
+                framed(Frame(seq=step, at_s=0.0, totals=loop.totals, **shown))
         except Exception as error:
             last = traceback.extract_tb(error.__traceback__)[-1]
             exceptions[f"{type(error).__name__}: {error} at {Path(last.filename).name}:{last.lineno}"[:150]] += 1

@@ -132,7 +132,7 @@ def _to_corner(way: Way, corner: Place, following: Place) -> None:
 
 def run(setup: Setup, machine: Machine, strategy: Strategy, speed_kmh: float, overlap: float,
         by_hand: bool) -> tuple[list[Truth], int]:
-    """The whole way driven; what truly happened, and how often valves were told to move."""
+    """The whole way driven; what truly happened, and how often valves were commanded to move."""
     field = setup.job.field.model_copy(update={"boundary_m": () if by_hand else WEDGE})
     simulated = setup.job.simulated.model_copy(update={"speed_kmh": speed_kmh})
     job = setup.job.model_copy(update={

@@ -3,7 +3,7 @@
 The real console in a pseudo-terminal, at work on the simulated machine, turning to every page and opening every dialog.
 Between console and worker stands this program, passes every byte on and notes when the console says that it lives. The
 worker holds the machine after 2 s without that word. On a busy computer the clock says more about the others than about
-the console, so what is told is the processor's time that the console's event loop took between two words: a computer
+the console, so what is printed is the processor's time that the console's event loop took between two words: a computer
 that is so many times slower is silent so many times longer, and a word apart. Linux only.
 """
 from __future__ import annotations

@@ -165,7 +165,7 @@ def kill() -> float:
 
 def doses() -> dict[str, object]:
     """Steps put out for doses of several angles, by the real driver over the terminal."""
-    print("\n| angle, degrees | doses | steps put out | angle x 400 / 360 x doses | told as turned, degrees |")
+    print("\n| angle, degrees | doses | steps put out | angle x 400 / 360 x doses | reported as turned, degrees |")
     print("|---|---|---|---|---|")
     promises: dict[str, object] = {}
     with board() as pins:
@@ -181,16 +181,16 @@ def doses() -> dict[str, object]:
         while time.monotonic() - begun_s < 1.0:
             tick()
         for angle_deg in (30.0, 45.5, 120.0, 360.0):
-            before, told = pins.doses, 0.0
+            before, reported = pins.doses, 0.0
             for _ in range(20):
                 cab.give_dose(time.monotonic(), angle_deg, 99.8)
                 until_s = time.monotonic() + 5.0
                 while cab.dose is None or cab.dose.state in (DoseState.SENT, DoseState.RUNNING):
                     if time.monotonic() > until_s:
-                        sys.exit(f"a dose of {angle_deg:g} degrees: no end of it was told")
+                        sys.exit(f"a dose of {angle_deg:g} degrees: no end of it was reported")
                     tick()
-                told += cab.dose.turned_deg or 0.0
-            print(f"| {angle_deg:g} | 20 | {pins.doses - before} | {20 * angle_deg * 400 / 360:.1f} | {told:.1f} |")
+                reported += cab.dose.turned_deg or 0.0
+            print(f"| {angle_deg:g} | 20 | {pins.doses - before} | {20 * angle_deg * 400 / 360:.1f} | {reported:.1f} |")
             promises[f"20 doses of {angle_deg:g} degrees: as many steps as they ask for, a step each at most"] = (
                 abs(pins.doses - before - 20 * angle_deg * 400 / 360) <= 20.0)
         cab.close()

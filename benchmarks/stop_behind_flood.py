@@ -204,7 +204,7 @@ def _next_key(terminal: Terminal) -> str:
     return "r" if "OFF" in first or "FAULT" in first else "s" if "READY" in first or "HELD" in first else ""
 
 
-def told(row: Row) -> str:
+def line_of(row: Row) -> str:
     seconds = sorted(row.seconds)
     who = f"{row.count} {'busy' if row.busy else 'strangers'}"
     if not seconds:
@@ -235,7 +235,7 @@ def run() -> int:
                 with crowd(count, port, busy):
                     seconds, held = stops(console, tap, given.times)
                     rows.append(Row(count, busy, seconds, os.getloadavg()[0], held))
-                print(told(rows[-1]), flush=True)
+                print(line_of(rows[-1]), flush=True)
         finally:
             console.terminal.end()
             console.end_worker()

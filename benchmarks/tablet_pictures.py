@@ -127,9 +127,9 @@ def browser() -> Iterator[int]:
 
 def _port(profile: Path) -> int:
     """The port that the browser chose; it writes it into its profile."""
-    told = profile / "DevToolsActivePort"
+    port_file = profile / "DevToolsActivePort"
     for _try in range(200):
-        if told.exists() and (lines := told.read_text().split()):
+        if port_file.exists() and (lines := port_file.read_text().split()):
             return int(lines[0])
         subprocess.run(["sleep", "0.1"], check=True)
     sys.exit("the browser does not answer")

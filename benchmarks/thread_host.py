@@ -67,7 +67,7 @@ class ThreadHost:
 
     async def stop_worker(self, timeout_s: float = 5.0) -> None:
         async with asyncio.timeout(timeout_s):
-            self._host.stop("told to quit")
+            self._host.stop("asked to quit")
             while self._thread.is_alive():
                 await asyncio.sleep(0.01)
 
@@ -101,4 +101,4 @@ class ThreadHost:
         try:
             self._host.run()
         except BaseException as error:
-            self._error = error                 # told by `run`
+            self._error = error                 # raised by `run`

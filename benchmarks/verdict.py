@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 
 def exit_code(promises: Mapping[str, object]) -> int:
-    """0 where every promise holds, else 1; each that does not is told on stderr.
+    """0 where every promise holds, else 1; each that does not is printed on stderr.
 
     promises: what should be so, with its limit, and whether it is. None at all: nothing was asked, which is no success.
     """

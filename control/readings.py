@@ -90,7 +90,7 @@ def announced_text(announced: SpeedPlan, now_s: float) -> str:
 
 
 def announced_of(text: str, now_s: float) -> SpeedPlan | None:
-    """What `told_text` says, read in a row of the time `now_s`; None where it says nothing."""
+    """What `announced_text` says, read in a row of the time `now_s`; None where it says nothing."""
     try:
         numbers = [float(word) for word in text.split()]
     except ValueError:

@@ -52,7 +52,7 @@ class Cab:
         self._dose_waits: tuple[float, DoseOrder] | None = None
         self.board: BoardReadings | None = None      # the newest status line, flags included
         self.rig: RigReadings | None = None          # the newest line of the lag rig
-        self._told_to_turn_s: float | None = None    # since when the board has been sent enable 1
+        self._enabled_since_s: float | None = None    # since when the board has been sent enable 1
         self._clock = clock
         self._fix: GnssFix | None = None
         self._ndvi: list[Reading | None] = [None] * (config.heads.count if config.heads else 0)
@@ -187,9 +187,9 @@ class Cab:
             line, board = self._drives
             line.write(now_s, board.command(command, enabled))
             if not enabled or command is None:
-                self._told_to_turn_s = None
-            elif self._told_to_turn_s is None:
-                self._told_to_turn_s = now_s
+                self._enabled_since_s = None
+            elif self._enabled_since_s is None:
+                self._enabled_since_s = now_s
         for data in datagrams:
             assert self._module is not None
             self._module.line.write(now_s, data)
@@ -235,9 +235,9 @@ class Cab:
     def _drive_stopped(self) -> bool:
         """The board has not followed for as long as a command and its echo may take: it lost the heartbeat, or its
         power, and waits for an enable 0. (A driver's fault is reported by itself.)"""
-        board, told_s = self.board, self._told_to_turn_s
-        return (board is not None and told_s is not None and not board.enabled and not board.driver_fault
-                and board.time_s - told_s > FOLLOWS_WITHIN_S)
+        board, since_s = self.board, self._enabled_since_s
+        return (board is not None and since_s is not None and not board.enabled and not board.driver_fault
+                and board.time_s - since_s > FOLLOWS_WITHIN_S)
 
     def _switch(self, now_s: float) -> bool | None:
         """The work switch as last heard; one that is fitted is forgotten when it falls silent."""

@@ -1,10 +1,11 @@
-"""Two hidden effects, from one run log to the adopted machine to the closed loop: what knowing them is worth.
+"""Hidden effects and terms, from one run log to the adopted machine to the closed loop: what knowing them is worth.
 
     python -m benchmarks diagnosis/adopted --seconds 1200 --out docs/benchmark-diagnosis-adopted.md
 
-A machine with two effects is driven by control that does not know them. Its log is diagnosed and adopted by the
-commands that a user would give. Then the same machine is driven again, with other canopy and noise, by control that
-reads the shipped machine file and by control that reads the adopted one: dose and place on the ground, in truth.
+A machine with two effects, or with a term that no catalogue holds, is driven by control that does not know it. Its log
+is diagnosed, adopted and the new file checked by the commands that a user would give; `topdress history --undo` takes
+the change back. Then the same machine is driven on another field, with other canopy and noise, by control that reads
+the shipped machine file and by control that reads the adopted one: dose and place on the ground, in truth.
 """
 from __future__ import annotations
 
@@ -17,14 +18,33 @@ import tempfile
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import yaml
+
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
-PAIRS = (("flow.fill_falloff=15", "shaft.dead_time=0.4"), ("gate.offset=1.5", "shaft.voltage_sag=4"))
 STRATEGY = "opening_first"        # the shaft turns at 70 r/min, where both effects of the flow weigh most
 LOGGED_SEED, DRIVEN_SEED = 7, 11
 WORSE_PERCENT = 0.1               # of the rate error: the noise of one field
-HEADS = ("hidden", "flow trim", "found (90 %)", "mean dose off target, %", "rate error, %", "place error, m")
+ROUGHNESS_DEG, SLOW_KMH, FAST_KMH, EVERY_S = 2.0, 3.0, 6.0, 45.0      # of the field on which a term shows
+HEADS = ("hidden", "flow trim", "found (90 %)", "the log again, file known", "undone", "mean dose off target, %",
+         "rate error, %", "place error, m")
+
+
+class Hidden(NamedTuple):
+    """What the machine has: options of `topdress simulate`; `rough`: driven on rougher ground, slowly and fast."""
+
+    effects: tuple[str, ...]
+    terms: tuple[str, ...] = ()
+    trim: str = "off"
+    rough: bool = False
+
+
+PAIRS = (("flow.fill_falloff=15", "shaft.dead_time=0.4"), ("gate.offset=1.5", "shaft.voltage_sag=4"))
+TERMS = ("flow_percent product roll_deg,speed_mps slope=20 at=0 second_at=1.2",
+         "flow_percent hinge speed_mps at=1.2 above=-25")
+MACHINES = (*(Hidden(pair, trim=trim) for pair in PAIRS for trim in ("off", "on")),
+            *(Hidden((), (term,), rough=True) for term in TERMS))
 
 
 class Driven(NamedTuple):
@@ -36,9 +56,12 @@ class Driven(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    hidden: tuple[str, ...]
-    trim: str
+    """`again`: verdict of the same log with the adopted file."""
+
+    hidden: Hidden
     found: str
+    again: str
+    undone: bool
     not_known: Driven
     known: Driven
 
@@ -51,43 +74,79 @@ def command(*words: str) -> None:
         raise RuntimeError(f"topdress {' '.join(words)}: {done.stderr.strip()}")
 
 
-def outcome(effects: tuple[str, ...], trim: str, seconds: float, folder: Path) -> Outcome:
-    """Log, diagnosis, adopted machine, two fields."""
-    from control.diagnosis.runs.closed_loop import closed_loop_gain
-    from control.machine.planting import parse_planted
-    from control.orders import Strategy
+def job_file(hidden: Hidden, folder: Path, seconds: float) -> Path:
+    """The shipped job, on the ground on which what is hidden shows."""
+    from drivers.files.config import load
+    from drivers.files.kinds import JOB
+
+    data = load("demo", JOB).model.model_dump(mode="json", exclude_unset=True)
+    if hidden.rough:
+        changes = [{"at_s": k * EVERY_S, "speed_kmh": SLOW_KMH if k % 2 else FAST_KMH}
+                   for k in range(1, 1 + int(seconds / EVERY_S))]
+        data["simulated"] |= {"roughness_deg": ROUGHNESS_DEG, "speed_changes": changes}
+    path = folder / "job.yaml"
+    path.write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
+    return path
+
+
+def outcome(hidden: Hidden, seconds: float, folder: Path) -> Outcome:
+    """Log, diagnosis, adopted machine, two fields. Raises RuntimeError where a command refuses, as `diagnose --adopt`
+    does where it finds nothing."""
     from drivers.files.config import load
     from drivers.files.kinds import MACHINE
     from drivers.files.setup import load_setup
 
-    log, answer, new = folder / "run.csv", folder / "answer.json", folder / "adopted.yaml"
-    planted = [word for effect in effects for word in ("--effect", effect)]
-    command("simulate", "--seconds", str(seconds), "--seed", str(LOGGED_SEED), "--strategy", STRATEGY,
-            "--flow-trim", trim, "--out", str(log), *planted)
+    log, answer, again = folder / "run.csv", folder / "answer.json", folder / "again.json"
+    new, undone, job = folder / "adopted.yaml", folder / "undone.yaml", job_file(hidden, folder, seconds)
+    planted = [word for option, texts in (("--effect", hidden.effects), ("--term", hidden.terms)) for text in texts
+               for word in (option, text)]
+    command("simulate", "--job", str(job), "--seconds", str(seconds), "--seed", str(LOGGED_SEED), "--strategy",
+            STRATEGY, "--flow-trim", hidden.trim, "--out", str(log), *planted)
     command("diagnose", str(log), "--json", str(answer), "--adopt", str(new))
-    setup = load_setup("huanghai", "demo", dt.date.today())
-    job = setup.job.model_copy(update={"strategy": Strategy(STRATEGY), "flow_trim": trim == "on"})
-    gain = closed_loop_gain(setup.machine, load(str(new), MACHINE).model, [parse_planted(e) for e in effects],
-                            setup.crop, setup.rule, job, seconds, DRIVEN_SEED)
-    return Outcome(effects, trim, told(json.loads(answer.read_text(encoding="utf-8"))), judged(gain.before),
-                   judged(gain.after))
+    command("check", str(new))
+    command("diagnose", str(log), "--machine", str(new), "--json", str(again))
+    command("history", str(new), "--undo", "--out", str(undone))
+    said, after = (json.loads(path.read_text(encoding="utf-8")) for path in (answer, again))
+    setup = load_setup("huanghai", str(job), dt.date.today())
+    back = load(str(undone), MACHINE).model.model_copy(update={"history": ()})      # its history keeps both changes
+    return Outcome(hidden, found_in(said), after["verdict"], back == setup.machine,
+                   *(driven(setup, known, hidden, seconds) for known in (setup.machine, load(str(new), MACHINE).model)))
 
 
-def told(answer: dict[str, Any]) -> str:
-    """The causes of a diagnosis in a table's cell."""
+def driven(setup: Any, known: Any, hidden: Hidden, seconds: float) -> Driven:
+    """One field of the machine that has what is hidden, by control that reads the file `known`."""
+    from control.machine.planting import parse_planted
+    from control.machine.terms import Term, parse_term
+    from control.orders import Strategy
+    from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
+    from control.simulation.closed_loop import Record, simulated_run
+    from control.simulation.errors import errors
+
+    machine = setup.machine
+    job = with_simulated_field(setup.job.model_copy(update={"strategy": Strategy(STRATEGY),
+                                                            "flow_trim": hidden.trim == "on"}), machine)
+    record = Record()
+    plant = simulated_machine(machine, job, DRIVEN_SEED, 0.05, [parse_planted(text) for text in hidden.effects],
+                              terms=[parse_term(text, Term.model_validate) for text in hidden.terms])
+    for step in simulated_run(plant, control_loop(known, setup.crop, setup.rule, job), seconds):
+        record.add(step)
+    off = errors(record.columns(), record.fired, machine.geometry.working_width_m, machine.fall.lever_arm_m)
+    return Driven(100.0 * off.bias_kg_ha / off.mean_target_kg_ha, off.rate_error_percent, off.place_error_m)
+
+
+def found_in(answer: dict[str, Any]) -> str:
+    """Causes and terms of a diagnosis in a table's cell."""
     causes = [f"{c['id']} {c['size']['value']:.3g} ({c['size']['low']:.3g} to {c['size']['high']:.3g})"
               for c in answer["causes"] if c["size"]["low"] is not None]
-    return "; ".join(causes) or str(answer["verdict"])
-
-
-def judged(errors: Any) -> Driven:
-    """What the table tells of a field's errors."""
-    return Driven(100.0 * errors.bias_kg_ha / errors.mean_target_kg_ha, errors.rate_error_percent, errors.place_error_m)
+    terms = [f"{t['term']['acts_on']} {t['term']['form']} {','.join(v['name'] for v in t['term']['over'])} "
+             + " ".join(f"{k}={v:.3g}" for k, v in t["term"]["coefficients"].items()) for t in answer["terms"]]
+    return "; ".join((*terms, *causes)) or str(answer["verdict"])
 
 
 def table(outcomes: list[Outcome]) -> list[str]:
     """Markdown: not known -> known."""
-    rows = [[" + ".join(o.hidden), o.trim, o.found,
+    rows = [[" + ".join((*o.hidden.effects, *o.hidden.terms)), o.hidden.trim, o.found, o.again,
+             "yes" if o.undone else "NO",
              f"{o.not_known.bias_percent:+.2f} -> {o.known.bias_percent:+.2f}",
              f"{o.not_known.rate_error_percent:.2f} -> {o.known.rate_error_percent:.2f}",
              f"{o.not_known.place_error_m:.3f} -> {o.known.place_error_m:.3f}"] for o in outcomes]
@@ -99,27 +158,32 @@ def main() -> int:
 
     a = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     a.add_argument("--seconds", type=float, default=1200.0, help="of the log, and of each field")
+    a.add_argument("--term", action="append", default=[], help="machines with these terms instead of this benchmark's")
     a.add_argument("--out", type=Path)
     args = a.parse_args()
-    outcomes = []
-    for effects in PAIRS:
-        for trim in ("off", "on"):
+    outcomes, refused = [], []
+    for hidden in [Hidden((), (term,), rough=True) for term in args.term] or MACHINES:
+        try:
             with tempfile.TemporaryDirectory() as folder:
-                outcomes.append(outcome(effects, trim, args.seconds, Path(folder)))
+                outcomes.append(outcome(hidden, args.seconds, Path(folder)))
             print(outcomes[-1], file=sys.stderr, flush=True)
+        except RuntimeError as error:
+            refused.append(f"{hidden}: {error}")
     text = "\n".join([
-        "# Two hidden effects, found, adopted, driven", "",
+        "# Hidden effects and terms, found, adopted, driven", "",
         f"`python -m benchmarks diagnosis/adopted --seconds {args.seconds:g}`; opening first; log of seed "
-        f"{LOGGED_SEED}, fields of seed {DRIVEN_SEED}. Control that does not know the effects -> control that reads "
-        "the adopted file; "
-        "the machine has the hidden effects, not those found.", "", *table(outcomes)]) + "\n"
+        f"{LOGGED_SEED}, fields of seed {DRIVEN_SEED}; terms on ground of {ROUGHNESS_DEG:g} deg, {SLOW_KMH:g} and "
+        f"{FAST_KMH:g} km/h in turn. Control that does not know what is hidden -> control that reads the adopted file; "
+        "the machine has what is hidden, not what was found. Undone: after `topdress history --undo` the file is the "
+        "shipped one again.", "", *table(outcomes), *(f"\nNot adopted: {line}" for line in refused)]) + "\n"
     if args.out is None:
         print(text)
     else:
         args.out.write_text(text, encoding="utf-8", newline="\n")
-    return exit_code({f"{' + '.join(o.hidden)}, flow trim {o.trim}: something is found, driving with it is not worse":
-                      "(" in o.found and o.known.rate_error_percent <= o.not_known.rate_error_percent + WORSE_PERCENT
-                      for o in outcomes})
+    return exit_code({f"{len(refused)} machines with nothing adopted: none": not refused} | {
+        f"{' + '.join((*o.hidden.effects, *o.hidden.terms))}, flow trim {o.hidden.trim}: something is found, driving "
+        "with it is not worse": o.found.count(" ") > 0
+        and o.known.rate_error_percent <= o.not_known.rate_error_percent + WORSE_PERCENT for o in outcomes})
 
 
 if __name__ == "__main__":

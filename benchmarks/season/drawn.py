@@ -232,24 +232,24 @@ def _told(found: Any) -> list[bool]:
         print(f"  not planted: {each.machine} {_course_words(each)}")
     for factor, sizes in (("operator", OPERATORS), ("product", PRODUCTS)):
         for level, size in sizes.items():
-            told = [
+            reported = [
                 each
                 for each in found.shared
                 if (each.factor, each.level, each.effect) == (factor, level, "flow.gain")
             ]
             other = [
-                each for each in found.shared if (each.factor, each.level) == (factor, level) and each not in told
+                each for each in found.shared if (each.factor, each.level) == (factor, level) and each not in reported
             ]
             row = [
                 each
                 for each in found.levels
                 if (each.factor, each.level, each.effect) == (factor, level, "flow.gain")
             ]
-            held += [abs(each.size - size) <= each.half for each in (told or row)]
+            held += [abs(each.size - size) <= each.half for each in (reported or row)]
             print(
                 f"  {factor} {level}: planted {size:+.1f} %; said "
-                + (", ".join(f"{each.size:+.2f} +- {each.half:.2f}" for each in told) or "nothing")
-                + (f"; its interval {row[0].size:+.2f} +- {row[0].half:.2f}" if row and not told else "")
+                + (", ".join(f"{each.size:+.2f} +- {each.half:.2f}" for each in reported) or "nothing")
+                + (f"; its interval {row[0].size:+.2f} +- {row[0].half:.2f}" if row and not reported else "")
                 + "".join(f"; also {each.effect} {each.size:+.2f}" for each in other)
             )
     for each in found.shared:

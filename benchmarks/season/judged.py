@@ -1,4 +1,4 @@
-"""What a season told against its table of truth."""
+"""What a season reported against its table of truth."""
 from __future__ import annotations
 
 import datetime as dt
@@ -20,7 +20,7 @@ from season.truth import (
 from control.diagnosis.season.courses import Course, Shared, wears
 from control.diagnosis.season.owner import Low, MachineSeason
 
-MOST_STRANGE = 1            # machines with an effect told that was not planted, of all
+MOST_STRANGE = 1            # machines with an effect reported that was not planted, of all
 DATE_OFF_D = 3.0
 SLOPE_OFF = 0.25            # share of a planted slope
 MEAN_OFF = 0.2              # share of a planted size, beside two half widths
@@ -28,7 +28,7 @@ KG_OFF, KG_OFF_PERCENT = 0.2, 0.3       # share of the kilograms spread wrongly,
 OTHER_FORM = ("flow.fill_falloff",)     # the generator's form is another: of one size at 100 r/min only
 
 
-class Told(NamedTuple):
+class Reported(NamedTuple):
     """names: effects that single logs named, by machine, with in how many logs. first_d: day 0 in `courses`' days."""
 
     courses: Sequence[Course]
@@ -49,53 +49,53 @@ class Checks:
             self.failed.append(said)
 
 
-def judge(told: Told, checks: Checks) -> None:
-    """Every line of the table of truth, then what was told beside it."""
+def judge(reported: Reported, checks: Checks) -> None:
+    """Every line of the table of truth, then what was reported for it."""
     own = [one for one in PLANTED]
     matched: set[tuple[str, str]] = set()
     for planted in own:
-        course = _course(told, planted)
+        course = _course(reported, planted)
         if course is None:
-            checks.that(False, f"{planted.machine} {planted.name} {planted.begin:g} to {planted.end:g}: told nothing")
+            checks.that(False, f"{planted.machine} {planted.name} {planted.begin:g} to {planted.end:g}: nothing")
             continue
         matched.add((course.machine, course.effect))
-        checks.that(*_held(planted, course, told.first_d))
-    products = [one for one in told.shared if one.factor == "product" and one.effect == "flow.gain"]
+        checks.that(*_held(planted, course, reported.first_d))
+    products = [one for one in reported.shared if one.factor == "product" and one.effect == "flow.gain"]
     size = sum(one.size if one.level == OTHER_PRODUCT else -one.size for one in products)
     half = max((one.half for one in products), default=0.0)
     checks.that(bool(products) and abs(size - OTHER_FLOW) < 2.0 * half,
-                f"product {OTHER_PRODUCT} against {PRODUCTS[0]}: flow {OTHER_FLOW:+g} % planted, told {size:+.2f} "
+                f"product {OTHER_PRODUCT} against {PRODUCTS[0]}: flow {OTHER_FLOW:+g} % planted, reported {size:+.2f} "
                 f"+- {half:.2f} %")
-    others = [one for one in told.shared if one not in products]
+    others = [one for one in reported.shared if one not in products]
     words = [(one.factor, one.level, one.effect, round(one.size, 3)) for one in others]
-    checks.that(not others, f"nothing else is shared: told {words}")
-    if told.low is not None:
-        checks.that([one.operator for one in told.low] == [NEVER_REFILLS],
-                    f"{NEVER_REFILLS} lets the hopper run low: told {[one.operator for one in told.low]}")
-    strange = [one for one in told.courses if (one.machine, one.effect) not in matched and _matters(one)]
+    checks.that(not others, f"nothing else is shared: reported {words}")
+    if reported.low is not None:
+        checks.that([one.operator for one in reported.low] == [NEVER_REFILLS],
+                    f"{NEVER_REFILLS} lets the hopper run low: reported {[one.operator for one in reported.low]}")
+    strange = [one for one in reported.courses if (one.machine, one.effect) not in matched and _matters(one)]
     for one in strange:
-        print(f"            strange: {one.machine} {one.effect} {_words(one, told.first_d)}; alike {one.alike}")
+        print(f"            strange: {one.machine} {one.effect} {_words(one, reported.first_d)}; alike {one.alike}")
     checks.that(len({one.machine for one in strange}) <= MOST_STRANGE,
-                f"effects told that were not planted: {len(strange)} on {len({one.machine for one in strange})} of "
+                f"effects reported that were not planted: {len(strange)} on {len({one.machine for one in strange})} of "
                 f"{MACHINES} machines")
 
 
-def _course(told: Told, planted: Planted) -> Course | None:
+def _course(reported: Reported, planted: Planted) -> Course | None:
     """That of a planted effect, by its name or one that these logs cannot tell from it."""
-    mine = [one for one in told.courses if one.machine == planted.machine]
+    mine = [one for one in reported.courses if one.machine == planted.machine]
     named = [one for one in mine if one.effect == planted.name]
     return next(iter((*named, *(one for one in mine if planted.name in one.alike))), None)
 
 
 def _matters(one: Course) -> bool:
-    """Whether more is told than what the machine's tolerances, and a product's level, leave open."""
+    """Whether more is reported than what the machine's tolerances, and a product's level, leave open."""
     return any(abs(size) > 2.0 * half for piece in one.pieces
                for size, half in ((piece.begin, piece.begin_half), (piece.end, piece.end_half)))
 
 
 def _held(planted: Planted, course: Course, first_d: float) -> tuple[bool, str]:
     said = (f"{planted.machine} {planted.name} {planted.begin:g} to {planted.end:g} on days {planted.first} to "
-            f"{planted.last}: told {_words(course, first_d)}")
+            f"{planted.last}: reported {_words(course, first_d)}")
     if planted.wears and not planted.repaired:
         last = course.pieces[-1]
         span = last.end_d - last.begin_d
@@ -116,8 +116,8 @@ def _repaired_d(course: Course) -> list[float]:
     return [change.time_d for change in course.changes if change.repair > 0.5]
 
 
-def _size_held(truth: float, told: float, half: float) -> bool:
-    return abs(told - truth) < 2.0 * half + MEAN_OFF * abs(truth)
+def _size_held(truth: float, size: float, half: float) -> bool:
+    return abs(size - truth) < 2.0 * half + MEAN_OFF * abs(truth)
 
 
 def _words(course: Course, first_d: float) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from season.judged import Checks, Told, judge
+from season.judged import Checks, Reported, judge
 from season.logs import columns_of
 from season.truth import MACHINES, NEVER_REFILLS, Day, days
 
@@ -53,5 +53,5 @@ def pooled(seeds: list[int], minutes: float, machine: Machine) -> Checks:
         fit = fitted(logs)
         print(f"seed {seed}: {len(logs)} logs of {MACHINES} machines put together in "
               f"{time.process_time() - begin:.1f} s of processor; {NEVER_REFILLS} is of whole logs only", flush=True)
-        judge(Told(fit.courses, fit.shared, None, 0.0), every)
+        judge(Reported(fit.courses, fit.shared, None, 0.0), every)
     return every

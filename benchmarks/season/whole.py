@@ -15,7 +15,7 @@ from typing import Any
 
 from hidden.nominal import Physics
 from hidden.plant import Plant
-from season.judged import Checks, Told, judge, kilograms
+from season.judged import Checks, Reported, judge, kilograms
 from season.logs import driven, effects_of, long_log
 from season.ran import ENVIRONMENT, ROOT, Ran, done_in, ran, records_in
 from season.truth import DAYS, MACHINES, PLANTED, WRONG_CLOCK, days
@@ -46,7 +46,7 @@ def reported(out: Path, minutes: float, checks: Checks) -> None:
     begin = time.process_time()
     found = season(records, broken, time.time() / 86_400.0)
     print(f"put together in {time.process_time() - begin:.1f} s of processor")
-    judge(Told(found.fit.courses, found.fit.shared, found.low), checks)
+    judge(Reported(found.fit.courses, found.fit.shared, found.low), checks)
     checks.that(len(found.machines) == MACHINES, f"{len(found.machines)} machines, however their names are spelt")
     aside = {one.path.replace("\\", "/") for one in found.aside}
     checks.that(len(aside) == len(WRONG_CLOCK) and all(any(f"{machine}/{day:02d}." in path for path in aside)

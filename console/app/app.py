@@ -156,7 +156,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self._urgent_keys = self._hold_keys.union(actions.keys_of(actions.BY_ID["stop"], keys))
 
     def use_settings(self) -> None:
-        """Make the user's settings take effect; what of them cannot be used is told."""
+        """Make the user's settings take effect; what of them cannot be used is said."""
         store = self.services.settings
         if store is not None:
             for data in store.themes:

@@ -16,14 +16,14 @@ from console.app.guide_line import GuideLine, Place
 
 class KeptLines(NamedTuple):
     """drive None: no boundary is being driven. way: of the drive, east and north, m, as the map draws it. until_s: the
-    log's time of its last record. told: the line was set or taken away here. of_day: when the job began, by its
+    log's time of its last record. changed: the line was set or taken away here. of_day: when the job began, by its
     log, whose line this is on the same field; "": of this job itself."""
 
     guide: GuideLine
     drive: BoundaryDrive | None = None
     way: tuple[Place, ...] = ()
     until_s: float = 0.0
-    told: bool = False
+    changed: bool = False
     of_day: str = ""
 
 
@@ -64,15 +64,15 @@ def kept_lines(records: Iterable[str]) -> KeptLines:
 def _with(kept: KeptLines, said: dict[str, Any]) -> KeptLines:
     """Raises ValueError, TypeError, KeyError."""
     if "guide" in said:
-        told = said["guide"]
-        guide = GuideLine() if told is None else GuideLine(
-            _place(told["a"]), None if told["b"] is None else _place(told["b"]), float(told["width_m"]))
-        return kept._replace(guide=guide, told=True)
+        line = said["guide"]
+        guide = GuideLine() if line is None else GuideLine(
+            _place(line["a"]), None if line["b"] is None else _place(line["b"]), float(line["width_m"]))
+        return kept._replace(guide=guide, changed=True)
     if "drive" in said:
-        told = said["drive"]
-        if told is None:
-            return KeptLines(kept.guide, told=kept.told)
-        return KeptLines(kept.guide, BoundaryDrive(float(told["right_m"])), (), float(told["time_s"]), kept.told)
+        drive = said["drive"]
+        if drive is None:
+            return KeptLines(kept.guide, changed=kept.changed)
+        return KeptLines(kept.guide, BoundaryDrive(float(drive["right_m"])), (), float(drive["time_s"]), kept.changed)
     if kept.drive is None:
         return kept
     corner, place, time_s = Corner(*map(float, said["corner"])), _place(said["place_m"]), float(said["time_s"])

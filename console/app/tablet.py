@@ -48,16 +48,16 @@ class OwnWaits:
     """Of one tab by itself."""
 
     def __init__(self) -> None:
-        self._told = 0.0, float("-inf")
+        self._announced = 0.0, float("-inf")
 
     def taken(self) -> AbstractContextManager[Waits | None]:
         return nullcontext(self)
 
     def read(self) -> tuple[float, float]:
-        return self._told
+        return self._announced
 
     def write(self, wait_s: float, until_s: float) -> None:
-        self._told = wait_s, until_s
+        self._announced = wait_s, until_s
 
 
 class Key:

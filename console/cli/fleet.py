@@ -78,7 +78,7 @@ def fleet(
             typer.echo(f"\ncancelled: what is done is kept in {out}; the same command goes on", err=True)
             raise typer.Exit(CANCELLED) from None
     took_s = time.monotonic() - begin
-    _told(found, out, price, currency)
+    _print_season(found, out, price, currency)
     twins = f", {found.twins} the same as others" if found.twins else ""
     typer.echo(f"{len(logs)} logs, {len(found.records)} diagnosed ({found.known} before), {len(found.broken)} broken"
                f"{twins}; {took_s:.0f} s", err=True)
@@ -88,7 +88,7 @@ def fleet(
 
 def _load_report() -> None:
     """What puts the logs together is read while the workers are at theirs: it takes a second. Where it cannot be read,
-    `_told` says so."""
+    `_print_season` says so."""
     with contextlib.suppress(ImportError):
         pass
 
@@ -101,7 +101,7 @@ def _options(said: list[str]) -> dict[str, str]:
     return {name: value for name, _equals, value in (one.partition("=") for one in said)}
 
 
-def _told(found: object, out: Path, price: float | None, currency: str) -> None:
+def _print_season(found: object, out: Path, price: float | None, currency: str) -> None:
     from console.reports.fleet_page import aside_words, costliest, fleet_page, low_words, same_words, shared_words
     from console.services.fleet import Found
     from console.services.fleet_season import season
@@ -147,12 +147,12 @@ def _about(table: Path, logs: list[str]) -> dict[str, dict[str, str]]:
 
 def _progress(clock: Callable[[], float] = time.monotonic) -> Callable[[int, int, str], None]:
     """On a terminal a line that rewrites itself; elsewhere a line now and then, for whoever reads it later."""
-    line, told_s = ProgressLine(), [clock()]
+    line, said_s = ProgressLine(), [clock()]
 
     def tell(done: int, of: int, what: str) -> None:
         if not line.shown:
-            if done < of and clock() - told_s[0] >= EVERY_S:
-                told_s[0] = clock()
+            if done < of and clock() - said_s[0] >= EVERY_S:
+                said_s[0] = clock()
                 typer.echo(f"{done} of {of} {what}", err=True)
         elif done >= of:
             line.end()

@@ -118,7 +118,7 @@ class Attended:
         self._refusal = ""
         self._opened = self._begun = self._was_down = False
         self._said = ""
-        self._told_s = -1.0
+        self._shown_s = -1.0
         self._runs_begun_s: float | None = None
 
     def between(self, seconds: float) -> None:
@@ -196,9 +196,9 @@ class Attended:
             self._give_up(self._refusal)
 
     def _tell(self, frame: Frame, view: LagTestView, now_s: float) -> None:
-        if now_s - self._told_s < 0.2 or not sys.stderr.isatty():
+        if now_s - self._shown_s < 0.2 or not sys.stderr.isatty():
             return
-        self._told_s = now_s
+        self._shown_s = now_s
         if self._runs_begun_s is None and frame.row.state == State.CALIBRATING:
             self._runs_begun_s = now_s
         left = ""

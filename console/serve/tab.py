@@ -13,7 +13,7 @@ from textual_serve.app_service import AppService
 from console.attached import NAME_VARIABLE
 from console.serve import SERVER
 
-QUIT_S = 0.5                # idle a console that was told to end takes 0.2 s; after this the system tells it ...
+QUIT_S = 0.5                # idle a console that was asked to end takes 0.2 s; after this the system tells it ...
 TERMINATE_S = 0.2           # ... and within this, or is killed: together half of the 2 s in which all have ended
 
 
@@ -47,7 +47,7 @@ class TabConsole(AppService):
                 await self.remote_close()
 
     async def end(self) -> None:
-        """Returns once the console and all that it started have ended: told, then made to. Takes 2 s at most."""
+        """Returns once the console and all that it started have ended: asked, then made to. Takes 2 s at most."""
         if self._ending is None:
             self._ending = asyncio.create_task(self._end())
         await asyncio.shield(self._ending)

@@ -356,7 +356,7 @@ class _Work:
         asked: it is taken back."""
         missed = 0.0
         while not over.wait(LOOK_S):
-            with contextlib.suppress(Exception):            # a scheduler that is gone is told by its tasks
+            with contextlib.suppress(Exception):            # that a scheduler is gone shows in its tasks
                 missed = 0.0 if self._client.nthreads() else missed + LOOK_S
             if missed >= JOIN_S:
                 alone.set()

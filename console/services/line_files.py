@@ -29,7 +29,7 @@ class KeptLineFiles:
         """Of the job's parts before a power cut too: what was said last holds."""
         texts = [(log, _text(beside(log))) for log in (*_parts_before(log_path), Path(log_path))]
         kept = kept_lines(record for _log, text in texts for record in text.splitlines())
-        if not kept.told:
+        if not kept.changed:
             kept = _of_the_field(kept, Path(log_path))
         if kept.drive is None:
             return kept
@@ -51,7 +51,7 @@ def _of_the_field(kept: KeptLines, log: Path) -> KeptLines:
     for path in sorted(log.parent.glob(f"*{ENDING}"), reverse=True):            # their names begin with the time
         before = kept_lines(_text(path).splitlines())
         other = path.with_name(path.name.removesuffix(ENDING) + log.suffix)
-        if before.told and other != log:
+        if before.changed and other != log:
             found = _field_of(other)
             if found is not None and found.place == field.place:
                 return kept._replace(guide=before.guide, of_day=found.began) if before.guide.set else kept

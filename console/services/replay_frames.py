@@ -18,7 +18,7 @@ from control.safety import ALARMS
 if TYPE_CHECKING:
     from drivers.files.read_log import RunLog
 
-TOLD_EVERY = 64           # rows
+PROGRESS_EVERY = 64           # rows
 
 
 def replay_job(recorded: RunLog) -> ReplayJob:
@@ -102,6 +102,6 @@ def _watched(rows: Iterator[LogRow], count: int, cancelled: Cancelled, tell: Tel
     for number, row in enumerate(rows):
         if cancelled():
             return
-        if number % TOLD_EVERY == 0:
+        if number % PROGRESS_EVERY == 0:
             tell(number / max(1, count))
         yield row

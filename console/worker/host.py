@@ -24,10 +24,10 @@ from console.worker.limits import (
     FRAME_HZ,
     HZ_DEFAULT,
     ORPHAN_S,
+    REPORTED_KINDS,
     REQUESTS_A_TICK,
     REQUESTS_WAITING,
     TEXT_CHARACTERS,
-    TOLD_KINDS,
     TOTALS_S,
 )
 from console.worker.parts import FRAME_FIELDS, Assembly, Tick
@@ -38,7 +38,7 @@ from control.field.totals import Totals
 from control.orders import Alarm, Answer, Do, Order, Severity
 from drivers.device_status import DeviceStatus
 
-QUIT = "told to quit"
+QUIT = "asked to quit"
 WORKER = "control worker"      # by whom a run is stopped that nobody stopped
 Reply = Callable[[Answer, dict[str, Any]], None]     # must return at once; the second part goes with the answer
 
@@ -84,7 +84,7 @@ class Host:
         self._stopped_by = ""
         self._off = False                            # the last tick, with the loop stopped, was run
         self._failed = ""                            # why the last tick could not be finished; empty: it was
-        self._told: set[str] = set()                 # failures that stderr has heard of
+        self._reported: set[str] = set()                 # failures that stderr has heard of
 
     # --- called from other threads -----------------------------------------------------------------------------------
 
@@ -171,7 +171,7 @@ class Host:
         fails."""
         self._guarded(lambda: self._bench.command(now_s, None, False))
         self._guarded(lambda: self._loop.order(Order(Do.STOP), WORKER))
-        self._failed = self._told_once(error)
+        self._failed = self._reported_once(error)
         if self.newest is not None:
             alarm = Alarm("control_failed", Severity.RED, now_s, False)
             others = tuple(one for one in self.newest.alarms if one.id != alarm.id)
@@ -183,12 +183,12 @@ class Host:
         try:
             do()
         except Exception as error:
-            self._told_once(error)
+            self._reported_once(error)
 
-    def _told_once(self, error: Exception) -> str:
+    def _reported_once(self, error: Exception) -> str:
         said = f"{type(error).__name__}: {error}"[:TEXT_CHARACTERS]
-        if said not in self._told and len(self._told) < TOLD_KINDS:
-            self._told.add(said)
+        if said not in self._reported and len(self._reported) < REPORTED_KINDS:
+            self._reported.add(said)
             print("topdress worker:", "".join(traceback.format_exception(error)), file=sys.stderr, flush=True)
         return said
 
@@ -261,7 +261,7 @@ class Host:
         try:
             return self._device_service.order(order, now_s, self._state)
         except Exception as error:
-            return Answer(False, f"internal_error: {order.do}: {self._told_once(error)}")
+            return Answer(False, f"internal_error: {order.do}: {self._reported_once(error)}")
 
     def _frame(self, now_s: float, tick: Tick) -> Frame:
         names = self._names
@@ -270,12 +270,12 @@ class Host:
             self._devices = tuple(map(self._view, self._bench.status(now_s)))
         if now_s >= self._totals_due_s:
             self._totals, self._totals_due_s = self._loop.totals, now_s + TOTALS_S
-        told: dict[str, Any] = {name: getattr(tick, name) for name in FRAME_FIELDS}
+        shown: dict[str, Any] = {name: getattr(tick, name) for name in FRAME_FIELDS}
         return Frame(
             seq=self._ticks, at_s=now_s, job=names.job, machine=names.machine, crop=names.crop, log_path=names.log_path,
             simulated=names.simulated, devices=self._devices, totals=self._totals, lag_test=self.lag.view(),
             consoles=sum(one.keeps for one in self.attached), attached=self.attached, ordered=tuple(self._ordered),
-            tally=None if self._keeper is None else self._keeper.tally, **told)
+            tally=None if self._keeper is None else self._keeper.tally, **shown)
 
     def _view(self, status: DeviceStatus) -> DeviceView:
         known = {name: getattr(status, name) for name in DeviceStatus.__dataclass_fields__}

@@ -35,4 +35,4 @@ HELLO_S = 2.0                # who said nothing for that long is disconnected
 LOCK_S = 2.0                 # a worker waits that long for one that is about to end
 SEND_BUFFER_BYTES = 16_384   # of each socket: bounds how old the frames are that a stalled client finds
 TEXT_CHARACTERS = 1_000      # longest text in an order
-TOLD_KINDS = 100             # different failures that stderr hears of; the same again is not reported
+REPORTED_KINDS = 100             # different failures that stderr hears of; the same again is not reported

@@ -116,7 +116,7 @@ class Keeper:
         seen, row = handed.seen, handed.seen.row
         if self._book.see(row.time_s, row.utc, seen.alarms):
             self._saved_s = min(self._saved_s, row.time_s - SAVE_S + 0.5)      # an alarm is kept soon
-        changes = self._since(self._last, row) | self._told(row.events or "")
+        changes = self._since(self._last, row) | self._of_events(row.events or "")
         if row.state == State.WORKING and row.shaft_rpm_cmd and not self._snapshot.worked:
             changes["worked"], self._saved_s = True, -inf   # a cut in the first second is one to go on after
         self._last = row
@@ -142,7 +142,7 @@ class Keeper:
             return {"moves": now.moves + 1}
         return {}
 
-    def _told(self, events: str) -> dict[str, object]:
+    def _of_events(self, events: str) -> dict[str, object]:
         """What the events of a row change; the end of the job is kept at once."""
         changes: dict[str, object] = {}
         for event in events.split(";"):
@@ -196,20 +196,20 @@ class _AfterCut:
         self.scale_kg: float | None = None
         self._before_kg = before_kg if model_kg > 0.0 else None
         self._begun_s: float | None = None
-        self._told: list[float] = []
+        self._settled: list[float] = []
 
     def look(self, row: LogRow) -> None:
         if self._before_kg is None:
             return
         if row.hopper_kg is not None and not row.shaft_rpm_cmd:
             self._begun_s = row.time_s if self._begun_s is None else self._begun_s
-            self._told.append(row.hopper_kg)
+            self._settled.append(row.hopper_kg)
         over = row.shaft_rpm_cmd or "refill" in (row.events or "") or (
             self._begun_s is not None and row.time_s - self._begun_s >= SCALE_S)
         if not over:
             return
-        if self._told:
-            less_kg = self._before_kg - sum(self._told) / len(self._told)
+        if self._settled:
+            less_kg = self._before_kg - sum(self._settled) / len(self._settled)
             self.scale_kg = less_kg if abs(less_kg) < BELIEVED_KG else None
         self._before_kg = None
 

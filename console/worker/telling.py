@@ -19,21 +19,21 @@ class Telling:
     """`due` of every frame; True: tell it. One for all consoles: what one gets all get."""
 
     def __init__(self) -> None:
-        self._told_s = -inf
+        self._sent_s = -inf
         self._words: Any = None         # of the frame reported last
         self.moves = True               # by the frame looked at last
 
     def hurry(self) -> None:
         """The next frame is reported: an order was answered, a console came."""
-        self._told_s = -inf
+        self._sent_s = -inf
 
     def due(self, frame: Frame) -> bool:
         words = _words(frame)
         self.moves = _moves(frame)
         wait_s = MOVES_S if self.moves else STANDS_S
-        if words == self._words and 0.0 <= frame.at_s - self._told_s < wait_s - HALF_A_TICK_S:
+        if words == self._words and 0.0 <= frame.at_s - self._sent_s < wait_s - HALF_A_TICK_S:
             return False
-        self._told_s, self._words = frame.at_s, words
+        self._sent_s, self._words = frame.at_s, words
         return True
 
 

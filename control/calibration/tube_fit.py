@@ -25,7 +25,7 @@ LINE_SD_S = 0.010                       # of the line of starts itself: lag tabl
 LEAST_SCATTER_S = 0.005                 # of one row, whatever the repeats say: the plate is read 20 times a second
 FAR_SD = 4.0                            # further from every share: the table is of another machine
 LEAST_SD = 0.02                         # of the share, in the machine file
-MOST_TOLD = 0.9                         # of the probability lies inside the interval
+MOST_STATED = 0.9                         # of the probability lies inside the interval
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ def settle_tube(table: BenchTable, machine: Machine, *, date: str = "") -> tuple
     weight /= weight.sum()
     share = float(weight @ SHARES)
     sd = max(LEAST_SD, float(np.sqrt(weight @ (SHARES - share) ** 2)))
-    below, above = np.interp([0.5 - 0.5 * MOST_TOLD, 0.5 + 0.5 * MOST_TOLD], np.cumsum(weight), SHARES).tolist()
+    below, above = np.interp([0.5 - 0.5 * MOST_STATED, 0.5 + 0.5 * MOST_STATED], np.cumsum(weight), SHARES).tolist()
     interval = Interval(round(share, 2), below, above)
     settled = with_carried_share(machine, interval.value)
     settled = settled.model_copy(update={

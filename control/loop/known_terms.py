@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from control.machine.machine import Machine
-from control.machine.term_sums import NOTHING, More, StandingTerms, TermSums, Told, not_compensated
+from control.machine.term_sums import NOTHING, HeldCommands, More, StandingTerms, TermSums, not_compensated
 from control.machine.terms import Acts
 from control.readings import DriveCommand, Measurements, Reading
 from control.sensing import Sensed
@@ -17,7 +17,7 @@ class KnownTerms:
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
         self._terms = TermSums(term for term in machine.terms if not not_compensated(term))
-        self._told = Told(machine, 0.0, machine.set_points.opening_mm)
+        self._commands = HeldCommands(machine, 0.0, machine.set_points.opening_mm)
         self._ran_away_kg = 0.0
         self.now: StandingTerms | None = None
 
@@ -32,7 +32,7 @@ class KnownTerms:
             ("speed_mps", sensed.speed_mps), ("heading_deg", sensed.heading_deg), ("time_s", since_s))
             if value is not None}
         if command is not None and dt_s > 0.0:
-            values |= self._told.step(m.time_s - dt_s, command.shaft_rpm, command.opening_mm, dt_s)
+            values |= self._commands.step(m.time_s - dt_s, command.shaft_rpm, command.opening_mm, dt_s)
         more = self._terms.step(values, dt_s)
         self._ran_away_kg += more.scale_kg_min / 60.0 * dt_s
         self.now = self._terms.frozen(values)

@@ -52,7 +52,7 @@ from control.targets.profile import Change, Profile, Target
 
 LONGEST_TICK_S = 1.0
 STANDING_TICKS = 10             # half a second at 20 Hz, as long as a drive may be silent
-GROWTH_TOLD_S = 15.0            # after START, of a crop outside its window
+GROWTH_REPORTED_S = 15.0            # after START, of a crop outside its window
 ZERO_BY_CANOPY = ("above_cutoff", "below_cutoff", "yield_reached")       # why a rule's rate is nothing
 OF_THE_CANOPY = (TargetSource.CANOPY, TargetSource.INDEX_MAP, TargetSource.FALLBACK)
 ZERO_BY_SOURCE = (TargetSource.MAP, TargetSource.MANUAL, TargetSource.FALLBACK)
@@ -107,9 +107,9 @@ class ControlLoop:
         self._standing = 0                              # ticks since the clock last went on
         self._begun_s = 0.0
         self._metres_left_m: float | None = None
-        self._told_s: float | None = None               # when the tractor announced what the rows have
+        self._announced_s: float | None = None               # when the tractor announced what the rows have
         self._growth = growth_of(crop.growth_window, job.growth, rule.days)
-        self._growth_told_s = -inf
+        self._growth_reported_s = -inf
 
     # -- the run ---------------------------------------------------------------------------------------------------
 
@@ -188,7 +188,7 @@ class ControlLoop:
         said, and stops nothing."""
         if self._growth is not None and self._growth.is_outside:
             self._events.add(f"growth_stage_outside {self._growth.text}")
-            self._growth_told_s = self._time_s or 0.0
+            self._growth_reported_s = self._time_s or 0.0
         self._backing.forget()
         self._near.started()
         self._ahead.overlap.started()
@@ -217,7 +217,7 @@ class ControlLoop:
             commanded=self._stopped.commanded, map_elsewhere=self._near.elsewhere_m is not None))
         command = self._command_of(moment, decision, verdict)
         self._follow(moment, decision, metered, verdict, command)
-        return self._told(moment, decision, metered, verdict, command)
+        return self._tick(moment, decision, metered, verdict, command)
 
     def _look(self, m: Measurements) -> Moment:
         """Where the machine is, how fast, and what lies ahead."""
@@ -435,7 +435,7 @@ class ControlLoop:
         hold.landed(given_kg_ha / (1.0 + self._operator.choices.nudge_percent / 100.0),
                     moment.speed_mps * moment.dt_s)
 
-    def _told(self, moment: Moment, decision: Decision, metered: Metered, verdict: Verdict,
+    def _tick(self, moment: Moment, decision: Decision, metered: Metered, verdict: Verdict,
               command: DriveCommand) -> Tick:
         """The row, and what the console shows."""
         choices, heads, usable_mps = self._operator.choices, self._ahead.heads, decision.usable_mps
@@ -445,7 +445,7 @@ class ControlLoop:
         return Tick(
             row=log_row(self._begun_s, moment, decision=decision, metered=metered, verdict=verdict, command=command,
                         choices=choices, strategy=self._setting.strategy, heads=ndvi, decided_ndvi=heads.decisions.ndvi,
-                        events=events, speed_told=self._newly_told(moment.m)),
+                        events=events, speed_told=self._newly_announced(moment.m)),
             command=command, sensed=moment.sensed, verdict=verdict, choices=choices,
             allow=self.safety.memory.allow, fired=decision.fired, notes=self._notes(moment, decision),
             dropped_heads=heads.dropped, head_ndvi=ndvi, metres_left_m=metered.metres_left_m,
@@ -464,11 +464,11 @@ class ControlLoop:
         mps = planned_mps(self.job, self.machine.geometry.working_width_m, place, sensed.heading_deg)
         return None if mps is None else SpeedPlan(now_s, ((0.0, mps),))
 
-    def _newly_told(self, m: Measurements) -> str | None:
+    def _newly_announced(self, m: Measurements) -> str | None:
         """What the tractor announced since the row before, as the row says it."""
-        if m.speed_told is None or m.speed_told.time_s == self._told_s:
+        if m.speed_told is None or m.speed_told.time_s == self._announced_s:
             return None
-        self._told_s = m.speed_told.time_s
+        self._announced_s = m.speed_told.time_s
         return announced_text(m.speed_told, m.time_s)
 
     def _conditions(self, m: Measurements) -> Conditions:
@@ -535,7 +535,7 @@ class ControlLoop:
             notes.append("on_headland")
         if not notes and decision.holding.rate_kg_ha == 0.0 and not decision.by_point:
             notes += self._why_zero(decision.holding.source)
-        if sensed.time_s - self._growth_told_s < GROWTH_TOLD_S:
+        if sensed.time_s - self._growth_reported_s < GROWTH_REPORTED_S:
             notes.append("growth_stage_outside")
         return tuple(notes)
 

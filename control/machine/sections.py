@@ -59,19 +59,19 @@ class LoggedValves:
     def __init__(self, sections: Sequence[Section]) -> None:
         self._valves = [section.valve or Valve() for section in sections]
         self._shares = [strip.share for strip in strips(sections, 1.0)]
-        self._told: list[bool] = [False] * len(self._valves)
+        self._commanded: list[bool] = [False] * len(self._valves)
         self._turns: list[tuple[float, bool]] = [(0.0, False)] * len(self._valves)      # from when, to what
 
-    def open_at(self, time_s: float, told: str | None) -> tuple[bool, ...]:
+    def open_at(self, time_s: float, commanded: str | None) -> tuple[bool, ...]:
         """How they stand at a row that tells this; times rise."""
-        cells = (told or "").split(";")
+        cells = (commanded or "").split(";")
         if len(cells) != len(self._valves):
             return (True,) * len(self._valves)
         found = []
         for k, (valve, cell) in enumerate(zip(self._valves, cells, strict=True)):
             on = cell == "1"
-            if on is not self._told[k]:
-                self._told[k], self._turns[k] = on, (time_s + (valve.open_s if on else valve.close_s), on)
+            if on is not self._commanded[k]:
+                self._commanded[k], self._turns[k] = on, (time_s + (valve.open_s if on else valve.close_s), on)
             from_s, to = self._turns[k]
             found.append(to if time_s >= from_s - 1e-6 else not to)
         return tuple(found)

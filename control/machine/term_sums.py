@@ -74,7 +74,7 @@ class StandingTerms(NamedTuple):
         return More(**more)
 
 
-class Told:
+class HeldCommands:
     """Means of the commands that the drives follow by now, over each step: their dead times are past."""
 
     def __init__(self, machine: Machine, shaft_rpm: float, opening_mm: float) -> None:
@@ -111,7 +111,7 @@ def over_log(terms: Iterable[Term], values: Mapping[str, Array], time_s: Array, 
 
 
 def commanded_over_log(command: Array, time_s: Array, dead_s: float) -> Array:
-    """What `Told` gives, over a log: mean of the held command over each row, `dead_s` late (rows,)."""
+    """What `HeldCommands` gives, over a log: mean of the held command over each row, `dead_s` late (rows,)."""
     if len(time_s) < 2:
         return command
     spans = np.diff(time_s)

@@ -21,7 +21,7 @@ from control.machine.scale import ScaleInput, scale_reads
 from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start, shaft_step
 from control.machine.speed import SpeedInput, speed_start, speed_step
 from control.machine.steps import Steps
-from control.machine.term_sums import NOTHING, More, TermSums, Told
+from control.machine.term_sums import NOTHING, HeldCommands, More, TermSums
 from control.machine.terms import Term
 from control.readings import DoseOrder, DriveCommand, GnssFix, PlantSeen, SpeedPlan
 
@@ -106,7 +106,7 @@ class Plant:
         self._true = self._stages[0][1]
         self.valves = Valves(machine) if machine.switched else None
         self._terms = TermSums((*machine.terms, *terms))
-        self._told = Told(machine, 0.0, machine.set_points.opening_mm)
+        self._commands = HeldCommands(machine, 0.0, machine.set_points.opening_mm)
         self._more, self._ran_away_kg, self._angle_deg = NOTHING, 0.0, 0.0
         width = machine.geometry.working_width_m
         self._path = path or field_path(sim, width, job.field.pass_heading_deg)
@@ -198,7 +198,7 @@ class Plant:
             "shaft_rpm": shaft, "opening_mm": self._gate_out[0], "hopper_kg": self._flow.hopper_kg,
             "pitch_deg": pitch, "roll_deg": self._roll.value, "supply_v": supply, "speed_mps": abs(speed),
             "heading_deg": pose.heading_deg, "time_s": self.time_s, SHAFT_ANGLE: self._angle_deg + 0.5 * turned,
-            **self._told.step(self.time_s, rpm, opening_mm, dt)}, dt)
+            **self._commands.step(self.time_s, rpm, opening_mm, dt)}, dt)
         self._angle_deg = (self._angle_deg + turned) % 360.0
         self._ran_away_kg += more.scale_kg_min / 60.0 * dt
         return more

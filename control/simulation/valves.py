@@ -16,7 +16,7 @@ class Valves:
         self._valves = [section.valve or Valve() for section in machine.sections]
         self._shares = [strip.share for strip in machine.switched]
         self._to_come: list[deque[tuple[float, bool]]] = [deque() for _ in self._valves]    # from when, open
-        self._told = [False] * len(self._valves)
+        self._commanded = [False] * len(self._valves)
         self._open = [False] * len(self._valves)
         self._kg = [0.0] * len(self._valves)
         self._step_shares: list[float] = []
@@ -25,8 +25,8 @@ class Valves:
         """What they are commanded from now on; none: no power, and they close."""
         for k, valve in enumerate(self._valves):
             on = k < len(valves) and valves[k]
-            if on is not self._told[k]:
-                self._told[k] = on
+            if on is not self._commanded[k]:
+                self._commanded[k] = on
                 self._to_come[k].append((now_s + (valve.open_s if on else valve.close_s), on))
 
     @property

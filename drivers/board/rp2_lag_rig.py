@@ -18,7 +18,7 @@ class Rp2RigPins(Board, RigPins):
         self._shaft = machine.Pin(6, machine.Pin.IN, machine.Pin.PULL_UP)
         self._plate = machine.ADC(26)
         self._counts = self._count_us = self._before_us = 0
-        self._told = 0, 0, 0
+        self._newest = 0, 0, 0
         self._shaft.irq(self._on_shaft, machine.Pin.IRQ_RISING, hard=True)
 
     def _on_shaft(self, pin: object) -> None:
@@ -29,12 +29,12 @@ class Rp2RigPins(Board, RigPins):
     def encoder(self) -> "tuple[int, int, int]":
         """The newest count's time is turned into this clock's when it is new: later its own clock has run over."""
         counts = self._counts
-        if counts != self._told[0]:
+        if counts != self._newest[0]:
             newest, before = self._count_us, self._before_us
             at_us = self.at_us(newest)
             apart_us = time.ticks_diff(newest, before)                          # type: ignore[attr-defined]
-            self._told = counts, at_us, at_us - apart_us
-        return self._told
+            self._newest = counts, at_us, at_us - apart_us
+        return self._newest
 
     def plate(self) -> int:
         return int(self._plate.read_u16()) >> 4

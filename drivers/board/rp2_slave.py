@@ -37,7 +37,7 @@ class Rp2Pins(Board, Pins):
         self._opening = machine.ADC(26)
         self._supply = machine.ADC(27)
         self._counts = self._pulses = self._pulse_us = 0
-        self._told = 0, 0
+        self._newest = 0, 0
         self._shaft_a.irq(self._on_shaft, machine.Pin.IRQ_RISING | machine.Pin.IRQ_FALLING, hard=True)
         self._hall.irq(self._on_wheel, machine.Pin.IRQ_FALLING, hard=True)
         scale = machine.Pin(12, machine.Pin.OUT, value=0), machine.Pin(13, machine.Pin.IN, machine.Pin.PULL_UP)
@@ -81,9 +81,9 @@ class Rp2Pins(Board, Pins):
     def wheel(self) -> "tuple[int, int]":
         """The newest pulse's time is turned into this clock's when it is new: later its own clock has run over."""
         pulses = self._pulses
-        if pulses != self._told[0]:
-            self._told = pulses, self.at_us(self._pulse_us)
-        return self._told
+        if pulses != self._newest[0]:
+            self._newest = pulses, self.at_us(self._pulse_us)
+        return self._newest
 
     def supply_v(self) -> "float | None":
         return float(self._supply.read_u16() * VOLTS_PER_COUNT)

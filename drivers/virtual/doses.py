@@ -5,7 +5,7 @@ from control.readings import DoseOrder
 from drivers.devices.board_frames import COUNTERS, SEQUENCES, crc16, open_frame, plain_number, whole
 from drivers.devices.point_dose import ANGLE_DEG, DOSE, REPORT, SHAFT_RPM, DoseState
 
-TOLD_S = 0.3                # what became of a dose is said again this long
+REPORTED_S = 0.3                # what became of a dose is said again this long
 
 
 class VirtualDoses:
@@ -19,7 +19,7 @@ class VirtualDoses:
         self._begin_s = 0.0
         self._ends_s: float | None = None           # of the one under way
         self._report: str | None = None
-        self._told_until_s = float("-inf")
+        self._reported_until_s = float("-inf")
 
     def take(self, frame: bytes, enabled: bool, now_s: float) -> int:
         """A frame as received; returns its sequence number. Raises `BadFrame` with its kind."""
@@ -49,7 +49,7 @@ class VirtualDoses:
 
     def report(self, seq: int, now_s: float) -> bytes:
         """The line that follows a status line; empty where there is nothing to say."""
-        if self._report is None or now_s > self._told_until_s:
+        if self._report is None or now_s > self._reported_until_s:
             return b""
         payload = f"{REPORT},{seq % SEQUENCES},{self._report}".encode()
         return b"$%b*%04X\r\n" % (payload, crc16(payload))
@@ -57,4 +57,4 @@ class VirtualDoses:
     def _tell(self, dose: int, state: DoseState, turned_deg: float, begin_s: float, end_s: float) -> None:
         begin, end = (round(at_s * 1e6) % COUNTERS for at_s in (begin_s, end_s))
         self._report = f"{dose},{state:d},{turned_deg:.3f},{begin},{end}"
-        self._told_until_s = end_s + TOLD_S
+        self._reported_until_s = end_s + REPORTED_S

@@ -13,7 +13,7 @@ from control.machine.form import FORMS, TermParams
 from control.machine.forms import Form
 from control.machine.machine import Machine
 from control.machine.term_step import TermState, over_rows, term_step
-from control.machine.term_sums import NOTHING, TermSums, Told, angle_over_log, commanded_over_log, over_log
+from control.machine.term_sums import NOTHING, HeldCommands, TermSums, angle_over_log, commanded_over_log, over_log
 from control.machine.terms import Term, needed, params_of, parse_term
 from drivers.files.config import ConfigError, load, save, shipped
 from drivers.files.kinds import MACHINE
@@ -124,7 +124,7 @@ def test_told_is_the_mean_of_the_command_a_dead_time_ago() -> None:
     machine, rng = Machine(), np.random.default_rng(2)
     time_s = np.arange(400) * 0.05
     command = np.repeat(rng.uniform(0, 100, 40), 10)
-    told, found = Told(machine, command[0], 20.0), []
+    told, found = HeldCommands(machine, command[0], 20.0), []
     for now, value in zip(time_s, command, strict=True):
         found.append(told.step(float(now), float(value), 20.0, 0.05)["told_rpm"])
     assert commanded_over_log(command, time_s, machine.shaft.dead_time_s) == pytest.approx(np.array(found))

@@ -187,7 +187,7 @@ def test_orders_are_answered_by_the_next_tick(rig):
 def test_alive_stats_and_quit(rig):
     r = rig(hz=50.0)
     alive, stats, quit_ = ask(r, Ask.ALIVE), ask(r, Ask.STATS), ask(r, Ask.QUIT)
-    assert r.host.run() == "told to quit"
+    assert r.host.run() == "asked to quit"
     assert alive == [(Answer(True), {})] and quit_ == [(Answer(True), {})]
     assert stats[0][1]["stats"]["hz"] == pytest.approx(50.0)
     assert len(r.writer.rows) == 1

@@ -79,12 +79,12 @@ def _retellings(of_table: Sequence[Sequence[Series]]) -> list[DuplicateRows]:
     for (k, one), (other_k, other) in combinations(every, 2):
         done = [pair.again for pair in found]
         if k != other_k and not any(one is again or other is again for again in done):
-            pair = retold(one, other)
+            pair = same_series(one, other)
             found += [] if pair is None else [pair]
     return found
 
 
-def retold(kept: Series, again: Series) -> DuplicateRows | None:
+def same_series(kept: Series, again: Series) -> DuplicateRows | None:
     """Whether one series is the other, to their last digits: the same in one unit, times one speed in two."""
     distances, times = (again, kept) if kept.unit == "s" else (kept, again)
     rpm, at_distances, at_times = np.intersect1d(distances.shaft_rpm, times.shaft_rpm, return_indices=True)

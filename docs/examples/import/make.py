@@ -88,10 +88,10 @@ def applied() -> bytes:
     for k in range(rows):
         moment = begin + dt.timedelta(seconds=float(t[k]))
         place = {"type": "Point", "coordinates": [round(lon[k], 7), round(lat[k], 7)]}
-        told = {"Time": f"{moment:%m/%d/%Y %I:%M:%S %p}", "Speed(mph)": round(2.2369 * speed[k], 2),
+        values = {"Time": f"{moment:%m/%d/%Y %I:%M:%S %p}", "Speed(mph)": round(2.2369 * speed[k], 2),
                 "Target Rate(lb/ac)": float(target[k]), "Applied Rate(lb/ac)": round(rate[k], 1),
                 "Elevation(ft)": round(912.0 + 3.0 * np.sin(t[k] / 40.0), 1)}
-        features.append({"type": "Feature", "geometry": place, "properties": told})
+        features.append({"type": "Feature", "geometry": place, "properties": values})
     return (json.dumps({"type": "FeatureCollection", "features": features}, indent=None) + "\n").encode()
 
 

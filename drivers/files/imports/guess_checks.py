@@ -86,13 +86,13 @@ def _speeds(time_s: NDArray[np.float64], columns: dict[str, NDArray[np.float64]]
             out.reasons[key] = f"{written.name}: {ratio:.2f} times the speed between the places"
             out.doubts = [doubt for doubt in out.doubts if doubt.key != key or "unit" not in doubt.text]
         elif chosen[name].unit is None:
-            _without_told_unit(name, ratio / written.factor, column, out)
+            _without_stated_unit(name, ratio / written.factor, column, out)
         else:
             out.doubts.append(Doubt(key, f"in {written.name}, as the header says, it is {ratio:.2f} times the speed "
                                     "between the places"))
 
 
-def _without_told_unit(name: str, ratio: float, column: Column, out: Guess) -> None:
+def _without_stated_unit(name: str, ratio: float, column: Column, out: Guess) -> None:
     """`ratio`: of the file's own numbers to m/s between places."""
     key = ("columns", name)
     fits = physics.unit_of_ratio(ratio)

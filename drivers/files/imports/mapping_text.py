@@ -25,9 +25,9 @@ def mapping_text(guess: Guess, head: Iterable[str]) -> str:
     mapping = guess.mapping
     lines = [f"# {line}" for line in head]
     lines += [f"format: {IMPORT.format}", "", *_doubts(guess, ("source", "names"), 0), "source:",
-              *_pairs(_told(plain(mapping.source)), 2)]
+              *_pairs(_stated(plain(mapping.source)), 2)]
     lines += ["", *_doubts(guess, ("time",), 0), "time:" + _reason(guess, ("time",)),
-              *_pairs(_told(plain(mapping.time)), 2)]
+              *_pairs(_stated(plain(mapping.time)), 2)]
     if mapping.time.zone is None and mapping.time.counts in ("text", "excel_day"):
         lines.append("  # zone: Europe/Berlin     (times without a zone: the log then tells no UTC)")
     lines += ["", *_doubts(guess, ("columns",), 0), "columns:" + ("" if mapping.columns or guess.open else " {}")]
@@ -38,7 +38,7 @@ def mapping_text(guess: Guess, head: Iterable[str]) -> str:
         lines += [*_doubts(guess, ("columns", name), 2), f"  # {name}: {text}"]
     if mapping.working is not None:
         lines += ["", *_doubts(guess, ("working",), 0), "working:" + _reason(guess, ("working",)),
-                  *_pairs(_told(plain(mapping.working)), 2)]
+                  *_pairs(_stated(plain(mapping.working)), 2)]
     if mapping.width_m is not None:
         lines += ["", f"width_m: {mapping.width_m:g}"]
     lines += ["", *_doubts(guess, ("rows",), 0), f"rows: {mapping.rows}", f"extra: {mapping.extra}"]
@@ -50,7 +50,7 @@ def _column(column: Column) -> dict[str, Any]:
     return {key: value for key, value in plain(column).items() if key == "from" or value != usual[key]}
 
 
-def _told(data: dict[str, Any]) -> dict[str, Any]:
+def _stated(data: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in data.items() if value not in (None, [])}
 
 

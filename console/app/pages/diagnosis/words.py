@@ -126,8 +126,8 @@ def ties(cause: CauseShown) -> tuple[tuple[str, str], ...]:
 
 
 def _verdict(found: Found) -> str:
-    told = [cause for cause in found.causes if headlined(cause)]
-    suspected = len(found.causes) - len(told)
+    likely = [cause for cause in found.causes if headlined(cause)]
+    suspected = len(found.causes) - len(likely)
     if found.verdict == "none":
         return _("Everything is as the machine file says, as far as the sensors can tell.")
     if found.verdict == "not_judged" and found.channels:
@@ -136,14 +136,14 @@ def _verdict(found: Found) -> str:
         return _("None of this data could be compared with the machine file.")
     if found.verdict == "unexplained" and found.left:
         said = left(found.left[0])
-        return said if not told else f"{said} {_('Besides:')} {title(told[0])}."
+        return said if not likely else f"{said} {_('Besides:')} {title(likely[0])}."
     if not found.causes:
         return _("Nothing with a name was found.")
-    if not told:
+    if not likely:
         return _("Something is there, but no cause is likely enough to be named; suspected: {count}.").format(
             count=suspected)
-    said = "   ".join(f"{number}. {_doubtful(cause)}" for number, cause in enumerate(told, 1)) if (
-        len(told) > 1) else _doubtful(told[0])
+    said = "   ".join(f"{number}. {_doubtful(cause)}" for number, cause in enumerate(likely, 1)) if (
+        len(likely) > 1) else _doubtful(likely[0])
     return f"{said}   {_('Only suspected: {count}.').format(count=suspected)}" if suspected else said
 
 
@@ -167,7 +167,7 @@ def whole(of: WholeShown) -> str:
 
 def whole_gain(of: WholeShown) -> str:
     """What a drive fitted as a whole is good for."""
-    return _("Which of these is wrong is not told apart. Adopted together they predict rows that were not fitted to: "
+    return _("Which of these is wrong is not likely apart. Adopted together they predict rows that were not fitted to: "
              "error {before} -> {after} {unit}.").format(before=number(of.before), after=number(of.after),
                                                          unit=_(of.unit))
 
