@@ -8,6 +8,7 @@ HZ_HIGHEST = 100.0
 FRAME_HZ = 20.0              # frames made a second, at most
 MOVES_S = 0.1                # reported to each client that often while the machine moves, and what changes at once
 STANDS_S = 0.5               # while it stands: the console says after 1 s without a frame that there is no data
+COMES_S = 2.0                # after a console came it is reported as while it moves: that it lives is seen at once
 DEVICES_S = 0.2              # and the list of devices
 CAPTURE_BYTES = 100_000_000  # a capture ends by itself at that size: about a day of a receiver at 10 Hz
 TEST_S = 1.5                 # a device is listened to for that long before it is said what speaks there

@@ -260,7 +260,7 @@ class LinkServer(threading.Thread):
             self._strangers.unregister(client.connection)
             self._holders.register(client.connection, selectors.EVENT_READ, client)
         client.kind = kind
-        self._telling.hurry()                          # who comes waits for no frame: it gets the newest
+        self._telling.come()                           # who comes waits for no frame: it gets the newest
         self._seen_seq = -1
         return True
 

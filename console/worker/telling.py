@@ -6,7 +6,7 @@ from math import inf
 from typing import Any
 
 from console.frame import DeviceView, Frame
-from console.worker.limits import MOVES_S, STANDS_S
+from console.worker.limits import COMES_S, MOVES_S, STANDS_S
 from control.orders import State
 
 AT_WORK = (State.WORKING, State.CALIBRATING)
@@ -21,15 +21,23 @@ class Telling:
     def __init__(self) -> None:
         self._sent_s = -inf
         self._words: Any = None         # of the frame reported last
+        self._comes, self._come_until_s = False, -inf       # since the frame looked at last; by the clock of frames
         self.moves = True               # by the frame looked at last
 
     def hurry(self) -> None:
-        """The next frame is reported: an order was answered, a console came."""
+        """The next frame is reported: an order was answered."""
         self._sent_s = -inf
+
+    def come(self) -> None:
+        """A console came: it waits for no frame, and its first numbers move at once, as those of a machine at work."""
+        self.hurry()
+        self._comes = True
 
     def due(self, frame: Frame) -> bool:
         words = _words(frame)
-        self.moves = _moves(frame)
+        if self._comes:
+            self._comes, self._come_until_s = False, frame.at_s + COMES_S
+        self.moves = _moves(frame) or 0.0 < self._come_until_s - frame.at_s <= COMES_S
         wait_s = MOVES_S if self.moves else STANDS_S
         if words == self._words and 0.0 <= frame.at_s - self._sent_s < wait_s - HALF_A_TICK_S:
             return False

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import asyncio
+import dataclasses
 import os
 import subprocess
 import sys
@@ -27,6 +28,33 @@ async def test_who_comes_gets_the_newest_frame_at_once(rig):
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
+        server.close()
+
+
+async def test_the_first_numbers_move_at_once_though_the_machine_stands(rig):
+    """Half a second without a change looks like a picture that hangs."""
+    made = rig()
+    turns = made.loop.tick
+
+    def stands(*given, **named):
+        made_of = turns(*given, **named)
+        return dataclasses.replace(made_of, row=made_of.row._replace(shaft_rpm=0.0))
+    made.loop.tick = stands
+    made.host.tick(0.0)
+    server = LinkServer(made.host, "key")
+    server.start()
+    link = Link(Where(server.port, "key", os.getpid()), "first")
+    task, seen = asyncio.create_task(link.run()), set()
+    try:
+        await asyncio.wait_for(link.attached.wait(), 5.0)
+        for k in range(1, 21):                  # a second
+            made.host.tick(0.05 * k)
+            await asyncio.sleep(0.05)
+            seen.add(link.newest.seq)
+        assert len(seen) >= 6, seen                     # ten a second, on a busy machine too; standing it is two
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
         server.close()
 
 

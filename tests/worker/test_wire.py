@@ -156,6 +156,15 @@ def test_an_event_and_a_state_are_told_at_once():
     assert telling.due(replace(STANDS, seq=2, at_s=2.0 * TICK_S, row=STANDS.row._replace(state="ready")))
 
 
+def test_after_a_console_came_it_is_told_as_while_the_machine_moves_for_two_seconds():
+    telling = Telling()
+    telling.due(STANDS)
+    telling.come()
+    told = [k for k in range(1, 201) if telling.due(replace(STANDS, seq=k, at_s=k * TICK_S))]
+    assert told[:20] == list(range(1, 40, 2)) and len(told) == 20 + round(8.0 / STANDS_S)
+    assert not telling.moves
+
+
 def test_time_held_is_no_word_that_changes():
     telling = Telling()
     telling.due(STANDS)
@@ -168,3 +177,7 @@ def test_who_comes_waits_for_no_frame_and_a_clock_that_goes_back_silences_nobody
     assert telling.due(replace(STANDS, seq=1, at_s=99.0))
     telling.hurry()
     assert telling.due(replace(STANDS, seq=2, at_s=99.05))
+    telling.come()
+    telling.due(replace(STANDS, seq=3, at_s=99.1))
+    telling.due(replace(STANDS, seq=4, at_s=1.0))
+    assert not telling.moves
