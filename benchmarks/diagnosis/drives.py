@@ -235,9 +235,9 @@ def judged(case: Case, said: dict[str, Any]) -> str:
 def error_on(log: Path, machine_file: Path, settled: bool) -> float:
     """r.m.s. of measured less predicted over every row of a log, r/min; the machine file predicts as it stands."""
     from control.diagnosis.runs.channels import drive_rows
+    from control.diagnosis.runs.drives import whole_drives
     from control.diagnosis.runs.hypothesis import schedule, stages_of
     from control.diagnosis.runs.log import gate
-    from control.diagnosis.runs.stages import whole_drives
     from control.machine.over_log import MOST_STEP_S
     from drivers.files.config import load
     from drivers.files.kinds import MACHINE

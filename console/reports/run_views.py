@@ -11,10 +11,11 @@ from console.reports.binned import Axis, Binned, binned, binned_rates, memory_of
 from console.reports.variables import recorded
 from control.diagnosis.result import Cause
 from control.diagnosis.runs.channels import ChannelSeries, channels
+from control.diagnosis.runs.drives import Drive
 from control.diagnosis.runs.hypothesis import MAX_SWITCHES, EffectInstance, schedule, stages_of
 from control.diagnosis.runs.log import gate
 from control.diagnosis.runs.model import in_course
-from control.diagnosis.runs.stages import Drive, RunData, run_data
+from control.diagnosis.runs.stages import RunData, run_data
 from control.machine.machine import CATALOGUE, Machine
 from control.machine.over_log import MOST_STEP_S
 

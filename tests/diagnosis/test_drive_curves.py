@@ -14,10 +14,10 @@ from control.diagnosis.result import Diagnosis
 from control.diagnosis.runs.adoption import adoptable_of
 from control.diagnosis.runs.channels import channels, drive_rows
 from control.diagnosis.runs.diagnose import diagnose_run, series_of_log
+from control.diagnosis.runs.drives import whole_drives
 from control.diagnosis.runs.hypothesis import EffectInstance, schedule, stages_of
 from control.diagnosis.runs.log import gate
 from control.diagnosis.runs.search import Search
-from control.diagnosis.runs.stages import whole_drives
 from control.log_row import COMMANDS_HELD
 from control.machine.machine import Flow, Limits, Machine, Noise, Tolerance
 from control.machine.over_log import MOST_STEP_S

@@ -31,12 +31,12 @@ from control.diagnosis.runs.changepoint import best_begins, that_may_begin
 from control.diagnosis.runs.channels import ChannelSeries, channels
 from control.diagnosis.runs.columns import nuisance_columns
 from control.diagnosis.runs.diagnose import series_of_log
+from control.diagnosis.runs.grid import Grid
 from control.diagnosis.runs.hypothesis import EffectInstance
 from control.diagnosis.runs.log import HEADS, MIN_ROWS, Clean, gate
 from control.diagnosis.runs.model import GROUPS, GroupModel, adds_up
 from control.diagnosis.runs.row_order import Move, moved, order_of
 from control.diagnosis.runs.search import Candidate, candidates
-from control.diagnosis.runs.stages import Grid
 from control.machine.machine import Machine
 
 Array = npt.NDArray[np.float64]

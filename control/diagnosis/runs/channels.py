@@ -23,8 +23,12 @@ from control.machine.scale import ScaleInput
 from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start
 from control.machine.speed import SpeedInput, SpeedOutput, speed_start
 
+from .drives import Drive
+from .grid import Grid, joined
+from .hopper import Hopper
 from .hypothesis import MAX_SWITCHES, Schedule, schedule, stages_of
-from .stages import Drive, Grid, Heads, Hopper, RunData, Speed, joined
+from .speed_and_heads import Heads, Speed
+from .stages import RunData
 
 Array = npt.NDArray[np.float64]
 FINE_S = 0.025              # rows of the speed stage: the true speed goes on between two readings

@@ -12,8 +12,10 @@ from control.machine.over_log import MOST_STEP_S
 from control.recordings.speeds import MOVING_MPS
 
 from .channels import SEAM_S, drive_rows, speed_rows
+from .drives import Drive
+from .grid import joined
 from .hypothesis import EffectInstance, Schedule, schedule, stages_of, with_part
-from .stages import Drive, RunData, joined
+from .stages import RunData
 
 Array = npt.NDArray[np.float64]
 

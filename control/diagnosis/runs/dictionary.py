@@ -21,10 +21,12 @@ from control.machine.over_log import MOST_STEP_S
 from control.machine.terms import COMMANDED_RPM, STAGE_OF, Acts, own_command
 
 from .channels import drive_rows
+from .drives import Drive
+from .hopper import bin_mean, metered_mean
 from .hypothesis import EffectInstance, Hypothesis, schedule
 from .model import GroupModel
 from .smooth import DOWNSTREAM, MIN_RANGE, RANGES
-from .stages import Drive, RunData, bin_mean, metered_mean
+from .stages import RunData
 from .whitened import WhitenedResidual, gain_of, gains_of_single, without
 
 Array = npt.NDArray[np.float64]

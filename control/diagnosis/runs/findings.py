@@ -10,10 +10,13 @@ from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
 from .channels import drive_channel
+from .drives import against_the_way, whole_drives
+from .grid import looked_at
 from .hypothesis import schedule
+from .inputs import FINE_LOG_S
 from .log import Clean
 from .selection import GroupResult
-from .stages import FINE_LOG_S, RunData, against_the_way, looked_at, whole_drives
+from .stages import RunData
 
 TICK_S = 0.05               # control's usual tick
 LOST_SHARE = 0.01           # of the rows

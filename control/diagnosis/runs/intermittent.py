@@ -20,11 +20,13 @@ from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
 from .channels import hopper_channel
+from .hopper import Hopper
 from .hypothesis import EffectInstance, schedule, stages_of
 from .model import GROUPS
 from .robust import FREEDOM
 from .search import DIPS_WITHIN_S
-from .stages import Hopper, RunData, Speed
+from .speed_and_heads import Speed
+from .stages import RunData
 
 Array = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]

@@ -19,12 +19,12 @@ from control.machine.machine import Machine, of_nominal
 from control.machine.over_log import MOST_STEP_S
 
 from .channels import drive_channel
+from .drives import whole_drives
 from .hypothesis import EffectInstance, schedule, stages_of
 from .intermittent import ReadOff, prior_odds
 from .log import MIN_ROWS, Clean
 from .model import GroupModel
 from .search import Candidate
-from .stages import whole_drives
 
 Array = npt.NDArray[np.float64]
 

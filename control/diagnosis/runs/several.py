@@ -22,7 +22,7 @@ from control.log_row import COMMANDS_HELD
 from control.machine.machine import Machine
 
 from .diagnose import Each, diagnose_run
-from .stages import SETTLE_S, SETTLES
+from .drives import SETTLE_S, SETTLES
 
 Columns = dict[str, npt.NDArray[Any]]
 

@@ -14,8 +14,9 @@ from control.machine.machine import Machine, of_nominal
 from control.machine.over_log import MOST_STEP_S
 
 from .channels import ChannelSeries, hopper_channel
+from .hopper import Hopper
 from .hypothesis import EffectInstance, Stages, schedule
-from .stages import Hopper, RunData
+from .stages import RunData
 
 Array = npt.NDArray[np.float64]
 

@@ -1,0 +1,104 @@
+"""What several stages are given, at every row of a log: commands, measured inputs, and what terms are asked with."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from control.machine.effect import SHAFT_RANGE
+from control.machine.form import SHAFT_ANGLE
+from control.machine.machine import Machine, of_nominal
+from control.machine.term_sums import angle_over_log, commanded_over_log, dead_times_s
+from control.machine.terms import COMMANDED_MM, COMMANDED_RPM
+from control.recordings.times import GAP_STEPS
+
+from .grid import bridged, held, smoothed
+from .log import Clean
+
+Array = npt.NDArray[np.float64]
+
+ASKED_AFTER_S = 2.0         # of a reading's gap: in a longer one the command is the better guess
+FINE_LOG_S = 0.15           # rows closer than this hold every command that control, ten times a second, gave
+# r/min of the nominal machine: a share of another's range.
+STOPPED_RPM = 1.0           # a shaft read slower than this stands still: the reading cannot fall below 0
+WORKING_RPM = 2.0 * STOPPED_RPM     # and one read quicker surely turns
+
+
+class Rows(NamedTuple):
+    """What several stages are given, at every row of the log: (n,) each, gaps bridged."""
+
+    time_s: Array
+    step_s: float
+    command_rpm: Array
+    command_mm: Array
+    shaft_rpm: Array            # measured, where it is not the command
+    opening_mm: Array
+    supply_v: Array             # smoothed, as the pitch
+    pitch_deg: Array
+    working: Array              # 1 or 0: as the log says, else whether the shaft turns
+    lost: npt.NDArray[np.bool_]         # rows before which commands may be missing from the log
+    more: dict[str, Array] = {}         # what the machine file's terms add (`term_sums.over_log`)
+
+
+def rows_of(log: Clean, machine: Machine) -> Rows:
+    time, c = log.time_s, log.columns
+    command_rpm, command_mm = held(c["shaft_rpm_cmd"]), held(c["opening_mm_cmd"])
+    shaft_rpm = bridged(time, c["shaft_rpm"], command_rpm, ASKED_AFTER_S)
+    supply_v = bridged(time, c["supply_v"], np.full(len(time), machine.shaft.nominal_supply_v))
+    opening_mm = np.where(np.isfinite(command_mm), command_mm, machine.set_points.opening_mm)      # neutral
+    turning = np.abs(np.nan_to_num(shaft_rpm)) > of_nominal(machine, SHAFT_RANGE) * WORKING_RPM
+    working = np.where(np.isfinite(log.working), log.working, turning)
+    return Rows(time, log.step_s, command_rpm, command_mm, shaft_rpm,
+                 bridged(time, c["opening_mm"], opening_mm, ASKED_AFTER_S), smoothed(supply_v, log.step_s),
+                 smoothed(bridged(time, c["pitch_deg"], np.zeros(len(time))), log.step_s),
+                 working.astype(np.float64), np.zeros(len(time), bool) if log.held else commands_lost(time, log.step_s))
+
+
+def commands_lost(time: Array, step_s: float) -> npt.NDArray[np.bool_]:
+    """Rows before which commands may have been given that no row holds: (n,)."""
+    if step_s > FINE_LOG_S:
+        return np.ones(len(time), bool)
+    return np.diff(time, prepend=time[0]) > GAP_STEPS * step_s
+
+
+def term_inputs(log: Clean, every: Rows, machine: Machine) -> dict[str, Array]:
+    """What terms are asked with, at every row of a log (n,): readings, and the commands that the drives follow by now.
+
+    What a log lacks is left out, and so are the terms over it.
+    """
+    time, found = every.time_s, {"time_s": every.time_s}
+    for name, written, command, dead_s in zip(("shaft_rpm", "opening_mm"), (COMMANDED_RPM, COMMANDED_MM),
+                                           (every.command_rpm, every.command_mm), dead_times_s(machine), strict=True):
+        if np.isfinite(command).all():
+            found[written] = commanded_over_log(command, time, dead_s)
+        if log.has(name):
+            found[name] = every.shaft_rpm if name == "shaft_rpm" else every.opening_mm
+            if written not in found:
+                found[written] = found[name]
+    if log.has("shaft_rpm"):
+        found[SHAFT_ANGLE] = angle_over_log(every.shaft_rpm, time)
+    further = {name: bridged(time, series, series) for name, series in log.further.items()}
+    return found | read_slowly(log, every) | further
+
+
+def read_slowly(log: Clean, every: Rows) -> dict[str, Array]:
+    """Readings of other sensors than the drives', smoothed, (n,) by name: their noise is no motion of the machine."""
+    found = {name: series for name, series in (("supply_v", every.supply_v), ("pitch_deg", every.pitch_deg))
+             if log.has(name)}
+    for name in ("roll_deg", "hopper_kg", "speed_mps"):
+        if log.has(name):
+            found[name] = smoothed(bridged(every.time_s, log.columns[name], np.zeros(len(every.time_s))), log.step_s)
+    if log.has("heading_deg"):
+        found["heading_deg"] = np.mod(held(log.columns["heading_deg"]), 360.0)
+    return found
+
+
+def variables_of(log: Clean, every: Rows) -> dict[str, Array]:
+    """The recorded variables that something may depend on, (n,) by name; commands in place of the drives' readings."""
+    found = {"time_s": every.time_s}
+    if "shaft" in log.stages or "flow" in log.stages:
+        found["shaft_rpm"] = np.where(np.isfinite(every.command_rpm), every.command_rpm, every.shaft_rpm)
+    if "gate" in log.stages or "flow" in log.stages:
+        found["opening_mm"] = np.where(np.isfinite(every.command_mm), every.command_mm, every.opening_mm)
+    return found | read_slowly(log, every)

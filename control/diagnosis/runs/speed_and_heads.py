@@ -1,0 +1,138 @@
+"""Ground speed and canopy heads of a log: sensors of the same thing held against each other, where both are new."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import convolve1d
+
+from control.diagnosis.judgement.prior import ROBUST_SD
+from control.machine.machine import Machine
+from control.recordings.speeds import MOVING_MPS
+
+from .grid import SMOOTH_S, Grid, grid_of, looked_at
+from .inputs import Rows
+from .log import MIN_ROWS
+
+Array = npt.NDArray[np.float64]
+
+SPEED_WINDOW_S = 2.0 * SMOOTH_S     # parabola through the speed: a tractor's acceleration is slower than their noise
+MIN_READINGS_APART = 400    # readings from which two sensors' noises are told apart: variances to 7 %
+CLIPPED_SD = 4.0            # of steps from reading to reading: what is farther is an outlier, and no noise
+LEAST_OWN = 0.01            # of a sensor's steps that are its own noise, at least: a share of 0 would trust it alone
+FORGETS_S = 1.0             # for which a gap that is left out stands: filters of receivers and wheels forget within it,
+                            # and what stopped braking is not what starts again in the next row
+MOVES_SHARE = 0.2           # of the rows: where it moves in fewer, those in which it stands are looked at as well
+FRESH_SHARE = 0.7           # of the rows new: a sensor with more is as quick as the log, and repeats by chance
+HEAD_THERE = 0.2            # of the rows: a head known in fewer is not there
+
+
+class Speed(NamedTuple):
+    """Wheel against GNSS at the rows where GNSS is new."""
+
+    time_s: Array
+    true_mps: Array             # weighted mean of both, smoothed
+    working: Array
+    pitch_deg: Array
+    wheel_mps: Array
+    gnss_mps: Array
+    grid: Grid
+    more_percent: Array | float = 0.0   # of the machine file's terms
+    unseen_percent: float = 0.0         # (1 s.d.) of the wheel's speed, missing in dips too short to be taken out
+
+
+class Heads(NamedTuple):
+    """Contrast of each head with the mean of all, at the rows where the heads are new."""
+
+    time_s: Array
+    ndvi: Array                 # (k, m)
+    mean: Array                 # (m,)
+    grid: Grid
+
+
+def speed_of(every: Rows, gnss: Array, wheel: Array, machine: Machine) -> Speed | None:
+    """Both speeds where they are new; None where they hardly ever are.
+
+    The mean weighted with both sensors' precision is the one whose noise their difference knows nothing of.
+    """
+    time = every.time_s
+    fresh = _fresh(gnss)
+    known = np.isfinite(gnss) & np.isfinite(wheel) & fresh
+    rows = looked_at(len(time))
+    rows = rows[known[rows]]
+    if len(rows) < MIN_ROWS:
+        return None
+    at = time[rows]
+    step = float(np.median(np.diff(at)))
+    wheel_there = wheel[rows]
+    going = (gnss[rows] > MOVING_MPS) & (wheel_there > MOVING_MPS)
+    ratio = float(np.median(wheel_there[going] / gnss[rows][going])) if going.any() else 1.0
+    trust = _trust(gnss[rows], wheel_there / ratio, machine)
+    both = (1.0 - trust) * gnss[rows] + trust * wheel_there / ratio
+    window = min(len(both) - 1 + len(both) % 2, 2 * int(0.5 * SPEED_WINDOW_S / step) + 1)
+    smooth = _smoothed(both, window) if window > 3 else both
+    moving = smooth > MOVING_MPS
+    looked = moving if moving.sum() > MOVES_SHARE * len(at) else np.ones(len(at), bool)
+    grid = grid_of(at, looked, step, seam_s=FORGETS_S)
+    more = every.more.get("wheel_percent")
+    return Speed(at, smooth, every.working[rows], every.pitch_deg[rows], wheel_there, gnss[rows], grid,
+                 0.0 if more is None else more[rows])
+
+
+def _trust(gnss: Array, wheel: Array, machine: Machine) -> float:
+    """Weight of the wheel in the mean of both speeds: share of GNSS in the variance of their noise.
+
+    Of what changes between two readings, the part that both have in common is the ground's; the rest is each one's own.
+    """
+    if len(gnss) < MIN_READINGS_APART:
+        own = np.array([machine.noise.gnss_mps, machine.noise.wheel_mps]) ** 2 + 1e-12
+    else:
+        steps = np.diff(np.array([gnss, wheel]), axis=1)
+        reach = CLIPPED_SD * ROBUST_SD * np.median(np.abs(steps), axis=1, keepdims=True) + 1e-9
+        spread = np.cov(np.clip(steps, -reach, reach))
+        own = np.maximum(np.diag(spread) - max(0.0, float(spread[0, 1])), LEAST_OWN * np.diag(spread)) + 1e-12
+    return float(own[0] / own.sum())
+
+
+def _smoothed(values: Array, window: int) -> Array:
+    """Quadratics fitted to every `window` (odd) neighbours, at their middle; at the ends those of the first and last
+    window (Savitzky and Golay 1964, Anal. Chem. 36, 1627)."""
+    reach = window // 2
+    at = np.arange(-reach, reach + 1)
+    weights = (3.0 * reach * (reach + 1) - 1.0 - 5.0 * at ** 2) * 3.0 / ((window - 2.0) * window * (window + 2.0))
+    found = convolve1d(values, weights, mode="nearest")
+    for end, ours in ((slice(0, window), slice(0, reach)), (slice(-window, None), slice(-reach, None))):
+        quadratic = np.polynomial.polynomial.polyfit(at, values[end], 2)
+        found[ours] = np.polynomial.polynomial.polyval(at[ours], quadratic)
+    return np.asarray(found)
+
+
+def _fresh(series: Array) -> npt.NDArray[np.bool_]:
+    """Rows with a new value, where a sensor slower than the log is held between its readings."""
+    changed = np.concatenate(([True], series[1:] != series[:-1]))
+    known = np.isfinite(series)
+    return changed if changed[known].mean() < FRESH_SHARE else np.ones(len(series), bool)
+
+
+def moves(gnss: Array, wheel: Array) -> npt.NDArray[np.bool_]:
+    """Rows in which the machine moves, by either speed; all of them where no speed is known."""
+    known = np.isfinite(gnss) | np.isfinite(wheel)
+    return np.where(known, np.fmax(gnss, wheel) > MOVING_MPS, ~known.any())
+
+
+def heads_of(time: Array, ndvi: Array, moves: npt.NDArray[np.bool_]) -> Heads | None:
+    """The heads while the machine moves: where it stands, each sees its own piece of canopy all the time, which is no
+    trait of the head."""
+    there = np.isfinite(ndvi).mean(axis=1) > HEAD_THERE
+    ndvi = np.where(there[:, None], ndvi, np.nan)
+    some = ndvi[there]
+    known = np.isfinite(some).all(axis=0)
+    changed = np.concatenate(([True], (some[:, 1:] != some[:, :-1]).any(axis=0)))
+    rows = looked_at(ndvi.shape[1])
+    rows = rows[(known & changed & moves)[rows]]
+    if len(rows) < MIN_ROWS:
+        return None
+    at = time[rows]
+    used = ndvi[:, rows]
+    return Heads(at, used, np.nanmean(used, axis=0), grid_of(at, np.ones(len(at), bool), float(np.median(np.diff(at)))))
