@@ -4,7 +4,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from control.diagnosis.levels import opening_levels, shaft_levels
+from control.experiments.levels import opening_levels, shaft_levels
 from control.field.job import Job, SpeedChange
 from control.machine.machine import Machine
 from control.orders import Do, Order, TargetSource

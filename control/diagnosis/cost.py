@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from control.experiments.levels import USUAL_MPS
 from control.machine.flow import FlowInput, FlowState, flow_step
 from control.machine.machine import Machine
 from control.machine.scale import ScaleInput, scale_reads
 from control.machine.speed import SpeedInput, speed_start, speed_step
 
-USUAL_MPS = 1.25            # ground speed where data has none (decision paper: about 4.5 km/h)
 STEP_S = 1.0                # over which the mass that the scale reads is taken
 
 

@@ -516,7 +516,7 @@ def test_every_effect_of_the_catalogue_is_known_in_chinese():
 
 
 def test_the_plans_of_all_manoeuvres_are_known():
-    from control.diagnosis.runs.next_run import manoeuvres
+    from control.experiments.manoeuvres import manoeuvres
     from drivers.files.config import load
     from drivers.files.kinds import MACHINE
     plans = {one.id: one.plan for one in manoeuvres(load("huanghai", MACHINE).model)}

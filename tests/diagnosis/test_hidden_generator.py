@@ -274,7 +274,7 @@ def test_a_coarse_clock_makes_what_is_beside_it_harder_to_see(hidden: Any) -> No
 
 def test_what_the_program_proposes_is_known_to_the_examiner() -> None:
     """Every run that the program may propose can be driven here."""
-    plans = pytest.importorskip("control.diagnosis.runs.next_run").manoeuvres(
+    plans = pytest.importorskip("control.experiments.manoeuvres").manoeuvres(
         importlib.import_module("control.machine.machine").Machine())
     sys.path.insert(0, str(HIDDEN.parent))
     try:

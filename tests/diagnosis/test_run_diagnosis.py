@@ -9,14 +9,15 @@ from scipy.signal import lfilter
 
 from control.diagnosis.extend import extend
 from control.diagnosis.runs import columns as group_columns
-from control.diagnosis.runs import intermittent, log, onset, search, stages
+from control.diagnosis.runs import grid, intermittent, log, onset, search, stages
 from control.diagnosis.runs.channels import channels
 from control.diagnosis.runs.diagnose import diagnose_run, series_of_log
 from control.diagnosis.runs.guard import Cancelled
 from control.diagnosis.runs.hypothesis import EffectInstance
 from control.diagnosis.runs.model import nuisances
-from control.diagnosis.runs.next_run import manoeuvres, separation
+from control.diagnosis.runs.next_run import separation
 from control.diagnosis.runs.settle import settle
+from control.experiments.manoeuvres import manoeuvres
 from control.machine.compiled import flow_run, gate_run, scale_run, shaft_run, speed_run
 from control.machine.flow import FlowInput, FlowOutput, flow_start
 from control.machine.gate import GateInput, GateOutput, gate_start
@@ -423,8 +424,8 @@ def test_short_bridges_show_by_the_mass_that_stayed():
 
 
 def test_a_long_log_is_looked_at_in_windows_and_judged_on_every_row(monkeypatch):
-    monkeypatch.setattr(stages, "MAX_ROWS", 5_000)
-    monkeypatch.setattr(stages, "WINDOW_ROWS", 3_000)
+    monkeypatch.setattr(grid, "MAX_ROWS", 5_000)
+    monkeypatch.setattr(grid, "WINDOW_ROWS", 3_000)
     columns = a_run(with_effect(Machine(), "shaft.load_droop", 5.0), seed=23, seconds=900.0)
     found = diagnose_run(columns, Machine())
     assert ids(found) == ["shaft.load_droop"]

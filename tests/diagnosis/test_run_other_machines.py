@@ -10,8 +10,9 @@ import pytest
 from control.diagnosis.runs.diagnose import diagnose_run
 from control.diagnosis.runs.hypothesis import EffectInstance
 from control.diagnosis.runs.log import gate
-from control.diagnosis.runs.next_run import manoeuvres, separation
+from control.diagnosis.runs.next_run import separation
 from control.diagnosis.runs.stages import run_data
+from control.experiments.manoeuvres import manoeuvres
 from control.machine.compiled import flow_run, gate_run, scale_run, shaft_run
 from control.machine.elements import stepped
 from control.machine.flow import FlowInput, FlowOutput, flow_start
@@ -147,8 +148,9 @@ def test_a_manoeuvre_of_another_machine_is_within_its_ranges_and_separates() -> 
     assert plans["stairs"].plan.startswith("Shaft staircase: 200, 400, 600, 800 r/min for a minute each")
     assert plans["stairs"].steps[:2] == ("200 r/min for 60 s", "400 r/min for 60 s")
     for one in plans.values():
-        assert one.columns["hopper_kg"].min() > 0.5 * spreader.flow.full_kg
-        assert one.columns["opening_mm"].max() <= spreader.limits.opening_high_mm
+        columns = one.reads(spreader)
+        assert columns["hopper_kg"].min() > 0.5 * spreader.flow.full_kg
+        assert columns["opening_mm"].max() <= spreader.limits.opening_high_mm
     assert separation(plans["openings"], spreader, EffectInstance("flow.gain", 5.0), "flow.zero_offset") > 3.0
 
 

@@ -15,12 +15,12 @@ from control.diagnosis.result import Diagnosis
 from control.diagnosis.tables import Table, diagnose, diagnose_tables
 from control.diagnosis.tables import __path__ as room
 from control.diagnosis.tables.cost import field_cost
-from control.diagnosis.tables.experiments import experiments
 from control.diagnosis.tables.piece import Candidate, SizedEffect
 from control.diagnosis.tables.problem import problem_of
 from control.diagnosis.tables.rows import pieces_of
 from control.diagnosis.tables.search import search
 from control.diagnosis.tables.verdict import judged
+from control.experiments.bench_tests import bench_tests
 from control.machine.machine import CATALOGUE, Machine
 
 MACHINE = Machine()
@@ -159,16 +159,16 @@ def test_where_an_effect_holds_is_a_field_of_its_cause(later_s: float, blue_s: f
 def test_the_next_run_has_its_tests_and_minutes() -> None:
     found = labelled_lags(later_s=0.3).next_run
     assert found is not None
-    tests = [one for one in experiments(Machine()) if one.id in found.id.split("+")]
-    assert found.steps and set(found.steps) == {one.steps for one in tests}
+    tests = [one for one in bench_tests(Machine()) if one.id in found.id.split("+")]
+    assert found.steps and set(found.steps) == {one.plan for one in tests}
     assert found.minutes == sum(one.minutes for one in tests)
     assert all(step in found.plan for step in found.steps)
     assert found.to_do() == tuple(f"{one} ({minutes:.0f} min)" for one, minutes in zip(
-        found.steps, ({each.steps: each.minutes for each in tests}[one] for one in found.steps), strict=True))
+        found.steps, ({each.plan: each.minutes for each in tests}[one] for one in found.steps), strict=True))
 
 
 def test_every_experiment_has_an_id_of_its_own() -> None:
-    ids = [one.id for one in experiments(Machine())]
+    ids = [one.id for one in bench_tests(Machine())]
     assert len(set(ids)) == len(ids) and not any("+" in one for one in ids)
 
 
@@ -177,7 +177,7 @@ def test_bench_tests_are_at_settings_of_the_machines_own_ranges() -> None:
     nominal, ranges = Machine(), Machine().limits
     large = nominal.model_copy(update={"limits": ranges.model_copy(
         update={"shaft_high_rpm": 10.0 * ranges.shaft_high_rpm, "shaft_low_rpm": 150.0})})
-    steps = {one.id: (one.steps, other.steps) for one, other in zip(experiments(nominal), experiments(large),
+    steps = {one.id: (one.plan, other.plan) for one, other in zip(bench_tests(nominal), bench_tests(large),
                                                                     strict=True)}
     assert "5 starts each at 10, 40 and 70 r/min" in steps["response_test"][0]
     assert "5 starts each at 150, 400 and 700 r/min" in steps["response_test"][1]

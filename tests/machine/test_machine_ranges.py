@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from control.diagnosis.effects import ROWS
-from control.diagnosis.levels import opening_levels, shaft_levels
+from control.experiments.levels import opening_levels, shaft_levels
 from control.machine.effect import FULL_FLOW, SHAFT_RANGE
 from control.machine.fall import drop_s
 from control.machine.flow import grams_per_rev

@@ -17,7 +17,7 @@ from console.services.diagnosis_view import sorted_out
 from console.services.separating_run import _DRIVES, drivable, drive_of
 from control.diagnosis.extend import adoptable
 from control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Size
-from control.diagnosis.runs.next_run import manoeuvres
+from control.experiments.manoeuvres import manoeuvres
 from control.orders import State
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.closed_loop import simulated_run

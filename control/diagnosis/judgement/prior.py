@@ -30,6 +30,7 @@ NAMED = 0.9                 # posterior probability from which on a cause is nam
 SAID = log(NAMED / (1.0 - NAMED))       # log odds against nothing, from which on something is said to be there
 ROBUST_SD = 1.4826          # of a normal, over its median absolute deviation
 NINE_IN_TEN_SD = 1.2816     # of a normal: nine in ten are above its mean less so many s.d.
+APART_SD = sqrt(2.0 * SAID) + NINE_IN_TEN_SD    # of two hypotheses: nine measurements in ten then tell them apart
 LISTED = 0.02               # ... and from which on a rival is listed
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from control.diagnosis.cost import USUAL_MPS, Point, rate_error_percent
+from control.diagnosis.cost import Point, rate_error_percent
 from control.diagnosis.effects import ROWS, Costs
 from control.diagnosis.result import FieldCost
+from control.experiments.levels import USUAL_MPS
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 from control.recordings.speeds import MOVING_MPS

@@ -4,12 +4,12 @@ from __future__ import annotations
 from control.diagnosis.cost import Point, rate_error_percent
 from control.diagnosis.effects import ROWS, Costs
 from control.diagnosis.result import FieldCost
+from control.experiments.levels import USUAL_MPS
 from control.machine.fall import start_drop_s
 from control.machine.machine import Machine
 from control.machine.start import response_s
 
 from .piece import SizedEffect, with_effects
-from .rows.weigh import USUAL_MPS
 
 
 def field_cost(machine: Machine, effect: SizedEffect, speed_mps: float | None) -> FieldCost:

@@ -10,14 +10,15 @@ from control.diagnosis.effects import LAG_COARSE_CLOCK, LAG_OFFSET, PLACE_LATENC
 from control.diagnosis.judgement.evidence import Z90
 from control.diagnosis.judgement.prior import LISTED, NAMED
 from control.diagnosis.result import Cause, Channel, NextRun, Rival, Size, Verdict
+from control.experiments.bench_tests import two_rates
 from control.machine.machine import CATALOGUE, Machine, bounds, unit_of
 
 from .across import across
 from .clock import Clock
 from .cost import field_cost
 from .duplicate_rows import DuplicateRows, sentences
-from .experiments import Pair, Plan, separating, two_rates
 from .gain import label_contrasts
+from .next_tests import Pair, Plan, separating
 from .noise import MAX_ROBUST_SD, UNEQUAL_P
 from .piece import BoolArray, Candidate, Piece, SizedEffect
 from .problem import Problem
@@ -134,10 +135,10 @@ def _next_run(plan: Plan) -> NextRun:
     if plan.unsettled:
         why += "; still open after them: " + ", ".join(f"{a.candidate.id} from {b.candidate.id}"
                                                        for a, b in plan.unsettled)
-    tests = tuple(f"{test.steps} ({test.minutes:.0f} min)" for test in plan.tests)
+    tests = tuple(f"{test.plan} ({test.minutes:.0f} min)" for test in plan.tests)
     return NextRun(why, "; then ".join(f"{k}. {test}" for k, test in enumerate(tests, 1)),
                    id="+".join(test.id for test in plan.tests), minutes=sum(test.minutes for test in plan.tests),
-                   steps=tuple(test.steps for test in plan.tests), tests=tests)
+                   steps=tuple(step for test in plan.tests for step in test.steps), tests=tests)
 
 
 def _names(pairs: Sequence[Pair]) -> str:

@@ -12,15 +12,15 @@ from control.diagnosis.effects import (
     SPEED_WHEEL_SLIP,
 )
 from control.diagnosis.tables.piece import Array, Candidate, Piece, varying
+from control.experiments.bench_tests import wheel_reads
+from control.experiments.levels import USUAL_MPS
 from control.machine.flow import grams_per_rev
 from control.machine.machine import Machine
 from control.machine.scale import ScaleInput, scale_reads
-from control.machine.speed import SpeedInput, speed_start, speed_step
 
 from .labels import column_of, labels_of
 
 EFFECTS = (FLOW_GAIN, FLOW_ZERO_OFFSET, SPEED_WHEEL_SLIP, SPEED_WHEEL_RADIUS, SCALE_GAIN)
-USUAL_MPS = 1.25            # decision paper: about 4.5 km/h
 
 
 def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
@@ -74,9 +74,3 @@ def _turns(table: BenchTable, machine: Machine, mean_mps: float) -> Array:
         return float(np.sum((error_kg - turns * np.sum(turns * error_kg) / np.sum(turns ** 2)) ** 2))
 
     return by_target if rss(by_target) < rss(by_area) else by_area
-
-
-def wheel_reads(machine: Machine, true_mps: float, working: float = 1.0) -> float:
-    """Wheel speed at a true speed, m/s, on level ground."""
-    _, out = speed_step(machine.speed, speed_start(true_mps), SpeedInput(true_mps, working), 0.05)
-    return float(out.wheel_mps)

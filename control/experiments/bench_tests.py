@@ -1,24 +1,22 @@
-"""Cheap tests that a farm can make, each as what it would read under a given machine: the next run is computed."""
+"""Cheap tests that a farm can make in its yard, each as what it would read under a given machine."""
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-from control.machine.effect import OPENING_RANGE, SHAFT_RANGE
+from control.experiments.experiment import Experiment, listed
+from control.experiments.levels import USUAL_MPS, opening_levels, shaft_levels
 from control.machine.fall import start_drop_s
 from control.machine.flow import grams_per_rev
 from control.machine.heads import HeadInput, head_reads
-from control.machine.machine import Machine, of_nominal
+from control.machine.machine import Machine
 from control.machine.scale import ScaleInput, scale_reads
+from control.machine.speed import SpeedInput, speed_start, speed_step
 from control.machine.start import response_s
 
-from .piece import Array, SizedEffect, with_effects
-from .rows.weigh import USUAL_MPS, wheel_reads
-
-MIN_APART_SD = 4.0      # between two hypotheses, from which on a test separates them
-MAX_TESTS = 3
+Array = npt.NDArray[np.float64]
 
 # Shaft speeds and openings of the tests, on the nominal machine: shares of another's ranges.
 SHAFT_RPM = (10.0, 20.0, 40.0, 60.0, 70.0, 80.0, 100.0)
@@ -37,13 +35,8 @@ WEIGHT_KG = 100.0
 WARM_S = 3600.0
 
 
-class Experiment(NamedTuple):
-    """`reads`: what the test would measure, (k,), in units of its own noise."""
-
-    id: str
-    steps: str
-    minutes: float
-    reads: Callable[[Machine], Array]
+def _test(id_: str, plan: str, minutes: float, reads: Callable[[Machine], Array]) -> Experiment[Array]:
+    return Experiment(id_, plan, minutes, (plan,), reads)
 
 
 def _lag(m: Machine, rpm: float, start: float = 0.0, change: float = 0.0) -> float:
@@ -54,6 +47,12 @@ def _lag(m: Machine, rpm: float, start: float = 0.0, change: float = 0.0) -> flo
 def _place(m: Machine, rpm: float, speed_mps: float) -> float:
     return float(speed_mps * (1.0 + m.fall.speed_scale_percent / 100.0) * (_lag(m, rpm) + m.fall.latency_s)
                  + m.fall.lever_arm_m)
+
+
+def wheel_reads(machine: Machine, true_mps: float, working: float = 1.0) -> float:
+    """Wheel speed at a true speed, m/s, on level ground."""
+    _, out = speed_step(machine.speed, speed_start(true_mps), SpeedInput(true_mps, working), 0.05)
+    return float(out.wheel_mps)
 
 
 def _wheel(m: Machine) -> Array:
@@ -68,34 +67,32 @@ def two_rates(machine: Machine) -> str:
             "and drop_s it is for topdress calibrate lag")
 
 
-def _settings(machine: Machine) -> tuple[list[float], list[float]]:
+def _settings(machine: Machine) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Shaft speeds, r/min, and openings, mm, of the tests on this machine."""
-    limits, rpm, mm = machine.limits, of_nominal(machine, SHAFT_RANGE), of_nominal(machine, OPENING_RANGE)
-    return ([round(max(limits.shaft_low_rpm, rpm * one), 1) for one in SHAFT_RPM],
-            [round(max(limits.opening_low_mm, mm * one), 1) for one in OPENING_MM])
+    return shaft_levels(machine, SHAFT_RPM), opening_levels(machine, OPENING_MM)
 
 
-def _of_lags(machine: Machine) -> list[Experiment]:
+def _of_lags(machine: Machine) -> list[Experiment[Array]]:
     low, slow, mid, high, upper, _, full = _settings(machine)[0]
     each, all_speeds = (low, mid, upper), (low, mid, upper, full)
     return [
-        Experiment("response_test", f"response test: 5 starts each at {_listed(each)} r/min, encoder only, time from "
+        _test("response_test", f"response test: 5 starts each at {listed(each)} r/min, encoder only, time from "
                    "command to turning shaft", 10.0, lambda m: np.array([response_s(m, n) for n in each]) / STARTS_S),
-        Experiment("lag_rig", f"lag test with the rig, machine standing: 5 starts each at {_listed(all_speeds)} r/min, "
+        _test("lag_rig", f"lag test with the rig, machine standing: 5 starts each at {listed(all_speeds)} r/min, "
                    "times written down", 20.0, lambda m: np.array([_lag(m, n) for n in all_speeds]) / FALLS_S),
-        Experiment("measured_speed", "measure the ground speed of the lag test over 30 m with tape and watch, 3 times",
+        _test("measured_speed", "measure the ground speed of the lag test over 30 m with tape and watch, 3 times",
                    10.0, lambda m: np.array([1.0 + m.fall.speed_scale_percent / 100.0]) / OUTLETS),
-        Experiment("lag_two_speeds", f"lag test by distance at two measured ground speeds, {SLOW_MPS:g} and "
+        _test("lag_two_speeds", f"lag test by distance at two measured ground speeds, {SLOW_MPS:g} and "
                    f"{FAST_MPS:g} m/s, 5 times each at {mid:g} r/min", 30.0,
                    lambda m: np.array([_place(m, mid, v) for v in (SLOW_MPS, FAST_MPS)]) / PLACES_M),
-        Experiment("lag_empty_running", f"lag test at {mid:g} r/min from an empty tube and as a change from {slow:g} "
+        _test("lag_empty_running", f"lag test at {mid:g} r/min from an empty tube and as a change from {slow:g} "
                    "r/min while running, 5 times each", 15.0,
                    lambda m: np.array([_lag(m, mid, 1.0), _lag(m, mid)]) / FALLS_S),
-        Experiment("lag_up_down", f"lag test of equal steps up and down, {slow:g} to {high:g} r/min, 5 times each",
+        _test("lag_up_down", f"lag test of equal steps up and down, {slow:g} to {high:g} r/min, 5 times each",
                    15.0, lambda m: np.array([_lag(m, mid, 0.0, 1.0), _lag(m, mid, 0.0, -1.0)]) / FALLS_S)]
 
 
-def _of_catches(machine: Machine) -> list[Experiment]:
+def _of_catches(machine: Machine) -> list[Experiment[Array]]:
     (_, slow, mid, high, _, _, full), (narrow, usual, wide) = _settings(machine)
     g_rev_mm = machine.flow.grams_per_rev_mm
 
@@ -106,79 +103,36 @@ def _of_catches(machine: Machine) -> list[Experiment]:
         return [1.0 + (k == m.flow.uneven_outlet) * m.flow.uneven_percent / 100.0
                 for k in range(1, m.geometry.outlets + 1)]
     return [
-        Experiment("catch_openings", f"catch test on a bench balance at {mid:g} r/min with openings of {narrow:g} and "
+        _test("catch_openings", f"catch test on a bench balance at {mid:g} r/min with openings of {narrow:g} and "
                    f"{wide:g} mm, 3 catches of 60 s each", 20.0,
                    lambda m: np.array([caught(m, mid, o) for o in (narrow, wide)]) / CATCHES),
-        Experiment("catch_speeds", f"catch test on a bench balance at {usual:g} mm with {_listed((slow, high, full))} "
+        _test("catch_speeds", f"catch test on a bench balance at {usual:g} mm with {listed((slow, high, full))} "
                    "r/min, 3 catches of 60 s each", 20.0,
                    lambda m: np.array([caught(m, n, usual) for n in (slow, high, full)]) / CATCHES),
-        Experiment("catch_outlets", f"catch test by outlet at {mid:g} r/min and {usual:g} mm, 3 catches of 60 s", 25.0,
+        _test("catch_outlets", f"catch test by outlet at {mid:g} r/min and {usual:g} mm, 3 catches of 60 s", 25.0,
                    lambda m: np.array(outlets(m)) / OUTLETS)]
 
 
-def _of_sensors(_: Machine) -> list[Experiment]:
+def _of_sensors(_: Machine) -> list[Experiment[Array]]:
     def heads(m: Machine, ndvi: Sequence[float], on_s: Sequence[float], which: Sequence[int] = (0,)) -> Array:
         return np.array([head_reads(m.heads, HeadInput(value, float(head), after_s))
                          for value in ndvi for after_s in on_s for head in which])
     return [
-        Experiment("static_weigh", f"static weigh: put a known weight of {WEIGHT_KG:g} kg on the hopper, 3 times", 10.0,
+        _test("static_weigh", f"static weigh: put a known weight of {WEIGHT_KG:g} kg on the hopper, 3 times", 10.0,
                    lambda m: np.array([scale_reads(m.scale, ScaleInput(WEIGHT_KG, 0.0))]) / STANDING_KG),
-        Experiment("wheel_pulses", "drive a taped 100 m out of work, count the wheel's pulses, 3 times", 10.0,
+        _test("wheel_pulses", "drive a taped 100 m out of work, count the wheel's pulses, 3 times", 10.0,
                    lambda m: _wheel(m)[:1]),
-        Experiment("wheel_in_work", "drive a taped 100 m out of work and again in work, count the wheel's pulses, "
+        _test("wheel_in_work", "drive a taped 100 m out of work and again in work, count the wheel's pulses, "
                    "3 times each", 20.0, _wheel),
-        Experiment("heads_one_panel", "hold all heads over one reference panel at NDVI 0.5, a quarter of an hour after "
+        _test("heads_one_panel", "hold all heads over one reference panel at NDVI 0.5, a quarter of an hour after "
                    "switching on", 10.0,
                    lambda m: heads(m, (0.5,), (WARM_S / 4,), range(1, m.geometry.heads + 1)) / PANEL_NDVI),
-        Experiment("heads_warming_up", "read one panel 1, 5 and 20 minutes after switching on, all heads", 25.0,
+        _test("heads_warming_up", "read one panel 1, 5 and 20 minutes after switching on, all heads", 25.0,
                    lambda m: heads(m, (0.5,), (60.0, 300.0, 1200.0)) / SAME_PANEL_NDVI),
-        Experiment("heads_three_panels", "warm heads over panels of NDVI 0.3, 0.6 and 0.8", 15.0,
+        _test("heads_three_panels", "warm heads over panels of NDVI 0.3, 0.6 and 0.8", 15.0,
                    lambda m: heads(m, (0.3, 0.6, 0.8), (WARM_S,)) / PANELS_NDVI)]
 
 
-def experiments(machine: Machine) -> tuple[Experiment, ...]:
+def bench_tests(machine: Machine) -> tuple[Experiment[Array], ...]:
     """Every test, at settings of this machine's ranges."""
     return (*_of_lags(machine), *_of_catches(machine), *_of_sensors(machine))
-
-
-def _listed(values: Sequence[float]) -> str:
-    return f"{', '.join(f'{value:g}' for value in values[:-1])} and {values[-1]:g}"
-
-
-Pair = tuple[SizedEffect, SizedEffect]
-
-
-class Plan(NamedTuple):
-    """`pairs`: what this data cannot tell apart. `unsettled`: those of them that no test of the plan separates."""
-
-    tests: tuple[Experiment, ...]
-    pairs: tuple[Pair, ...]
-    unsettled: tuple[Pair, ...]
-    apart_sd: float | None          # the least that the tests set a settled pair apart; None: no test does
-
-
-def separating(machine: Machine, rivals: Sequence[Sequence[SizedEffect]]) -> Plan | None:
-    """The quickest tests that tell the rivals of each cause apart, chosen by what each would read under each of them.
-
-    `rivals`: for each ambiguous cause, its members at their fitted sizes. None where there is nothing to separate.
-    """
-    pairs = tuple((a, b) for members in rivals for i, a in enumerate(members) for b in members[i + 1:])
-    if not pairs:
-        return None
-    every = experiments(machine)
-    readings = {effect: [e.reads(with_effects(machine, (effect,))) for e in every]
-                for pair in pairs for effect in pair}
-    apart = np.array([[float(np.linalg.norm(readings[a][k] - readings[b][k])) for k in range(len(every))]
-                      for a, b in pairs])
-    picked: list[int] = []
-    open_ = np.ones(len(pairs), bool)
-    while open_.any() and len(picked) < MAX_TESTS:
-        worth = [float(np.sum(apart[open_, k] >= MIN_APART_SD)) / every[k].minutes
-                 for k in range(len(every))]
-        if max(worth) <= 0.0:
-            break
-        picked.append(int(np.argmax(worth)))
-        open_ &= apart[:, picked[-1]] < MIN_APART_SD
-    clear = min((float(np.max(apart[k, picked])) for k in range(len(pairs)) if not open_[k]), default=None)
-    return Plan(tuple(every[k] for k in picked), pairs,
-                tuple(pair for pair, still in zip(pairs, open_, strict=True) if still), clear)
