@@ -10,7 +10,7 @@
     python -m benchmarks fleet elsewhere DIR [--logs 12] a scheduler and workers started by hand; logs by file:// and http://
 
 Exit code 1 where a promise is not kept. `pooled` draws each log's form about the truth with the information of real
-logs, so that a thousand logs cost seconds; all others diagnose real rows. Outputs lie beside DIR.
+logs, so that a thousand logs cost seconds; all others diagnose real rows. Outputs lie next to DIR.
 """
 from __future__ import annotations
 

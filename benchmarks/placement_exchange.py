@@ -2,7 +2,7 @@
 
 Each task file: zones or cells, rates with units, totals; written again as a task and read back equal. Then one
 simulated run on the shipped map job, exported as shapefile, GeoJSON and ISO 11783-10 task, and read back by pyshp,
-shapely, geopandas and isoxml (the last two where they are installed): totals beside those of the log.
+shapely, geopandas and isoxml (the last two where they are installed): totals next to those of the log.
 """
 from __future__ import annotations
 

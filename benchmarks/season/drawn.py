@@ -7,7 +7,7 @@ of five so nearly that they are exchanged. Nothing is shared with the model but 
 
     python benchmarks/season/drawn.py --seeds 3701 3702 [--tree OLD]
 
-`--tree`: another tree whose season is asked of the same logs. Prints what was planted beside what is said, and how
+`--tree`: another tree whose season is asked of the same logs. Prints what was planted next to what is said, and how
 often 90 % intervals hold the truth.
 """
 

@@ -23,8 +23,8 @@ from control.diagnosis.season.owner import Low, MachineSeason
 MOST_STRANGE = 1            # machines with an effect reported that was not planted, of all
 DATE_OFF_D = 3.0
 SLOPE_OFF = 0.25            # share of a planted slope
-MEAN_OFF = 0.2              # share of a planted size, beside two half widths
-KG_OFF, KG_OFF_PERCENT = 0.2, 0.3       # share of the kilograms spread wrongly, beside % of what was applied
+MEAN_OFF = 0.2              # share of a planted size, and two half widths
+KG_OFF, KG_OFF_PERCENT = 0.2, 0.3       # share of the kilograms spread wrongly, and % of what was applied
 OTHER_FORM = ("flow.fill_falloff",)     # the generator's form is another: of one size at 100 r/min only
 
 

@@ -282,7 +282,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.set_timer(SEEN_S, lambda: self.run_worker(self._make_pages(), group="pages", exit_on_error=False))
 
     async def _make_pages(self) -> None:
-        """The other pages come up once the first one is seen; their modules are read beside the screen."""
+        """The other pages come up once the first one is seen; their modules are read by a thread."""
         for where in self.pages:
             await asyncio.to_thread(self.pages.read, where)
             self.pages[where]

@@ -84,7 +84,8 @@ def __getattr__(name: str) -> Any:
 
 def asked(words: Sequence[str], environment: Mapping[str, str]) -> typer.Typer:
     """The app with the one command that is asked for, where one is: to import all of them and to make them ready takes
-    a tenth of the time to the first picture. Help of all, completion and slips of the pen get the whole."""
+    a tenth of the time to the first picture. Help of all, completion and unknown
+    commands load the full app."""
     name = words[0] if words else "run"
     if name not in COMMANDS or any(key.endswith("_COMPLETE") for key in environment):
         return whole()

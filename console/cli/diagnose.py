@@ -209,7 +209,8 @@ def _closed_loop(found: Diagnosis, setup: Setup, job: str, seconds: float) -> li
     if not effects:
         return ["", "closed loop: no named effect with a size, so there is nothing to compare"]
     known = extend(setup.machine, found)
-    gain = closed_loop_gain(setup.machine, known, effects, setup.crop, setup.rule, setup.job, seconds)
+    gain = closed_loop_gain(setup.machine, known, effects, setup.crop, setup.rule, setup.job,
+                            seconds=seconds)
     trim = "on" if setup.job.flow_trim else "off"
     lines = ["", f"closed loop, simulated {seconds:g} s of job {job} ({setup.job.strategy.value}, flow trim {trim}), "
                  "the sizes found taken for true:"]

@@ -85,8 +85,8 @@ def _place_of_guess(files: list[Path], mapping: Path | None, out: Path | None) -
         return mapping
     if out is not None and out.suffix.lower() in (".yaml", ".yml"):
         return out
-    beside = out if out is not None else files[0]
-    return beside.with_name(f"{beside.stem}.import.yaml")
+    next_to = out if out is not None else files[0]
+    return next_to.with_name(f"{next_to.stem}.import.yaml")
 
 
 def _full(machine: str | None) -> dict[str, float]:

@@ -9,6 +9,7 @@ from console.attached import NAME_VARIABLE
 
 
 def run(
+    *,
     job: Annotated[str | None, typer.Argument(metavar="JOB", help="A job file, or the name of one of yours or of those "
                                               "that are shipped. With it nothing is asked at the start.")] = None,
     config: Annotated[list[str] | None, typer.Option("--config", metavar="CFG", help="Job, machine, crop or cab file; "

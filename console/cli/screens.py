@@ -113,9 +113,9 @@ def _setup_of_running(theirs: tuple[str, ...], ours: tuple[str, ...]) -> tuple[S
 
 def _begun(start: Callable[[], Where]) -> Future[Where]:
     """The worker comes up, a process of its own, while this one imports the console: each takes about as long."""
-    beside = ThreadPoolExecutor(max_workers=1)
-    coming = beside.submit(start)
-    beside.shutdown(wait=False)
+    thread = ThreadPoolExecutor(max_workers=1)
+    coming = thread.submit(start)
+    thread.shutdown(wait=False)
     return coming
 
 

@@ -41,7 +41,7 @@ def diagnosis_page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
                 *(_term(term, picture) for term, picture in zip(found.terms, pictures.terms, strict=False))),
         section("The drive as a whole", items([line.strip() for line in fitted_words(found.fitted)])
                 if found.fitted is not None else ""),
-        section("Measured beside predicted", *(figure(picture) for picture in pictures.data)),
+        section("Measured and predicted", *(figure(picture) for picture in pictures.data)),
         "" if found.verdict == "ambiguous" else _next_run(found.next_run),
         folded("Figures of the method, for whoever wants to check it",
                section("Gain on data that the naming never saw", _gains(found.gain)),

@@ -57,7 +57,7 @@ def fitted_words(whole: Fitted | None) -> list[str]:
                       for name, size in whole.sizes)
     return [f"{whole.channel} as a whole: {sizes}",
             "    which of these is wrong is not told apart; together they predict rows that were not fitted to better: "
-            f"error {whole.before:.4g} -> {whole.after:.4g} {whole.unit}. Adopted together, and no name beside it"]
+            f"error {whole.before:.4g} -> {whole.after:.4g} {whole.unit}. Adopted together, and no name along with it"]
 
 
 def of_a_kind(found: Several) -> list[str]:

@@ -1,4 +1,4 @@
-"""A diagnosis in a notebook: what stands below a cell, and its pictures. Needs no server and no files beside."""
+"""A diagnosis in a notebook: what stands below a cell, and its pictures. Needs no server and no files of its own."""
 from __future__ import annotations
 
 from pathlib import Path

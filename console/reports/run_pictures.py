@@ -153,7 +153,7 @@ def left_picture(views: Sequence[View], parts: Sequence[EffectInstance], left: U
         legend_below(figure, grid)
         text = svg(figure, name, escape(f"{view.title}, against {axis.label}"))
     return Picture(text, f"{_sentence(view.title)}, against {axis.label}: what is left"
-                         f"{' beside the causes named' if named else ''}, and the smooth function that fits it. "
+                         f"{' along with the causes named' if named else ''}, and the smooth function that fits it. "
                          f"{BAND}")
 
 

@@ -43,7 +43,7 @@ def _caption(view: TableView, named: bool) -> str:
     path, column = view.table, view.column
     table = path.replace("\\", "/").rsplit("/", 1)[-1]
     models = "the nominal machine and the machine with the causes" if named else "the nominal machine"
-    said = [*([f"{table}."] if table else []), f"Above: {column} as measured, beside {models}.",
+    said = [*([f"{table}."] if table else []), f"Above: {column} as measured, with {models}.",
             "Below: measured less predicted; the larger marks are means of rows set alike."]
     if column == "lag_m":
         said.append("Distances are divided by the written speed.")
@@ -172,8 +172,8 @@ def left_picture(views: Sequence[TableView], left: Unexplained, name: str) -> Pi
         axes.set_ylabel(f"residual, {view.unit}")
         legend_below(figure, grid)
         text = svg(figure, name, escape(f"{view.name}: what is left along {left.variable}"))
-    return Picture(text, f"What is left of {view.name}{' beside the causes named' if named else ''}, against {label}, "
-                         "and the smooth function through it.")
+    return Picture(text, f"What is left of {view.name}{' along with the causes named' if named else ''}, against "
+                         f"{label}, and the smooth function through it.")
 
 
 def phase_picture(views: Sequence[TableView], step_s: float, name: str) -> Picture | None:

@@ -25,7 +25,7 @@ def term_picture(found: TermFound, name: str) -> Picture | None:
         axes.plot(at[order], by_term[order], color=THIRD, linewidth=2.0, label="the term")
         axes.plot(at, seen, color=AFTER, marker="s", linestyle="none", markerfacecolor=PAPER, label="means of the data")
         axes.set_xlabel(label)
-        axes.set_ylabel(f"{found.stage} beside nominal, {found.unit}", color=INK)
+        axes.set_ylabel(f"{found.stage} over nominal, {found.unit}", color=INK)
         axes.set_title(found.term["id"])
         legend_below(figure, grid)
         text = svg(figure, name, escape(sentence(found.term)))

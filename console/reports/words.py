@@ -6,7 +6,7 @@ from typing import Protocol
 
 from console.locale import N_, _
 from console.reports.numbers import MINUS, decimals_of, fixed, number
-from control.diagnosis.result import RUN_CHANNELS, UNKNOWN, Data
+from control.diagnosis.result import RUN_CHANNELS, UNKNOWN, Data, Unexplained
 
 SOMETHING_ELSE = N_("something else")       # title of the rival UNKNOWN
 HEADLINE = 0.5                              # least probability of a cause that a headline names
@@ -28,25 +28,6 @@ class _Cause(Protocol):
     def probability(self) -> float: ...
     @property
     def rivals(self) -> Sequence[_Rival]: ...
-
-
-class _Left(Protocol):
-    """`result.Unexplained`, and as the page has it."""
-
-    @property
-    def rms(self) -> float | None: ...
-    @property
-    def noise(self) -> float | None: ...
-    @property
-    def unit(self) -> str: ...
-    @property
-    def dose_percent(self) -> float | None: ...
-    @property
-    def hint(self) -> str: ...
-    @property
-    def from_s(self) -> float | None: ...
-    @property
-    def period_s(self) -> float | None: ...
 
 
 def name_of(effect_id: str) -> str:
@@ -87,7 +68,7 @@ def when(onset_s: float | None, until_s: float | None, grows: bool, value: float
     return "" if onset_s is None else _("since {begin} s").format(begin=begin)
 
 
-def left_facts(left: _Left) -> tuple[str, ...]:
+def left_facts(left: Unexplained) -> tuple[str, ...]:
     """How much of a channel no effect explains, when, and what comes nearest."""
     said = []
     if left.rms is not None and left.noise is not None:

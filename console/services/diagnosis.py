@@ -21,8 +21,8 @@ from console.app.pages.diagnosis.data import (
     Adoption,
     ComparedRow,
     ComparedShown,
+    DiagnosisView,
     Export,
-    Found,
     OpenQuestions,
     Source,
     Stop,
@@ -108,11 +108,11 @@ class DiagnosisFiles:
 
     # --- long work -----------------------------------------------------------------------------------------------
 
-    def diagnose(self, source: Source, machine: str | None, tell: Tell, stop: Stop) -> Found:
+    def diagnose(self, source: Source, machine: str | None, tell: Tell, stop: Stop) -> DiagnosisView:
         return self._worked(Order(source.path, str(self._folder()), source.kind, machine, self.machine,
                                   logs=str(self.own / "logs")), tell, stop)
 
-    def drive(self, found: Found, tell: Tell, stop: Stop) -> Found:
+    def drive(self, found: DiagnosisView, tell: Tell, stop: Stop) -> DiagnosisView:
         if found.next_run is None or not found.next_run.id:
             raise ValueError("this run cannot be driven on the simulated machine")
         planted = self.effects or tuple(text for text in (_as_planted(found),) if text)
@@ -128,11 +128,11 @@ class DiagnosisFiles:
         plain = json.loads((Path(order.folder) / RESULT).read_text(encoding="utf-8"))
         return ComparedShown(tuple(ComparedRow(**one) for one in plain["logs"][0]["channels"]), report)
 
-    def _worked(self, order: Order, tell: Tell, stop: Stop) -> Found:
+    def _worked(self, order: Order, tell: Tell, stop: Stop) -> DiagnosisView:
         from drivers.files.plain import typed
         self._done(order, tell, stop)
         plain = json.loads((Path(order.folder) / VIEW).read_text(encoding="utf-8"))
-        return typed(Found, plain)._replace(folder=order.folder)
+        return typed(DiagnosisView, plain)._replace(folder=order.folder)
 
     def _done(self, order: Order, tell: Tell, stop: Stop) -> None:
         """The work in a process of its own. Raises Stopped, OpenQuestions, and ValueError of one line."""
@@ -172,7 +172,7 @@ class DiagnosisFiles:
 
     # --- what is kept --------------------------------------------------------------------------------------------
 
-    def adopt(self, found: Found, chosen: Adoption) -> str:
+    def adopt(self, found: DiagnosisView, chosen: Adoption) -> str:
         if not found.adoptable:
             raise ValueError("nothing here can be adopted" + "".join(f"; {why}" for why in found.refused))
         offer = offer_of(found, chosen.ids)
@@ -206,14 +206,14 @@ class DiagnosisFiles:
         found: Machine = load(machine or self.machine, MACHINE).model
         return found
 
-    def export(self, found: Found, what: Export) -> str:
+    def export(self, found: DiagnosisView, what: Export) -> str:
         made = Path(found.folder) / (REPORT if what == "report" else RESULT)
         if not made.exists():
             raise ValueError("the report needs matplotlib: install topdress[report]")
         stem = f"{Path(found.source).stem}-diagnosis"
         return _kept(made, self.own / "reports", stem, ".html" if what == "report" else ".json")
 
-    def write_run(self, found: Found) -> str:
+    def write_run(self, found: DiagnosisView) -> str:
         from console.services.separating_run import drive_of
         from drivers.files.config import load, save
         from drivers.files.kinds import JOB, MACHINE
@@ -265,7 +265,7 @@ def _size(count: int) -> str:
     return f"{count / 1e6:.1f} MB" if count >= 100_000 else f"{count / 1e3:.1f} kB"
 
 
-def _as_planted(found: Found) -> str:
+def _as_planted(found: DiagnosisView) -> str:
     """The likeliest doubtful cause at its size, where this console planted nothing of its own."""
     doubtful = [cause for cause in found.causes if cause.rivals and cause.value is not None] or [
         cause for cause in found.causes if cause.value is not None]
@@ -277,7 +277,7 @@ def _as_planted(found: Found) -> str:
     return f"{cause.id}={cause.value:.4g}{onset}{member}"
 
 
-def _said_by(found: Found, chosen: Adoption) -> str:
+def _said_by(found: DiagnosisView, chosen: Adoption) -> str:
     """The operator's choice as a comment of the file; empty where there was none."""
     if not chosen.why:
         return ""

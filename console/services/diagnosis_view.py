@@ -3,7 +3,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -12,9 +11,8 @@ from console.app.pages.diagnosis.data import (
     CauseShown,
     ChannelShown,
     Curve,
-    Found,
+    DiagnosisView,
     GainShown,
-    LeftShown,
     RivalShown,
     RunPlan,
     WholeShown,
@@ -36,7 +34,7 @@ _NO_PLACE = 0.005                   # m, less is not said
 
 
 def found_of(found: Diagnosis, tools: Mapping[str, Any], name: str, mean_target_kg_ha: float | None,
-             planted: tuple[str, ...] = ()) -> Found:
+             planted: tuple[str, ...] = ()) -> DiagnosisView:
     """`tools`: as for the report, {"columns", "machine"} or {"tables", "machine"}."""
     found = headlines_first(found)
     machine: Machine = tools["machine"]
@@ -47,10 +45,10 @@ def found_of(found: Diagnosis, tools: Mapping[str, Any], name: str, mean_target_
     kept, refused = sorted_out(found)
     data = found.data
     run = found.next_run
-    return Found(name, data.path, data.kind, data.machine, data.rows, data.duration_s, found.verdict, causes,
+    return DiagnosisView(name, data.path, data.kind, data.machine, data.rows, data.duration_s, found.verdict, causes,
                  _channels(found, views, tables, parts),
-                 tuple(LeftShown(**asdict(left)) for left in found.unexplained),
-                 tuple(GainShown(g.channel, g.metric, g.before, g.after) for g in found.gain), found.findings,
+                 found.unexplained,
+                 tuple(GainShown(g.channel, g.metric, g.before, g.after, g.of) for g in found.gain), found.findings,
                  None if run is None else RunPlan(run.id if drivable(run.id) else "", run.plan, run.minutes or 0.0,
                                                   run.to_do()),
                  kept, refused, sum(one.smallest_detectable.value is None for one in found.not_shown),

@@ -55,7 +55,7 @@ def checksum(where: str, options: Options, salt: str) -> str:
 
 
 def record(where: str, options: Options, machine: Mapping[str, Any], about: Mapping[str, str]) -> dict[str, Any]:
-    """The record of one log, of plain values. machine: for logs that name none. about: what is known of it beside.
+    """The record of one log, of plain values. machine: for logs that name none. about: what else is known of it.
 
     Whatever is wrong with it is a record too: {"error": one line, "lasting": whether it is the log's own fault}. What
     a reader refuses is the log's; no such file, no memory, a package that is missing are the worker's.

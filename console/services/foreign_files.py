@@ -90,9 +90,10 @@ def _pair(path: Path) -> tuple[Path, Path]:
     if path.suffix.lower() not in YAML:
         return path, path.with_name(f"{path.stem}{IMPORT_FILE}")
     stem = path.stem.removesuffix(Path(IMPORT_FILE).stem)
-    beside = sorted(file for file in path.parent.iterdir()
-                    if file.stem == stem and file.suffix.lower() in READ and file.is_file())
-    if len(beside) != 1:
-        names = ", ".join(file.name for file in beside) or "none"
-        raise ValueError(f"{path}: the file that it is for must stand beside it as {stem}.csv or alike; there: {names}")
-    return beside[0], path
+    logs = sorted(file for file in path.parent.iterdir()
+                  if file.stem == stem and file.suffix.lower() in READ and file.is_file())
+    if len(logs) != 1:
+        names = ", ".join(file.name for file in logs) or "none"
+        raise ValueError(f"{path}: the file that it is for must stand next to it as {stem}.csv or alike; there: "
+                         f"{names}")
+    return logs[0], path

@@ -120,7 +120,7 @@ def _placed(job: Job, setup: Setup) -> Placed:
     placed = placed_of_job(job, setup.folder, setup.machine, setup.crop.index)
     if job.target.source is TargetSource.POINT and placed["plants"] is None:
         raise ValueError(f"{job.id}: target.source point: a camera has no driver yet: allowed is target.plants, a "
-                         "plant list beside the job")
+                         "plant list next to the job file")
     return placed
 
 

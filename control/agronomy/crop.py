@@ -26,7 +26,7 @@ class GrowingDays(BaseModel):
 
     count: int | None = Field(default=None, ge=1, le=400, strict=True)
     above_c: float | None = Field(default=None, ge=-5.0, le=15.0, description="base the days were counted over")
-    weather: str | None = Field(default=None, min_length=1, description="CSV of daily temperatures, beside this file")
+    weather: str | None = Field(default=None, min_length=1, description="CSV of daily temperatures, next to this file")
     sown: dt.date | None = None
     sensed: dt.date | None = None
 

@@ -12,7 +12,6 @@ CHANNELS = (*RUN_CHANNELS, "lag", "place")
 
 Verdict = Literal["named", "none", "ambiguous", "unexplained", "not_judged"]
 NOTEBOOK = "console.reports.notebook"       # pages and pictures, and the machine files that come with topdress
-STRUCTURE_P = 0.1          # a channel of which nothing but noise is less probable shows something (1 - prior.NAMED)
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,11 +24,11 @@ Kmh = Annotated[float, Field(gt=0, le=30)]
 Name = Annotated[str, Field(max_length=80)]
 
 
-class Part(BaseModel):
+class FrozenModel(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class Wanted(Part):
+class Wanted(FrozenModel):
     """Where the target comes from."""
 
     source: Literal[TargetSource.CANOPY, TargetSource.MAP, TargetSource.POINT, TargetSource.MANUAL,
@@ -50,21 +50,21 @@ class Wanted(Part):
     @model_validator(mode="after")
     def _map_named(self) -> Wanted:
         if self.source in BY_MAP and self.map is None:
-            raise ValueError(f"source {self.source.value} needs the key map: a prescription file beside the job")
+            raise ValueError(f"source {self.source.value} needs the key map: a prescription file next to the job file")
         if self.hold_mean_kg_ha is not None and self.source is not TargetSource.CANOPY:
             raise ValueError(f"hold_mean_kg_ha goes with source canopy, not {self.source.value}: a map has its own "
                              "mean")
         return self
 
 
-class GuidanceLine(Part):
+class GuidanceLine(FrozenModel):
     """What the tractor is steered along: two places for a straight (AB) line, more for a curve."""
 
     title: Name = ""
     points_m: Annotated[tuple[tuple[Far, Far], ...], Field(min_length=2, max_length=MOST_CORNERS)]
 
 
-class Ground(Part):
+class Ground(FrozenModel):
     """A field on its tangent plane: east and north, m, from the origin."""
 
     title: str = ""
@@ -94,7 +94,7 @@ class Ground(Part):
         return Boundary(self.boundary_m, self.holes_m) if self.boundary_m else None
 
 
-class Canopy(Part):
+class Canopy(FrozenModel):
     """A seeded, spatially correlated NDVI field (decision paper: means 0.467-0.546, CV 8-11 %)."""
 
     mean_ndvi: Annotated[float, Field(ge=0.05, le=0.95)] = 0.52
@@ -102,14 +102,14 @@ class Canopy(Part):
     correlation_m: Metres = 6.0
 
 
-class Plants(Part):
+class Plants(FrozenModel):
     """A row of plants in the middle of every pass."""
 
     spacing_m: Annotated[float, Field(ge=0.02, le=10)] = 0.25
     scatter_percent: Annotated[float, Field(ge=0, le=50)] = 10.0     # of the spacing, along the row, 1 s.d.
 
 
-class Camera(Part):
+class Camera(FrozenModel):
     """Sees plants ahead of the outlet and tells them when its computer is done (point paper: 1.5 s)."""
 
     ahead_m: Metres = 6.0                       # nearest edge of the picture
@@ -119,7 +119,7 @@ class Camera(Part):
     seen_sd_m: Annotated[float, Field(ge=0, le=1)] = 0.01
 
 
-class SpeedChange(Part):
+class SpeedChange(FrozenModel):
     """From `at_s` on the tractor wants `speed_kmh` (0 stops, negative backs up)."""
 
     at_s: Annotated[float, Field(ge=0, le=1e7)] = 0.0
@@ -127,7 +127,7 @@ class SpeedChange(Part):
     acceleration_mps2: Annotated[float, Field(ge=0.001, le=5)] = 0.5
 
 
-class Simulated(Part):
+class Simulated(FrozenModel):
     """The ground truth of the simulated machine: tractor, passes, canopy, sensor rates, refills."""
 
     canopy: Canopy = Canopy()
@@ -160,7 +160,7 @@ class Simulated(Part):
         return self
 
 
-class Job(Part):
+class Job(FrozenModel):
     format: Literal["topdress-job/1"] = "topdress-job/1"
     id: str = "demo"
     title: str = ""
@@ -196,8 +196,8 @@ class Job(Part):
     def _plants_known(self) -> Job:
         seen = self.simulated.camera is not None and self.simulated.plants is not None
         if self.target.source is TargetSource.POINT and self.target.plants is None and not seen:
-            raise ValueError("target.source point needs target.plants: a plant list beside the job; or, simulated, "
-                             "simulated.plants and simulated.camera")
+            raise ValueError("target.source point needs target.plants: a plant list next to the job file; or, "
+                             "simulated, simulated.plants and simulated.camera")
         return self
 
 
@@ -210,7 +210,7 @@ class Job(Part):
 
     def with_files(self, place: Callable[[str], str]) -> Job:
         """The same job, written elsewhere: the files that it names are named anew."""
-        def moved(part: Part, *keys: str) -> dict[str, str]:
+        def moved(part: FrozenModel, *keys: str) -> dict[str, str]:
             return {key: place(value) for key in keys if (value := getattr(part, key)) is not None}
         return self.model_copy(update={
             "target": self.target.model_copy(update=moved(self.target, "map", "plants", "index_map")),

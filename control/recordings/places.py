@@ -73,10 +73,10 @@ def pieces(time_s: Floats, lat_deg: Floats, lon_deg: Floats
     known = np.flatnonzero(np.isfinite(lat_deg) & np.isfinite(lon_deg))
     if known.size < 2:
         return None
-    told_s = time_s[known]
-    piece = np.floor((told_s - told_s[0]) / PIECE_S)           # a bounded work, however far apart the times are
+    known_s = time_s[known]
+    piece = np.floor((known_s - known_s[0]) / PIECE_S)           # a bounded work, however far apart the times are
     begins = np.flatnonzero(np.diff(piece, prepend=-1.0) > 0.0)
-    picked = known[begins[told_s[0] + piece[begins] * PIECE_S < told_s[-1]]]
+    picked = known[begins[known_s[0] + piece[begins] * PIECE_S < known_s[-1]]]
     start, end = picked[:-1], picked[1:]
     north_m = (lat_deg[end] - lat_deg[start]) * M_PER_DEG
     east_m = (lon_deg[end] - lon_deg[start]) * M_PER_DEG * np.cos(np.radians(lat_deg[start]))

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import datetime as dt
 from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import cache
 from pathlib import PurePath
@@ -14,11 +15,13 @@ from pydantic_core import core_schema
 
 
 def plain(value: Any) -> Any:
-    """Models, NamedTuples, enums, dates and paths as mappings, lists, texts, numbers; else TypeError."""
+    """Models, NamedTuples, data classes, enums, dates and paths as mappings, lists, texts, numbers; else TypeError."""
     if isinstance(value, BaseModel):
         return {info.alias or name: plain(getattr(value, name)) for name, info in type(value).model_fields.items()}
     if isinstance(value, tuple) and hasattr(value, "_asdict"):
         return {name: plain(part) for name, part in value._asdict().items()}
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, Mapping):
         return {str(plain(key)): plain(part) for key, part in value.items()}
     if isinstance(value, list | tuple | set | frozenset):

@@ -127,6 +127,12 @@ async def test_every_action_is_in_the_palette_of_its_page(full, turned):
 
 
 @pytest.mark.exam
+async def click_palette(app, pilot):
+    bar = app.page.query_one("#keys", KeyBar)
+    palette = next(place for place in laid_out(bar.view.actions, bar.size.width) if place[0].id == "palette")
+    await pilot.click("#keys", offset=(palette[1] + 1, 0))
+
+
 async def test_every_page_s_key_bar_leads_to_the_palette_by_mouse_at_every_width(full, turned):
     """So that what is not on the bar or the page can be clicked in the palette."""
     async with full.run_test(size=(80, 24)) as pilot:
@@ -135,9 +141,7 @@ async def test_every_page_s_key_bar_leads_to_the_palette_by_mouse_at_every_width
             for width in (40, 80, 120):
                 ids = {place[0].id for place in laid_out(actions.at(where), width)}
                 assert {"hold", "stop", "palette"} <= ids, (where, width)
-            bar = full.page.query_one("#keys", KeyBar)
-            palette = next(place for place in laid_out(bar.view.actions, bar.size.width) if place[0].id == "palette")
-            await pilot.click("#keys", offset=(palette[1] + 1, 0))
+            await click_palette(full, pilot)
             assert isinstance(full.screen, CommandPalette), where
             full.pop_screen()
             await pilot.pause()
@@ -145,9 +149,7 @@ async def test_every_page_s_key_bar_leads_to_the_palette_by_mouse_at_every_width
 
 async def test_an_action_is_run_by_two_clicks(full, source):
     async with full.run_test(size=(80, 24)) as pilot:
-        bar = full.page.query_one("#keys", KeyBar)
-        palette = next(place for place in laid_out(bar.view.actions, bar.size.width) if place[0].id == "palette")
-        await pilot.click("#keys", offset=(palette[1] + 1, 0))
+        await click_palette(full, pilot)
         await pilot.pause(0.3)
         options = full.screen.query_one(OptionList)
         assert options.option_count > 0

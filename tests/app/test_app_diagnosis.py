@@ -16,7 +16,7 @@ from console.app.name_dialog import NameDialog
 from console.app.pages.diagnosis import shown as diagnosis_shown
 from console.app.pages.diagnosis import words as diagnosis_words
 from console.app.pages.diagnosis.causes import Causes, interval_bar
-from console.app.pages.diagnosis.data import Curve, Found, LeftShown, Stopped
+from console.app.pages.diagnosis.data import Curve, DiagnosisView, Stopped
 from console.app.pages.diagnosis.expected import Expected, expected_s
 from console.app.pages.diagnosis.residual_plot import PlotView, ResidualPlot, dots_between, nice_ends
 from console.app.pages.diagnosis.sample import SOURCES, MadeUpDiagnosis, sample_found
@@ -25,7 +25,7 @@ from console.app.services import Services
 from console.app.units import IMPERIAL, METRIC
 from console.locale import catalogue, use
 from console.reports.verdict import title_of
-from control.diagnosis.result import UNKNOWN
+from control.diagnosis.result import UNKNOWN, Unexplained
 from control.machine.machine import CATALOGUE
 from control.orders import Do
 from drivers.files.plain import plain, typed
@@ -411,10 +411,10 @@ async def test_every_action_is_in_the_palette(desk):
 
 # --- words and views -------------------------------------------------------------------------------------------------
 
-def test_a_found_goes_through_json_and_comes_back():
-    found = sample_found()._replace(left=(LeftShown("flow", "supply_v", 0.4),), not_judged=("gate",),
+def test_a_view_goes_through_json_and_comes_back():
+    found = sample_found()._replace(left=(Unexplained("flow", "supply_v", 0.4),), not_judged=("gate",),
                                     left_curve=sample_found().causes[0].over, notes=("a note",), refused=("x: y",))
-    assert typed(Found, plain(found)) == found
+    assert typed(DiagnosisView, plain(found)) == found
 
 
 def test_verdicts_in_one_line():
@@ -428,7 +428,7 @@ def test_verdicts_in_one_line():
     two = two._replace(next_run=None)
     assert diagnosis_words.sentence(two) == ("Flutes fill less at high shaft speed, or: Kilograms per revolution off "
                                              "by a factor. This data cannot tell.")
-    left = sample_found("none")._replace(verdict="unexplained", left=(LeftShown("flow", "supply_v", 0.4),))
+    left = sample_found("none")._replace(verdict="unexplained", left=(Unexplained("flow", "supply_v", 0.4),))
     assert diagnosis_words.sentence(left) == ("flow follows supply, and no known cause explains it: 40 % of what is "
                                               "left there.")
 
@@ -458,7 +458,7 @@ def test_a_channel_is_marked_only_where_the_error_is_beyond_noise():
 def test_only_the_gain_of_the_causes_is_told():
     found = sample_found()
     gain = found.gains[0]
-    found = found._replace(gains=(gain, gain._replace(metric="rmse, r/min, placebo shaft.gain", after=9.0)))
+    found = found._replace(gains=(gain, gain._replace(metric="rmse, r/min, x", of="placebo", after=9.0)))
     assert diagnosis_shown.channels(found).gains == ("on data not used for naming: shaft 1.91 to 0.288 (rmse, r/min)",)
 
 

@@ -10,7 +10,7 @@ import pytest
 import typer
 
 from console.app.pages.diagnosis.adoption import offer_of, sure
-from console.app.pages.diagnosis.data import Found
+from console.app.pages.diagnosis.data import DiagnosisView
 from console.app.pages.diagnosis.shown import channels
 from console.app.pages.diagnosis.words import adopted_title
 from console.cli.adopting import adopt
@@ -75,7 +75,7 @@ def test_the_page_offers_a_drive_as_a_whole_as_the_command_line_does(tmp_path: P
     log.write_text("time_s,shaft_rpm_cmd,shaft_rpm\n" + "".join(f"{t:.3f},{a:.2f},{r:.2f}\n" for t, a, r in rows))
     save(machine, DRIVE, MACHINE)
     work(Order(str(log), str(tmp_path), machine=str(machine)), lambda share, stage: None)
-    found = typed(Found, json.loads((tmp_path / "view.json").read_text()))
+    found = typed(DiagnosisView, json.loads((tmp_path / "view.json").read_text()))
     assert found.whole is not None and found.adoptable == ("shaft as a whole",)
     offer = offer_of(found, sure(found))
     assert offer is not None and offer.changes

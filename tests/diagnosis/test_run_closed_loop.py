@@ -60,7 +60,7 @@ def test_knowing_the_effects_takes_the_bias_out_of_the_closed_loop(setup: Setup)
     for effect in effects:
         known = with_effect(known, effect.id, effect.size)
     job = setup.job.model_copy(update={"strategy": Strategy.SPEED_FIRST, "flow_trim": False})
-    gain = closed_loop_gain(setup.machine, known, effects, setup.crop, setup.rule, job, 240.0, seed=1)
+    gain = closed_loop_gain(setup.machine, known, effects, setup.crop, setup.rule, job, seconds=240.0, seed=1)
     before, after = gain.before, gain.after
     assert before.bias_kg_ha / before.mean_target_kg_ha < -0.007
     assert abs(after.bias_kg_ha) < 0.5 * abs(before.bias_kg_ha)
@@ -87,7 +87,7 @@ def test_a_known_shift_of_the_opening_s_sensor_is_taken_off_its_reading(setup: S
     shifted = (Planted("gate.offset", 1.5),)
     known = with_effect(setup.machine, "gate.offset", 1.5)
     job = setup.job.model_copy(update={"strategy": Strategy.OPENING_FIRST, "flow_trim": False})
-    gain = closed_loop_gain(setup.machine, known, shifted, setup.crop, setup.rule, job, 200.0, seed=1)
+    gain = closed_loop_gain(setup.machine, known, shifted, setup.crop, setup.rule, job, seconds=200.0, seed=1)
     before, after = gain.before, gain.after
     assert before.bias_kg_ha / before.mean_target_kg_ha < -0.05
     assert abs(after.bias_kg_ha) < 0.1 * abs(before.bias_kg_ha)

@@ -74,9 +74,15 @@ def opened():
         yield lambda port: stack.callback(port.close) and port
 
 
-def test_socket_both_ways(server, opened, clock):
+@pytest.fixture
+def port(server, opened, clock):
+    """The other end of the server's line."""
     port = opened(open_port(f"socket://127.0.0.1:{server.number}", 115200, clock))
     wait_for(lambda: port.state().connected and server.state().connected)
+    return port
+
+
+def test_socket_both_ways(server, port):
     port.write(b"hello")
     assert read_all(server, 5) == b"hello"
     server.write(b"$x\r\n" * 3000)
@@ -84,9 +90,7 @@ def test_socket_both_ways(server, opened, clock):
     assert port.state().last_lines() == ["$x"]
 
 
-def test_socket_latency_is_milliseconds(server, opened, clock):
-    port = opened(open_port(f"socket://127.0.0.1:{server.number}", 115200, clock))
-    wait_for(lambda: port.state().connected and server.state().connected)
+def test_socket_latency_is_milliseconds(server, port):
     took = []
     for _ in range(20):
         begin = time.perf_counter()
@@ -218,9 +222,7 @@ def test_a_socket_without_host_or_port_is_refused_in_one_line(url, clock):
         open_port("loop://", 0, clock)
 
 
-def test_unplugged_by_order_it_is_left_alone_until_plugged_again(server, opened, clock):
-    port = opened(open_port(f"socket://127.0.0.1:{server.number}", 115200, clock))
-    wait_for(lambda: port.state().connected and server.state().connected)
+def test_unplugged_by_order_it_is_left_alone_until_plugged_again(server, port):
     port.plug(False)
     wait_for(lambda: not server.state().connected)
     assert (port.state().connected, port.state().connects) == (False, 1)

@@ -91,18 +91,13 @@ def test_crc_missing_wrong_and_cut_lines(board_line):
     assert board.counts.accepted == 1
 
 
-def test_missed_status_lines_are_counted_over_the_wrap(board_line):
+@pytest.mark.parametrize(("numbers", "missed"), [((65533, 65535, 2), 3), ((500, 0, 1), 0)])
+def test_missed_status_lines_are_counted_over_the_wrap_and_a_restarted_board_is_heard_at_once(
+        board_line, numbers, missed):
     board = SlaveBoard()
-    for seq in (65533, 65535, 2):
+    for seq in numbers:
         board.feed(board_line(status(seq)), 5.0)
-    assert (board.counts.accepted, board.missed) == (3, 3)
-
-
-def test_a_restarted_board_is_heard_at_once(board_line):
-    board = SlaveBoard()
-    for seq in (500, 0, 1):
-        board.feed(board_line(status(seq)), 5.0)
-    assert (board.counts.accepted, board.missed) == (3, 0)
+    assert (board.counts.accepted, board.missed) == (3, missed)
 
 
 def test_commands_count_up_and_stop_when_not_enabled(board_line):

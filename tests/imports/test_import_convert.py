@@ -293,7 +293,7 @@ def test_notes_of_a_few_rows_beside_the_log_s_sheet_are_left_out_and_said(topdre
     book.save(tmp_path / "log.xlsx")
     done = topdress("import", tmp_path / "log.xlsx", "--out", tmp_path / "out.csv")
     assert done.exit_code == 0, done.output
-    assert len(read_log(tmp_path / "out.csv")) == 90 and "sheet Sheet left out: 3 rows beside a log" in done.output
+    assert len(read_log(tmp_path / "out.csv")) == 90 and "sheet Sheet left out: 3 rows next to a log" in done.output
 
 
 def test_what_is_opened_is_what_would_be_written_and_read_and_no_file_lies_between(

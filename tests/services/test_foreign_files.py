@@ -64,7 +64,7 @@ def test_open_questions_are_asked_until_the_import_file_is_edited(folder: Path, 
 def test_an_import_file_without_its_file_is_refused(folder: Path, tmp_path: Path) -> None:
     alone = folder / "gone.import.yaml"
     alone.write_text("format: topdress-import/1\n", encoding="utf-8")
-    with pytest.raises(ValueError, match=r"must stand beside it as gone\.csv or alike; there: none"):
+    with pytest.raises(ValueError, match=r"must stand next to it as gone\.csv or alike; there: none"):
         brought_in(alone, tmp_path)
     (folder / "broken.parquet").write_bytes(b"no table")
     with pytest.raises(ImportTrouble, match="not readable as Parquet"):

@@ -23,7 +23,7 @@ class LoopGain(NamedTuple):
 
 
 def closed_loop_gain(nominal: Machine, extended: Machine, planted: Sequence[Planted], crop: Crop, rule: Rule, job: Job,
-                     seconds: float = 600.0, seed: int = 1, dt_s: float = 0.05) -> LoopGain:
+                     *, seconds: float = 600.0, seed: int = 1, dt_s: float = 0.05) -> LoopGain:
     """Rate and place error of two simulated runs of the same machine: control without and with knowing its effects.
 
     Parameters
@@ -37,15 +37,13 @@ def closed_loop_gain(nominal: Machine, extended: Machine, planted: Sequence[Plan
     seconds, seed, dt_s
         Length of each run, s; seed of its noise; its tick, s.
     """
-    return LoopGain(*(_run(nominal, known, planted, crop, rule, job, seconds, seed, dt_s)
-                      for known in (nominal, extended)))
-
-
-def _run(nominal: Machine, known: Machine, planted: Sequence[Planted], crop: Crop, rule: Rule, job: Job,
-         seconds: float, seed: int, dt_s: float) -> Errors:
-    job = with_simulated_field(job, nominal)
-    record = Record()
-    plant = simulated_machine(nominal, job, seed, dt_s, planted)
-    for step in simulated_run(plant, control_loop(known, crop, rule, job), seconds):
-        record.add(step)
-    return errors(record.columns(), record.fired, nominal.geometry.working_width_m, nominal.fall.lever_arm_m)
+    at = with_simulated_field(job, nominal)
+    found = []
+    for known in (nominal, extended):
+        record = Record()
+        plant = simulated_machine(nominal, at, seed, dt_s, planted)
+        for step in simulated_run(plant, control_loop(known, crop, rule, at), seconds):
+            record.add(step)
+        found.append(errors(record.columns(), record.fired, nominal.geometry.working_width_m,
+                            nominal.fall.lever_arm_m))
+    return LoopGain(*found)

@@ -50,7 +50,7 @@ class Steps(NamedTuple):
 
     step_rpm: float
     sd_rpm: float
-    log_odds: float             # posterior, against readings that lie on steps by chance
+    log_odds: float             # posterior, against steps by chance
     first: int = 0
 
 
@@ -74,7 +74,7 @@ def steps_to_the_end(readings_rpm: Array, min_step_rpm: float = MIN_STEP_RPM) ->
 
 
 def _first_of(readings_rpm: Array, step_rpm: float, min_step_rpm: float) -> int:
-    """Row from which readings lie on steps: the likeliest, where those before lie on them by chance only."""
+    """Row from which readings are quantised: the likeliest, where those before are on steps by chance only."""
     turning = np.isfinite(readings_rpm) & (readings_rpm > min_step_rpm)
     by_chance = _by_chance(step_rpm)
     on = np.log(ON_STEPS / by_chance), np.log((1.0 - ON_STEPS) / (1.0 - by_chance))

@@ -166,7 +166,7 @@ def _form_again(given: Given, one: FittedTerm) -> FittedTerm:
 def _candidates(given: Given) -> list[Candidate]:
     """The best under the noise that the hypothesis leaves, which may hide a slow form, and under a calm one, under
     which drift looks like one: of each quantity and variables one form under each. Where something comes and goes is
-    seen only with hardly a drift: its edges are half a class off."""
+    seen only in noise without its slow part: its edges are half a class off."""
     chosen: dict[tuple[Acts, tuple[str, ...], str, int], Candidate] = {}
     temporary = given.dictionary.scanned(given.whitened(_still(given.noise)), temporary=True)
     for noise in (given.noise,) if given.calm == given.noise else (given.noise, given.calm):
@@ -181,7 +181,7 @@ def _candidates(given: Given) -> list[Candidate]:
 
 
 def _still(noise: dict[str, Noise]) -> dict[str, Noise]:
-    """The same with hardly a drift."""
+    """The noise without its slow part."""
     return {name: Noise((*one.theta[:2], float(np.log(STILL * one.fast_sd)), one.theta[3]))
             for name, one in noise.items()}
 

@@ -118,6 +118,6 @@ def _stretches(times_d: Array, sizes: Array, variance: Array, level_sd: float) -
     gone = -0.5 * (wyy + logs)
     stands = gone + log_bayes(wy, w, level_sd)
     middle = np.divide(wt, w, out=np.zeros_like(wt), where=w > 0.0)
-    spread, pull = np.maximum(wtt - wt * middle, 0.0), wty - middle * wy
-    line = stands + log_bayes(pull, spread, SLOPES * level_sd)
+    spread, score = np.maximum(wtt - wt * middle, 0.0), wty - middle * wy
+    line = stands + log_bayes(score, spread, SLOPES * level_sd)
     return np.where(outside, -np.inf, np.stack([gone, stands, line]))

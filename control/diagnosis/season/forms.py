@@ -58,9 +58,9 @@ def stacked(logs: Sequence[OneLog]) -> Logs:
     for j, log in enumerate(every):
         for form in log.forms:
             here = [*(place[name] for name in form.names), *(at_open[name] for name in form.open)]
-            part, pull = _taken_apart(form)
+            part, score = _taken_apart(form)
             normal[np.ix_([j], here, here)] += part
-            right[j, here] += pull
+            right[j, here] += score
     return Logs(tuple(every), np.array([log.time_d for log in every]), tuple(machines),
                 np.array([machines.index(log.machine) for log in every], np.int64), tuple(names), normal, right)
 

@@ -235,15 +235,15 @@ def scattered(post: Solved, effect: int, extra: Array) -> Scattered:
         return Scattered(post.left[:, effect], own, crossed, post.cov, 0.0)
     weight = 1.0 / (1.0 + extra * own)
     lost = extra * weight
-    precision, pull = np.linalg.inv(post.cov), np.zeros(len(post.mean))
+    precision, score = np.linalg.inv(post.cov), np.zeros(len(post.mean))
     for here, terms, each in crossed:
         precision[np.ix_(terms, terms)] -= each.T @ (lost[here, None] * each)
-        pull[terms] -= each.T @ (lost[here] * post.left[here, effect])
+        score[terms] -= each.T @ (lost[here] * post.left[here, effect])
     cov = np.linalg.inv(precision)
-    moved, left = cov @ pull, post.left[:, effect].copy()
+    moved, left = cov @ score, post.left[:, effect].copy()
     for here, terms, each in crossed:
         left[here] -= each @ moved[terms]
-    worth = 0.5 * float(np.sum(lost * post.left[:, effect] ** 2) - np.sum(np.log1p(extra * own)) + pull @ moved
+    worth = 0.5 * float(np.sum(lost * post.left[:, effect] ** 2) - np.sum(np.log1p(extra * own)) + score @ moved
                         + np.linalg.slogdet(cov)[1] - np.linalg.slogdet(post.cov)[1])
     return Scattered(weight * left, weight * own, tuple((here, terms, weight[here, None] * each)
                                                         for here, terms, each in crossed), cov, worth)

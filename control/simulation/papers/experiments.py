@@ -122,7 +122,7 @@ def speed_or_delay() -> Odds:
 
 def overtaking_fall_s(machine: Machine, shaft_rpm: float, intercept_s: float, slope_s_per_rpm: float) -> float:
     """The same test where granules fall singly, each with the drop time of the shaft speed at its release, so that
-    later ones overtake, s. With eq 6 as that drop time: the model before, kept to be held beside."""
+    later ones overtake, s. With eq 6 as that drop time: the model before, kept to compare with."""
     shaft, rpm, at_s, first = machine.shaft, 2.0, 0.0, float("inf")
     while at_s < 1.5:
         first = min(first, at_s + intercept_s + slope_s_per_rpm * rpm)
@@ -181,7 +181,7 @@ def experiment_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, .
                   _rms(before - paper))
                  for name, paper, ours, before, part in held)
     return ((*_rows(rows), Table(
-        "R.m.s. by table, one model through each table's own experiment, beside the model before (eq 6 as the drop "
+        "R.m.s. by table, one model through each table's own experiment, next to the model before (eq 6 as the drop "
         "time "
         "of a running shaft, granules overtaking)",
         ("table", "10 to 70 r/min", "before", "10 to 100 r/min", "before"), sums, (0, 4, 4, 4, 4)),

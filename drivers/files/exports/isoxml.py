@@ -38,7 +38,7 @@ def as_applied_task(applied: AsApplied) -> tuple[Element, dict[str, bytes]]:
     begin, end = (applied.utc(float(time)) for time in _span_s(applied))
     if begin is None or end is None:
         raise ExportError(f"{applied.title}: no UTC in the log: allowed for ISOXML is a log with a column utc or "
-                          "started_utc beside it")
+                          "started_utc next to it")
     root = task_root(from_terminal=True)
     SubElement(root, "VPN", A="VPN1", B="0", C="0.01", D="2", E="kg/ha")
     SubElement(root, "PDT", A="PDT1", B=name_of(applied.product.name))

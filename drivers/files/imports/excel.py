@@ -40,7 +40,7 @@ def read_excel(path: Path, said: Source) -> RawTable:
     if not found:
         raise ImportTrouble(path, f"no sheet holds a table of numbers below a header (sheets: {listed(tables)})")
     left = _log_among(found)
-    findings = tuple(Finding("other_sheets", f"sheet {name} left out: {many(len(found[name][0]), 'row')} beside a log")
+    findings = tuple(Finding("other_sheets", f"sheet {name} left out: {many(len(found[name][0]), 'row')} next to a log")
                      for name in found if name not in left)
     found = {name: found[name] for name in left}
     if len(found) > 1:

@@ -5,8 +5,9 @@ import re
 from typing import Annotated, Literal
 from zoneinfo import ZoneInfo, available_timezones
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from control.field.job import FrozenModel
 from control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS
 from drivers.files.config import Kind
 from drivers.files.config_words import nearest
@@ -25,11 +26,7 @@ Name = Annotated[str, Field(min_length=1)]
 Missing = tuple[float | str, ...]
 
 
-class Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Source(Part):
+class Source(FrozenModel):
     """How the file is to be read; what is left out is found by looking at it."""
 
     kind: SourceKind | None = None
@@ -48,7 +45,7 @@ class Source(Part):
         description="where a task set's device contradicts the data dictionary on what a rate is worth")] = None
 
 
-class Times(Part):
+class Times(FrozenModel):
     """Which column tells the time, and how."""
 
     column: Name | None = None
@@ -75,7 +72,7 @@ class Times(Part):
         return self
 
 
-class Column(Part):
+class Column(FrozenModel):
     """One column of the log: sign x (number x scale + offset), in `unit`."""
 
     source: Annotated[Name | None, Field(alias="from", description="column of the file")] = None
@@ -107,7 +104,7 @@ class Column(Part):
         return self
 
 
-class Working(Part):
+class Working(FrozenModel):
     """What counts as working: `state` of the log is working where it holds, else ready."""
 
     column: Name
@@ -124,7 +121,7 @@ class Working(Part):
         return self
 
 
-class Join(Part):
+class Join(FrozenModel):
     """Several files in one log."""
 
     order: Annotated[Literal["clock", "runs"] | None, Field(
@@ -132,7 +129,7 @@ class Join(Part):
     gap_s: Annotated[float, Field(gt=0.0, le=86_400.0, json_schema_extra={"unit": "s"})] = 60.0
 
 
-class ImportFile(Part):
+class ImportFile(FrozenModel):
     """Import file "topdress-import/1"."""
 
     source: Source = Source()

@@ -4,30 +4,30 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import chain, combinations
 
-from console.app.pages.diagnosis.data import CauseShown, Found, Offer
+from console.app.pages.diagnosis.data import CauseShown, DiagnosisView, Offer
 from console.reports.words import undecided as is_undecided
 
 MOST_TOGETHER = 4           # undecided causes of which any may be picked together; of more, one at a time
 
 
-def undecided(found: Found) -> tuple[CauseShown, ...]:
+def undecided(found: DiagnosisView) -> tuple[CauseShown, ...]:
     """Those that could be adopted and are not decided: the data cannot tell them from others, or they are suspected
     only."""
     return tuple(one for one in found.causes if one.id in found.adoptable and is_undecided(one))
 
 
-def sure(found: Found) -> tuple[str, ...]:
+def sure(found: DiagnosisView) -> tuple[str, ...]:
     """Ids that are adopted with an Enter."""
     open_ = {one.id for one in undecided(found)}
     return tuple(one for one in found.adoptable if one not in open_)
 
 
-def with_picked(found: Found, picked: tuple[str, ...]) -> tuple[str, ...]:
+def with_picked(found: DiagnosisView, picked: tuple[str, ...]) -> tuple[str, ...]:
     """Ids of what is sure and what was picked, in their order."""
     return tuple(one for one in found.adoptable if one in sure(found) or one in picked)
 
 
-def selections(found: Found) -> Iterator[tuple[str, ...]]:
+def selections(found: DiagnosisView) -> Iterator[tuple[str, ...]]:
     """Every set of ids that the operator can come to: one machine file each."""
     names = tuple(dict.fromkeys(one.id for one in undecided(found)))
     most = len(names) if len(names) <= MOST_TOGETHER else 1
@@ -37,6 +37,6 @@ def selections(found: Found) -> Iterator[tuple[str, ...]]:
             yield ids
 
 
-def offer_of(found: Found, ids: tuple[str, ...]) -> Offer | None:
+def offer_of(found: DiagnosisView, ids: tuple[str, ...]) -> Offer | None:
     """The machine file that takes these up; None where there is none."""
     return next((one for one in found.offers if set(one.ids) == set(ids)), None)

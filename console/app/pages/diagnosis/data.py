@@ -5,6 +5,8 @@ import threading
 from collections.abc import Callable
 from typing import Literal, NamedTuple, Protocol
 
+from control.diagnosis.result import Unexplained
+
 Tell = Callable[[float, str], None]         # share of the work done, 0 to 1; the stage, a word
 Export = Literal["report", "data"]
 
@@ -71,21 +73,6 @@ class CauseShown(NamedTuple):
     grows: bool = False                 # from its onset on to its size at the end
 
 
-class LeftShown(NamedTuple):
-    """What of a channel no effect explains; fields as in `control.diagnosis.result.Unexplained`."""
-
-    channel: str
-    variable: str
-    explained_share: float
-    rms: float | None = None
-    noise: float | None = None
-    unit: str = ""
-    dose_percent: float | None = None
-    hint: str = ""
-    from_s: float | None = None
-    period_s: float | None = None
-
-
 class WholeShown(NamedTuple):
     """A drive fitted as a whole, adopted so and not by its parts. id: by which it is adopted. sizes: (effect's title,
     value, unit). before, after: error on rows that were not fitted to, in `unit`."""
@@ -114,6 +101,7 @@ class GainShown(NamedTuple):
     metric: str
     before: float
     after: float
+    of: str = "names"                   # what is put in: the causes, or something to compare (`result.Gain`)
 
 
 class RunPlan(NamedTuple):
@@ -127,8 +115,9 @@ class RunPlan(NamedTuple):
 
 
 class Offer(NamedTuple):
-    """A machine file that is made already, in the folder of `Found`. ids: what was chosen; file: "" where nothing of it
-    can be taken up; changes: before and after, a line each; refused: why what was chosen is not in it, a line each."""
+    """A machine file that is made already, in the folder of `DiagnosisView`. ids: what was chosen; file: "" where
+    nothing of it can be taken up; changes: before and after, a line each; refused: why what was chosen is not in it, a
+    line each."""
 
     ids: tuple[str, ...]
     file: str
@@ -136,7 +125,7 @@ class Offer(NamedTuple):
     refused: tuple[str, ...] = ()
 
 
-class Found(NamedTuple):
+class DiagnosisView(NamedTuple):
     """A diagnosis as the page shows it. adoptable: ids, those that are not decided among them; refused: why the others
     are not adopted, a line each.
 
@@ -152,7 +141,7 @@ class Found(NamedTuple):
     verdict: str
     causes: tuple[CauseShown, ...]
     channels: tuple[ChannelShown, ...]
-    left: tuple[LeftShown, ...]
+    left: tuple[Unexplained, ...]
     gains: tuple[GainShown, ...]
     notes: tuple[str, ...]              # about the data itself
     next_run: RunPlan | None
@@ -242,13 +231,13 @@ class DiagnosisService(Protocol):
     def machines(self) -> tuple[str, ...]:
         """Machine files to hold the data against, along with the one that the log names."""
 
-    def diagnose(self, source: Source, machine: str | None, tell: Tell, stop: Stop) -> Found:
+    def diagnose(self, source: Source, machine: str | None, tell: Tell, stop: Stop) -> DiagnosisView:
         """machine None: the one that the log names, else the configured one.
 
         A file of kind IMPORT is brought in first: as a new log of the user's own folder; OpenQuestions where not sure.
         """
 
-    def adopt(self, found: Found, chosen: Adoption) -> str:
+    def adopt(self, found: DiagnosisView, chosen: Adoption) -> str:
         """Writes the new machine file; its path."""
 
     def last_change(self, machine: str | None) -> tuple[str, ...]:
@@ -257,13 +246,13 @@ class DiagnosisService(Protocol):
     def take_back(self, machine: str | None) -> str:
         """Writes a new machine file without the last change; its path."""
 
-    def export(self, found: Found, what: Export) -> str:
+    def export(self, found: DiagnosisView, what: Export) -> str:
         """Writes the report or the data next to the log; the path."""
 
-    def write_run(self, found: Found) -> str:
+    def write_run(self, found: DiagnosisView) -> str:
         """Writes the separating run as a job file; its path."""
 
-    def drive(self, found: Found, tell: Tell, stop: Stop) -> Found:
+    def drive(self, found: DiagnosisView, tell: Tell, stop: Stop) -> DiagnosisView:
         """Drives the separating run on the simulated machine and diagnoses its log."""
 
     def compare(self, machine: str, source: Source, tell: Tell, stop: Stop) -> ComparedShown:

@@ -11,7 +11,7 @@ from console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
 from console.app.name_dialog import NameDialog
 from console.app.pages.diagnosis import words
 from console.app.pages.diagnosis.adoption import offer_of, undecided, with_picked
-from console.app.pages.diagnosis.data import Adoption, CauseShown, Found
+from console.app.pages.diagnosis.data import Adoption, CauseShown, DiagnosisView
 from console.locale import N_, _
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def next_view(page: DiagnosisScreen) -> None:
     page.see = views[(views.index(page.see) + 1) % len(views)] if page.see in views else views[0]
 
 
-def _of_found(do: Callable[[DiagnosisScreen, Found], None]) -> Callable[[DiagnosisScreen], None]:
+def _of_found(do: Callable[[DiagnosisScreen, DiagnosisView], None]) -> Callable[[DiagnosisScreen], None]:
     """Of what was found in the data; not done before, see `why_not_found`."""
     def run(page: DiagnosisScreen) -> None:
         assert page.shown is not None
@@ -96,7 +96,7 @@ def why_no_drive(page: DiagnosisScreen) -> str:
 
 
 @_of_found
-def adopt(page: DiagnosisScreen, found: Found) -> None:
+def adopt(page: DiagnosisScreen, found: DiagnosisView) -> None:
     if not found.adoptable:
         why = "\n".join(found.refused) or _("nothing was found that can go into a machine file")
         page.app.push_screen(TextDialog(_("Not adopted"), why))
@@ -107,7 +107,8 @@ def adopt(page: DiagnosisScreen, found: Found) -> None:
 NONE = ""
 
 
-def _ask_next(page: DiagnosisScreen, found: Found, open_: tuple[CauseShown, ...], picked: tuple[str, ...]) -> None:
+def _ask_next(page: DiagnosisScreen, found: DiagnosisView, open_: tuple[CauseShown, ...], picked: tuple[str, ...]
+              ) -> None:
     """One undecided cause after the other: none of them is taken up unless the operator picks it by its name."""
     if not open_:
         _ask_why(page, found, picked)
@@ -129,7 +130,7 @@ def _ask_next(page: DiagnosisScreen, found: Found, open_: tuple[CauseShown, ...]
     page.app.push_screen(ChoiceDialog(title, choices, ""), answer)
 
 
-def _ask_why(page: DiagnosisScreen, found: Found, picked: tuple[str, ...]) -> None:
+def _ask_why(page: DiagnosisScreen, found: DiagnosisView, picked: tuple[str, ...]) -> None:
     """What was picked against the data's silence is written with its reason."""
     ids = with_picked(found, picked)
     if not ids:
@@ -145,7 +146,7 @@ def _ask_why(page: DiagnosisScreen, found: Found, picked: tuple[str, ...]) -> No
                                                                   "it later.")), why)
 
 
-def _ask_to_write(page: DiagnosisScreen, found: Found, chosen: Adoption) -> None:
+def _ask_to_write(page: DiagnosisScreen, found: DiagnosisView, chosen: Adoption) -> None:
     offer = offer_of(found, chosen.ids)
     left = [words.title(one) for one in undecided(found) if one.id not in chosen.ids]
     lines = [_("Adopted: {what}").format(what=", ".join(words.adopted_title(found, one) for one in chosen.ids))]
@@ -219,22 +220,22 @@ def compare(page: DiagnosisScreen) -> None:
 
 
 @_of_found
-def report(page: DiagnosisScreen, found: Found) -> None:
+def report(page: DiagnosisScreen, found: DiagnosisView) -> None:
     page.write(_("The report"), partial(page.served.export, found, "report"))
 
 
 @_of_found
-def data(page: DiagnosisScreen, found: Found) -> None:
+def data(page: DiagnosisScreen, found: DiagnosisView) -> None:
     page.write(_("The result as data"), partial(page.served.export, found, "data"))
 
 
 @_of_found
-def job_file(page: DiagnosisScreen, found: Found) -> None:
+def job_file(page: DiagnosisScreen, found: DiagnosisView) -> None:
     page.write(_("The separating run as a job file"), partial(page.served.write_run, found))
 
 
 @_of_found
-def drive(page: DiagnosisScreen, found: Found) -> None:
+def drive(page: DiagnosisScreen, found: DiagnosisView) -> None:
     assert found.next_run is not None
     text = _("{minutes} minutes of simulated time, in seconds. Only a simulated machine moves; the real one and "
              "its job are left alone.").format(minutes=f"{found.next_run.minutes:g}")
@@ -248,7 +249,7 @@ def drive(page: DiagnosisScreen, found: Found) -> None:
 
 
 @_of_found
-def other_log(page: DiagnosisScreen, found: Found) -> None:
+def other_log(page: DiagnosisScreen, found: DiagnosisView) -> None:
     page.which, page.cause = (page.which + 1) % len(page.found), 0
 
 

@@ -21,7 +21,7 @@ from console.app.pages.diagnosis.data import (
     IMPORT,
     ComparedShown,
     DiagnosisService,
-    Found,
+    DiagnosisView,
     OpenQuestions,
     Source,
     Stop,
@@ -42,7 +42,7 @@ from console.frame import Frame
 from console.locale import _, in_use
 
 View = Literal["causes", "channels", "over", "time", "run"]
-Work = Callable[[Tell, Stop], Found | ComparedShown]
+Work = Callable[[Tell, Stop], DiagnosisView | ComparedShown]
 
 
 
@@ -61,13 +61,13 @@ class DiagnosisScreen(Page):
         self.machine: str | None = None             # None: the one that the data names
         self.machines: tuple[str, ...] = ()
         self.adopted = ""                           # the machine file that was written here last
-        self.found: tuple[Found, ...] = ()          # the log's, then that of its separating run
+        self.found: tuple[DiagnosisView, ...] = ()          # the log's, then that of its separating run
         self.which = 0                              # the one that is shown
         self.cause = 0
         self.see: View = "causes"
         self.said = ""                              # why the last thing did not go
         self.stop: Stop | None = None               # of the work under way
-        self._working: Worker[Found | ComparedShown] | None = None
+        self._working: Worker[DiagnosisView | ComparedShown] | None = None
         self._listing: Worker[tuple[tuple[Source, ...], tuple[str, ...]]] | None = None
         self._brings_in = False                     # a new file will be there
         self._title = ""
@@ -103,7 +103,7 @@ class DiagnosisScreen(Page):
         return self.service
 
     @property
-    def shown(self) -> Found | None:
+    def shown(self) -> DiagnosisView | None:
         return self.found[self.which] if self.found else None
 
     @property
@@ -139,7 +139,7 @@ class DiagnosisScreen(Page):
         if found is not None:
             self._show_found(found)
 
-    def _show_found(self, found: Found) -> None:
+    def _show_found(self, found: DiagnosisView) -> None:
         self.query_one("#dia-verdict", Verdict).show(tuple(
             shown.said(one, "" if len(self.found) == 1 else _("log") if not index else _("separating run"))
             for index, one in enumerate(self.found)))
@@ -160,7 +160,7 @@ class DiagnosisScreen(Page):
                         None if left_s is None else max(1, round(left_s)))
 
     def views(self) -> tuple[View, ...]:
-        """Those that one key goes through at this size; the others stand beside."""
+        """Those that one key goes through at this size; the others are shown with it."""
         found = self.shown
         run: tuple[View, ...] = ("run",) if found is not None and found.next_run is not None else ()
         if self.has_class("-wide") and self.has_class("-tall"):
@@ -310,10 +310,10 @@ class DiagnosisScreen(Page):
             self._listing = None
             self.look()
 
-    def _worked(self, worker: Worker[Found | ComparedShown], state: WorkerState) -> None:
+    def _worked(self, worker: Worker[DiagnosisView | ComparedShown], state: WorkerState) -> None:
         if state is WorkerState.SUCCESS and isinstance(worker.result, ComparedShown):
             self._show_compared(worker.result)
-        elif state is WorkerState.SUCCESS and isinstance(worker.result, Found):
+        elif state is WorkerState.SUCCESS and isinstance(worker.result, DiagnosisView):
             drove = bool(self.found) and bool(worker.result.planted)
             self.found = (*self.found[:1], worker.result) if drove else (worker.result,)
             self.which, self.cause, self.see = len(self.found) - 1, 0, "causes"

@@ -11,8 +11,8 @@ from console.app.pages.diagnosis.data import (
     ComparedRow,
     ComparedShown,
     Curve,
+    DiagnosisView,
     Export,
-    Found,
     GainShown,
     Offer,
     OpenQuestions,
@@ -61,9 +61,9 @@ _CHANNELS = (
     ChannelShown("heads", "NDVI", 0.0164, 0.0163, 0.0164, False))
 
 
-def sample_found(verdict: str = "ambiguous") -> Found:
+def sample_found(verdict: str = "ambiguous") -> DiagnosisView:
     """ambiguous: two causes, of which one has rivals; named: one; none: nothing."""
-    found = Found(
+    found = DiagnosisView(
         "20260317-134500.csv", "/data/logs/20260317-134500.csv", "run", "huanghai", 48_240, 2412.0, "ambiguous",
         (_FILL, _SAG), _CHANNELS, (), (GainShown("shaft", "rmse, r/min", 1.91, 0.288),), (),
         RunPlan("stairs", RUNS["stairs"], 10.0, (RUNS["stairs"],)),
@@ -91,7 +91,7 @@ OPEN = OpenQuestions(("/data/planter.csv: columns.opening_mm: Schieberöffnung i
 class MadeUpDiagnosis:
     """A `DiagnosisService` that knows its answers; it keeps what it was asked. wait: until when work goes on."""
 
-    def __init__(self, found: Found | None = None, refuse: str = "", unsure: tuple[str, ...] = ()) -> None:
+    def __init__(self, found: DiagnosisView | None = None, refuse: str = "", unsure: tuple[str, ...] = ()) -> None:
         self.found = found or sample_found()
         self.refuse, self.unsure = refuse, unsure
         self.asked: list[str] = []
@@ -108,12 +108,12 @@ class MadeUpDiagnosis:
     def machines(self) -> tuple[str, ...]:
         return ("bench", "huanghai")
 
-    def diagnose(self, source: Source, machine: str | None, tell: Tell, stop: Stop) -> Found:
+    def diagnose(self, source: Source, machine: str | None, tell: Tell, stop: Stop) -> DiagnosisView:
         self.asked.append(f"diagnose {source.name} {machine}")
         self._work(tell, stop)
         return self.found
 
-    def drive(self, found: Found, tell: Tell, stop: Stop) -> Found:
+    def drive(self, found: DiagnosisView, tell: Tell, stop: Stop) -> DiagnosisView:
         self.asked.append(f"drive {found.next_run.id if found.next_run else ''}")
         self._work(tell, stop)
         return sample_found("named")
@@ -134,7 +134,7 @@ class MadeUpDiagnosis:
         if self.refuse:
             raise ValueError(self.refuse)
 
-    def adopt(self, found: Found, chosen: Adoption) -> str:
+    def adopt(self, found: DiagnosisView, chosen: Adoption) -> str:
         self.asked.append(f"adopt {', '.join(chosen.ids)}" + (f": {chosen.why}" if chosen.why else ""))
         return "/data/machines/huanghai-2026-03-18.yaml"
 
@@ -145,10 +145,10 @@ class MadeUpDiagnosis:
         self.asked.append(f"take back {machine}")
         return "/data/machines/bench-2026-03-19.yaml"
 
-    def export(self, found: Found, what: Export) -> str:
+    def export(self, found: DiagnosisView, what: Export) -> str:
         self.asked.append(f"export {what}")
         return "/data/reports/20260317-134500-diagnosis.html"
 
-    def write_run(self, found: Found) -> str:
+    def write_run(self, found: DiagnosisView) -> str:
         self.asked.append("write_run")
         return "/data/jobs/separate_stairs.yaml"

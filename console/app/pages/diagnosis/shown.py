@@ -4,7 +4,7 @@ from __future__ import annotations
 from console.app.pages.diagnosis import words
 from console.app.pages.diagnosis.causes import CauseLine, CausesView
 from console.app.pages.diagnosis.channel_table import ChannelLine, ChannelsView
-from console.app.pages.diagnosis.data import CauseShown, ChannelShown, Curve, Found, GainShown
+from console.app.pages.diagnosis.data import CauseShown, ChannelShown, Curve, DiagnosisView, GainShown
 from console.app.pages.diagnosis.residual_plot import PlotView
 from console.app.pages.diagnosis.run_plan import PlanView
 from console.app.pages.diagnosis.verdict import Said
@@ -16,12 +16,12 @@ MOST_GAIN_LINES = 3
 LEAST_SHARE = 0.01              # of a channel's error beyond its noise: less is there, and is worth no mark
 
 
-def said(found: Found, lead: str) -> Said:
+def said(found: DiagnosisView, lead: str) -> Said:
     return Said(found.verdict, words.VERDICT_SYMBOLS[found.verdict], _(words.VERDICTS[found.verdict]),
                 words.about(found), words.sentence(found), words.todo(found), lead)
 
 
-def causes(found: Found, at: int, units: Units) -> CausesView:
+def causes(found: DiagnosisView, at: int, units: Units) -> CausesView:
     none = _("None. {count} effects cannot be seen in data of this kind at all.").format(count=found.unseen)
     calm = (*map(words.left, found.left), *_whole(found), none)
     return CausesView(tuple(_cause(cause, units) for cause in found.causes), at, calm, in_use())
@@ -47,7 +47,7 @@ def interval(cause: CauseShown) -> tuple[float, float, float] | None:
     return round(cause.low / most, 2), round(cause.value / most, 2), round(cause.high / most, 2)
 
 
-def channels(found: Found) -> ChannelsView:
+def channels(found: DiagnosisView) -> ChannelsView:
     gains = [_("on data not used for naming: {channel} {before} to {after} ({metric})").format(
         channel=words.channel_word(gain.channel), before=words.number(gain.before), after=words.number(gain.after),
         metric=gain.metric) for gain in _own(found.gains)[:MOST_GAIN_LINES]]
@@ -55,14 +55,14 @@ def channels(found: Found) -> ChannelsView:
                         (*_whole(found), *gains), in_use())
 
 
-def _whole(found: Found) -> tuple[str, ...]:
+def _whole(found: DiagnosisView) -> tuple[str, ...]:
     """The drive as a whole, where it was fitted so."""
     return () if found.whole is None else (f"{words.whole(found.whole)}. {words.whole_gain(found.whole)}",)
 
 
 def _own(gains: tuple[GainShown, ...]) -> list[GainShown]:
     """Those of the causes themselves; what is compared with them stands in the report."""
-    return [gain for gain in gains if not any(word in gain.metric for word in ("nameless", "placebo"))]
+    return [gain for gain in gains if gain.of == "names"]
 
 
 def _channel(one: ChannelShown) -> ChannelLine:
@@ -73,7 +73,7 @@ def _channel(one: ChannelShown) -> ChannelLine:
                        words.number(one.noise), words.percent(share) if wrong else "-", wrong)
 
 
-def plan(found: Found) -> PlanView:
+def plan(found: DiagnosisView) -> PlanView:
     if found.next_run is None:
         return PlanView("", (), "", in_use())
     names = [words.title(cause) for cause in found.causes if cause.rivals]
@@ -84,13 +84,13 @@ def plan(found: Found) -> PlanView:
     return PlanView(why, as_items(words.to_do(found)), how, in_use())
 
 
-def over(found: Found, at: int) -> PlotView | None:
+def over(found: DiagnosisView, at: int) -> PlotView | None:
     """Along the variable that tells the chosen cause; of what no cause explains where there is none."""
     curve = found.causes[at].over if found.causes else found.left_curve
     return _plot(curve, not found.causes)
 
 
-def time(found: Found, at: int) -> PlotView | None:
+def time(found: DiagnosisView, at: int) -> PlotView | None:
     return _plot(found.causes[at].time, False) if found.causes else None
 
 

@@ -9,8 +9,7 @@ from console.app.pages.diagnosis.data import (
     ComparedRow,
     ComparedShown,
     Curve,
-    Found,
-    LeftShown,
+    DiagnosisView,
     WholeShown,
 )
 from console.app.units import Units
@@ -18,6 +17,7 @@ from console.app.view import duration
 from console.locale import N_, _
 from console.reports.variables import recorded
 from console.reports.words import as_items, headlined, left_facts, tied, when
+from control.diagnosis.result import Unexplained
 
 VERDICTS = {"none": N_("NOTHING WRONG"), "named": N_("CAUSE NAMED"), "ambiguous": N_("NOT TOLD APART"),
             "unexplained": N_("UNEXPLAINED"), "not_judged": N_("NOT JUDGED")}
@@ -85,7 +85,7 @@ def variable_word(name: str) -> str:
     return _(VARIABLES.get(name, name))
 
 
-def about(found: Found) -> tuple[str, ...]:
+def about(found: DiagnosisView) -> tuple[str, ...]:
     """Which data, how much of it, and what it was held against."""
     span = "" if found.duration_s is None else f", {duration(found.duration_s)}"
     rows = _("{count} rows").format(count=found.rows)
@@ -93,7 +93,7 @@ def about(found: Found) -> tuple[str, ...]:
     return found.source, f"{_(KINDS.get(found.kind, found.kind))}, {rows}{span}", against
 
 
-def sentence(found: Found) -> str:
+def sentence(found: DiagnosisView) -> str:
     """What was not judged, then the verdict, in one line; where rivals are tied, the test that parts them."""
     if found.verdict == "ambiguous" and found.next_run is not None and any(map(tied, found.causes)):
         return _next_test(found)
@@ -103,7 +103,7 @@ def sentence(found: Found) -> str:
     return f"{missing} {_verdict(found)}"
 
 
-def _next_test(found: Found) -> str:
+def _next_test(found: DiagnosisView) -> str:
     """The next test leads: a name that this data cannot tell from others is no headline."""
     assert found.next_run is not None
     steps = as_items(to_do(found))
@@ -125,7 +125,7 @@ def ties(cause: CauseShown) -> tuple[tuple[str, str], ...]:
     return (own, *((_(rival.title), percent(rival.probability)) for rival in cause.rivals)) if tied(cause) else ()
 
 
-def _verdict(found: Found) -> str:
+def _verdict(found: DiagnosisView) -> str:
     likely = [cause for cause in found.causes if headlined(cause)]
     suspected = len(found.causes) - len(likely)
     if found.verdict == "none":
@@ -147,7 +147,7 @@ def _verdict(found: Found) -> str:
     return f"{said}   {_('Only suspected: {count}.').format(count=suspected)}" if suspected else said
 
 
-def left(of: LeftShown) -> str:
+def left(of: Unexplained) -> str:
     """What no effect explains, how much, when."""
     if of.variable:
         said = _("{channel} follows {variable}, and no known cause explains it").format(
@@ -183,7 +183,7 @@ def _doubtful(cause: CauseShown) -> str:
                                                                                 count=len(cause.rivals))
 
 
-def todo(found: Found) -> str:
+def todo(found: DiagnosisView) -> str:
     """What to do next, in one line."""
     if found.verdict == "none":
         return _("Nothing to do.")
@@ -214,7 +214,7 @@ def title(cause: CauseShown) -> str:
     return _(cause.title) + which
 
 
-def adopted_title(found: Found, name: str) -> str:
+def adopted_title(found: DiagnosisView, name: str) -> str:
     """Of an id that may be adopted: a cause by its title, a drive as a whole by its sizes, a term by its id."""
     if found.whole is not None and name == found.whole.id:
         return whole(found.whole)
@@ -268,7 +268,7 @@ def rivals(cause: CauseShown) -> str:
     return ", ".join(f"{_(rival.title)} {percent(rival.probability)}" for rival in cause.rivals)
 
 
-def to_do(found: Found) -> tuple[str, ...]:
+def to_do(found: DiagnosisView) -> tuple[str, ...]:
     """What a person does next, one thing after the other; RUNS translated, on the machine that their numbers are of."""
     return tuple(_(step) for step in found.next_run.to_do) if found.next_run is not None else ()
 

@@ -135,7 +135,7 @@ def _choose_file(page: JobScreen, service: JobService, kind: Kind, choices: list
 
 
 def _drawn(file: File, service: JobService) -> str:
-    """A job's name with its field beside it."""
+    """A job's name along with its field."""
     rows = outline(service.outline(file.value), *THUMB)
     return "\n".join((f"{file.label:<22}{rows[0]}", *(f"{'':<26}{row}" for row in rows[1:]))) if rows else file.label
 

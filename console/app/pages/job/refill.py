@@ -14,7 +14,7 @@ SETTLE_KG = 1.0             # ... within this
 STANDING_MPS = 0.2
 LEAST_FILLED_KG = 0.1       # less is no refill
 GROSS_SHARE = 0.25          # bags are weighed to a few percent, a scale reads to one: farther apart one is wrong
-SCALE_OFF_KG = 5.0          # and both may be off by this: the scale's zero on a slope, what fell beside
+SCALE_OFF_KG = 5.0          # and both may be off by this: the scale's zero on a slope, what fell next to it
 
 
 class RefillWatch:
