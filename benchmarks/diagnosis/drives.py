@@ -292,41 +292,41 @@ def main() -> int:
         print(f"{DRIVES}: not there: nothing to run")
         return 0
     before = json.loads(given.against.read_text()) if given.against else {"cases": {}, "pairs": {}}
-    told: dict[str, Any] = {"cases": {}, "pairs": {}}
+    written: dict[str, Any] = {"cases": {}, "pairs": {}}
     with tempfile.TemporaryDirectory(prefix="drives-") as name:
-        ran = _run_cases(given.only, Path(name), told, before)
-        _kept(told, given.out)
+        ran = _run_cases(given.only, Path(name), written, before)
+        _kept(written, given.out)
         if not given.no_pairs:
-            _run_pairs(ran, told, before, given.no_rival, given.out)
+            _run_pairs(ran, written, before, given.no_rival, given.out)
     return 0
 
 
-def _kept(told: dict[str, Any], out: Path | None) -> None:
+def _kept(written: dict[str, Any], out: Path | None) -> None:
     """What is known so far: a run that is cut keeps it."""
     if out is not None:
-        out.write_text(json.dumps(told, indent=1) + "\n")
+        out.write_text(json.dumps(written, indent=1) + "\n")
 
 
-def _run_cases(only: str, folder: Path, told: dict[str, Any], before: dict[str, Any]) -> dict[str, Ran]:
+def _run_cases(only: str, folder: Path, written: dict[str, Any], before: dict[str, Any]) -> dict[str, Ran]:
     ran: dict[str, Ran] = {}
     for case in CASES:
         if only in case.name:
             ran[case.name] = one = run(case, folder)
             how = judged(case, one.said)
-            told["cases"][case.name] = {**one.said, "judged": how, "adopted": one.adopted is not None}
+            written["cases"][case.name] = {**one.said, "judged": how, "adopted": one.adopted is not None}
             was = before["cases"].get(case.name, {}).get("judged", "")
             print(f"{case.name:28s} {how:10s} {'file' if one.adopted else '    '} {one.said['verdict']:12s} "
                   f"{', '.join([*one.said['names'], *one.said['terms']]) or one.said.get('why', '-')[:60]}"
                   f"{f'   (was {was})' if was not in ('', how) else ''}", flush=True)
-    counts = {word: sum(one["judged"] == word for one in told["cases"].values())
+    counts = {word: sum(one["judged"] == word for one in written["cases"].values())
               for word in ("right", "honest", "wrong", "false none")}
-    files = sum(one["adopted"] for one in told["cases"].values())
+    files = sum(one["adopted"] for one in written["cases"].values())
     print(f"\n{len(ran)} cases: " + ", ".join(f"{word} {count}" for word, count in counts.items())
-          + f"; a file adopted {files}; processor {sum(one['cpu_s'] for one in told['cases'].values()):.0f} s\n")
+          + f"; a file adopted {files}; processor {sum(one['cpu_s'] for one in written['cases'].values()):.0f} s\n")
     return ran
 
 
-def _run_pairs(ran: dict[str, Ran], told: dict[str, Any], before: dict[str, Any], no_rival: bool,
+def _run_pairs(ran: dict[str, Ran], written: dict[str, Any], before: dict[str, Any], no_rival: bool,
                out: Path | None) -> None:
     print(f"{'fitted to -> judged on':52s} {'nominal':>8s} {'adopted':>8s} {'rival':>8s}")
     for case, other in pairs(ran):
@@ -338,11 +338,11 @@ def _run_pairs(ran: dict[str, Ran], told: dict[str, Any], before: dict[str, Any]
         rival, form = known.get("rival"), known.get("form", "")
         if rival is None and not no_rival:
             rival, form = rival_on(one.log, held.log, case.sheet["tau_s"])
-        told["pairs"][key] = {"nominal": nominal, "adopted": adopted, "rival": rival, "form": form}
-        _kept(told, out)
+        written["pairs"][key] = {"nominal": nominal, "adopted": adopted, "rival": rival, "form": form}
+        _kept(written, out)
         print(f"{key:52s} {nominal:8.1f} {'-' if adopted is None else f'{adopted:.1f}':>8s} "
               f"{'-' if rival is None else f'{rival:.1f}':>8s}  {form}", flush=True)
-    done = list(told["pairs"].values())
+    done = list(written["pairs"].values())
     with_rival = [one for one in done if one["rival"] is not None]
     near = sum(one["adopted"] is not None and one["adopted"] <= 1.1 * one["rival"] for one in with_rival)
     worse = sum(one["adopted"] is not None and one["adopted"] > one["nominal"] for one in done)

@@ -56,8 +56,8 @@ def _verdict(found: Diagnosis) -> str:
         return f"{named}.{doubt}{more}"
     left = " and ".join(f"{one.channel} depends on {recorded(one.variable, found.data.kind).name}" if one.variable else
                         f"the error of {one.channel} is not noise" for one in found.unexplained) or "something is left"
-    others = f" Along with it: {'; '.join(titles)}." if titles else ""
-    return f"There is structure that no known effect explains: {left}.{others}{more}"
+    along = f" Along with it: {'; '.join(titles)}." if titles else ""
+    return f"There is structure that no known effect explains: {left}.{along}{more}"
 
 
 def others(cause: Cause) -> tuple[tuple[str, float], ...]:

@@ -66,6 +66,20 @@ def test_no_source_of_the_diagnosis_does(source: Path) -> None:
     assert [words for words in _words_of(source.read_text(encoding="utf-8")) if refused.search(words)] == []
 
 
+PUBLISHED = {"speed_told", "told_mm", "told_rpm"}      # a column of the run log, details of alarms
+
+
+@pytest.mark.parametrize("room", ["control", "drivers", "console", "benchmarks"])
+def test_no_source_says_told_of_a_command_or_a_report(room: str) -> None:
+    """Only things are told apart; a drive is commanded, a sensor reports."""
+    told = re.compile(r"\btold\b(?! apart)", re.IGNORECASE)
+    found = [f"{path.relative_to(ROOT)}: {words}" for path in sorted((ROOT / room).rglob("*.py"))
+             for words in _words_of(path.read_text(encoding="utf-8"))
+             if words.replace(" ", "_") not in PUBLISHED and told.search(
+                 re.sub("|".join(PUBLISHED), "", words))]
+    assert found == []
+
+
 def test_each_term_has_a_meaning_and_a_place_that_is_there() -> None:
     text = GLOSSARY.read_text(encoding="utf-8").split("## Instead of")[0]
     rows = [cells for cells in _rows(text) if cells[0] != "term"]
