@@ -32,7 +32,7 @@ ROOT = Path(__file__).parents[1]
 OFF_S = 1.3                     # the board's own 1 s after its last frame, and a thread's turn
 SCENARIOS = ROOT / "tests" / "board" / "board_scenarios.py"
 BOARD_FILES = ("__init__.py", "framing.py", "motion.py", "parts.py", "slave.py", "lag_rig.py")
-TOLD = ("safe_stop", "stop_at_once", "shaft_step", "shaft_step_after_jam", "shaft_step_after_hand",
+PRINTED = ("safe_stop", "stop_at_once", "shaft_step", "shaft_step_after_jam", "shaft_step_after_hand",
         "shaft_step_weak_supply", "gate_step", "gate_moves", "doses", "lost_steps")
 RUNNER = """
 const { readFileSync } = await import('node:fs');
@@ -217,7 +217,7 @@ def main() -> int:
                           env=os.environ | {"PYTHONPATH": str(ROOT)})
     plain = dict(json.loads(line) for line in here.stdout.splitlines())
     promises: dict[str, object] = {"scenarios were played": plain}
-    for name in TOLD:
+    for name in PRINTED:
         print(f"{name:24} {json.dumps(plain[name])}")
     if given.micropython:
         micro = under_micropython(given.micropython)

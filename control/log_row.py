@@ -47,7 +47,7 @@ class LogRow(NamedTuple):
     work_switch: int | None = None
     alarms: str | None = None        # ids separated by ;
     events: str | None = None        # separated by ;
-    speed_told: str | None = None    # new in this row: `control.readings.told_text`
+    speed_told: str | None = None    # new in this row: `control.readings.announced_text`
     ndre_1: float | None = None      # in the place of ndvi_1 ... ndvi where the heads give NDRE
     ndre_2: float | None = None
     ndre_3: float | None = None

@@ -77,22 +77,22 @@ def total(read: Imported) -> tuple[float, float]:
 # -- the shared real files -----------------------------------------------------------------------------------------
 
 SHARED = [
-    # folder, choice, cells or zones, unit, ha, kg, fallbacks
-    ("fertilizer_map_1", Choice(), 32, "mg/m2", 1.7151, 254.09, Fallbacks(148.15, 0.0, 148.15)),
-    ("grid_type_1", Choice(rate_from="presentation"), 38 * 33, "kg/ha", 12.6847, 298.81, Fallbacks(10.0, 0.0, 0.0)),
-    ("grid_type_1", Choice(rate_from="ddi"), 38 * 33, "mg/m2", 12.6847, 2.9881, Fallbacks(0.1, 0.0, 0.0)),
-    ("grid_type_2", Choice(density_kg_l=1.32), 178 * 236, "mm3/m2", 1.7470, 1.32 * 99.093, Fallbacks(0.0, 0.0, 0.0)),
+    # folder, choice, cells or zones, unit, (ha, kg), fallbacks
+    ("fertilizer_map_1", Choice(), 32, "mg/m2", (1.7151, 254.09), Fallbacks(148.15, 0.0, 148.15)),
+    ("grid_type_1", Choice(rate_from="presentation"), 38 * 33, "kg/ha", (12.6847, 298.81), Fallbacks(10.0, 0.0, 0.0)),
+    ("grid_type_1", Choice(rate_from="ddi"), 38 * 33, "mg/m2", (12.6847, 2.9881), Fallbacks(0.1, 0.0, 0.0)),
+    ("grid_type_2", Choice(density_kg_l=1.32), 178 * 236, "mm3/m2", (1.7470, 1.32 * 99.093), Fallbacks(0.0, 0.0, 0.0)),
 ]
 
 
-@pytest.mark.parametrize(("folder", "choice", "count", "unit", "area_ha", "mass_kg", "fallbacks"), SHARED)
+@pytest.mark.parametrize(("folder", "choice", "count", "unit", "ha_and_kg", "fallbacks"), SHARED)
 def test_shared_files_have_these_zones_and_totals(isoxml_data: Path, folder: str, choice: Choice, count: int,
-                                                  unit: str, area_ha: float, mass_kg: float,
+                                                  unit: str, ha_and_kg: tuple[float, float],
                                                   fallbacks: Fallbacks) -> None:
     read = read_prescription(isoxml_data / folder, choice)
     found = len(read.data.zones) if read.data.grid is None else read.data.grid.rate_kg_ha.size
     assert (found, read.unit, read.data.fallbacks) == (count, unit, pytest.approx(fallbacks))
-    assert total(read) == pytest.approx((area_ha, mass_kg), rel=1e-4)
+    assert total(read) == pytest.approx(ha_and_kg, rel=1e-4)
 
 
 @pytest.mark.parametrize("folder", ["fertilizer_map_1", "grid_type_1", "grid_type_2"])

@@ -159,7 +159,7 @@ class Rolling:
         fit = best_fitted(p, np.arange(len(base)), noise, series)
         usual = {name: self._usual(name, one) for name, one in fit.noise.items()}
         found = best_begins(series, banded, base, [usual], list(tried.values()), [traces[key] for key in tried],
-                            MATTERS, SEEN_S)
+                            matters=MATTERS, end_s=SEEN_S)
         if not found:
             return None
         times = sum(len(one.at_s) for one in members)

@@ -93,7 +93,7 @@ def that_may_begin(tried: Sequence[Candidate]) -> list[Candidate]:
 
 def best_begins(channels: Sequence[ChannelSeries], banded: dict[str, Array], base: Sequence[Column],
                 under: Sequence[dict[str, Noise]], begins: Sequence[Candidate], traces: Sequence[dict[str, Array]],
-                matters: float = MAY_MATTER, end_s: float = END_S, temporary: bool = False,
+                *, matters: float = MAY_MATTER, end_s: float = END_S, temporary: bool = False,
                 behind: Sequence[float] = (0.0, 0.0)) -> list[ScoreTest]:
     """The same of series, however they were had. traces : what each candidate does all along, (m,) by channel.
 

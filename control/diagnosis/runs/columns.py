@@ -131,7 +131,8 @@ class Forms:
             return []
         unit = _unit(model, TABLES[stage].unit, moves) if moves else self._units.get(stage, np.ones(1))
         own = model.predicted(moves)[name] if moves and own_command(stage, variable) != variable else None
-        rows = series(stage, over, model.channel(name), unit, data, model.base, model.machine, own)
+        rows = series(stage, over, model.channel(name), unit, data=data, base=model.base,
+                      machine=model.machine, own=own)
         return [_column(model, Label(Role.FORM), {name: row}) for row in rows]
 
 

@@ -133,19 +133,20 @@ def _channels_of(old: _Predicted, new: _Predicted) -> list[ComparedChannel]:
     measured = old.series.measured
     time_s = np.tile(old.series.grid.even_s, old.series.copies)
     found = [_of_errors(name, unit, measured - old.predicted, measured - new.predicted,
-                        time_s, measured, old.predicted, new.predicted)]
+                        time_s=time_s, measured=measured, of_old=old.predicted, of_new=new.predicted)]
     if name == "scale":
         whole = HeldOut(old.series, old.series, (slice(0, len(measured)),))
         flow, flow_unit, before, after = errors_of(whole, measured - old.predicted, measured - new.predicted)
         read = errors_of(whole, measured, measured)[2]
         at = np.interp(np.linspace(0.0, 1.0, len(before)), np.linspace(0.0, 1.0, len(time_s)), time_s)
         if len(before):
-            found.insert(0, _of_errors(flow, flow_unit, before, after, at, read, read - before, read - after))
+            found.insert(0, _of_errors(flow, flow_unit, before, after, time_s=at, measured=read, of_old=read - before,
+                                       of_new=read - after))
     return [one for one in found if np.isfinite([one.old, one.new]).all()]
 
 
-def _of_errors(name: str, unit: str, before: Array, after: Array, time_s: Array, measured: Array, of_old: Array,
-               of_new: Array) -> ComparedChannel:
+def _of_errors(name: str, unit: str, before: Array, after: Array, *, time_s: Array, measured: Array,
+               of_old: Array, of_new: Array) -> ComparedChannel:
     low, high = interval_of_difference(before, after)
     return ComparedChannel(name, unit, rms(before), rms(after), low, high, time_s, measured, of_old, of_new)
 

@@ -74,12 +74,14 @@ def drives_of(log: Clean, every: Rows, machine: Machine, whole: bool) -> dict[st
         sure &= ~against_the_way(every.time_s, every.command_rpm, c["shaft_rpm"], machine)
         settle_s = min(SETTLE_S, SETTLES * (machine.shaft.dead_time_s + machine.shaft.time_constant_s))
         settled = log.held and every.step_s > ANSWERED * (machine.shaft.dead_time_s + machine.shaft.time_constant_s)
-        found["shaft"] = _drive("shaft", every, every.command_rpm, c["shaft_rpm"], sure, whole, machine.noise.shaft_rpm,
-                                settle_s, settled, MIN_SETTLED if log.held else MIN_ROWS)
+        found["shaft"] = _drive("shaft", every, every.command_rpm, c["shaft_rpm"], sure, whole=whole,
+                                noise=machine.noise.shaft_rpm, settle_s=settle_s, settled=settled,
+                                least=MIN_SETTLED if log.held else MIN_ROWS)
     if "gate" in log.stages:
         sure = _sure(every, every.command_mm, of_nominal(machine, OPENING_RANGE) * SAME_MM, machine.gate.dead_time_s,
                      machine.gate.slew_mm_s)
-        found["gate"] = _drive("gate", every, every.command_mm, c["opening_mm"], sure, whole, machine.noise.opening_mm)
+        found["gate"] = _drive("gate", every, every.command_mm, c["opening_mm"], sure, whole=whole,
+                               noise=machine.noise.opening_mm)
     return {name: drive for name, drive in found.items() if drive is not None}
 
 
@@ -129,7 +131,7 @@ def _quick(every: Rows, measured: Array, noise: float) -> npt.NDArray[np.bool_]:
 
 
 def _drive(name: str, every: Rows, command: Array, measured: Array, sure: npt.NDArray[np.bool_],
-           whole: bool, noise: float, settle_s: float = SETTLE_S, settled: bool = False,
+           *, whole: bool, noise: float, settle_s: float = SETTLE_S, settled: bool = False,
            least: int = MIN_ROWS) -> Drive | None:
     """None where hardly a row can be judged. noise : of a reading (1 s.d.). settled : a row holds a settled answer.
     least : rows that can be judged."""

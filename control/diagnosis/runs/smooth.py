@@ -97,8 +97,8 @@ def flow_change(hopper: Hopper, machine: Machine, base: Stages, percent: Array |
                       - hopper_channel(hopper, machine).predict(nothing, MOST_STEP_S))
 
 
-def series(stage: str, over: Span, channel: ChannelSeries, unit: Array, data: RunData, base: Stages,
-           machine: Machine, own: Array | None = None) -> Array:
+def series(stage: str, over: Span, channel: ChannelSeries, unit: Array, *, data: RunData,
+           base: Stages, machine: Machine, own: Array | None = None) -> Array:
     """What one unit of each shape does to the channel: (SHAPES, m).
 
     `unit`: what one unit of the stage's own constant does (TABLES). The flow's integral is run through the model;
