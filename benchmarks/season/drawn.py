@@ -170,7 +170,7 @@ def main() -> int:
         print(
             f"seed {seed}: {len(made)} logs of {MACHINES} machines, {time.process_time() - begin:.1f} s of processor"
         )
-        held += _told(found)
+        held += _as_drawn(found)
     print(f"90 % intervals that hold the truth: {sum(held)} of {len(held)} ({100.0 * np.mean(held):.0f} %)")
     return 0
 
@@ -200,7 +200,7 @@ def _asked(made: list[Made]) -> Any:
     )
 
 
-def _told(found: Any) -> list[bool]:
+def _as_drawn(found: Any) -> list[bool]:
     held, named = list[bool](), set()
     print("  machine  planted                              said")
     for one in (*PLANTED, Truth("m19", "flow.gain", 4.0, 4.0)):
