@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from console.reports.numbers import fixed, number
 from console.reports.variables import recorded
-from console.reports.words import SOMETHING_ELSE, headlined, not_judged
+from console.reports.words import SOMETHING_ELSE, headlined, not_judged, without_names
 from control.diagnosis.result import UNKNOWN, Cause, Diagnosis, FieldCost
 from control.machine.machine import CATALOGUE
 
@@ -39,14 +39,9 @@ def _verdict(found: Diagnosis) -> str:
     named = f"{_count(len(titles))}: {'; '.join(titles)}"
     suspected = len(found.causes) - len(clear)
     more = f" {suspected} more {'is' if suspected == 1 else 'are'} only suspected." if suspected else ""
-    if found.verdict == "none":
-        return "Nothing beyond noise: the machine model predicts this data as well as its sensors allow."
-    if found.verdict == "not_judged":
-        if found.channels:
-            return "Not judged: this data is too short, or moves too little, to say that nothing is wrong."
-        return "Nothing was judged: no channel of this data could be held against the machine model."
-    if found.verdict in ("named", "ambiguous") and not clear:
-        return f"Something is there, but no cause is likely enough to be named: {suspected} suspected."
+    plain = without_names(found.verdict, bool(found.channels), len(found.causes), len(clear))
+    if plain is not None:
+        return plain
     if found.verdict == "named":
         return f"{named}.{more}"
     if found.verdict == "ambiguous":

@@ -56,6 +56,20 @@ def undecided(cause: _Cause) -> bool:
     return tied(cause) or not headlined(cause)
 
 
+def without_names(verdict: str, channels: bool, causes: int, likely: int) -> str | None:
+    """The sentence of a verdict that names no cause; None where it names some, or what is left. channels: some were
+    judged. causes, likely: how many there are, and how many of them a headline may name."""
+    if verdict == "none":
+        return _("Everything is as the machine file says, as far as the sensors can tell.")
+    if verdict == "not_judged":
+        return _("This data is too short, or moves too little, to say that nothing is wrong.") if channels \
+            else _("None of this data could be compared with the machine file.")
+    if likely or verdict == "unexplained":
+        return None
+    return _("Something is there, but no cause is likely enough to be named; suspected: {count}.").format(count=causes) \
+        if causes else _("Nothing with a name was found.")
+
+
 def when(onset_s: float | None, until_s: float | None, grows: bool, value: float | None, unit: str) -> str:
     """Which part of the log an effect of size `value` is in, s; "" where it was there all along."""
     begin, end = f"{onset_s or 0.0:.0f}", f"{until_s or 0.0:.0f}"

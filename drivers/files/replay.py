@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from control.log_row import GNSS_HOLDS_S, HEAD_COLUMNS, HOLDS_S, NDRE_COLUMNS
 from control.readings import GnssFix, Measurements, Reading, SpeedPlan, announced_of
-from control.recordings.finding import Finding
 from drivers.files.read_log import RunLog
 
 Floats = NDArray[np.float64]
@@ -40,7 +39,7 @@ class _Held(NamedTuple):
 def measurements(log: RunLog) -> Iterator[Measurements]:
     """What the loop was given at each row: values are the newest accepted, however old (see their time).
 
-    A log with ground speed but neither places nor wheel speed gives its speed as the wheel's (see `replay_findings`).
+    A log with ground speed but neither places nor wheel speed gives its speed as the wheel's.
     """
     if not len(log):
         return
@@ -59,21 +58,6 @@ def measurements(log: RunLog) -> Iterator[Measurements]:
         announced = (announced_of(text, at_s) if text else None) or announced
         yield Measurements(at_s, fix, wheel_mps, ndvi, shaft, opening, hopper, supply, pitch, roll, work,
                            speed_told=announced, canopy_index=index)
-
-
-def replay_findings(log: RunLog) -> tuple[Finding, ...]:
-    """What replaying this log has to assume."""
-    findings = []
-    if not len(log):
-        findings.append(Finding("no_rows", "the log has no rows: nothing to replay"))
-    if _speed_stands_for_wheel(log):
-        findings.append(Finding("speed_as_wheel", "ground speed without places: replayed as the wheel's speed",
-                                "speed_mps"))
-    if log.has("ndvi") and not any(log.has(name) for name in HEAD_COLUMNS):
-        findings.append(Finding("one_head", "no single heads: column ndvi is replayed as one head", "ndvi"))
-    if log.has("lat_deg") and not log.has("utc"):
-        findings.append(Finding("no_epochs", "no utc: a place counts as new when it changes", "utc"))
-    return tuple(findings)
 
 
 def _speed_stands_for_wheel(log: RunLog) -> bool:

@@ -135,7 +135,7 @@ def test_two_tables_and_nothing_found(bench_tables: dict[str, BenchTable], machi
     found = found_of(kind="lag+place")
     text = diagnosis_page(found, {"tables": [bench_tables["lag"], bench_tables["place"]], "machine": machine})
     said = harmless(text).said()
-    assert "Nothing beyond noise" in said and "lag and place table" in said
+    assert "Everything is as the machine file says" in said and "lag and place table" in said
     assert text.count("<figure>") == 2
     assert "What was found" not in said and "with the causes" not in said
 
@@ -207,7 +207,7 @@ def test_without_matplotlib_one_line_says_what_to_install(monkeypatch: pytest.Mo
 
 
 def test_sentences(cause_of: Callable[..., Cause], found_of: Callable[..., Diagnosis], full: Diagnosis) -> None:
-    assert sentence(found_of()).startswith("Nothing beyond noise")
+    assert sentence(found_of()).startswith("Everything is as the machine file says")
     assert sentence(found_of(cause_of("flow.gain"))) == "One cause: kilograms per revolution off by a factor."
     assert sentence(full).startswith("Three causes: ") and sentence(full).endswith("data does not tell.")
     assert cost(FieldCost(None, None)) == "not known"

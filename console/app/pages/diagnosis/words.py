@@ -16,7 +16,7 @@ from console.app.units import Units
 from console.app.view import duration
 from console.locale import N_, _
 from console.reports.variables import recorded
-from console.reports.words import as_items, headlined, left_facts, tied, when
+from console.reports.words import as_items, headlined, left_facts, tied, when, without_names
 from control.diagnosis.result import Unexplained
 
 VERDICTS = {"none": N_("NOTHING WRONG"), "named": N_("CAUSE NAMED"), "ambiguous": N_("NOT TOLD APART"),
@@ -128,20 +128,13 @@ def ties(cause: CauseShown) -> tuple[tuple[str, str], ...]:
 def _verdict(found: DiagnosisView) -> str:
     likely = [cause for cause in found.causes if headlined(cause)]
     suspected = len(found.causes) - len(likely)
-    if found.verdict == "none":
-        return _("Everything is as the machine file says, as far as the sensors can tell.")
-    if found.verdict == "not_judged" and found.channels:
-        return _("This data is too short, or moves too little, to say that nothing is wrong.")
-    if found.verdict == "not_judged":
-        return _("None of this data could be compared with the machine file.")
     if found.verdict == "unexplained" and found.left:
         said = left(found.left[0])
         return said if not likely else f"{said} {_('Besides:')} {title(likely[0])}."
-    if not found.causes:
-        return _("Nothing with a name was found.")
-    if not likely:
-        return _("Something is there, but no cause is likely enough to be named; suspected: {count}.").format(
-            count=suspected)
+    verdict = "ambiguous" if found.verdict == "unexplained" else found.verdict     # what is left is not known: causes
+    plain = without_names(verdict, bool(found.channels), len(found.causes), len(likely))
+    if plain is not None:
+        return plain
     said = "   ".join(f"{number}. {_doubtful(cause)}" for number, cause in enumerate(likely, 1)) if (
         len(likely) > 1) else _doubtful(likely[0])
     return f"{said}   {_('Only suspected: {count}.').format(count=suspected)}" if suspected else said
