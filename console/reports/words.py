@@ -66,8 +66,9 @@ def without_names(verdict: str, channels: bool, causes: int, likely: int) -> str
             else _("None of this data could be compared with the machine file.")
     if likely or verdict == "unexplained":
         return None
-    return _("Something is there, but no cause is likely enough to be named; suspected: {count}.").format(count=causes) \
-        if causes else _("Nothing with a name was found.")
+    if not causes:
+        return _("Nothing with a name was found.")
+    return _("Something is there, but no cause is likely enough to be named; suspected: {count}.").format(count=causes)
 
 
 def when(onset_s: float | None, until_s: float | None, grows: bool, value: float | None, unit: str) -> str:
