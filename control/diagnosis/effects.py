@@ -63,6 +63,7 @@ class Row:
     form_over: str = ""                 # recorded variable over which its form may differ from the catalogue's
     siblings: tuple[str, ...] = ()      # effects of nearly the same form: its own form may lean towards theirs
     moves: str = ""                     # nominal value of its stage that it adds to: that value's tolerance is its own
+    unties: tuple[str, ...] = ()        # effects that no nominal value off its tolerance does where this one is there
     along: str = ""                     # slow variable that it follows: tested again with that variable shifted in time
     move_shaped: bool = False           # shows at each move of a drive, as a command missing from the log does
 
@@ -133,6 +134,10 @@ SHAFT_SLOW = Row("shaft.slow", 0.2, trial_sizes=(0.03, 0.1, 0.3, 0.8), siblings=
 SHAFT_DEAD_TIME = Row("shaft.dead_time", 0.15, trial_sizes=(0.03, 0.1, 0.25, 0.6), siblings=("shaft.slow",),
                       moves="dead_time_s", seen_in_steps=False, move_shaped=True, costs=Costs.PLACE,
                       only_adds=True, constant_time=True, scoped_in=("lag",))
+SHAFT_SECOND_ORDER = Row("shaft.second_order", 0.1, trial_sizes=(0.01, 0.04, 0.15, 0.5), siblings=("shaft.dead_time",),
+                         unties=("shaft.slow",),    # of two orders the first is no data sheet's time constant
+                         seen_in_steps=False, move_shaped=True, may_begin=False,    # a setting, a coupling
+                         costs=Costs.PLACE, only_adds=True)
 SHAFT_DEAD_BAND = Row("shaft.dead_band", 20.0, trial_sizes=(11.0, 13.0, 16.0, 20.0, 25.0, 31.0, 40.0), threshold=True)
 SHAFT_DEAD_ZONE = Row("shaft.dead_zone", 10.0, trial_sizes=(2.0, 8.0, 20.0, 40.0), form_over="shaft_rpm",
                       only_adds=True, open_loop=True)

@@ -8,7 +8,7 @@ import numpy as np
 from .fall import drop_s
 from .landing import falls_s
 from .machine import Machine
-from .shaft import approach, dead_s, lag_s
+from .shaft import dead_s, follows, lag_s
 
 
 class Settled(NamedTuple):
@@ -88,9 +88,9 @@ def _landed_half_way_s(machine: Machine, before: Settled, after: Settled, rising
     """From the command to the half-way point of the landed step, without the effects that depend on direction."""
     shaft, gate = machine.shaft, machine.gate
     dead_shaft = dead_s(shaft)
-    tau = lag_s(shaft)
+    tau = lag_s(shaft) + shaft.second_order_s
     slew = max(0.5, gate.slew_mm_s - gate.slow_mm_s)
-    rpm, opening = before.shaft_rpm, before.opening_mm
+    rpm, rate, opening = before.shaft_rpm, 0.0, before.opening_mm
     lasts = max(dead_shaft + 3.0 * tau + abs(after.shaft_rpm - rpm) / shaft.acceleration_rpm_s,
                 gate.dead_time_s + abs(after.opening_mm - opening) / slew) + SETTLE_S
     lead, drop = int(2.0 / STEP_S), drop_s(machine.fall, rpm)
@@ -98,7 +98,7 @@ def _landed_half_way_s(machine: Machine, before: Settled, after: Settled, rising
     masses, drops = [rpm * opening] * lead, [drop] * lead
     for now in times[lead:]:
         if now >= dead_shaft and rpm != after.shaft_rpm:
-            rpm = approach(rpm, after.shaft_rpm, tau, shaft.acceleration_rpm_s, STEP_S)
+            rpm, rate = follows(shaft, rpm, rate, after.shaft_rpm, STEP_S)
             drop = drop_s(machine.fall, rpm)
         if now >= gate.dead_time_s and opening != after.opening_mm:
             opening += min(slew * STEP_S, max(-slew * STEP_S, after.opening_mm - opening))

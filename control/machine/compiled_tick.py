@@ -19,13 +19,14 @@ from .term_sums import NOTHING, More
 
 _OF_SHAFT, _OF_GATE, _OF_FLOW = len(Shaft._fields), len(Gate._fields), len(Flow._fields)
 # Numbers kept: time, speed, newest, in force of the shaft; time, driven, carried, travelled, newest, in force of the
-# gate; both outputs, two numbers each; the flow's state. Lines: times and values of the shaft's, then of the gate's.
-_KEPT, _OUT, _HOPPER = 18, 10, 14
+# gate; both outputs, two numbers each; the flow's state; how fast the shaft's speed changes. Lines: times and values of
+# the shaft's, then of the gate's.
+_KEPT, _OUT, _HOPPER, _SLOPE = 19, 10, 14, 18
 
 
 @jitable
 def _shaft_of(kept: Any, lines: Any) -> Any:
-    return ShaftState(kept[0], kept[1], DelayLine(lines[0], lines[1], int(kept[2]), int(kept[3])))
+    return ShaftState(kept[0], kept[1], DelayLine(lines[0], lines[1], int(kept[2]), int(kept[3])), kept[_SLOPE])
 
 
 @jitable
@@ -37,6 +38,7 @@ def _gate_of(kept: Any, lines: Any) -> Any:
 def _keep(kept: Any, shaft: Any, gate: Any, turned: Any, stood: Any) -> None:
     kept[0], kept[1], kept[2], kept[3] = shaft.time_s, shaft.rpm, shaft.line.newest, shaft.line.in_force
     kept[4], kept[5], kept[6], kept[7] = gate.time_s, gate.driven_mm, gate.carried_mm, gate.travelled_mm
+    kept[_SLOPE] = shaft.rpm_s
     kept[8], kept[9] = gate.line.newest, gate.line.in_force
     kept[10], kept[11], kept[12], kept[13] = turned.rpm, turned.measured_rpm, stood.opening_mm, stood.measured_mm
 
@@ -98,7 +100,7 @@ class CompiledDrives:
         self._lines[:] = np.array([shaft.line.times_s, shaft.line.values, gate.line.times_s, gate.line.values])
         _keep(self._kept, shaft, gate, ShaftOutput(shaft.rpm, shaft.rpm), GateOutput(gate.driven_mm, gate.driven_mm))
         if hopper is not None:
-            self._kept[_HOPPER:] = hopper
+            self._kept[_HOPPER:_SLOPE] = hopper
         self._stages: tuple[Shaft, Gate, Flow | None] | None = None
         self._of_shaft = self._of_gate = self._of_flow = np.empty(0)
 
@@ -125,4 +127,5 @@ class CompiledDrives:
                           (more.shaft_percent, more.shaft_rpm, more.gate_mm, more.flow_percent,
                            more.flow_kg_min / 60.0), dt_s)
         kept = self._kept.tolist()
-        return Ticked(flow, ShaftOutput(kept[10], kept[11]), GateOutput(kept[12], kept[13]), FlowState(*kept[14:]))
+        return Ticked(flow, ShaftOutput(kept[10], kept[11]), GateOutput(kept[12], kept[13]),
+                      FlowState(*kept[_HOPPER:_SLOPE]))

@@ -1,10 +1,11 @@
-"""Metering shaft: command r/min -> r/min. Dead time, dead band, supply and load, first order, acceleration limit.
+"""Metering shaft: command r/min -> r/min. Dead time, dead band, supply and load, first or second order, acceleration
+limit.
 
 Commands and speeds have a sign: below 0 it turns backwards, with a gain and a zone of its own.
 """
 from __future__ import annotations
 
-from math import exp
+from math import atan2, cos, exp, log, pi, sin, sqrt
 from typing import Annotated, NamedTuple
 
 from pydantic import Field
@@ -13,6 +14,11 @@ from .effect import SHAFT_RANGE, Effect
 from .elements import DelayLine, line_held, line_put, line_start, stepped
 
 LEAST_LAG_S = 1e-4          # of a time constant: the least that a machine file may have
+CRITICAL = 1e-8             # of (frequency x time)^2: so near to critical damping sin(w t) / w is t
+SURE = 1e-9                 # rounding
+MOST_PHASES = 32            # of a held command: it takes some five
+NO_END = -1e100             # speed at which it is stopped: none
+HALVINGS = 50               # of the time at which the acceleration limit is reached: to rounding
 
 
 class Shaft(NamedTuple):
@@ -72,6 +78,18 @@ class Shaft(NamedTuple):
         "Steps of the shaft command up and down, both sizes.", probes=(0.02,),
         says=("The shaft takes {size} s longer than it should to come to its speed.",
               "The shaft comes to its speed {size} s sooner than its data sheet says."))] = 0.0
+    second_order_s: Annotated[float, Field(ge=0, le=5), Effect(
+        "shaft.second_order", "s", "Shaft answers in second order: it overshoots, or sets off gradually",
+        "A speed controller tuned too tight swings beyond its command; a filter or a soft coupling holds the start "
+        "back.",
+        "motor with electrical time constant, or controller that integrates: T T2 s^2 + T s + 1 (Ogata 2010, ch. 5)",
+        ("run",),
+        "Where it overshoots: lower the gains of the speed controller. Where it sets off gradually: shorten its "
+        "filter, tighten the coupling.",
+        "Single steps of the shaft command, up and down, in rows of a tenth of the time that it takes to settle.",
+        probes=(0.02, 0.3),
+        says=("The shaft's speed follows through a second time constant of {size} s; beyond a quarter of the first it "
+              "overshoots.",))] = 0.0
     extra_dead_time_s: Annotated[float, Field(ge=-0.3, le=2), Effect(
         "shaft.dead_time", "s", "Shaft responds later than nominal",
         "Bus, drive or firmware hold a command back before the motor sees it.",
@@ -131,6 +149,7 @@ class ShaftState(NamedTuple):
     time_s: float
     rpm: float
     line: DelayLine
+    rpm_s: float = 0.0          # how fast its speed changes: of a shaft of second order
 
 
 class ShaftOutput(NamedTuple):
@@ -155,6 +174,117 @@ def approach(value: float, wanted: float, tau_s: float, fastest_per_s: float, dt
         value += fastest_per_s * ramp_s if gap > 0.0 else -fastest_per_s * ramp_s
         left_s = dt_s - ramp_s
     return wanted + (value - wanted) * exp(-left_s / tau_s)
+
+
+def free_swing(x: float, v: float, tau_s: float, second_s: float, t: float) -> tuple[float, float]:
+    """tau second x'' + tau x' + x = 0 after t from x, v: exact, at any damping."""
+    sigma, square = 0.5 / second_s, 1.0 / (tau_s * second_s)
+    beyond = sigma * sigma - square             # above 0: two time constants; below: it swings
+    if abs(beyond) * t * t < CRITICAL:
+        even, odd = exp(-sigma * t), t * exp(-sigma * t)
+    elif beyond > 0.0:
+        root = sqrt(beyond)
+        slow, quick = exp(-square / (sigma + root) * t), exp(-(sigma + root) * t)
+        even, odd = 0.5 * (slow + quick), 0.5 * (slow - quick) / root
+    else:
+        root = sqrt(-beyond)
+        even, odd = exp(-sigma * t) * cos(root * t), exp(-sigma * t) * sin(root * t) / root
+    return x * even + (v + sigma * x) * odd, v * even - (sigma * v + square * x) * odd
+
+
+def passes_s(at: float, falls: float, tau_s: float, second_s: float) -> float:
+    """When something in `free_swing` that is `at` now, and falls with `falls`, is next 0, s; 1e300: never. It goes as
+    at C - falls S, where C and S are 1 and 0 now and S rises with 1."""
+    sigma, square = 0.5 / second_s, 1.0 / (tau_s * second_s)
+    beyond = sigma * sigma - square
+    if abs(beyond) < CRITICAL * square:
+        return at / falls if at * falls > 0.0 and abs(at) > SURE * abs(falls) * tau_s else 1e300
+    root = sqrt(abs(beyond))
+    if beyond < 0.0:
+        angle = atan2(root * at, falls)
+        angle = angle if angle >= 0.0 else angle + pi
+        return (angle if angle > SURE else angle + pi) / root       # what is just over is not the next
+    share = root * at / falls if falls != 0.0 else 0.0
+    return 0.5 * log((1.0 + share) / (1.0 - share)) / root if SURE < share < 1.0 else 1e300
+
+
+def free_for_s(x: float, v: float, tau_s: float, second_s: float, fastest_per_s: float, room: float,
+               left_s: float) -> float:
+    """How long `free_swing` holds, s: until the slope is at its limit or x at -room, at most `left_s`. Or until it
+    turns: slopes and ways are then looked at again."""
+    sigma, square = 0.5 / second_s, 1.0 / (tau_s * second_s)
+    pull = sigma * v + square * x
+    slope = -sigma * v - pull
+    end_s = min(left_s, passes_s(slope, sigma * slope + square * v, tau_s, second_s))
+    swings = x * x + v * v / square > room * room           # else it stays within: what swings loses
+    if swings:
+        end_s = min(end_s, passes_s(v, pull, tau_s, second_s))
+    low, high = 0.0, end_s
+    x_end, v_end = free_swing(x, v, tau_s, second_s, end_s)
+    if abs(v_end) <= fastest_per_s * (1.0 + SURE) and x_end >= -room * (1.0 + SURE):
+        return end_s if swings else left_s                  # a free swing's slope is the largest at its first turn
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        x_end, v_end = free_swing(x, v, tau_s, second_s, middle)
+        if abs(v_end) > fastest_per_s or x_end < -room:
+            high = middle
+        else:
+            low = middle
+    return high
+
+
+def swung(value: float, rate: float, wanted: float, tau_s: float, second_s: float, fastest_per_s: float, least: float,
+          dt_s: float) -> tuple[float, float]:
+    """Second order with a limited slope, exact for a held `wanted`: value and rate after `dt_s`.
+
+    tau second x'' + tau x' + x = wanted, x' within +-fastest: it ramps while the limit binds and swings freely
+    otherwise. At `least` it is stopped.
+    """
+    x, v, left_s, room = value - wanted, min(fastest_per_s, max(-fastest_per_s, rate)), dt_s, wanted - least
+    for _ in range(MOST_PHASES):
+        if left_s <= 0.0:
+            break
+        way = 1.0 if v > 0.0 else -1.0
+        ramp_s = (-way * x - fastest_per_s * tau_s) / fastest_per_s
+        if abs(v) >= fastest_per_s and ramp_s > SURE * tau_s:
+            ramp_s = min(ramp_s, left_s)
+            x, v, left_s = x + way * fastest_per_s * ramp_s, way * fastest_per_s, left_s - ramp_s
+            continue
+        free_s = free_for_s(x, v, tau_s, second_s, fastest_per_s, room, left_s)
+        x, v = free_swing(x, v, tau_s, second_s, free_s)
+        v, left_s = min(fastest_per_s, max(-fastest_per_s, v)), left_s - free_s
+        if x < -room:
+            x, v = -room, 0.0
+    return wanted + x, v
+
+
+class Swing(NamedTuple):
+    """How a small step of the command is answered. overshoot_percent : of the step. period_s : of the swing. lags_s :
+    the two time constants; those of a swing are one, with which it dies away."""
+
+    overshoot_percent: float
+    period_s: float
+    lags_s: tuple[float, ...]
+
+
+def swing(p: Shaft) -> Swing:
+    """Of a shaft of second order (Ogata, Modern Control Engineering, 2010, 5-3: damping ratio sqrt(T / T2) / 2)."""
+    tau_s, second_s = lag_s(p), p.second_order_s
+    square, sigma = 1.0 / (tau_s * second_s), 0.5 / second_s
+    beyond = sigma * sigma - square
+    if beyond < 0.0:
+        root = sqrt(-beyond)
+        return Swing(100.0 * exp(-pi * sigma / root), 2.0 * pi / root, (1.0 / sigma,))
+    quick = sigma + sqrt(beyond)
+    return Swing(0.0, 0.0, (quick / square, 1.0 / quick))
+
+
+def follows(p: Shaft, value: float, rate: float, wanted: float, dt_s: float) -> tuple[float, float]:
+    """Speed and its slope `dt_s` later, of a shaft that is to turn at `wanted`."""
+    if p.second_order_s <= 0.0:
+        return approach(value, wanted, lag_s(p), p.acceleration_rpm_s, dt_s), 0.0
+    least = 0.0 if p.one_way > 0.0 and value >= 0.0 and wanted >= 0.0 else NO_END
+    return swung(value, rate, wanted, lag_s(p), p.second_order_s, p.acceleration_rpm_s, least, dt_s)
 
 
 def lag_s(p: Shaft) -> float:
@@ -191,7 +321,7 @@ def shaft_step(p: Shaft, s: ShaftState, u: ShaftInput, dt_s: float) -> tuple[Sha
     Nominal: dead time, first order with an acceleration limit; together 0.383 s to 2 r/min at any
     set-point from 10 r/min up (lag paper, table 2).
     """
-    late_s, tau_s = dead_s(p), lag_s(p)
+    late_s = dead_s(p)
     short_v = p.nominal_supply_v - u.supply_v
     sag = p.sag_percent_per_v * short_v if short_v > 0.0 else 0.0
     droop = p.droop_percent * u.opening_mm / p.full_opening_mm
@@ -199,13 +329,13 @@ def shaft_step(p: Shaft, s: ShaftState, u: ShaftInput, dt_s: float) -> tuple[Sha
     turns *= 1.0 + u.more_percent / 100.0
     turns = turns * (1.0 - p.stalled) if turns > 0.0 else 0.0
     line = line_put(s.line, s.time_s, u.command_rpm)
-    rpm, at_s, end_s = s.rpm, s.time_s - late_s, s.time_s - late_s + dt_s
+    rpm, rate, at_s, end_s = s.rpm, s.rpm_s, s.time_s - late_s, s.time_s - late_s + dt_s
     while at_s < end_s:
         line, wanted, until_s = line_held(line, at_s, end_s)
         goal = turns * asked_rpm(p, wanted)
         if goal > 0.0:                          # terms are given with the speed's sign; none turns it round
             way = -1.0 if wanted < 0.0 else 1.0
             goal = way * max(0.0, goal + way * u.more_rpm)
-        rpm = approach(rpm, goal, tau_s, p.acceleration_rpm_s, until_s - at_s)
+        rpm, rate = follows(p, rpm, rate, goal, until_s - at_s)
         at_s = until_s
-    return ShaftState(s.time_s + dt_s, rpm, line), ShaftOutput(rpm, stepped(rpm, p.encoder_step_rpm))
+    return ShaftState(s.time_s + dt_s, rpm, line, rate), ShaftOutput(rpm, stepped(rpm, p.encoder_step_rpm))

@@ -9,7 +9,7 @@ from control.machine.elements import Array
 from control.machine.fall import Fall, drop_s, start_drop_s
 from control.machine.landing import falls_s
 from control.machine.machine import Machine
-from control.machine.shaft import approach, dead_s, lag_s
+from control.machine.shaft import HALVINGS, Shaft, dead_s, follows, lag_s
 
 STEP_S = 0.002
 SETTLED_AT, SETTLED_ROUNDS = 7, 4       # shaft speeds and rounds of `with_carried_share`
@@ -25,11 +25,27 @@ def response_s(machine: Machine, shaft_rpm: float) -> float:
     shaft = machine.shaft
     tau_s = lag_s(shaft)
     threshold = min(TURNS_RPM, 0.5 * shaft_rpm)
+    if shaft.second_order_s > 0.0:
+        return dead_s(shaft) + _rises_s(shaft, shaft_rpm, threshold)
     ramp_to = max(0.0, shaft_rpm - shaft.acceleration_rpm_s * tau_s)
     rising = min(threshold, ramp_to) / shaft.acceleration_rpm_s
     if threshold > ramp_to:
         rising += tau_s * log((shaft_rpm - ramp_to) / (shaft_rpm - threshold))
     return dead_s(shaft) + rising
+
+
+def _rises_s(shaft: Shaft, shaft_rpm: float, threshold: float) -> float:
+    """Until a standing shaft of second order reaches a threshold below its goal, s."""
+    low, high = 0.0, STEP_S
+    while follows(shaft, 0.0, 0.0, shaft_rpm, high)[0] < threshold:
+        low, high = high, 2.0 * high
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        if follows(shaft, 0.0, 0.0, shaft_rpm, middle)[0] < threshold:
+            low = middle
+        else:
+            high = middle
+    return high
 
 
 def change_response_s(machine: Machine) -> float:
@@ -45,12 +61,12 @@ def first_fall_s(machine: Machine, fall: Fall, shaft_rpm: float) -> float:
     parts of `fall` that say how much longer a start takes it is `start_drop_s`, within 4 ms from 10 to 70 r/min.
     """
     shaft, share = machine.shaft, fall.carried_share
-    tau_s = lag_s(shaft)
-    rpm = min(TURNS_RPM, 0.5 * shaft_rpm)
+    rpm, rate = min(TURNS_RPM, 0.5 * shaft_rpm), 0.0
     speeds = []
-    for _ in range(round((shaft_rpm / shaft.acceleration_rpm_s + 8.0 * tau_s) / STEP_S)):
+    lasts_s = shaft_rpm / shaft.acceleration_rpm_s + 8.0 * (lag_s(shaft) + shaft.second_order_s)
+    for _ in range(round(lasts_s / STEP_S)):
         speeds.append(rpm)
-        rpm = approach(rpm, shaft_rpm, tau_s, shaft.acceleration_rpm_s, STEP_S)
+        rpm, rate = follows(shaft, rpm, rate, shaft_rpm, STEP_S)
     drops: Array = np.asarray([max(STEP_S, drop_s(fall, n)) for n in [*speeds, shaft_rpm]], dtype=np.float64)
     released: Array = np.asarray(STEP_S * np.arange(len(drops)), dtype=np.float64)
     return float(np.min(released + falls_s(released, drops, share)))

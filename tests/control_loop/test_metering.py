@@ -19,8 +19,9 @@ from control.metering.inverse import (
 from control.metering.strategies import pair_for
 from control.orders import Do, Order, Strategy
 
-EXTENDED = with_effect(with_effect(with_effect(Machine(), "flow.fill_falloff", 9.0), "flow.zero_offset", 8.0),
-                       "flow.hopper_head", 3.0)
+EXTENDED = with_effect(with_effect(with_effect(with_effect(Machine(), "flow.fill_falloff", 9.0),
+                                               "flow.zero_offset", 8.0), "flow.hopper_head", 3.0),
+                       "shaft.second_order", 0.03)
 ZONED = with_effect(with_effect(EXTENDED, "shaft.dead_zone", 4.0), "shaft.saturation", 10.0)
 LIMITS = Machine().limits
 

@@ -31,6 +31,8 @@ UNKNOWN_KG = 20.0           # (1 s.d.) the level at the start, and a refill that
 ROUNDING_SHARE = 0.1        # of an encoder's step: how well the mean error of rounding is known
 TURNS_SHARE = 1e-3          # of what a gain does at most: below, the shaft stands
 MAX_KEPT = 200              # columns of candidates that are kept
+MOST_LATE = 8               # ... and sets of nuisances: one for each dead time
+DEAD_TIME = "dead_time_s"   # nominal value: with another one a drive moves later
 
 
 def _column(model: GroupModel, label: Label, series_of_channel: dict[str, Array], sd: float = np.inf,
@@ -40,21 +42,26 @@ def _column(model: GroupModel, label: Label, series_of_channel: dict[str, Array]
     return Column(label, {name: coefficients(one, cuts[name]) for name, one in series_of_channel.items()}, sd, mean)
 
 
-def nuisance_columns(model: GroupModel) -> list[Column]:
-    """What is open under every hypothesis, channel by channel: tolerances, and what the readings leave open."""
+def nuisance_columns(model: GroupModel, late: Hypothesis = ()) -> list[Column]:
+    """What is open under every hypothesis, channel by channel: tolerances, and what the readings leave open.
+
+    late : parts of a hypothesis with which drives move later.
+    """
     return [column for channel in model.channels
-            for column in (*_of_tolerances(model, channel), *_of_readings(model, channel))]
+            for column in (*_of_tolerances(model, channel, late), *_of_readings(model, channel))]
 
 
-def _of_tolerances(model: GroupModel, channel: ChannelSeries) -> list[Column]:
-    """Slopes of the prediction in the nominal values that may be off, where these stand now."""
+def _of_tolerances(model: GroupModel, channel: ChannelSeries, late: Hypothesis) -> list[Column]:
+    """Slopes of the prediction in the nominal values that may be off, where these stand now. Those of times show when
+    the drive moves: where a part has it move later, a slope without that part is where nothing moves."""
     found: list[Column] = []
-    now = model.predicted(())[channel.name]
+    here = tuple(part for part in late if channel.name in ROWS[part.id].channels)
+    now = model.predicted(here)[channel.name]
     for one, n in model.nuisances:
         if one is not channel:
             continue
         value = getattr(model.base.by_name[n.stage], n.field) + n.step
-        plan = schedule(model.base.put(n.stage, **{n.field: value}), ())
+        plan = schedule(model.base.put(n.stage, **{n.field: value}), here)
         change = (channel.predict(plan, MOST_STEP_S) - now) / n.step
         found.append(_column(model, Label(Role.TOLERANCE, n.key), {channel.name: change}, n.sd,
                              -model.offsets.get(n.key, 0.0)))
@@ -151,7 +158,7 @@ class Columns:
         self.forms = Forms(model)
         self._kept: dict[tuple[Hypothesis, EffectInstance], Column] = {}
         self._courses: dict[EffectInstance, Array] = {}       # of the shaft's gain, by when it is there
-        self._fixed: list[Column] = []
+        self._fixed: dict[Hypothesis, list[Column]] = {}        # by the parts with which drives move later
         self._made_at = -1          # of the model's moves
 
     def _refresh(self) -> None:
@@ -159,15 +166,23 @@ class Columns:
             self._made_at = self.model.moves
             self._kept.clear()
             self._courses.clear()
-            self._fixed = nuisance_columns(self.model)
+            self._fixed.clear()
 
     def fixed(self, parts: Hypothesis = ()) -> list[Column]:
         """The nuisances, at the nominal values as they stand, but for those that a part of the hypothesis moves."""
         self._refresh()
         moved = stood_for(parts)
         stuck = [part for part in parts if part.id == effects.GATE_STUCK.id]
-        return [*(c for c in self._fixed if c.label.role is not Role.TOLERANCE or c.label.name not in moved),
+        return [*(c for c in self._nuisances(parts) if c.label.role is not Role.TOLERANCE or c.label.name not in moved),
                 *(self._where_it_stands(parts, part) for part in stuck)]
+
+    def _nuisances(self, parts: Hypothesis) -> list[Column]:
+        late = tuple(part for part in parts if ROWS[part.id].moves == DEAD_TIME and not part.grows)
+        if late not in self._fixed:
+            if len(self._fixed) > MOST_LATE:
+                self._fixed.clear()
+            self._fixed[late] = nuisance_columns(self.model, late)
+        return self._fixed[late]
 
     def _where_it_stands(self, parts: Hypothesis, stuck: EffectInstance) -> Column:
         """A gate that stuck within a move stands anywhere on the way that it goes from row to row. The first seconds

@@ -73,8 +73,10 @@ def tolerance_of(effect_id: str, machine: Machine) -> float:
 
 
 def stood_for(parts: Hypothesis) -> frozenset[str]:
-    """Nominal values (by key) that a steady part moves: its size says how far, and no tolerance along with it."""
-    rows = [ROWS[part.id] for part in parts if part.onset_s is None]
+    """Nominal values (by key) that a steady part moves, or leaves to another effect: sizes say how far, and no
+    tolerance along with them."""
+    ids = [part.id for part in parts if part.onset_s is None]
+    rows = [ROWS[name] for one in ids for name in (one, *ROWS[one].unties)]
     return frozenset(f"{row.stage}.{row.moves}" for row in rows if row.moves)
 
 

@@ -14,6 +14,7 @@ from control.diagnosis.effects import (
     GATE_OFFSET,
     ROWS,
     SHAFT_GAIN,
+    SHAFT_SECOND_ORDER,
     SPEED_WHEEL_RADIUS,
     FoundBy,
 )
@@ -37,16 +38,19 @@ from control.diagnosis.result import (
 )
 from control.machine.effect import HOPPER
 from control.machine.machine import CATALOGUE, Machine, bounds, of_nominal, unit_of
+from control.machine.shaft import swing
 
 from .as_a_whole import as_a_whole
 from .cost import field_cost
 from .gain import measure_gain
+from .hypothesis import schedule
 from .intermittent import ReadOff
 from .model import tolerance_of
 from .next_run import next_run
 from .onset import stop_interval
 from .search import Candidate, Search
 from .selection import GroupResult
+from .settle import looked_for_to
 from .stages import RunData
 from .term_seen import marginal, means_along
 from .terms import FittedTerm
@@ -187,6 +191,7 @@ def report(data: RunData, machine: Machine, judged: Sequence[GroupResult], read_
     verdict = _verdict([row for row in rows if row.channel not in open_], causes, unexplained)
     findings = (*findings, *(sentence for name in open_ if (sentence := _cannot_tell(
         name, absent, {c.id for c in causes}, {one.channel for one in unexplained}))))
+    findings = (*findings, *(sentence for one in judged for sentence in _answers(one)))
     excited = {word: (float(np.percentile(series, 1.0)), float(np.percentile(series, 99.0)))
                for word, series in data.variables.items()}
     return Diagnosis(
@@ -208,6 +213,23 @@ def _verdict(rows: Sequence[Channel], causes: Sequence[Cause], unexplained: Sequ
     if causes:
         return "named"
     return "none" if rows else "not_judged"
+
+
+def _answers(one: GroupResult) -> list[str]:
+    """How a shaft of second order answers a step."""
+    parts = one.found.parts
+    if not any(part.id == SHAFT_SECOND_ORDER.id for part in parts):
+        return []
+    shaft = schedule(one.search.model.base, parts).sets[-1].by_name["shaft"]
+    if shaft.second_order_s <= 0.0:
+        return []
+    answer = swing(shaft)
+    if answer.overshoot_percent > 0.0:
+        how = (f"overshoots by {answer.overshoot_percent:.2g} %, swings with a period of {answer.period_s:.2g} s and "
+               f"settles with a time constant of {answer.lags_s[0]:.2g} s")
+    else:
+        how = f"does not overshoot: two time constants, {answer.lags_s[0]:.2g} and {answer.lags_s[1]:.2g} s"
+    return [f"{SHAFT_SECOND_ORDER.id}: a step of the command {how}"]
 
 
 def _cannot_tell(channel: str, absent: Sequence[NotShown], named: Collection[str], unexplained: Collection[str]) -> str:
@@ -287,7 +309,7 @@ def _cause(one: GroupResult, k: int, machine: Machine, data: RunData, left: floa
     if entry.effect.onset_only:
         size = Size(part.onset_s, *stop_interval(one.search.model, part), unit)
     else:
-        sd = float(np.hypot(sd, tolerance_of(part.id, machine)))
+        sd = float(np.sqrt(sd ** 2 + tolerance_of(part.id, machine) ** 2 + looked_for_to(part.id, machine) ** 2))
         low, high = part.size - Z90 * sd, part.size + Z90 * sd
         size = Size(part.size, low, high, unit)
     certain = 1.0 - left

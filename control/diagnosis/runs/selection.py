@@ -7,7 +7,7 @@ a member's place is then weighed against it by the same score (Madigan and Rafte
 """
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -21,13 +21,13 @@ from control.machine.machine import CATALOGUE
 from .changepoint import changes
 from .coarsening import even_gain
 from .hypothesis import MAX_SWITCHES, EffectInstance, Hypothesis, replaced, without
-from .model import tolerance_of
+from .model import stood_for, tolerance_of
 from .names_or_terms import beyond_names
 from .onset import as_started, refined, stands_below, still_disobeys, stops
 from .quantised import encoder_steps
 from .robust import draw_in
 from .search import MAX_COLLINEARITY, FittedHypothesis, ScoreTest, Search
-from .settle import MAX_OFFSET_SD, settle
+from .settle import MAX_OFFSET_SD, TIMED, settle
 from .terms import FittedTerm
 from .together import started
 
@@ -113,7 +113,7 @@ class Board:
         if gain > 0.0 and not CATALOGUE[part.id].effect.onset_only:
             trace = self.search.columns.between(found.parts, alone.parts)
             gain = min(gain, even_gain(self.search, alone.parts, found.noise, trace))
-        return min(gain, self._most(part)) + integrated + self.prior(part)
+        return min(gain, self._most(part, found.parts)) + integrated + self.prior(part)
 
     def ahead(self, one: FittedHypothesis, k: int, other: FittedHypothesis, j: int) -> float:
         """Log posterior odds of a model against another that differs from it in one part: k of the one, j of the other.
@@ -124,12 +124,14 @@ class Board:
         even = even_gain(self.search, worse.parts, better.noise, trace)
         held = float(np.sign(gain)) * max(0.0, min(abs(gain), even))
         mine, its = one.parts[k], other.parts[j]
-        held = min(max(held, -self._most(its)), self._most(mine))
+        held = min(max(held, -self._most(its, other.parts)), self._most(mine, one.parts))
         integrated = one.log_evidence - one.log_likelihood - (other.log_evidence - other.log_likelihood)
         return held + integrated + self.prior(mine) - self.prior(its)
 
-    def _most(self, part: EffectInstance) -> float:
-        return self._of_tolerance(part) if part.onset_s is None else np.inf
+    def _most(self, part: EffectInstance, parts: Hypothesis) -> float:
+        """What a part of a hypothesis can gain over its nominal value."""
+        untied = part.onset_s is not None or any(part.id in ROWS[other.id].unties for other in parts)
+        return np.inf if untied else self._of_tolerance(part)
 
     def _of_tolerance(self, part: EffectInstance) -> float:
         """What a steady part gains over the nominal value that does the same, moved as far as its tolerance lets it."""
@@ -160,10 +162,13 @@ def judge_group(search: Search) -> GroupResult:
     worths: tuple[float, ...] = ()
     rivals: tuple[tuple[RivalOf, ...], ...] = ()
     for _ in range(MAX_CAUSES):
-        better = _together(board, current, _forward(board, current))
+        proposed = _proposed(board, current)
+        better = _together(board, current, _forward(board, current, proposed), proposed)
         if better is None:
             break
         current, worths, rivals = _reviewed(board, _settled(board, better))
+        if _is_split(search, current.parts):
+            current, worths, rivals = _reviewed(board, _settled(board, current))
         if not current.parts:
             break
     null = search.refit(())
@@ -184,6 +189,13 @@ def _nothing(search: Search) -> FittedHypothesis:
     return search.refit(())
 
 
+def _is_split(search: Search, parts: Hypothesis) -> bool:
+    """Whether a review put a part where the nominal value had been moved, along with another part: it is in both, and
+    where no slope leads from one to the other."""
+    moved = {key for key in stood_for(parts) if search.model.offsets.get(key, 0.0) != 0.0}
+    return any(key.endswith(TIMED) for key in moved)
+
+
 def _settled(board: Board, now: FittedHypothesis) -> FittedHypothesis:
     """A model once more, along with it the nominal values and outliers."""
     search = board.search
@@ -196,16 +208,16 @@ def _settled(board: Board, now: FittedHypothesis) -> FittedHypothesis:
 
 
 def _draw_in(search: Search, parts: Hypothesis) -> None:
-    """Tails drawn in along with the richest fit: a hypothesis with every other candidate."""
-    more = [search.columns.of_candidate(parts, c.part)
-            for c in search.candidates if not any(p.id == c.part.id and p.member == c.part.member for p in parts)]
+    """Tails drawn in along with the richest fit: a hypothesis with every other candidate. Not a second time constant:
+    beside a lag and a dead time it leaves less of the noise, and of moves nothing is drawn in."""
+    more = [search.columns.of_candidate(parts, c.part) for c in search.candidates if not ROWS[c.part.id].unties
+            and not any(p.id == c.part.id and p.member == c.part.member for p in parts)]
     draw_in(search.columns, parts, more)
 
 
-def _forward(board: Board, now: FittedHypothesis) -> FittedHypothesis | None:
+def _forward(board: Board, now: FittedHypothesis, proposed: Sequence[EffectInstance]) -> FittedHypothesis | None:
     """The best model with one more part, where it is likelier than without."""
-    scanned = _proposed(board, now)
-    refits = [board.refit((*now.parts, part), now) for part in scanned]
+    refits = [board.refit((*now.parts, part), now) for part in proposed]
     refits = sorted((one for one in refits if one.collinearity < MAX_COLLINEARITY),
                     key=lambda one: -(one.log_evidence + board.prior(one.parts[-1])))[:REFINED]
     best = max(refits, key=lambda one: board.worth(one, len(now.parts), now), default=None)
@@ -215,15 +227,16 @@ def _forward(board: Board, now: FittedHypothesis) -> FittedHypothesis | None:
     return best if board.worth(best, len(now.parts), now) > SAID else None
 
 
-def _together(board: Board, now: FittedHypothesis, better: FittedHypothesis | None) -> FittedHypothesis | None:
-    """The likeliest of a model with one more part and of those whose curve is fitted as a whole; the latter are tried
-    where something is there: a part, or more noise than the machine file's can be."""
+def _together(board: Board, now: FittedHypothesis, better: FittedHypothesis | None, proposed: Sequence[EffectInstance]
+              ) -> FittedHypothesis | None:
+    """The likeliest of a model with one more part and of those whose curve, or answer to a step, is fitted as a whole;
+    the latter are tried where something is there: a part, or more noise than the machine file's can be."""
     model = board.search.model
     loud = any(is_loud(now.noise[c.name], c.prior) for c in model.channels)
     if better is None and not loud:
         return None
     least = board.score(now) + SAID if better is None else board.score(better)
-    every = [board.refit(parts, now) for parts in started(board.search, now.parts)]
+    every = [board.refit(parts, now) for parts in started(board.search, now.parts, proposed)]
     ahead = [one for one in every if one.collinearity < MAX_COLLINEARITY and board.score(one) > least]
     return max(ahead, key=board.score, default=better)
 
@@ -246,7 +259,11 @@ def _proposed(board: Board, now: FittedHypothesis) -> list[EffectInstance]:
     near = _near(board, [*steady, *_begin(board, now)])
     # Where a threshold lies no scan says: the noise that nothing leaves in it hides all but the nearest.
     thresholds = [f for f in found if ROWS[f.part.id].threshold and f.part.onset_s is None and f not in near]
-    return [as_started(f.part) for f in (*near, *thresholds, *stopped)]
+    # ... nor what a second time constant does, once the first is moved along: till then a dead time passes for it.
+    ids = {f.part.id for f in near if f.part.onset_s is None}
+    alike = [f for f in found if f not in near and f.evidence > 0.0 and ROWS[f.part.id].unties
+             and ids & set(ROWS[f.part.id].siblings)]
+    return [as_started(f.part) for f in (*near, *thresholds, *alike, *stopped)]
 
 
 def _near(board: Board, scanned: list[ScoreTest]) -> list[ScoreTest]:

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from control.diagnosis.effects import ROWS
 from control.diagnosis.judgement.evidence import Role, fitted, problem
 from control.diagnosis.judgement.noise import coefficients
 from control.machine.machine import Machine, bounds
@@ -10,7 +11,7 @@ from control.machine.machine import Machine, bounds
 from .channels import ChannelSeries
 from .columns import Columns
 from .hypothesis import EffectInstance, Hypothesis
-from .model import Nuisance, stood_for
+from .model import Nuisance, stood_for, tolerance_of
 
 MAX_ROUNDS = 4
 STEP_SHARES = (1.0, 0.4, 0.15)      # shares of the step that the slopes ask for, tried until one gains
@@ -109,6 +110,16 @@ def _move_time(columns: Columns, parts: Hypothesis, channel: ChannelSeries, n: N
     best = max(tried, key=lambda off: tried[off])
     if tried[best] > tried[now] + TIME_GAIN:
         model.move({**model.offsets, n.key: best})
+
+
+def looked_for_to(effect_id: str, machine: Machine) -> float:
+    """How finely the times were looked for (1 s.d.) that an effect of nearly their form leans on; 0 where it has none.
+
+    A size that is fitted along with such a time is known no better, however long the log.
+    """
+    row = ROWS[effect_id]
+    return max((tolerance_of(one, machine) / 2.0 ** HALVINGS for one in row.siblings if ROWS[one].moves in TIMED),
+               default=0.0)
 
 
 def _grown(part: EffectInstance, by: float, machine: Machine) -> EffectInstance:
