@@ -29,7 +29,7 @@ STAMP_SHARE = 0.29          # ... by any time up to a row, 1 / sqrt(12) of one (
 SAME_RPM, SAME_MM = 0.1, 0.05       # commands this close are the same: a third of the noise of a reading
 STILL_READ_RPM = 1.5 * STOPPED_RPM  # a shaft that was commanded to stand still is read below this, noise and all
 STILL_AFTER_S = SMOOTH_S    # after the command to stop: the smoothed reading has forgotten that it turned
-ANSWERS_S = 1.0             # after a command, a drive has answered it, if not in ...
+ANSWERS_S = 1.0             # after a command, a drive has answered it; after a gap, if not in ...
 SLOWER = 2.0                # ... times what a drive of the machine file takes for its way: one half as fast has, too
 READ_BACKWARDS_SD = 6.0     # of the reading's noise: further below 0 a shaft truly turns backwards (1e-9 by chance)
 
@@ -101,13 +101,15 @@ def _sure(every: Rows, command: Array, same: float, dead_s: float, per_s: float)
     """Rows whose drive has answered every command that can have been given since the row before: (n,).
 
     Where commands may be missing from the log, a row is sure when its command and those of all rows within the time of
-    an answer are the same, the row before them included: any command between two equal ones had no reason. dead_s :
-    what a drive takes however short its way is; per_s : how much of the way it goes in a second.
+    an answer are the same, the row before them included: any command between two equal ones had no reason. Across a
+    gap of a fine log a whole way may have been commanded at once, at any time in the gap; in a log of rows far apart
+    every row may hide a command, and one that goes on in the same way as its neighbours is the rule. dead_s : what a
+    drive takes however short its way is; per_s : how much of the way it goes in a second.
     """
     if not every.lost.any():
         return np.ones(len(command), bool)
     way = np.nan_to_num(np.abs(np.diff(command, prepend=command[0])))
-    answers_s = np.maximum(ANSWERS_S, SLOWER * (dead_s + way / per_s))
+    answers_s = np.maximum(ANSWERS_S, SLOWER * (dead_s + way / per_s)) if every.step_s <= FINE_LOG_S else ANSWERS_S
     unsure_until = np.where((way > same) & every.lost, every.time_s + answers_s, -np.inf)
     return np.asarray(every.time_s >= np.maximum.accumulate(unsure_until))
 

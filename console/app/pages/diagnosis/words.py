@@ -160,7 +160,7 @@ def whole(of: WholeShown) -> str:
 
 def whole_gain(of: WholeShown) -> str:
     """What a drive fitted as a whole is good for."""
-    return _("Which of these is wrong is not likely apart. Adopted together they predict rows that were not fitted to: "
+    return _("Which of these is wrong is not told apart. Adopted together they predict rows that were not fitted to: "
              "error {before} -> {after} {unit}.").format(before=number(of.before), after=number(of.after),
                                                          unit=_(of.unit))
 
