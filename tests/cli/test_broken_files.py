@@ -40,7 +40,7 @@ BROKEN: dict[str, bytes | None] = {      # None: a folder
     "text_cells": b"time_s,speed_mps\nmorning,slow\nnoon,fast\n",
     "catch_of_words": CATCH.encode() + b"slow,wide,long,much\n",
     "twins": b"time_s,time_s\n0,0\n1,1\n",
-    "time_back": b"time_s,speed_mps\n5,1\n4,1\n3,1\n",
+    "time_stands": b"time_s,speed_mps\n5,1\n5,1\n5,1\n",        # newest first is read, and noted
     "utf16": "Äpfel,Birnen\n1,2\n".encode("utf-16"),
     "gb18030": "苹果,梨\n一,二\n".encode("gb18030"),
     "latin1": "Äpfel;Birnen\nä;ö\n".encode("latin-1"),
@@ -145,6 +145,13 @@ def test_a_broken_file_is_one_plain_line(folder: Path, command: str, endings: tu
     assert wrong == []
     (folder / "out.import.yaml").unlink(missing_ok=True)      # what a guess is asked for
     assert sorted(folder.iterdir()) == before                 # nothing half written
+
+
+def test_a_log_that_stands_newest_first_is_imported_and_that_is_said(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_bytes(b"time_s,speed_mps\n5,3\n4,2\n3,1\n")
+    done = CliRunner().invoke(app, ["import", str(tmp_path / "log.csv"), "--out", str(tmp_path / "out.csv")])
+    assert done.exit_code == 0 and "note: " in done.stderr and "(2 of 3): taken in order of time" in done.stderr
+    assert (tmp_path / "out.csv").read_text() == "time_s,speed_mps\n0.000,1.0\n1.000,2.0\n2.000,3.0\n"
 
 
 # --- Odd things that were given to the commands: one line each, and never a wait without an end ----------------------

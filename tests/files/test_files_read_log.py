@@ -65,6 +65,15 @@ def test_what_is_written_is_read_back(tmp_path: Path, rows: list[LogRow]) -> Non
     assert [f for f in log.findings if f.id not in ("missing", "speed_unit_likely", "zero_position")] == []
 
 
+@pytest.mark.parametrize("text", [",", '"', "a,b", "mm"])
+def test_one_row_with_a_text_is_a_row_and_no_row_of_units(tmp_path: Path, text: str) -> None:
+    """A comma alone, split at commas, looked like two inch marks."""
+    rows = [LogRow(0.0, **{name: text}) for name in ("events", "alarms")]
+    for row in rows:
+        path = write_log(tmp_path / "run.csv", RunMeta(software="t"), [row], overwrite=True)
+        assert list(read_log(path).rows()) == [as_logged(row)]
+
+
 @given(rows_of_any_kind, st.randoms(use_true_random=False), st.sampled_from(["\n", "\r\n"]), st.booleans())
 @settings(max_examples=40, **QUIETLY)
 def test_column_order_line_ends_and_extra_columns_do_not_matter(

@@ -78,10 +78,12 @@ def layout_of(rows: Sequence[Sequence[str]]) -> Layout | None:
 
 
 def is_unit_row(row: Sequence[str]) -> bool:
-    """Whether most filled cells are units; a dash or empty brackets stand for none."""
+    """Whether most filled cells are units, and none is a number; a dash, a 1 or empty brackets stand for none."""
     cells = [cell.strip() for cell in row if cell.strip()]
+    if any(is_value(cell) for cell in cells if cell != "1"):
+        return False
     units = [cell for cell in cells if unit_named(cell) is not None]
-    nothing = [cell for cell in cells if cell.strip("()[]- ") == ""]
+    nothing = [cell for cell in cells if cell.strip("()[]- 1") == ""]
     return bool(units) and len(units) + len(nothing) > _FEW * len(cells)
 
 
