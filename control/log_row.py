@@ -69,6 +69,7 @@ HOLDS_S = MappingProxyType({
     "roll_deg": 1.0, **dict.fromkeys(HEAD_COLUMNS + NDRE_COLUMNS, 1.25)})
 GNSS_HOLDS_S = 1.0                      # all that an epoch reported
 COMMANDS_HELD = "commands_held"      # event: from here on each command held until the next row
+FILE_BEGINS, LOG_BEGINS = "mark file ", "mark log "     # events, with a name: the first row of each file of a log
 
 TEXT_COLUMNS = frozenset({"utc", "state", "strategy", "target_source", "alarms", "events", "speed_told",
                           "sections_cmd"})

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from control.log_row import COLUMNS, PLAUSIBLE, TEXT_COLUMNS
+from control.log_row import COLUMNS, FILE_BEGINS, LOG_BEGINS, PLAUSIBLE, TEXT_COLUMNS
 from control.recordings.finding import Finding
 from control.recordings.places import in_place
 from control.recordings.speeds import in_mps
@@ -26,10 +26,16 @@ def mended(columns: Mapping[str, NDArray[Any]], utc_s: Callable[[], NDArray[np.f
 
     Arrays that change are copied. utc_s : as of `mended_times`. Raises ValueError, one line.
     """
-    times = mended_times(np.asarray(columns["time_s"], np.float64), utc_s)
+    begins = np.flatnonzero([_begins(text) for text in columns.get("events", ())])
+    times = mended_times(np.asarray(columns["time_s"], np.float64), utc_s, begins)
     found = {name: values if isinstance(times.rows, slice) else values[times.rows] for name, values in columns.items()}
     findings = list(times.findings)
     return mend_values({**found, "time_s": times.time_s}, findings), findings
+
+
+def _begins(events: object) -> bool:
+    """Whether the events of a row say that one of several files begins there, as `import` writes them."""
+    return isinstance(events, str) and any(one.startswith((FILE_BEGINS, LOG_BEGINS)) for one in events.split(";"))
 
 
 def mend_values(columns: Columns, findings: list[Finding]) -> Columns:

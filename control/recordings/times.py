@@ -47,9 +47,10 @@ class Times(NamedTuple):
     spread: bool = False
 
 
-def mended_times(time_s: Floats, utc_s: Callable[[], Floats] | None = None) -> Times:
+def mended_times(time_s: Floats, utc_s: Callable[[], Floats] | None = None, begins: Rows | None = None) -> Times:
     """Times (n,), NaN where there is none, as seconds from 0 or a little later, each later than the one before.
 
+    begins : rows (b,) with which one of several files begins, that were joined.
     utc_s : seconds since 1970 (n,), where the recording says them elsewhere; asked where they may decide on the unit.
     Raises ValueError, one line, where no rows, or not even half of them, can be used.
     """
@@ -71,7 +72,8 @@ def mended_times(time_s: Floats, utc_s: Callable[[], Floats] | None = None) -> T
         seconds, rows, as_they_are = seconds[kept], rows[kept], False
     else:
         as_they_are = all_there
-    return Times(seconds, slice(None) if as_they_are else rows, (*findings, *steps(seconds)), were_coarse)
+    starts = np.isin(rows, [] if begins is None else begins)
+    return Times(seconds, slice(None) if as_they_are else rows, (*findings, *steps(seconds, starts)), were_coarse)
 
 
 def in_seconds(times: Floats, utc_s: Callable[[], Floats] | None, findings: list[Finding]) -> Floats:
@@ -194,22 +196,36 @@ def _longest_increasing(times: Floats) -> list[int]:
     return found
 
 
-def steps(time_s: Floats) -> list[Finding]:
-    """What the steps from row to row say: rows missing, or no one sample time."""
-    spans = np.diff(time_s)
+def steps(time_s: Floats, begins: NDArray[np.bool_]) -> list[Finding]:
+    """What the steps from row to row say: rows missing, or no one sample time. begins (n,) : with these rows another
+    file begins; before them no rows are missing."""
+    between = begins[1:]
+    before_s, spans = time_s[:-1][~between], np.diff(time_s)[~between]
     if spans.size < 2:
         return []
     step = float(np.median(spans))
+    findings = _joined(np.diff(time_s)[between], step)
     if np.mean(np.abs(spans / step - 1.0) > MIXED_STEP) > MIXED_ROWS:
         low, high = np.quantile(spans, (0.05, 0.95))
-        return [Finding("mixed_steps", f"mixed sample time: mostly {step:.3g} s, from {low:.3g} to {high:.3g} s",
-                        "time_s", int(np.sum(np.abs(spans / step - 1.0) > MIXED_STEP)))]
+        return [*findings, Finding("mixed_steps", f"mixed sample time: mostly {step:.3g} s, from {low:.3g} to "
+                                   f"{high:.3g} s", "time_s", int(np.sum(np.abs(spans / step - 1.0) > MIXED_STEP)))]
     gaps = spans > GAP_STEPS * step
     if not gaps.any():
-        return []
+        return findings
     missing = int(np.round(spans / step - 1.0)[gaps].sum())
-    at_s, share = float(time_s[int(np.argmax(spans))]), 100.0 * missing / (len(time_s) + missing)
+    at_s, share = float(before_s[int(np.argmax(spans))]), 100.0 * missing / (len(time_s) + missing)
     count = int(gaps.sum())
-    return [Finding("skipped_times", f"{many(count, 'gap')} in the times, the longest {spans.max():.3g} s after "
-                    f"{at_s:.3f} s (sample time {step:.3g} s): about {many(missing, 'row')} missing ({share:.1f} %)",
-                    "time_s", count)]
+    return [*findings, Finding("skipped_times", f"{many(count, 'gap')} in the times, the longest {spans.max():.3g} s "
+                               f"after {at_s:.3f} s (sample time {step:.3g} s): about {many(missing, 'row')} missing "
+                               f"({share:.1f} %)", "time_s", count)]
+
+
+def _joined(between_s: Floats, step_s: float) -> list[Finding]:
+    """That a log is several files. between_s (files - 1,): from the last row of one to the first of the next."""
+    apart_s = between_s[between_s > GAP_STEPS * step_s]
+    if not apart_s.size:
+        return []
+    low, high = float(apart_s.min()), float(apart_s.max())
+    apart = f"{high:.3g} s" if low > 0.95 * high else f"{low:.3g} to {high:.3g} s"
+    return [Finding("joined", f"{len(between_s) + 1} files in one log, {apart} from one to the next: no rows are "
+                    "missing there", "time_s")]

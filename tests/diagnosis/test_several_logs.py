@@ -113,3 +113,36 @@ def test_logs_whose_rows_hold_the_beginning_of_an_answer_are_joined_with_time_to
     found = diagnose_runs([drive_log(1), drive_log(2)], machine)
     assert [cause.id for cause in found.together.causes] == ["shaft.gain"] and not found.together.unexplained
     assert [one.verdict for one in found.each] == ["none", "none"]
+
+
+def test_the_machine_that_logs_are_held_against_takes_up_only_what_predicts_them_better() -> None:
+    """A file adopts so from one log. Steps of an encoder, in a prediction, add their rounding where speeds are off."""
+    def drive_log(seed: int) -> Log:
+        rng, time_s = np.random.default_rng(seed), np.arange(0.0, 60.0, 0.02)
+        command = np.repeat(rng.choice([200.0, 400.0, 600.0, 900.0, 1200.0, 1400.0], 20), 150)
+        speed_rpm = np.full(len(command), 0.9 * command[0])
+        for k in range(1, len(command)):
+            speed_rpm[k] = speed_rpm[k - 1] + (0.9 * command[k - 1] - speed_rpm[k - 1]) * -np.expm1(-0.02 / 0.25)
+        return {"time_s": time_s, "shaft_rpm_cmd": command,
+                "shaft_rpm": 20.0 * np.round((speed_rpm + rng.normal(0.0, 4.0, len(time_s))) / 20.0)}
+    machine = Machine.model_validate({"id": "wheel", "stages": ["shaft"], "noise": {"shaft_rpm": 4.0},
+                                      "shaft": {"full_rpm": 1500, "acceleration_rpm_s": 1e6, "dead_time_s": 0.02,
+                                                "time_constant_s": 0.25},
+                                      "limits": {"shaft_low_rpm": 0, "shaft_high_rpm": 1500}})
+    found = diagnose_runs([drive_log(1), drive_log(2)], machine)
+    assert [cause.id for cause in found.together.causes] == ["shaft.gain", "shaft.coarse_encoder"]
+    assert found.machine.shaft.gain_percent == pytest.approx(-10.0, abs=0.2)
+    assert found.machine.shaft.encoder_step_rpm == 0.0
+    assert [one for one in found.together.findings if one.startswith("shaft.coarse_encoder")] == [
+        "shaft.coarse_encoder: not in the machine that each log is held against: "
+        "the log itself is predicted no better with it"]
+
+
+def test_no_rows_are_missing_between_logs() -> None:
+    first, second = wheel_log(1, 1.03), wheel_log(2, 1.03)
+    lost = {name: np.delete(values, slice(500, 520)) for name, values in second.items()}
+    findings = diagnose_runs([first, second], Machine()).together.findings
+    assert findings[0] == "2 files in one log, 60 s from one to the next: no rows are missing there"
+    assert not [one for one in findings if "gap" in one]
+    assert any(one.startswith("1 gap in the times, the longest 2.1 s") and "about 20 rows missing" in one
+               for one in diagnose_runs([first, lost], Machine()).together.findings)

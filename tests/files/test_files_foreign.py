@@ -143,6 +143,15 @@ def test_gaps_are_said(written: Written) -> None:
                                           "about 30 rows missing (42.9 %)")
 
 
+@pytest.mark.parametrize("mark", ["mark file b.csv", "fault valve;mark log TLG002"])
+def test_no_rows_are_missing_where_another_file_begins(written: Written, mark: str) -> None:
+    times = [*np.arange(0, 2, 0.1).round(3), *np.arange(5, 7, 0.1).round(3)]
+    rows = [f"{time_s},100,{mark if number == 20 else ''}" for number, time_s in enumerate(times)]
+    log = read_log(written(table("time_s,hopper_kg,events", rows)))
+    assert said(log, "joined") == "2 files in one log, 3.1 s from one to the next: no rows are missing there"
+    assert "skipped_times" not in ids(log)
+
+
 def test_a_mixed_sample_time_is_said(written: Written) -> None:
     assert "mixed_steps" in ids(times_of(written, np.cumsum([0.05, 0.2] * 20).round(3).tolist()))
 

@@ -6,7 +6,7 @@ Whether one size is behind all of them is Cochran's test (Biometrics 10, 1954, 1
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,9 +18,10 @@ from control.diagnosis.given import columns_of, machine_of
 from control.diagnosis.judgement.checks import LEVEL
 from control.diagnosis.judgement.evidence import Z90
 from control.diagnosis.result import Cause, Diagnosis, Size
-from control.log_row import COMMANDS_HELD
+from control.log_row import COMMANDS_HELD, FILE_BEGINS
 from control.machine.machine import Machine
 
+from .adoption import adoptable_of
 from .diagnose import Each, diagnose_run
 from .drives import SETTLE_S, SETTLES
 
@@ -42,7 +43,7 @@ class OfAKind(NamedTuple):
 
 class Several(NamedTuple):
     """together : what all logs show as one, with the machine file that it was held against. machine : that with what
-    they share. each : every log held against `machine`: what is left is its own.
+    they share and predicts them better (`adoption`). each : every log held against `machine`: what is left is its own.
 
     of_a_kind : where the logs are of machines of a kind, what each of them has, by its own size; `machine` is then the
     file that was given, and `each` is all that is wrong in a log.
@@ -107,7 +108,10 @@ def diagnose_runs(logs: Sequence[Any], machine: Machine | str, *, paths: Sequenc
             return None
         return lambda share, word: progress((number + share) / (1 + 2 * len(given)), word)
     together = diagnose_run(joined(given, names, of), of, path=" + ".join(names), progress=part(0), each=each)
-    known = extend(of, together)
+    taken = adoptable_of(together, [cause.id for cause in together.causes])
+    known = extend(of, taken.found)
+    together = replace(together, findings=(*together.findings, *(
+        f"{name}: not in the machine that each log is held against: {why}" for name, why in taken.refused)))
 
     def against(file: Machine, first: int) -> tuple[Diagnosis, ...]:
         return tuple(diagnose_run(log, file, path=name, progress=part(first + k), each=each)
@@ -148,7 +152,8 @@ def _alike_p(sizes: Sequence[Size]) -> float:
 
 
 def joined(logs: Sequence[Mapping[str, npt.NDArray[Any]]], names: Sequence[str], machine: Machine) -> Columns:
-    """One log of several, GAP_S between them: columns that a log has not are empty in its rows.
+    """One log of several, GAP_S between them: columns that a log has not are empty in its rows. An event says where
+    each begins.
 
     Raises ValueError where they cannot be judged as one.
     """
@@ -160,6 +165,7 @@ def joined(logs: Sequence[Mapping[str, npt.NDArray[Any]]], names: Sequence[str],
                          "allowed logs of one kind together")
     settle_s = min(SETTLE_S, SETTLES * (machine.shaft.dead_time_s + machine.shaft.time_constant_s))
     kinds = {name: np.asarray(values).dtype.kind for log in reversed(logs) for name, values in log.items()}
+    kinds["events"] = "O"
     parts: dict[str, list[npt.NDArray[Any]]] = {name: [] for name in kinds}
     begin_s = 0.0
     for number, log in enumerate(logs):
@@ -168,6 +174,7 @@ def joined(logs: Sequence[Mapping[str, npt.NDArray[Any]]], names: Sequence[str],
         for name, kind in kinds.items():
             parts[name].append(_column(log, name, kind, since, settle_s if number else 0.0))
         parts["time_s"][-1] = begin_s + since
+        parts["events"][-1] = _begun(parts["events"][-1], since, names[number])
         begin_s += float(np.nanmax(since)) + GAP_S
     return {name: np.concatenate(pieces) for name, pieces in parts.items()}
 
@@ -178,6 +185,15 @@ def _column(log: Mapping[str, npt.NDArray[Any]], name: str, kind: str, since: np
         return np.full(len(since), "", object) if kind == "O" else np.full(len(since), np.nan)
     values = np.asarray(log[name])
     return np.where(since < settle_s, np.nan, values) if name in READINGS and settle_s > 0.0 else values
+
+
+def _begun(events: npt.NDArray[Any], since: npt.NDArray[np.float64], name: str) -> npt.NDArray[Any]:
+    """Events with a mark in the first row that has a time, as `import` makes one."""
+    found, first = events.astype(object), int(np.nanargmin(since))
+    was = found[first]
+    mark = f"{FILE_BEGINS}{name.replace(';', ' ')}"
+    found[first] = f"{was};{mark}" if isinstance(was, str) and was else mark
+    return found
 
 
 def _is_held(log: Mapping[str, npt.NDArray[Any]]) -> bool:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import polars as pl
 
+from control.log_row import FILE_BEGINS
 from control.recordings.finding import Finding
 from drivers.files.imports.convert import US, UTC_US, Converted
 from drivers.files.imports.mapping import EVENTS, Join
@@ -72,7 +73,7 @@ def _first(part: Converted) -> int:
 
 def _marked(frame: pl.DataFrame, name: str) -> pl.DataFrame:
     """An operator's mark in the first row says which file begins."""
-    mark = f"mark file {name.replace(';', ' ')}"
+    mark = f"{FILE_BEGINS}{name.replace(';', ' ')}"
     if EVENTS not in frame.columns:
         frame = frame.with_columns(pl.lit(None, pl.String).alias(EVENTS))
     first = frame[EVENTS][0]

@@ -11,6 +11,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 import polars as pl
 
+from control.log_row import LOG_BEGINS
 from control.recordings.finding import Finding, many
 from drivers.files.imports.devices import Meaning, Part, parts_of, width_m
 from drivers.files.imports.mapping import EVENTS, Source
@@ -210,7 +211,7 @@ def _joined(logs: Sequence[TimeLog], names: dict[tuple[int | None, str], str], p
     for log in logs:
         frame = frame_of(log, names, presented)
         if len(logs) > 1:
-            mark = [f"mark log {log.name}", *[None] * (frame.height - 1)]
+            mark = [f"{LOG_BEGINS}{log.name}", *[None] * (frame.height - 1)]
             frame = frame.with_columns(pl.Series(EVENTS, mark, pl.String))
         frames.append(frame)
     return pl.concat(frames, how="diagonal_relaxed")
