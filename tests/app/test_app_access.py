@@ -59,6 +59,8 @@ def test_every_text_has_a_contrast_of_4_5(theme):
     assert {pair: round(contrast(v[pair[0]], v[pair[1]]), 2) for pair in TEXTS if contrast(v[pair[0]], v[pair[1]]) < 4.5
             } == {}
     assert all(contrast(v[a], v[b]) >= 3.0 for a, b in OFF)
+    assert contrast(v["target"], v["background"]) >= 5.5                    # rates are read in sunlight
+    assert contrast(v["foreground"], v["background"]) >= (7 if theme.name == "night" else 15)
 
 
 @THEMES
@@ -74,6 +76,8 @@ def test_every_text_can_be_read_in_16_colours(theme, grey):
     v = colours(theme)
     seen = {pair: round(contrast(drawn(v[pair[0]]), drawn(v[pair[1]])), 1) for pair in (*TEXTS, *OFF)}
     assert {pair: value for pair, value in seen.items() if value < 3.0} == {}
+    alarms = drawn(v["alarm-red"]), drawn(v["alarm-amber"])
+    assert drawn(v["background"]) not in (*alarms, drawn(v["applied"])) and (grey or alarms[0] != alarms[1])
 
 
 # Machado, Oliveira, Fernandes 2009, severity 1: on linear RGB

@@ -9,10 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.cells import cell_len
-from rich.color import Color, ColorSystem
 from rich.style import Style
 
-from console.app import camera, themes, view
+from console.app import camera, view
 from console.app.actions import ACTIONS
 from console.app.digits import draw
 from console.app.history import History
@@ -135,42 +134,6 @@ def test_the_map_has_north_up_and_east_right():
 def test_a_head_s_bar():
     assert bar(0.5, 8) == ("▄▄▄▄", "▁▁▁▁")
     assert bar(1.7, 4) == ("▄▄▄▄", "") and bar(-1.0, 2) == ("", "▁▁")
-
-
-@pytest.mark.parametrize("theme", themes.THEMES, ids=lambda theme: theme.name)
-def test_alarms_and_states_stay_apart_in_16_colours(theme):
-    def sixteen(name):
-        return Color.parse(theme.variables[name]).downgrade(ColorSystem.STANDARD).number
-
-    pairs = [(f"on-{name}", name) for name in ("alarm-red", "alarm-amber", "keybar",
-                                               *(f"state-{state}" for state in view.words.STATES))]
-    assert [pair for pair in pairs if sixteen(pair[0]) == sixteen(pair[1])] == []
-    assert sixteen("alarm-red") != sixteen("alarm-amber")
-    background = Color.parse(theme.background).downgrade(ColorSystem.STANDARD).number
-    for name in ("target", "applied", "stale", "muted", "keybar-key", "alarm-red", "alarm-amber"):
-        assert sixteen(name) != background, name
-
-
-def contrast(a, b):
-    def luminance(text):
-        channels = [int(text[i:i + 2], 16) / 255 for i in (1, 3, 5)]
-        linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
-        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
-
-    high, low = sorted((luminance(a), luminance(b)), reverse=True)
-    return (high + 0.05) / (low + 0.05)
-
-
-@pytest.mark.parametrize("theme", themes.THEMES, ids=lambda theme: theme.name)
-def test_texts_can_be_read_on_their_grounds(theme):
-    """WCAG: 4.5 for text; 7 for the rates of the day and contrast themes, which are read in sunlight."""
-    v = theme.variables
-    for name in ("alarm-red", "alarm-amber", "keybar", *(f"state-{state}" for state in view.words.STATES)):
-        assert contrast(v[f"on-{name}"], v[name]) >= 4.5, name
-    assert contrast(v["muted"], theme.background) >= 4.5
-    assert contrast(theme.foreground, theme.background) >= (7 if theme.name == "night" else 15)
-    assert contrast(v["target"], theme.background) >= 5.5
-    assert contrast(v["stale"], theme.background) >= 2.0
 
 
 @pytest.mark.parametrize(("unit", "si", "text"), [

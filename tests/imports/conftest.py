@@ -49,7 +49,7 @@ def dialects() -> ModuleType:
 
 
 @pytest.fixture(scope="session")
-def dresses() -> ModuleType:
+def dresses(dialects: ModuleType) -> ModuleType:
     return _beside("dresses")
 
 

@@ -1,7 +1,5 @@
 """Deals dialects at random over a known true log and holds what is imported against the truth.
 
-    python tests/imports/dialects.py --deals 120 --seed 1
-
 A deal is how some machine might have written the log: kind of file, delimiter, decimal sign, encoding, title rows,
 language, units, way to tell the time, sign for a missing value, columns left out. `told`: units stand in the header,
 so the file must come in by itself; else it may be refused, and must come in by its guessed import file with the units
@@ -9,11 +7,8 @@ put right by hand.
 """
 from __future__ import annotations
 
-import argparse
 import datetime as dt
 import json
-import sys
-import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -407,30 +402,3 @@ def column_wrong(name: str, unit: str, got: Floats, want: Floats) -> list[str]:
     digit = 0.51 * (step + 10.0 ** -DECIMALS.get(name, 9))
     off = np.nanmax(np.abs(got - want))
     return [f"{name}: off by {off:g}"] if off > digit + 2e-6 * np.nanmax(np.abs(want)) else []
-
-
-def main() -> int:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--deals", type=int, default=120)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--only", type=int)
-    arguments = parser.parse_args()
-    truth = true_log()
-    failed = 0
-    told = 0
-    with tempfile.TemporaryDirectory() as folder:
-        for number in range(arguments.deals) if arguments.only is None else [arguments.only]:
-            of = deal(number, arguments.seed)
-            place = Path("/tmp/deal") if arguments.only is not None else Path(folder)
-            place.mkdir(exist_ok=True)
-            told += of.told
-            found = problems(of, truth, place)
-            failed += bool(found)
-            for line in found:
-                print(f"deal {number} ({of.kind}, {of.language}, {of.encoding}, {of.time}, told {of.told}): {line}")
-    print(f"{arguments.deals} deals, {told} of them told: {failed} not as the truth")
-    return int(failed > 0)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

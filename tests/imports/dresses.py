@@ -1,7 +1,5 @@
 """Deals dresses that people and their programs put over a table, and holds what is imported against the truth.
 
-    python tests/imports/dresses.py --deals 100 --seed 1
-
 The log is the one of `dialects.py`, in a plain table whose header names every unit. What is dealt is what stands around
 and between the numbers: quotes, ends of rows, blank rows, a header again, a footer of totals, thousands, clocks of 12
 hours, the order of day and month, sheets of a book. Each must come in as the truth, or be asked about or refused with
@@ -9,15 +7,10 @@ nothing written; what came in as anything else is wrong.
 """
 from __future__ import annotations
 
-import argparse
 import datetime as dt
-import importlib.util
 import sys
-import tempfile
-from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 from zoneinfo import ZoneInfo
 
@@ -28,18 +21,7 @@ from typer.testing import CliRunner
 from console.cli import app
 from drivers.files.read_log import read_log
 
-
-def _beside() -> ModuleType:
-    path = Path(__file__).with_name("dialects.py")
-    spec = importlib.util.spec_from_file_location("dialects_of_dresses", path)
-    assert spec is not None and spec.loader is not None
-    module = sys.modules.setdefault(spec.name, importlib.util.module_from_spec(spec))
-    if not hasattr(module, "true_log"):
-        spec.loader.exec_module(module)
-    return module
-
-
-D = _beside()
+D = sys.modules["topdress_dialects"]        # loaded by `conftest.py`
 Floats = npt.NDArray[np.float64]
 COLUMNS = ("lat_deg", "lon_deg", "speed_mps", "shaft_rpm_cmd", "shaft_rpm", "opening_mm_cmd", "opening_mm", "hopper_kg",
            "supply_v", "target_rate_kg_ha", "applied_rate_kg_ha")
@@ -255,30 +237,3 @@ def _against(of: Dress, truth: dict[str, Floats], out: Path, kept: npt.NDArray[n
     for name in of.columns:
         wrong += D.column_wrong(name, of.units[name], log.numbers(name), truth[name][kept])
     return wrong
-
-
-def main() -> int:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--deals", type=int, default=100)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--only", type=int)
-    told = parser.parse_args()
-    truth, counts = D.true_log(), Counter[str]()
-    with tempfile.TemporaryDirectory() as folder:
-        for number in range(told.deals) if told.only is None else [told.only]:
-            of = dress(number, told.seed)
-            place = Path("/tmp/dress") if told.only is not None else Path(folder)
-            place.mkdir(exist_ok=True)
-            what, lines = problems(of, truth, place)
-            counts[what] += 1
-            if what != "imported":
-                print(f"{what:8} {number:3} ({of.kind}, {of.language}, {of.encoding}, {of.delimiter!r}, {of.time}, "
-                      f"{of.day}, between {of.between}, footer {of.footer}, "
-                      f"{of.sheets if of.kind == 'excel' else of.quotes}, thousands {of.thousands!r}, "
-                      f"trailing {of.trailing}): {'; '.join(lines)[:230]}")
-    print(f"{told.deals} deals: " + ", ".join(f"{count} {what}" for what, count in sorted(counts.items())))
-    return int(counts["wrong"] + counts["broken"] > 0)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -204,7 +204,7 @@ def test_a_log_of_our_own_comes_in_unchanged(topdress: Callable[..., Result], tm
             assert np.array_equal(a.numbers(name), b.numbers(name), equal_nan=True), name
 
 
-# --- Dialects dealt at random over a known log: what comes in is the log. `dialects.py` deals more -------------------
+# --- Dialects dealt at random over a known log: what comes in is the log -------------------------------------------
 
 DEALS = 22
 
