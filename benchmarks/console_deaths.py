@@ -229,7 +229,7 @@ def wait(true: Callable[[], bool], most_s: float, what: str, terminal: Terminal 
     most_s: on a machine that has nothing else to do. A program that is still at it, by what it writes and how long it
     has had the processor, has PATIENCE times as long; one that has ended has no time left.
     """
-    begun_s = quiet_s = time.monotonic()
+    started_s = quiet_s = time.monotonic()
     did = terminal.did() if terminal else ()
     while not true():
         now_s = time.monotonic()
@@ -237,11 +237,11 @@ def wait(true: Callable[[], bool], most_s: float, what: str, terminal: Terminal 
         if terminal is not None and terminal.did() != did:
             quiet_s, did = now_s, terminal.did()
         idle = terminal is not None and now_s - quiet_s > most_s
-        if ended or idle or now_s - begun_s > PATIENCE * most_s:
-            raise TimeoutError(f"{what}: {'it ended' if ended else f'not after {now_s - begun_s:.0f} s'}"
+        if ended or idle or now_s - started_s > PATIENCE * most_s:
+            raise TimeoutError(f"{what}: {'it ended' if ended else f'not after {now_s - started_s:.0f} s'}"
                                + (f"\n{terminal.text()}" if terminal else ""))
         time.sleep(0.01)
-    return time.monotonic() - begun_s
+    return time.monotonic() - started_s
 
 
 class Death(NamedTuple):

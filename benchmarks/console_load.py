@@ -59,16 +59,16 @@ def started(tree: Path) -> Start:
     """The console of a tree, from the command to its first moving number: the worker's running time."""
     os.environ.update(environment_of(tree))
     with tempfile.TemporaryDirectory() as folder:
-        begun_s = time.monotonic()
+        started_s = time.monotonic()
         console = Console(Path(folder))
         try:
             terminal = console.terminal
             wait(lambda: ELAPSED.search(terminal.text()) is not None, 60.0, "numbers", terminal)
-            seen_s, first = time.monotonic() - begun_s, terminal.text()
+            seen_s, first = time.monotonic() - started_s, terminal.text()
             console_s, worker_s = taken(terminal.process.pid).cpu_s, taken(console.where().pid).cpu_s
             wait(lambda: terminal.text() != first and ELAPSED.search(terminal.text()) is not None, 60.0, "movement",
                  terminal)
-            return Start(seen_s, time.monotonic() - begun_s, console_s, worker_s)
+            return Start(seen_s, time.monotonic() - started_s, console_s, worker_s)
         finally:
             console.terminal.end()
             console.end_worker()
@@ -76,9 +76,9 @@ def started(tree: Path) -> Start:
 
 def share(pid: int, seconds: float) -> float:
     """Percent of one core over the next seconds."""
-    before, begun_s = taken(pid), time.monotonic()
+    before, started_s = taken(pid), time.monotonic()
     time.sleep(seconds)
-    return 100.0 * (taken(pid).cpu_s - before.cpu_s) / (time.monotonic() - begun_s)
+    return 100.0 * (taken(pid).cpu_s - before.cpu_s) / (time.monotonic() - started_s)
 
 
 async def loop_figures(where: Where) -> tuple[dict[str, float], Frame | None]:
@@ -103,12 +103,12 @@ def measure(minutes: float) -> int:
             where, watcher = at_work(console)
             watcher.close()
             pids = {"console": console.terminal.process.pid, "worker": where.pid}
-            begun_s = time.monotonic()
+            started_s = time.monotonic()
             first = {name: taken(pid) for name, pid in pids.items()}
             samples: list[tuple[float, dict[str, Taken]]] = []
-            while time.monotonic() - begun_s < 60.0 * minutes:
+            while time.monotonic() - started_s < 60.0 * minutes:
                 time.sleep(SAMPLE_S)
-                samples.append((time.monotonic() - begun_s, {name: taken(pid) for name, pid in pids.items()}))
+                samples.append((time.monotonic() - started_s, {name: taken(pid) for name, pid in pids.items()}))
                 print(f"\r{samples[-1][0] / 60:.1f} of {minutes:g} min ", end="", flush=True)
             print(f"\rRun page, {minutes:g} min, load {os.getloadavg()[2]:.1f}")
             for name in pids:
@@ -143,9 +143,9 @@ def idle_shares(tree: Path) -> dict[str, float]:
             wait(lambda: console.terminal.shows("NDVI 0."), 60.0, "numbers", console.terminal)
             time.sleep(IDLE_SETTLE_S)
             pids = {"console": console.terminal.process.pid, "worker": console.where().pid}
-            before, begun_s = {name: taken(pid) for name, pid in pids.items()}, time.monotonic()
+            before, started_s = {name: taken(pid) for name, pid in pids.items()}, time.monotonic()
             time.sleep(IDLE_S)
-            took_s = time.monotonic() - begun_s
+            took_s = time.monotonic() - started_s
             return {name: 100.0 * (taken(pid).cpu_s - before[name].cpu_s) / took_s for name, pid in pids.items()}
         finally:
             console.terminal.end()

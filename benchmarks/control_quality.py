@@ -74,7 +74,7 @@ def measured(what: Manoeuvre, strategy: Strategy, preview: str, seeds: int, tree
         orders = GO_HELD if hasattr(SafetyLimits(), "launch_max_s") else GO
     sim = sim_of(what) | ({} if preview == "none" else {"speed_told": preview})
     each, needed, places, gate, ticks = [], [], [], [], 0
-    begun = time.process_time()
+    started = time.process_time()
     for seed in range(1, seeds + 1):
         record = driven(setup, strategy, seed, what.end_s + 4.0, sim, orders)
         ticks += len(record.columns()["time_s"])
@@ -83,7 +83,7 @@ def measured(what: Manoeuvre, strategy: Strategy, preview: str, seeds: int, tree
         places += judged.places_m.tolist()
         gate.append(moves(record.columns(), record.fired, width_m).gate_moves_per_h)
         needed.append(_against_needs(record, what, width_m, setup.rule))
-    took_us = 1e6 * (time.process_time() - begun) / max(1, ticks)
+    took_us = 1e6 * (time.process_time() - started) / max(1, ticks)
     rates = [one.rate_percent for one in each]
     size = np.abs(places) if places else np.full(1, np.nan)
     return Found(tree, what.name, strategy.value, preview, statistics.fmean(rates), float(np.percentile(rates, 95)),

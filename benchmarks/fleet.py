@@ -5,7 +5,7 @@
     python -m benchmarks fleet run DIR OUT [--workers 2] `topdress fleet` on them, then `reported`
     python -m benchmarks fleet reported OUT             truth against what stands in OUT
     python -m benchmarks fleet scaling DIR [--logs 60]   the first logs with 1 and 2 workers; share of overhead
-    python -m benchmarks fleet killed DIR [--logs 40]    a worker killed, the command killed and begun again
+    python -m benchmarks fleet killed DIR [--logs 40]    a worker killed, the command killed and started again
     python -m benchmarks fleet long DIR [--logs 20]      a log of 1e6 rows among others: memory of workers
     python -m benchmarks fleet elsewhere DIR [--logs 12] a scheduler and workers started by hand; logs by file:// and http://
 

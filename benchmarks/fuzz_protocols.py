@@ -291,7 +291,7 @@ def fuzz(subject: Subject, frames: int, seed: int) -> Result:
     names = list(KINDS)
     right, wrong, slowest_s = 0, Counter[str](), 0.0
     example: dict[str, tuple[bytes, str]] = {}
-    begun_s = time.perf_counter()
+    started_s = time.perf_counter()
     pool = [subject.make(chance) for _ in range(2000)]
     sources = {data: set(subject.read(data)) for data in pool}
     for number in range(frames):
@@ -307,7 +307,7 @@ def fuzz(subject: Subject, frames: int, seed: int) -> Result:
             else:
                 wrong[kind] += 1
                 example.setdefault(kind, (spoilt, str(said)[:120]))
-    return Result(frames, right, wrong, example, slowest_s * 1e3, time.perf_counter() - begun_s)
+    return Result(frames, right, wrong, example, slowest_s * 1e3, time.perf_counter() - started_s)
 
 
 def main() -> int:

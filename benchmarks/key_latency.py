@@ -29,13 +29,13 @@ PAGE, DIALOG = "whole field", "Manual rate"
 
 def took(terminal: Terminal, key: str, seen: Callable[[str], bool], most_s: float = 10.0) -> float:
     """Seconds from the key until the screen is so."""
-    begun_s = time.monotonic()
+    started_s = time.monotonic()
     terminal.type(key)
     while not seen(terminal.text()):
-        if time.monotonic() - begun_s > most_s:
+        if time.monotonic() - started_s > most_s:
             raise TimeoutError(f"{key!r} was not seen:\n{terminal.text()}")
         time.sleep(SEE_S)
-    return time.monotonic() - begun_s
+    return time.monotonic() - started_s
 
 
 def state(word: str) -> Callable[[str], bool]:

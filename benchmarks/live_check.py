@@ -103,7 +103,7 @@ def healthy(hours: float, seed: int, kept: Path | None) -> bool:
 
 
 def delays(seed: int, repeated: int) -> None:
-    print("effect, size, begun at 900 s: minutes to the line (name), or not said")
+    print("effect, size, started at 900 s: minutes to the line (name), or not said")
     fits = [p for p in chosen("all") if p.strategy != "opening_first"]
     for which in (1, 2, 0):             # the middle sizes first: a run may be cut
         for k, (effect, sizes) in enumerate(SIZES.items()):

@@ -129,12 +129,12 @@ class Rig:
 
     def until(self, true: Callable[[], bool], most_s: float) -> float:
         """Seconds until it is so, infinite where it never was."""
-        begun_s = self.now_s
+        started_s = self.now_s
         while not true():
-            if self.now_s - begun_s >= most_s:
+            if self.now_s - started_s >= most_s:
                 return float("inf")
             self.tick()
-        return self.now_s - begun_s
+        return self.now_s - started_s
 
     def order(self, do: Do, value: Any = None) -> Answer:
         said: list[Answer] = []
@@ -310,14 +310,14 @@ def host_silent(folder: Path) -> Found:
     """The control worker itself hangs: nobody sends anything."""
     with Rig(folder) as rig:
         rig.at_work()
-        begun_s, off_s, stands_s = rig.now_s, float("inf"), float("inf")
-        while rig.now_s - begun_s < 2.0:
+        started_s, off_s, stands_s = rig.now_s, float("inf"), float("inf")
+        while rig.now_s - started_s < 2.0:
             rig.now_s += TICK_S
             rig.virtual.advance(rig.now_s)
             if not rig.virtual.board.set_points(rig.now_s)[1]:
-                off_s = min(off_s, rig.now_s - begun_s)
+                off_s = min(off_s, rig.now_s - started_s)
             if rig.rpm < 1.0:
-                stands_s = min(stands_s, rig.now_s - begun_s)
+                stands_s = min(stands_s, rig.now_s - started_s)
         fault_s = rig.until(lambda: rig.state == "fault", 2.0)
         rig.run(0.2)
         rig.order(Do.ACKNOWLEDGE, "")

@@ -226,19 +226,19 @@ def large_maps() -> dict[str, object]:
         _write_grid(cells, 500, 500)
         _write_zones(zones, 141, 142)
         for name, path in (("grid of 250,000 cells (ISOXML type 2)", cells), ("20,022 polygons (shapefile)", zones)):
-            begun = time.process_time()
+            started = time.process_time()
             read = read_prescription(path)
-            read_s = time.process_time() - begun
+            read_s = time.process_time() - started
             plane = read.data.plane()
-            begun = time.process_time()
+            started = time.process_time()
             prescription = on_plane(read.data, plane)
-            laid_s = time.process_time() - begun
+            laid_s = time.process_time() - started
             profile = MapProfile(prescription, plane)
-            begun = time.process_time()
+            started = time.process_time()
             for k in range(400):
                 profile.look(0.1 * k, -100.0 + 0.03 * k, -100.0 + 0.095 * k, 17.5, 0.1 * k - 5.0)
             promises[f"{name}: some cell has a rate"] = sum(s.mass_kg for s in statistics(read.data)) > 0.0
-            look_us = (time.process_time() - begun) / 400 * 1e6
+            look_us = (time.process_time() - started) / 400 * 1e6
             peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
             print(f"{name}: read {read_s:.2f} s of CPU, laid on the plane {laid_s:.2f} s, look {look_us:.0f} us a "
                   f"tick, peak memory so far {peak_mb:.0f} MB")

@@ -135,11 +135,11 @@ def looked(console: ConsoleOnWorker, rounds: int) -> tuple[dict[str, tuple[float
                 held += 1
                 working(terminal)
                 console.between.held = False
-            begun_s = time.monotonic()
+            started_s = time.monotonic()
             for key in keys:
                 terminal.type(key)
                 time.sleep(AFTER_S)
-            silent_s, work_s = console.between.most(begun_s, time.monotonic())
+            silent_s, work_s = console.between.most(started_s, time.monotonic())
             before = found.get(name, (0.0, 0.0))
             found[name] = max(before[0], silent_s), max(before[1], work_s)
     return found, held + console.between.held

@@ -53,11 +53,11 @@ import sys, time
 from control.readings import DriveCommand
 from drivers.cab import Cab, CabConfig
 cab = Cab(CabConfig.model_validate({"board": {"port": sys.argv[1]}}), time.monotonic)
-begun_s = time.monotonic()
+started_s = time.monotonic()
 while True:
     now_s = time.monotonic()
     cab.measure(now_s)
-    cab.command(now_s, DriveCommand(60.0, 30.0), now_s - begun_s > 0.5)
+    cab.command(now_s, DriveCommand(60.0, 30.0), now_s - started_s > 0.5)
     time.sleep(0.05)
 """
 
@@ -119,9 +119,9 @@ def board() -> TerminalPins:            # type: ignore[misc]
     stop = threading.Event()
 
     def run() -> None:
-        begun_s, passed_us = time.monotonic(), 0
+        started_s, passed_us = time.monotonic(), 0
         while not stop.is_set():
-            now_us = int((time.monotonic() - begun_s) * 1e6)
+            now_us = int((time.monotonic() - started_s) * 1e6)
             while passed_us + 1000 <= now_us:
                 pins.pass_time(0.001)
                 passed_us += 1000
@@ -170,15 +170,15 @@ def doses() -> dict[str, object]:
     promises: dict[str, object] = {}
     with board() as pins:
         cab = Cab(CabConfig.model_validate({"board": {"port": pins.name}}), time.monotonic)
-        begun_s = time.monotonic()
+        started_s = time.monotonic()
 
         def tick() -> None:
             now_s = time.monotonic()
             cab.measure(now_s)
-            cab.command(now_s, DriveCommand(0.0, 25.0), now_s - begun_s > 0.4)
+            cab.command(now_s, DriveCommand(0.0, 25.0), now_s - started_s > 0.4)
             time.sleep(0.02)
 
-        while time.monotonic() - begun_s < 1.0:
+        while time.monotonic() - started_s < 1.0:
             tick()
         for angle_deg in (30.0, 45.5, 120.0, 360.0):
             before, reported = pins.doses, 0.0

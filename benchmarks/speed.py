@@ -96,7 +96,7 @@ def _spread(values: Sequence[float]) -> str:
 
 def ran(tree: Path, *words: str, **environment: str) -> Ran:
     """A command of a tree, with its time and its memory. Raises RuntimeError where it fails."""
-    begun_s = time.monotonic()
+    started_s = time.monotonic()
     child = subprocess.Popen([str(PROGRAM), *words], env=environment_of(tree) | environment, stdin=subprocess.DEVNULL,
                              stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
     assert child.stderr is not None
@@ -105,7 +105,7 @@ def ran(tree: Path, *words: str, **environment: str) -> Ran:
     child.returncode = os.waitstatus_to_exitcode(ended)
     if child.returncode != 0:
         raise RuntimeError(f"{tree}: topdress {' '.join(words)}: {said.decode(errors='replace')[-500:]}")
-    return Ran(time.monotonic() - begun_s, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0)
+    return Ran(time.monotonic() - started_s, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0)
 
 
 def in_turns(both: dict[str, Path], times: int, measure: Callable[[Path], float]) -> Values:
@@ -158,10 +158,10 @@ def diagnosed_first(both: dict[str, Path], folder: Path, times: int) -> Iterator
     for name, tree in both.items():
         with tempfile.TemporaryDirectory() as empty:
             if (tree / "console" / "prepare.py").exists():
-                begun_s = time.monotonic()
+                started_s = time.monotonic()
                 subprocess.run([sys.executable, "-m", "console.prepare"], check=True, stdout=subprocess.DEVNULL,
                                env=environment_of(tree) | {"XDG_CACHE_HOME": empty}, cwd=tree)
-                installed[name] = [time.monotonic() - begun_s]
+                installed[name] = [time.monotonic() - started_s]
             runs[name] = ran(tree, "diagnose", log, XDG_CACHE_HOME=empty)
     for unit, goal, place in (("s", "6", 0), ("s of processor", "", 1)):
         yield Row("diagnose, 24,000 rows, first time", unit, goal, {name: [one[place]] for name, one in runs.items()})
@@ -353,7 +353,7 @@ def run() -> int:
                         help=f"these alone: {', '.join(PARTS)}")
     parser.add_argument("--times", type=int, default=TIMES, help="that short work is taken")
     given = parser.parse_args()
-    both, begun_s, missing = trees(given.against), time.monotonic(), []
+    both, started_s, missing = trees(given.against), time.monotonic(), []
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)             # modules are compiled, as an installer leaves them
     print(f"load average at the start: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores\n")
     print("| work | to reach | old: median (range, times) | new | old / new |\n|---|---|---|---|---|", flush=True)
@@ -369,7 +369,7 @@ def run() -> int:
                 print(f"| {name}: {str(error).splitlines()[0][:200] if str(error) else type(error).__name__} | | | | |",
                       flush=True)
             print(f"{name}: {time.monotonic() - part_s:.0f} s", file=sys.stderr, flush=True)
-    print(f"\n{time.monotonic() - begun_s:.0f} s in all, load average at the end {os.getloadavg()[0]:.1f}")
+    print(f"\n{time.monotonic() - started_s:.0f} s in all, load average at the end {os.getloadavg()[0]:.1f}")
     return exit_code({f"{name}: measured": name not in missing for name in given.only})
 
 

@@ -52,10 +52,10 @@ class Tab:
         raise RuntimeError(f"{method}: the browser has gone")
 
     async def open(self) -> None:
-        """Waits until the console in the tab has begun to draw."""
-        begun = "document.body.classList.contains('-first-byte')"
+        """Waits until the console in the tab has started to draw."""
+        started = "document.body.classList.contains('-first-byte')"
         for _try in range(int(OPEN_S / 0.2)):
-            said = await self.ask("Runtime.evaluate", expression=begun, returnByValue=True)
+            said = await self.ask("Runtime.evaluate", expression=started, returnByValue=True)
             if said["result"].get("value"):
                 return
             await asyncio.sleep(0.2)

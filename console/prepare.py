@@ -35,14 +35,14 @@ def prepare() -> None:
 
 def main() -> int:
     print("topdress: compiling the machine model for this computer, once: some 30 s", flush=True)
-    begun_s = time.monotonic()
+    started_s = time.monotonic()
     try:
         prepare()
     except (OSError, subprocess.SubprocessError) as error:
         said = (getattr(error, "stderr", None) or b"").decode(errors="replace").strip().splitlines()
         print(f"topdress: not compiled: {said[-1] if said else error}; the first diagnosis does it", file=sys.stderr)
         return 1
-    print(f"topdress: compiled in {time.monotonic() - begun_s:.0f} s", flush=True)
+    print(f"topdress: compiled in {time.monotonic() - started_s:.0f} s", flush=True)
     return 0
 
 

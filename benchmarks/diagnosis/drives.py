@@ -50,7 +50,7 @@ SAYS = {
 # Of the sweeps: r/min by r/min of the command is 1.32 from 30 to 60 % of the range, 1.20 up to 90 %, 1.08 above (robot
 # 2, m1; 1.37, 1.23, 1.00 of robot 5): the curve bends. Settled speeds of the same command differ by direction: 27
 # against 0 and 218 against 162 r/min (stairs 2, left), 1071 against 1064 (sweep 2, m1), at every command alike.
-NEVER_BY_EYE = ("shaft.coarse_encoder",)        # true of every encoder, and no fault: right beside anything
+NEVER_BY_EYE = ("shaft.coarse_encoder",)        # true of every encoder, and no fault: right along with anything
 
 
 LEAST_ROWS = 60
@@ -198,7 +198,7 @@ def run(case: Case, folder: Path) -> Ran:
     imported = joined([convert(read_raw(_one_side(case, place), mapping.source), mapping)], mapping.join)
     write_imported(log, imported, mapping, place / "import.yaml")
     machine = load(str(place / "machine.yaml"), MACHINE).model
-    begun = time.process_time()
+    started = time.process_time()
     try:
         found = diagnose_run(dict(read_rows(log).columns), machine, path=str(log))
     except ValueError as error:
@@ -211,7 +211,7 @@ def run(case: Case, folder: Path) -> Ran:
             "terms": [one.term["id"] for one in found.terms],
             "fitted": {} if found.fitted is None else {name: size.value for name, size in found.fitted.sizes},
             "left": [f"{one.channel}.{one.variable}" for one in found.unexplained],
-            "cpu_s": round(time.process_time() - begun, 1)}
+            "cpu_s": round(time.process_time() - started, 1)}
     taken = adoptable_of(found, [one.id for one in found.causes if not undecided(one)])     # as `diagnose --adopt` does
     there = bool(taken.found.causes or adoptable_terms(found) or found.fitted)
     said |= {"taken": [one.id for one in taken.found.causes], "refused": [name for name, _ in taken.refused]}

@@ -110,7 +110,7 @@ def killed(folder: Path, count: int, checks: Checks) -> None:
     checks.that(len(records_in(out)) == count and not [each for each in records_in(out) if "error" in each],
                 f"a worker killed after {one.killed} logs: {len(records_in(out))} of {count} logs, "
                 f"{sum('error' in each for each in records_in(out))} broken")
-    out = _fresh(folder, "begun")
+    out = _fresh(folder, "started")
     first = ran(logs, out, "--workers", "2", kill_all_after=count // 3)
     kept = {path.name: path.stat().st_mtime_ns for path in done_in(out)}
     again = ran(logs, out, "--workers", "2")

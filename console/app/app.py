@@ -63,7 +63,7 @@ NOTICE_S = 4.0
 STROKE_S = 0.35                # between two strokes of the bell: closer ones are one on some terminals
 FIRST_S = 0.02                 # how often the first frame is looked for
 SEEN_S = 0.5                   # after the first frame: its picture is drawn, and the other pages are made ready, ...
-BESIDE_S = 0.05                # ... so far apart that keys come between them
+BREATHER_S = 0.05                # ... so far apart that keys come between them
 LATE_MODULES = ("rich.traceback", "textual.scrollbar", "textual.system_commands")      # Textual's, once it needs them
 _HERE = Path(__file__).parent
 T = TypeVar("T")
@@ -286,7 +286,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         for where in self.pages:
             await asyncio.to_thread(self.pages.read, where)
             self.pages[where]
-            await asyncio.sleep(BESIDE_S)
+            await asyncio.sleep(BREATHER_S)
         for module in LATE_MODULES:
             await asyncio.to_thread(import_module, module)
         quick_start.done()

@@ -33,16 +33,16 @@ def remaining_work(frame: Frame | None, picture: FieldPicture | None) -> Remaini
     planned = picture.planned
     field_ha = picture.area_ha
     left_ha = None if field_ha is None else max(0.0, field_ha - frame.area_ha)
-    begun = frame.area_ha > 1.0 / M2_PER_HA
+    worked = frame.area_ha > 1.0 / M2_PER_HA
     left_kg = None
     if planned is not None:
         left_kg = max(0.0, planned.mass_kg - frame.applied_kg)
-    elif left_ha is not None and begun:
+    elif left_ha is not None and worked:
         left_kg = left_ha * (frame.mean_rate_kg_ha or 0.0)
     way_m = None if left_ha is None else left_ha * M2_PER_HA / picture.width_m
     worked_s = frame.totals.worked_s if frame.totals is not None else 0.0
     time_s = None
-    if left_ha is not None and begun and worked_s >= LEAST_WORKED_S:
+    if left_ha is not None and worked and worked_s >= LEAST_WORKED_S:
         held_s = frame.tally.held_s if frame.tally is not None else 0.0
         time_s = left_ha * (worked_s + held_s) / frame.area_ha
     return RemainingWork(left_ha, left_kg, way_m, time_s)

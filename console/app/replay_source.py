@@ -104,7 +104,7 @@ class ReplaySource:
         self.speed = max(SLOWEST, min(FASTEST, speed))
 
     def change_speed(self, steps: int) -> None:
-        """Up or down the ladder 0.1, 0.2, 0.5, 1, 2, 5, ... 1000."""
+        """Up or down the speeds 0.1, 0.2, 0.5, 1, 2, 5, ... 1000."""
         at = max(0, bisect_right(SPEEDS, self.speed) - 1)
         self.set_speed(SPEEDS[max(0, min(len(SPEEDS) - 1, at + steps))])
 

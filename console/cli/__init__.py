@@ -60,7 +60,7 @@ def _with(commands: Mapping[str, str], to: typer.Typer, of: str = "") -> typer.T
     return to
 
 
-def _begun() -> typer.Typer:
+def _started() -> typer.Typer:
     app = _app()
     app.callback(invoke_without_command=True)(console)
     return app
@@ -69,7 +69,7 @@ def _begun() -> typer.Typer:
 @cache
 def whole() -> typer.Typer:
     """The app with every command; `console.cli.app` is the same."""
-    app = _with(COMMANDS, _begun())
+    app = _with(COMMANDS, _started())
     calibrations = typer.Typer(rich_markup_mode=None,
                                help="Fit flow or lag to a bench table, or wheel or heads to a run log.")
     app.add_typer(_with(CALIBRATIONS, calibrations, "calibrate"), name="calibrate", no_args_is_help=True)
@@ -89,7 +89,7 @@ def asked(words: Sequence[str], environment: Mapping[str, str]) -> typer.Typer:
     name = words[0] if words else "run"
     if name not in COMMANDS or any(key.endswith("_COMPLETE") for key in environment):
         return whole()
-    return _with({name: COMMANDS[name]}, _begun())
+    return _with({name: COMMANDS[name]}, _started())
 
 
 def main() -> None:

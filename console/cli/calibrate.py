@@ -52,7 +52,7 @@ def catch(
     from control.calibration.flow_fit import fit_flow
     from drivers.files.bench_table import read_bench_table
     _table(data, out, "calibrate catch")
-    loaded = _begun(data, out, machine, force)
+    loaded = _started(data, out, machine, force)
     day = _day(date)
     fitted, flow = fit_flow(read_bench_table(data, What.CATCH.value), loaded, date=day.isoformat())
     _tell_flow(flow, loaded)
@@ -120,7 +120,7 @@ def lag(
     from control.calibration.tube_fit import settle_tube
     from drivers.files.bench_table import read_bench_table
     _table(data, out, "calibrate lag")
-    fitted, day = _begun(data, out, machine, force), _day(date).isoformat()
+    fitted, day = _started(data, out, machine, force), _day(date).isoformat()
     table = read_bench_table(data, What.LAG.value)
     running = table.running()
     if not running.all():
@@ -138,7 +138,7 @@ def wheel(data: Log, *, out: Out, machine: From = "huanghai", date: Date = None,
           force: Force = False) -> None:
     """Fit the wheel's circumference to GNSS distances of a run log."""
     _log(data, out, "calibrate wheel")
-    loaded = _begun(data, out, machine, force)
+    loaded = _started(data, out, machine, force)
     _save(_from_log(What.WHEEL, data, loaded, _day(date).isoformat()), data, out)
 
 
@@ -146,7 +146,7 @@ def heads(data: Log, *, out: Out, machine: From = "huanghai", date: Date = None,
           force: Force = False) -> None:
     """Fit each canopy head against the others over a run log."""
     _log(data, out, "calibrate heads")
-    loaded = _begun(data, out, machine, force)
+    loaded = _started(data, out, machine, force)
     _save(_from_log(What.HEADS, data, loaded, _day(date).isoformat()), data, out)
 
 
@@ -169,7 +169,7 @@ def _refuse(reads: Iterable[Path], out: Path, machine: str, force: bool) -> None
     refuse_collisions((*reads, named(machine, MACHINE.folder)), [Output((out,))], force)
 
 
-def _begun(data: Path, out: Path, machine: str, force: bool) -> Machine:
+def _started(data: Path, out: Path, machine: str, force: bool) -> Machine:
     from drivers.files.config import load
     from drivers.files.kinds import MACHINE
     _refuse(log_files(data), out, machine, force)

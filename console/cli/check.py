@@ -140,7 +140,7 @@ def _map_of(loaded: Any) -> list[str]:
     from drivers.files.prescriptions.words import PrescriptionError
     folder = loaded.path.parent
     try:
-        crop = load(loaded.model.crop, CROP, beside=folder).model
+        crop = load(loaded.model.crop, CROP, base=folder).model
         print_map_notes(check_of_job(loaded.model, crop.max_rate_kg_ha, folder), str(loaded.path))
         plants_of_job(loaded.model, folder)
     except ConfigError as error:
@@ -184,7 +184,7 @@ def _heads_of(job: Any, cabs: list[Any]) -> list[str]:
     from drivers.files.kinds import CROP
     from drivers.files.setup import index_disagreements
     try:
-        crop = load(job.model.crop, CROP, beside=job.path.parent).model
+        crop = load(job.model.crop, CROP, base=job.path.parent).model
     except ConfigError:                     # reported with the job
         return []
     return [line for cab in cabs or [None] for line in index_disagreements(cab, crop, job.model)]

@@ -21,13 +21,13 @@ def measure_drop(rig: str, out: Path, runs: int) -> None:
     from drivers.devices.drop_test import DropTest, drop_table
     from drivers.files.atomic import write_atomically
     cab = Cab(CabConfig.model_validate({"lag_rig": {"port": rig}}), time.monotonic)
-    test, begun_s, phase, kept = DropTest(), time.monotonic(), "", 0
+    test, started_s, phase, kept = DropTest(), time.monotonic(), "", 0
     typer.echo("no board: this program turns nothing; only drop times are measured (Ctrl-C ends)")
     try:
         while len(test.runs) < runs:
             now_s = time.monotonic()
             cab.measure(now_s)
-            if cab.rig is None and now_s - begun_s > HEARD_WITHIN_S:
+            if cab.rig is None and now_s - started_s > HEARD_WITHIN_S:
                 state = cab.status(now_s)[0]
                 raise CommandError(f"lag test: lag_rig at {rig} is silent: {state.last_error or 'no byte'}")
             wish = test.tick(now_s, cab.rig)

@@ -116,10 +116,10 @@ class Attended:
         self._confirmed_s = -1.0
         self._refused_since_s: float | None = None
         self._refusal = ""
-        self._opened = self._begun = self._was_down = False
+        self._opened = self._started = self._was_down = False
         self._said = ""
         self._shown_s = -1.0
-        self._runs_begun_s: float | None = None
+        self._runs_started_s: float | None = None
 
     def between(self, seconds: float) -> None:
         """The host's pause between two ticks."""
@@ -149,10 +149,10 @@ class Attended:
 
     def _go_on(self, frame: Frame, now_s: float) -> None:
         view = frame.lag_test
-        if not self._begun:
+        if not self._started:
             answer = self.host.lag.begin(self._out, self._plan)
-            self._begun = answer.accepted
-            if not self._begun:
+            self._started = answer.accepted
+            if not self._started:
                 self._give_up(answer_words(answer.why))
         if view is None:
             return
@@ -199,11 +199,11 @@ class Attended:
         if now_s - self._shown_s < 0.2 or not sys.stderr.isatty():
             return
         self._shown_s = now_s
-        if self._runs_begun_s is None and frame.row.state == State.CALIBRATING:
-            self._runs_begun_s = now_s
+        if self._runs_started_s is None and frame.row.state == State.CALIBRATING:
+            self._runs_started_s = now_s
         left = ""
-        if view.progress and self._runs_begun_s is not None:
-            left_s = (now_s - self._runs_begun_s) * (1.0 - view.progress) / view.progress
+        if view.progress and self._runs_started_s is not None:
+            left_s = (now_s - self._runs_started_s) * (1.0 - view.progress) / view.progress
             left = f", about {left_s / 60.0:.0f} min left"
         what = (f"{view.shaft_rpm:g} r/min, repeat {view.replicate}, {view.phase}"
                 if frame.row.state == State.CALIBRATING else self._refusal or "hold the space bar down")

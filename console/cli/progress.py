@@ -17,7 +17,7 @@ def progress(items: Iterable[T], count: int, label: str, clock: Callable[[], flo
     if not line.shown:
         yield from items
         return
-    begun_s = said_s = clock()
+    started_s = said_s = clock()
     line.tell(f"{label} 0 % (Ctrl-C cancels)")
     try:
         for number, item in enumerate(items, start=1):
@@ -25,7 +25,7 @@ def progress(items: Iterable[T], count: int, label: str, clock: Callable[[], flo
             now_s = clock()
             if now_s - said_s >= EVERY_S:
                 said_s = now_s
-                left_s = (now_s - begun_s) * max(0, count - number) / number
+                left_s = (now_s - started_s) * max(0, count - number) / number
                 line.tell(f"{label} {100 * number // max(1, count)} %, {left_s:.0f} s left (Ctrl-C cancels)")
     finally:
         line.end()

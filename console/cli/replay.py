@@ -54,12 +54,12 @@ def _again(recorded: RunLog, out: Path, setup: Setup) -> None:
     from drivers.files.run_meta import run_meta
     for finding in recorded.findings:
         typer.echo(f"note: {finding}", err=True)
-    begun = time.perf_counter()
+    started = time.perf_counter()
     meta = run_meta(setup.machine, setup.crop, setup.job, sha256=setup.sha256,
                     extra={"replay_of": str(recorded.path), "job_folder": str(setup.folder)})
     with whole_log(out, meta) as new:
         for tick in progress(rerun(recorded, setup), len(recorded), "replaying"):
             new.append(tick.row)
-    took = time.perf_counter() - begun
+    took = time.perf_counter() - started
     typer.echo(f"{len(recorded)} rows, {recorded.duration_s:.0f} s replayed in {took:.1f} s "
                f"({recorded.duration_s / max(took, 1e-9):.0f} times real time): {out}")

@@ -40,7 +40,7 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
         if has_terminal():
             running = find_running()
             if running is None and not launcher.may_go_on():
-                coming = _begun(launcher.start)
+                coming = _started(launcher.start)
         joined = None if running is None else _join(launcher, running)
         setup, found = _setup(config, coming) if joined is None else _setup_of_running(launcher.config, config)
         need_terminal("topdress run", "topdress simulate runs the loop, topdress serve shows the console in a browser")
@@ -67,7 +67,7 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
     if running is not None:
         source = Link(running, name)
     elif coming is not None or job.offer() is None:           # else the console asks whether to go on with it
-        source = ComingLink(coming or _begun(launcher.start), name)
+        source = ComingLink(coming or _started(launcher.start), name)
     tour = not config and first_time()
     app = TopdressApp(source, start=launcher.link, attach=attach, limits_kg_ha=(0.0, setup.crop.max_rate_kg_ha),
                       hopper_kg=setup.machine.flow.full_kg, tour=tour, joined=joined,
@@ -111,7 +111,7 @@ def _setup_of_running(theirs: tuple[str, ...], ours: tuple[str, ...]) -> tuple[S
     raise AssertionError("the last of them is tried or raised")
 
 
-def _begun(start: Callable[[], Where]) -> Future[Where]:
+def _started(start: Callable[[], Where]) -> Future[Where]:
     """The worker comes up, a process of its own, while this one imports the console: each takes about as long."""
     thread = ThreadPoolExecutor(max_workers=1)
     coming = thread.submit(start)

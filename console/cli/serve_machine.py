@@ -68,12 +68,12 @@ def serve_machine(
     for address in served.addresses:
         typer.echo(f"{address.device:12} {address.protocol:16} {address.url}")
     typer.echo("serving; Ctrl+C ends it")
-    begun_s = time.monotonic()
+    started_s = time.monotonic()
     signal.signal(signal.SIGTERM, signal.default_int_handler)       # a polite end: names of terminals are taken away
     try:
-        while not seconds or time.monotonic() - begun_s < seconds:
+        while not seconds or time.monotonic() - started_s < seconds:
             for change in served.advance():
-                typer.echo(f"{time.monotonic() - begun_s:7.1f} s  {change}")
+                typer.echo(f"{time.monotonic() - started_s:7.1f} s  {change}")
             time.sleep(PLANT_STEP_S / 4.0)
     except KeyboardInterrupt:
         pass

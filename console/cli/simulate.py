@@ -143,7 +143,7 @@ def _run(setup: Setup, true: Machine, job: Job, *, seed: int, planted: list[Plan
     alarms: dict[str, int] = {}
     heads: list[tuple[float, ...]] = []
     seldom()
-    begun = time.perf_counter()
+    started = time.perf_counter()
     steps = simulated_run(plant, loop, seconds, doses=doses)
     for step in progress(steps, round(seconds / DT_S), "simulating"):
         record.add(step)
@@ -155,7 +155,7 @@ def _run(setup: Setup, true: Machine, job: Job, *, seed: int, planted: list[Plan
                 alarms[name] = alarms.get(name, 0) + 1
         if log is not None:
             log.append(step.tick.row)
-    return _Ran(record, heads, alarms, doses, loop.threshold, time.perf_counter() - begun)
+    return _Ran(record, heads, alarms, doses, loop.threshold, time.perf_counter() - started)
 
 
 def _switch(option: str, text: str) -> bool:

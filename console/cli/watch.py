@@ -28,7 +28,7 @@ def watch(
     if log.exists() or to_end:
         refuse_other([log], LOG)
         refuse_bench_table(log, "watch")
-    _begun(log, to_end)
+    _started(log, to_end)
     lower_priority()
     begin, looks, last = time.monotonic(), 0, None
 
@@ -50,7 +50,7 @@ def watch(
     typer.echo(f"{looks} looks; {used_s:.0f} s of processor in {took_s:.0f} s", err=True)
 
 
-def _begun(log: Path, to_end: bool) -> None:
+def _started(log: Path, to_end: bool) -> None:
     from console.cli.plain_errors import CommandError
     if not to_end:
         typer.echo(f"{log}: {'watched' if log.exists() else 'waited for'}; a line comes when the machine departs from "

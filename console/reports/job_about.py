@@ -74,7 +74,7 @@ def happened(log: RunLog) -> Happened:
     spans: list[Span] = []
     refills: list[tuple[float, float]] = []
     working: list[tuple[float, float]] = []
-    begun: float | None = None
+    started: float | None = None
     growth = ""
     last_s = 0.0
     for row in log.rows():
@@ -91,14 +91,14 @@ def happened(log: RunLog) -> Happened:
             elif word == "growth_stage_outside":
                 growth = value
         if row.state == "working":
-            begun = row.time_s if begun is None else begun
-        elif begun is not None:
-            working.append((begun, row.time_s))
-            begun = None
+            started = row.time_s if started is None else started
+        elif started is not None:
+            working.append((started, row.time_s))
+            started = None
         last_s = row.time_s
     spans += [Span(name, since, last_s) for name, since in stands.items()]
-    if begun is not None:
-        working.append((begun, last_s))
+    if started is not None:
+        working.append((started, last_s))
     return Happened(tuple(spans), tuple(refills), tuple(working), growth)
 
 

@@ -47,8 +47,8 @@ def job_page(applied: AsApplied, software: str, about: About = NOBODY) -> str:
         *(() if applied.one_rate is None else (("one rate across the width", escape(across_words(applied.one_rate))),)),
         ("working time", escape(span_of(t.worked_s))),
         ("machine", escape(f"{applied.machine.title or applied.machine.id}, {applied.width_m:g} m"))])
-    begun = applied.utc(float(applied.stretches.time_s[0]))
-    when = "" if begun is None else f", {begun:%Y-%m-%d %H:%M} UTC"
+    started = applied.utc(float(applied.stretches.time_s[0]))
+    when = "" if started is None else f", {started:%Y-%m-%d %H:%M} UTC"
     return page(applied.title, STYLE, (
             f'<h1>{escape(applied.title + when)}</h1>{simulated_band(about)}'
             f'<p class="verdict">{escape(said)}</p>\n{named(about, about.who.product or applied.product.name)}\n'

@@ -21,7 +21,7 @@ def at_work(log_path: str) -> AtWork | None:
 def earlier(log_path: str) -> Earlier | None:
     """None where there is no snapshot, or none that can be read."""
     try:
-        kept = resume.read(resume.beside(log_path))
+        kept = resume.read(resume.snapshot_path(log_path))
     except (OSError, ValueError):
         return None
     return Earlier(kept.alarms, kept.track)

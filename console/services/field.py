@@ -52,26 +52,26 @@ def field_picture(frame: Frame) -> FieldPicture | None:
         raise ValueError(" ".join(str(error).split())) from None
 
 
-def plane_of_map(meta: RunMeta, beside: Path) -> TangentPlane | None:
+def plane_of_map(meta: RunMeta, log_folder: Path) -> TangentPlane | None:
     """The plane on which the loop of a log worked, where it was its map's: a job without an outline, with a map that
-    can still be read; beside: the log's folder."""
+    can still be read; log_folder: the log's folder."""
     from drivers.files.kinds import JOB
     from drivers.files.prescriptions.for_job import map_of_job
     try:
         job = JOB.model.model_validate(dict(meta.job or {}))
-        profile = None if job.field.boundary_m else map_of_job(job, _folder(meta, job, beside))
+        profile = None if job.field.boundary_m else map_of_job(job, _folder(meta, job, log_folder))
     except (ValueError, OSError):
         return None
     return None if profile is None else profile.plane
 
 
-def plane_of_job(meta: RunMeta, beside: Path) -> TangentPlane | None:
+def plane_of_job(meta: RunMeta, log_folder: Path) -> TangentPlane | None:
     """The plane on which the loop of a log worked: its field's, else its map's; None: that of the first fix."""
     from control.field.job import Ground
     from control.geodesy import TangentPlane
     field = dict((meta.job or {}).get("field") or {})
     if not field.get("boundary_m"):
-        return plane_of_map(meta, beside)
+        return plane_of_map(meta, log_folder)
     ground = Ground.model_validate(field)
     return TangentPlane(ground.origin_lat_deg, ground.origin_lon_deg)
 
@@ -90,12 +90,12 @@ def picture_of(job: Job, folder: Path, width_m: float) -> FieldPicture:
     return FieldPicture(job.field.title or job.title or job.id, rings, area_ha, width_m, planned)
 
 
-def _folder(meta: RunMeta, job: Job, beside: Path) -> Path:
+def _folder(meta: RunMeta, job: Job, log_folder: Path) -> Path:
     """Next to the log where the job's files lie there, else next to the job file of the run."""
     names = job.named_files
     written = meta.extra.get("job_folder")
-    if not isinstance(written, str) or (names and all((beside / name).exists() for name in names)):
-        return beside
+    if not isinstance(written, str) or (names and all((log_folder / name).exists() for name in names)):
+        return log_folder
     return Path(written)
 
 

@@ -404,9 +404,9 @@ def _mark(path: str, asked: Asked) -> str:
             state = system.ukey(name)
         else:
             status = Path(path).stat()
-            beside = (Path(path).with_suffix(".yaml"), import_file(Path(path)))
+            side_files = (Path(path).with_suffix(".yaml"), import_file(Path(path)))
             state = " ".join(map(str, (status.st_size, status.st_mtime_ns, *(
-                one.stat().st_mtime_ns if one is not None and one.is_file() else 0 for one in beside))))
+                one.stat().st_mtime_ns if one is not None and one.is_file() else 0 for one in side_files))))
     except (OSError, NotImplementedError):
         return ""
     return f"{state} {asked.salt} {json.dumps(asked.of(path), sort_keys=True)}"

@@ -159,14 +159,14 @@ def local(where: str, options: Options) -> Iterator[Path]:
         place = Path(folder) / path.rstrip("/").split("/")[-1]
         system.get_file(path, str(place))
         for ending in (".yaml", OWN):
-            if system.exists(beside := beside_url(path, ending)):
-                system.get_file(beside, str(place.with_suffix(ending)))
-        if system.exists(beside := f"{path.rpartition('/')[0]}/{OF_FOLDER}"):
-            system.get_file(beside, str(place.with_name(OF_FOLDER)))
+            if system.exists(side_file := sidecar_url(path, ending)):
+                system.get_file(side_file, str(place.with_suffix(ending)))
+        if system.exists(side_file := f"{path.rpartition('/')[0]}/{OF_FOLDER}"):
+            system.get_file(side_file, str(place.with_name(OF_FOLDER)))
         yield place
 
 
-def beside_url(path: str, ending: str = ".yaml") -> str:
+def sidecar_url(path: str, ending: str = ".yaml") -> str:
     """Where a log's sidecar is. Of http a path is the whole URL: as a file's path it would lose a stroke."""
     folder, stroke, name = path.rpartition("/")
     return f"{folder}{stroke}{name.rpartition('.')[0] or name}{ending}"

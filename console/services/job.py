@@ -72,7 +72,7 @@ class JobFiles:
             found = self._found()
             setup = setup_of(found, dt.date.today())
             job_path, machine_path = _path_of(found, JOB.format, "demo"), _path_of(found, MACHINE.format, "huanghai")
-            crop = load(setup.job.crop, CROP, beside=setup.folder)
+            crop = load(setup.job.crop, CROP, base=setup.folder)
         except ConfigError as error:
             raise ValueError(error.lines[0]) from None
         job, machine = setup.job, setup.machine
@@ -295,12 +295,12 @@ class JobFiles:
         found = self._found()
         path = _path_of(found, JOB.format, "demo")
         job = load(path, JOB).model
-        beside = path.parent
-        crop = _from(beside, job.crop)
-        product_file = None if job.product_file is None else _from(beside, job.product_file)
+        folder = path.parent
+        crop = _from(folder, job.crop)
+        product_file = None if job.product_file is None else _from(folder, job.product_file)
         name = f"{job.id.split('-')[0]}-{dt.datetime.now():%Y%m%d-%H%M%S}"
         new = job.model_copy(update={"crop": crop, "product_file": product_file, "id": name} | changes).with_files(
-            lambda named: str((beside / named).resolve()))
+            lambda named: str((folder / named).resolve()))
         place = self._folder / "jobs" / f"{name}.yaml"
         try:
             place.parent.mkdir(parents=True, exist_ok=True)
@@ -402,7 +402,7 @@ class JobFiles:
         """The logs of the job, oldest first."""
         log = Path(log_path)
         try:
-            before = resume.read(resume.beside(log)).logs_before
+            before = resume.read(resume.snapshot_path(log)).logs_before
         except (OSError, ValueError):
             before = ()
         return (*(path for path in map(Path, before) if path.exists()), log)
@@ -498,9 +498,9 @@ def _product_path(setup: Setup) -> str:
     return "" if found is None else str(found.path)
 
 
-def _from(beside: Path, name: str) -> str:
+def _from(folder: Path, name: str) -> str:
     """A file that a job names, as it is named from elsewhere; a shipped one by its name."""
-    return str((beside / name).resolve()) if _is_path(name) else name
+    return str((folder / name).resolve()) if _is_path(name) else name
 
 
 def _is_path(name: str) -> bool:

@@ -12,7 +12,7 @@ from drivers.files.run_meta import meta_from_yaml
 ENDING = ".lines.jsonl"
 
 
-def beside(log_path: str | Path) -> Path:
+def lines_path(log_path: str | Path) -> Path:
     return Path(log_path).with_suffix(ENDING)
 
 
@@ -23,11 +23,11 @@ class KeptLineFiles:
         self._files = SideFiles()
 
     def append(self, log_path: str, record: str) -> None:
-        self._files.append(beside(log_path), record.encode() + b"\n")
+        self._files.append(lines_path(log_path), record.encode() + b"\n")
 
     def read(self, log_path: str) -> KeptLines:
         """Of the job's parts before a power cut too: what was said last holds."""
-        texts = [(log, _text(beside(log))) for log in (*_parts_before(log_path), Path(log_path))]
+        texts = [(log, _text(lines_path(log))) for log in (*_parts_before(log_path), Path(log_path))]
         kept = kept_lines(record for _log, text in texts for record in text.splitlines())
         if not kept.changed:
             kept = _of_the_field(kept, Path(log_path))
@@ -98,7 +98,7 @@ def _text(path: Path) -> str:
 
 def _parts_before(log_path: str) -> tuple[Path, ...]:
     try:
-        return tuple(map(Path, resume.read(resume.beside(log_path)).logs_before))
+        return tuple(map(Path, resume.read(resume.snapshot_path(log_path)).logs_before))
     except (OSError, ValueError):
         return ()
 

@@ -70,10 +70,10 @@ def _folder(recorded: RunLog, job: Job) -> Path:
     """Where the map and the plants of a recorded job are looked for: next to the log if they lie there, else next to
     the job file of the run."""
     names = job.named_files
-    beside_log = recorded.path.parent
+    log_folder = recorded.path.parent
     written = recorded.meta.extra.get("job_folder") if recorded.meta is not None else None
-    if not isinstance(written, str) or all((beside_log / name).exists() for name in names):
-        return beside_log
+    if not isinstance(written, str) or all((log_folder / name).exists() for name in names):
+        return log_folder
     return Path(written)
 
 

@@ -10,8 +10,8 @@ import platformdirs
 from console.worker.options import Options
 from console.worker.parts import Assembly, Bench, Names
 from console.worker.program import Clock
-from console.worker.resume import beside
-from console.worker.resume_assemble import before_of, begun, go_on, job_to_go_on
+from console.worker.resume import snapshot_path
+from console.worker.resume_assemble import before_of, go_on, job_to_go_on, started
 from console.worker.resume_keeper import Keeper
 from console.worker.simulated_bench import SimulatedBench
 from control.field.job import Job, rule_of
@@ -75,10 +75,10 @@ def assemble(options: Options, clock: Clock) -> Assembly:
     writer = RunLogWriter(_log_path(options.log), meta)
     names = Names(job.title or job.id, machine.title or machine.id, setup.crop.name,
                   str(writer.path), simulated)
-    keeper = Keeper(beside(writer.path), machine,
-                    begun(options, writer.path, (names.job, names.machine, names.crop), simulated, now_utc, before),
+    keeper = Keeper(snapshot_path(writer.path), machine,
+                    started(options, writer.path, (names.job, names.machine, names.crop), simulated, now_utc, before),
                     loop, lambda: _utc_now().isoformat(timespec="milliseconds"))
-    writer.beside = keeper.work
+    writer.after_writing = keeper.work
     return Assembly(bench, loop, writer, names, keeper)
 
 

@@ -27,7 +27,7 @@ class DeviceService:
         self._bench, self._files, self._opener = bench, files, opener
         self._stem = Path(log_path).with_suffix("") if log_path else None
         self._captures: dict[str, _Capture] = {}
-        self._begun = 0
+        self._started = 0
         self._tests: dict[str, _Test] = {}
 
     def order(self, order: DeviceOrder, now_s: float, state: str | None) -> Answer:
@@ -71,8 +71,8 @@ class DeviceService:
         if self._stem is None:
             return Answer(False, "no_log")
         if line.name not in self._captures:
-            self._begun += 1
-            path = self._stem.with_name(f"{self._stem.name}.{line.name}.{self._begun}.capture")
+            self._started += 1
+            path = self._stem.with_name(f"{self._stem.name}.{line.name}.{self._started}.capture")
             self._captures[line.name] = _Capture(line, path, self._files)
         return Answer(True)
 

@@ -151,8 +151,8 @@ class Host:
             measurements = measurements._replace(control_failed=True)
         while self._notes:
             self._loop.note(self._notes.popleft())
-        for beside in (self._device_service.tick, self.lag.tick):
-            self._guarded(lambda beside=beside: beside(now_s, self._state))      # type: ignore[misc]
+        for service in (self._device_service.tick, self.lag.tick):
+            self._guarded(lambda service=service: service(now_s, self._state))      # type: ignore[misc]
         tick = self._loop.tick(measurements, now_s - self._heard_s, self._writer.ok)
         self._bench.command(now_s, tick.command, tick.enabled)
         self._state, self._failed = tick.row.state, ""

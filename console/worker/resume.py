@@ -84,7 +84,7 @@ def without_last(refills: tuple[Refill, ...], kg: float) -> tuple[Refill, ...]:
     return refills
 
 
-def beside(log: str | Path) -> Path:
+def snapshot_path(log: str | Path) -> Path:
     """Where the snapshot of a log stands."""
     return Path(log).with_suffix(ENDING)
 

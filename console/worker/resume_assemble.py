@@ -52,7 +52,7 @@ def go_on(loop: ControlLoop, before: Snapshot) -> None:
     loop.go_on(before.sums, before.flow_trim, before.ground, plane, before.after_cut_kg)
 
 
-def begun(options: Options, log: Path, names: tuple[str, str, str], simulated: bool, now_utc: str,
+def started(options: Options, log: Path, names: tuple[str, str, str], simulated: bool, now_utc: str,
           before: Snapshot | None) -> Snapshot:
     """The snapshot that a run begins with. names: of job, machine, crop."""
     job, machine, crop = names

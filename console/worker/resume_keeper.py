@@ -63,20 +63,20 @@ class _Handed(NamedTuple):
 class Keeper:
     """`take` on the loop's thread, `work` on the log writer's. `tally` is for the frames."""
 
-    def __init__(self, path: Path, machine: Machine, begun: Snapshot, loop: LoopView,
+    def __init__(self, path: Path, machine: Machine, started: Snapshot, loop: LoopView,
                  utc_now: Callable[[], str]) -> None:
-        """begun: what is known of the job already; of an earlier part all that it had done."""
+        """started: what is known of the job already; of an earlier part all that it had done."""
         self._path, self._loop, self._utc_now = path, loop, utc_now
         self._handed: SimpleQueue[_Handed] = SimpleQueue()
         self._taken_s = -inf
         self._quit = False
-        self._snapshot = begun
-        self._done = Done(machine, begun.ground, begun.track)
-        self._book = AlarmBook(begun.alarms)
+        self._snapshot = started
+        self._done = Done(machine, started.ground, started.track)
+        self._book = AlarmBook(started.alarms)
         self._last: LogRow | None = None
         self._saved_s = -inf
         self._saved = False
-        self._scale = _AfterCut(begun.after_cut_kg, begun.cut_hopper_kg)
+        self._scale = _AfterCut(started.after_cut_kg, started.cut_hopper_kg)
         self.trouble = ""
         self.tally = self._tally()
 
@@ -195,17 +195,17 @@ class _AfterCut:
         self.model_kg = model_kg if model_kg > 0.0 else None
         self.scale_kg: float | None = None
         self._before_kg = before_kg if model_kg > 0.0 else None
-        self._begun_s: float | None = None
+        self._started_s: float | None = None
         self._settled: list[float] = []
 
     def look(self, row: LogRow) -> None:
         if self._before_kg is None:
             return
         if row.hopper_kg is not None and not row.shaft_rpm_cmd:
-            self._begun_s = row.time_s if self._begun_s is None else self._begun_s
+            self._started_s = row.time_s if self._started_s is None else self._started_s
             self._settled.append(row.hopper_kg)
         over = row.shaft_rpm_cmd or "refill" in (row.events or "") or (
-            self._begun_s is not None and row.time_s - self._begun_s >= SCALE_S)
+            self._started_s is not None and row.time_s - self._started_s >= SCALE_S)
         if not over:
             return
         if self._settled:

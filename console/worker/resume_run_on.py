@@ -33,8 +33,8 @@ def run_on(machine: Machine, shaft_rpm: float, stops_s: float) -> Iterator[After
     shaft, time_s, share, stood_s = shaft_start(shaft_rpm), 0.0, 1.0, None
     supply_v = machine.shaft.nominal_supply_v
     while time_s < LONGEST_S:
-        told_rpm = shaft_rpm if time_s < UNLOGGED_S + stops_s else 0.0
-        shaft, turned = shaft_step(machine.shaft, shaft, ShaftInput(told_rpm, 0.0, supply_v), STEP_S)
+        commanded_rpm = shaft_rpm if time_s < UNLOGGED_S + stops_s else 0.0
+        shaft, turned = shaft_step(machine.shaft, shaft, ShaftInput(commanded_rpm, 0.0, supply_v), STEP_S)
         time_s += STEP_S
         share = min(1.0, max(0.0, turned.rpm / shaft_rpm))
         if share < STILL:

@@ -105,7 +105,7 @@ class ControlLoop:
         self._refused_s: float | None = None            # epoch of the last GNSS place that was refused
         self._time_s: float | None = None               # of the tick before
         self._standing = 0                              # ticks since the clock last went on
-        self._begun_s = 0.0
+        self._started_s = 0.0
         self._metres_left_m: float | None = None
         self._announced_s: float | None = None               # when the tractor announced what the rows have
         self._growth = growth_of(crop.growth_window, job.growth, rule.days)
@@ -228,7 +228,7 @@ class ControlLoop:
         self._note_jump(m, sensed)
         self._ahead.look(m, sensed, self._queue.fired_to_m, self._operator.choices.no_double)
         self._doses.look(m, sensed)
-        self._terms.step(m, sensed, m.time_s - self._begun_s, self._command, dt_s)
+        self._terms.step(m, sensed, m.time_s - self._started_s, self._command, dt_s)
         mps = None if sensed.speed_mps is None else sensed.quick.speed_mps
         ahead = self._forecaster.update(m.time_s, mps, sensed.quick.acceleration_mps2, dt_s,
                                         m.speed_told or self._planned_speed(m.time_s, sensed))
@@ -242,7 +242,7 @@ class ControlLoop:
             m = Measurements(m.time_s, work_switch=m.work_switch, drive_fault=m.drive_fault)
         if self._time_s is None:
             m = m if isfinite(m.time_s) else m._replace(time_s=0.0)
-            self._time_s = self._begun_s = m.time_s
+            self._time_s = self._started_s = m.time_s
             read = self._opening(m)
             self._expected.begin(self.machine.set_points.opening_mm if read is None else read.value, m.time_s)
         elif not self._time_s <= m.time_s < inf:
@@ -443,7 +443,7 @@ class ControlLoop:
         events = self._events.of_one_row()
         threshold = self.threshold if decision.by_point else None
         return Tick(
-            row=log_row(self._begun_s, moment, decision=decision, metered=metered, verdict=verdict, command=command,
+            row=log_row(self._started_s, moment, decision=decision, metered=metered, verdict=verdict, command=command,
                         choices=choices, strategy=self._setting.strategy, heads=ndvi, decided_ndvi=heads.decisions.ndvi,
                         events=events, speed_told=self._newly_announced(moment.m)),
             command=command, sensed=moment.sensed, verdict=verdict, choices=choices,
@@ -472,7 +472,7 @@ class ControlLoop:
         return announced_text(m.speed_told, m.time_s)
 
     def _conditions(self, m: Measurements) -> Conditions:
-        return Conditions(m.time_s - self._begun_s,
+        return Conditions(m.time_s - self._started_s,
                           None if m.hopper_kg is None else m.hopper_kg.value,
                           0.0 if m.pitch_deg is None else m.pitch_deg.value,
                           None if m.supply_v is None else m.supply_v.value,

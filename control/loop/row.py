@@ -11,10 +11,10 @@ HEAD_SILENT_S = HOLDS_S["ndvi_1"]
 _SILENT = (None,) * 7               # six heads and what was decided by them
 
 
-def log_row(begun_s: float, moment: Moment, *, decision: Decision, metered: Metered, verdict: Verdict,
+def log_row(started_s: float, moment: Moment, *, decision: Decision, metered: Metered, verdict: Verdict,
             command: DriveCommand, choices: Choices, strategy: Strategy, heads: tuple[float | None, ...],
             decided_ndvi: float | None, events: list[str], speed_told: str | None) -> LogRow:
-    """The row of one tick; times count from `begun_s`; heads: as `head_ndvi` has them. A GNSS place that was refused
+    """The row of one tick; times count from `started_s`; heads: as `head_ndvi` has them. A GNSS place that was refused
     is left out."""
     m, sensed, holding, now_s = moment.m, moment.sensed, decision.holding, moment.m.time_s
     total_s = decision.lag.total_s
@@ -24,7 +24,7 @@ def log_row(begun_s: float, moment: Moment, *, decision: Decision, metered: Mete
     seen = (*(*heads, *_SILENT)[:6], decided)
     ndvi, ndre = (seen, _SILENT) if m.canopy_index == "ndvi" else (_SILENT, seen)
     return LogRow(
-        time_s=now_s - begun_s, utc=fix.utc if fix else None,
+        time_s=now_s - started_s, utc=fix.utc if fix else None,
         lat_deg=placed.lat_deg if placed else None, lon_deg=placed.lon_deg if placed else None,
         fix_quality=placed.fix_quality if placed else None, satellites=fix.satellites if fix else None,
         hdop=fix.hdop if fix else None, heading_deg=fix.heading_deg if fix else None,

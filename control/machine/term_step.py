@@ -14,16 +14,16 @@ from .forms import VALUES, clipped
 
 
 class TermState(NamedTuple):
-    """What a term remembers: its variable's first-order memory, the value that has been held since, 1 once started."""
+    """What a term remembers: its variable's first-order memory, the value held since, 1 once it has had one."""
 
     slow: float = 0.0
     last: float = 0.0
-    begun: float = 0.0
+    known: float = 0.0
 
 
 def remembered(p: TermParams, s: TermState, x: float, dt_s: float) -> TermState:
     """The memory after `dt_s` in which the last value was held; it begins settled. Exact for held inputs."""
-    if s.begun == 0.0:
+    if s.known == 0.0:
         return TermState(x, x, 1.0)
     keep = exp(-dt_s / p.tau_s)
     return TermState(s.last + (s.slow - s.last) * keep, x, 1.0)

@@ -109,7 +109,7 @@ class PositionGate:
 
     def _begin_doubt(self, walk: Walk, mark: Mark) -> Judged:
         self._before_walk, self._back = walk.since, 0
-        self._again_s = min(WINDOWS_S[-1], max(AGREE_S, mark.time_s - self._watch.begun_s))
+        self._again_s = min(WINDOWS_S[-1], max(AGREE_S, mark.time_s - self._watch.started_s))
         self._watch.restart(mark)
         return Judged(False, walk.off_m, walks=True, back=walk.place)
 
@@ -118,7 +118,7 @@ class PositionGate:
         assert self._before_walk is not None
         walk = walk_between(self._before_walk, mark, GATE, timing_m)
         self._back = self._back + 1 if walk is None else 0
-        long_enough = mark.time_s - self._watch.begun_s >= self._again_s - 1e-6
+        long_enough = mark.time_s - self._watch.started_s >= self._again_s - 1e-6
         if self._watch.walked(mark, GATE, timing_m) is not None:
             self._watch.restart(mark)
         elif self._back >= AGREE_EPOCHS or long_enough:

@@ -47,8 +47,8 @@ class SpeedAhead(NamedTuple):
     acceleration_mps2: float
     announced_mps: tuple[float, ...] = ()        # the reference
     announced_way_m: tuple[float, ...] = ()      # its way from now on
-    beside_mps: float = 0.0                 # faster than the reference, now
-    beside_mps2: float = 0.0
+    faster_mps: float = 0.0                 # faster than the reference, now
+    faster_mps2: float = 0.0
     believed: float = 0.0                   # 0 to 1
     cruise_mps: float = 0.0                 # at which it works, as far as is known; 0: not yet
 
@@ -57,7 +57,7 @@ class SpeedAhead(NamedTuple):
         own = speed_ahead_mps(self.now_mps, self.acceleration_mps2, in_s, self.cruise_mps)
         if not self.announced_mps:
             return own
-        known = _at(self.announced_mps, in_s) + self.beside_mps + _more_mps(self.beside_mps2, in_s)
+        known = _at(self.announced_mps, in_s) + self.faster_mps + _more_mps(self.faster_mps2, in_s)
         return max(0.0, own + self.believed * (known - own))
 
     def way_m(self, in_s: float) -> float:
@@ -65,7 +65,7 @@ class SpeedAhead(NamedTuple):
         own = travelled_ahead_m(self.now_mps, self.acceleration_mps2, in_s, self.cruise_mps)
         if not self.announced_mps:
             return own
-        known = _at(self.announced_way_m, in_s) + self.beside_mps * in_s + _more_m(self.beside_mps2, in_s)
+        known = _at(self.announced_way_m, in_s) + self.faster_mps * in_s + _more_m(self.faster_mps2, in_s)
         return max(0.0, own + self.believed * (known - own))
 
 
@@ -92,7 +92,7 @@ class Forecaster:
 
     def _forget(self) -> None:
         self._cruise_mps = 0.0
-        self._own, self._beside = _Quieted(), _Quieted()
+        self._own, self._faster = _Quieted(), _Quieted()
         self._reference_mps: float | None = None
         self._reference = Moving()              # as the filter `quick` would see it
         self._waiting: deque[tuple[float, float, float]] = deque()      # time, reference's forecast, own forecast
@@ -118,10 +118,10 @@ class Forecaster:
             return SpeedAhead(*own, cruise_mps=self._cruise_mps)
         self._judge(now_s, speed_mps)
         self._drive_reference(announced, now_s, speed_mps, dt_s)
-        beside = self._beside.update(Moving(speed_mps - self._reference.speed_mps,
+        faster = self._faster.update(Moving(speed_mps - self._reference.speed_mps,
                                             acceleration_mps2 - self._reference.acceleration_mps2), dt_s)
         table, way = _driven(announced, now_s - announced.time_s, self._reference_mps or 0.0)
-        ahead = SpeedAhead(*own, table, way, *beside, self.believed, self._cruise_mps)
+        ahead = SpeedAhead(*own, table, way, *faster, self.believed, self._cruise_mps)
         if speed_mps >= STANDS_MPS and (not self._waiting or now_s + JUDGED_S - self._waiting[-1][0] >= JUDGED_EVERY_S):
             self._waiting.append((now_s + JUDGED_S, ahead._replace(believed=1.0).mps(JUDGED_S),
                                   ahead._replace(believed=0.0).mps(JUDGED_S)))
@@ -131,7 +131,7 @@ class Forecaster:
         """One tick on; it begins at the speed of the machine, and anew where that stands: when it sets off nobody can
         tell."""
         if self._reference_mps is None or speed_mps < STANDS_MPS:
-            self._reference_mps, self._reference, self._beside = speed_mps, Moving(speed_mps, 0.0), _Quieted()
+            self._reference_mps, self._reference, self._faster = speed_mps, Moving(speed_mps, 0.0), _Quieted()
         aim = _aimed(announced, max(0.0, now_s - announced.time_s))
         self._reference_mps = _towards(self._reference_mps, aim, announced.acceleration_mps2 * dt_s)
         if dt_s > 0.0:

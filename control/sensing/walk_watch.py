@@ -79,7 +79,7 @@ class WalkWatch:
         self._last: Mark | None = None          # of the newest epoch, taken or not
 
     @property
-    def begun_s(self) -> float:
+    def started_s(self) -> float:
         """Since when places agree; infinite before the first."""
         return self._marks[0].time_s if self._marks else inf
 

@@ -101,10 +101,10 @@ def true_landing(columns: dict[str, Array], width_m: float) -> tuple[Array, Arra
     first = {name: column[:1] for name, column in columns.items()} | {
         "time_s": columns["time_s"][:1] - step[:1],
         "driven_m": columns["driven_m"][:1] - step[:1] * columns["speed_mps"][:1]}
-    begun = {name: np.concatenate((first[name], column)) for name, column in columns.items()}
+    started = {name: np.concatenate((first[name], column)) for name, column in columns.items()}
     for name in ("flow_kg_s", "drop_s", "settled_drop_s"):
-        begun[name] = np.append(columns[name], 0.0 if name == "flow_kg_s" else columns[name][-1:])
-    land = landing(begun, width_m)
+        started[name] = np.append(columns[name], 0.0 if name == "flow_kg_s" else columns[name][-1:])
+    land = landing(started, width_m)
     return land.rate_kg_ha[1:], land.place_m[:-1]
 
 

@@ -27,7 +27,7 @@ class CanopyDecisions:
         self._heads_m = heads_m
         self._samples: list[float] = []
         self._from_m: float | None = None
-        self._begun_s = 0.0
+        self._started_s = 0.0
         self._sampled_s: float | None = None
         self._source = TargetSource.CANOPY          # of the newest sample
 
@@ -51,7 +51,7 @@ class CanopyDecisions:
         if ndvi is None:
             return
         if self._from_m is None:
-            self._from_m, self._begun_s = track_m + self._heads_m, now_s
+            self._from_m, self._started_s = track_m + self._heads_m, now_s
         if source is not self._source:
             self._samples.clear()                   # one period speaks of one of them
             self._source = source
@@ -60,7 +60,7 @@ class CanopyDecisions:
 
     def decide(self, track_m: float, now_s: float) -> bool:
         """Once a decision period has passed: a new stretch. True when the decision was made in this tick."""
-        if self._from_m is None or now_s - self._begun_s < self.period_s - 1e-6:
+        if self._from_m is None or now_s - self._started_s < self.period_s - 1e-6:
             return False
         here = track_m + self._heads_m
         if self._samples:
@@ -73,7 +73,7 @@ class CanopyDecisions:
             self.stretches.append(self._from_m, here, self.rate_kg_ha, self._source)
             self._from_m = here
         self._samples.clear()
-        self._begun_s = now_s
+        self._started_s = now_s
         return True
 
     def _rate(self, way_m: float) -> float | None:

@@ -12,7 +12,7 @@ LOOK_M = 40.0
 BEND_DEG_M = 2.0        # turning more sharply, the way ahead is taken in straight pieces along the arc
 PIECE_M = 1.5
 SAME_M = 2.0            # an edge seen this near to where its change was made is that change
-BESIDE_M = 0.2          # what holds this near by is as good: an edge driven along makes no chatter
+NEAR_BY_M = 0.2          # what holds this near by is as good: an edge driven along makes no chatter
 
 
 class MapProfile:
@@ -69,15 +69,15 @@ class MapProfile:
         if abs(turn_deg_m) < BEND_DEG_M:
             return self.prescription.ahead(start, heading_deg, LOOK_M)
         stretches: list[Ahead] = []
-        begun = 0.0
-        while begun < LOOK_M and abs(turn_deg_m) * begun < 180.0:
-            heading = heading_deg + turn_deg_m * (begun + 0.5 * PIECE_M)
+        started = 0.0
+        while started < LOOK_M and abs(turn_deg_m) * started < 180.0:
+            heading = heading_deg + turn_deg_m * (started + 0.5 * PIECE_M)
             for distance, target in self.prescription.ahead(start, heading, PIECE_M):
                 if not stretches or stretches[-1].target != target:
-                    stretches.append(Ahead(begun + distance, target))
+                    stretches.append(Ahead(started + distance, target))
             east, north = direction(heading)
             start = (start[0] + PIECE_M * east, start[1] + PIECE_M * north)
-            begun += PIECE_M
+            started += PIECE_M
         return stretches
 
     def _is_made(self, held: Target, beyond: list[Ahead], begin_m: float, place: Place, heading_deg: float) -> bool:
@@ -85,9 +85,9 @@ class MapProfile:
         on, or holds close by."""
         if len(beyond) > 1 and beyond[1].target == held and beyond[1].distance_m < begin_m + SAME_M:
             return True
-        return beyond[0].distance_m < begin_m + 2.0 * BESIDE_M and held in self.prescription.targets_at(
+        return beyond[0].distance_m < begin_m + 2.0 * NEAR_BY_M and held in self.prescription.targets_at(
             [offset(place, heading_deg, ahead, aside)
-             for ahead in (-BESIDE_M, BESIDE_M) for aside in (-BESIDE_M, BESIDE_M)])
+             for ahead in (-NEAR_BY_M, NEAR_BY_M) for aside in (-NEAR_BY_M, NEAR_BY_M)])
 
     def _put(self, seen: list[Ahead]) -> None:
         self._lost = False

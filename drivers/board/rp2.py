@@ -30,8 +30,8 @@ class Board:
     def write(self, data: bytes) -> None:
         self._uart.write(data)
 
-    def rest(self, begun_us: int, round_us: int) -> None:
+    def rest(self, started_us: int, round_us: int) -> None:
         """Wait for the end of a round."""
-        rest_us = round_us - (self.now_us() - begun_us)
+        rest_us = round_us - (self.now_us() - started_us)
         if rest_us > 0:
             time.sleep_us(rest_us)      # type: ignore[attr-defined]

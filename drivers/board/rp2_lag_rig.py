@@ -44,9 +44,9 @@ def main() -> None:
     pins = Rp2RigPins()
     rig = LagRig(pins, RigSettings())
     while True:
-        begun_us = pins.now_us()
-        rig.tick(begun_us)
-        pins.rest(begun_us, ROUND_US)
+        started_us = pins.now_us()
+        rig.tick(started_us)
+        pins.rest(started_us, ROUND_US)
 
 
 if __name__ == "__main__":

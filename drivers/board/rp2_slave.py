@@ -128,11 +128,11 @@ def main() -> None:
     slave = Slave(pins, settings)
     watchdog = machine.WDT(timeout=500)     # a program that hangs restarts; the enable line is off meanwhile
     while True:
-        begun_us = pins.now_us()
-        pins.look(begun_us)
-        slave.tick(begun_us)
+        started_us = pins.now_us()
+        pins.look(started_us)
+        slave.tick(started_us)
         watchdog.feed()
-        pins.rest(begun_us, ROUND_US)
+        pins.rest(started_us, ROUND_US)
 
 
 if __name__ == "__main__":

@@ -77,8 +77,8 @@ def probe(open_at: Callable[[int], Port], bauds: Sequence[int], clock: Clock = t
         port = open_at(baud)
         heard = b""
         try:
-            begun_s = clock()
-            while clock() - begun_s < listen_s:
+            started_s = clock()
+            while clock() - started_s < listen_s:
                 sleep(0.02)
                 heard += port.read()
                 found = recognise(heard) if heard.endswith(b"\n") else Finding()

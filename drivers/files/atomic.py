@@ -86,7 +86,7 @@ class NewFile:
     def sync(self) -> None:
         os.fsync(self._file.fileno())
         if not self.stands:
-            raise OSError("the file was deleted, or is no longer where it was begun")
+            raise OSError("the file was deleted, or is no longer where it was started")
 
     @property
     def stands(self) -> bool:

@@ -49,13 +49,13 @@ class Loaded(Generic[Model]):
 Kinds = Mapping[str, Kind[BaseModel]]
 
 
-def load(where: str | Path, kind: Kind[M], beside: Path | None = None) -> Loaded[M]:
+def load(where: str | Path, kind: Kind[M], base: Path | None = None) -> Loaded[M]:
     """Reads one file of a known kind.
 
-    `where` is a path (relative to the folder `beside`, else to the working folder) or the name of a shipped one.
+    `where` is a path (relative to the folder `base`, else to the working folder) or the name of a shipped one.
     Raises ConfigError.
     """
-    path = resolve(where, [kind.folder], beside)
+    path = resolve(where, [kind.folder], base)
     data, lines, sha256 = _read(path)
     return Loaded(_valid(data, kind, _label(path), lines), path, sha256)
 
@@ -113,12 +113,12 @@ def shipped(folder: str) -> dict[str, Path]:
     return {path.stem: path for path in sorted(place.glob("*.yaml"))}
 
 
-def resolve(where: str | Path, folders: Iterable[str], beside: Path | None = None) -> Path:
+def resolve(where: str | Path, folders: Iterable[str], base: Path | None = None) -> Path:
     """The path meant by a path or by a shipped name (no folder and no .yaml in it). Raises ConfigError."""
     text = str(where)
     if isinstance(where, Path) or "/" in text or "\\" in text or text.lower().endswith((".yaml", ".yml")):
         path = Path(where)
-        return beside / path if beside is not None else path
+        return base / path if base is not None else path
     names = {name: path for folder in folders for name, path in shipped(folder).items()}
     if text not in names and Path(text).exists():
         raise ConfigError([f"{text}: is there, but no configuration: allowed is a .yaml file (topdress map tells what "

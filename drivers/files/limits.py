@@ -94,9 +94,9 @@ def check_file(path: Path) -> None:
         _check_size(path.suffix, path.stat().st_size, str(path))
     if path.suffix.lower() == ".shp":
         for suffix in _SIDES:
-            for beside in {path.with_suffix(suffix), path.with_suffix(suffix.upper())}:
-                if beside.is_file():
-                    _check_size(suffix, beside.stat().st_size, str(beside))
+            for side_file in {path.with_suffix(suffix), path.with_suffix(suffix.upper())}:
+                if side_file.is_file():
+                    _check_size(suffix, side_file.stat().st_size, str(side_file))
 
 
 def check_text(data: bytes, label: str) -> None:

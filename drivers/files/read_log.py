@@ -120,7 +120,7 @@ def _read_log(path: Path, only: Collection[str] | None, without: Collection[str]
             return RunLog(path, *read_store(path, only))
         except StoreError as error:
             raise LogError(str(error)) from None
-    meta, meta_findings = _meta_beside(path)
+    meta, meta_findings = _sidecar_of(path)
     if _is_cut_in_header(path, meta):
         found = Finding("cut_header", "the log was cut off before its first row")
         columns = {name: np.array([], object if name in TEXT_COLUMNS else np.float64)
@@ -166,7 +166,7 @@ def read_rows(path: str | Path, without: Collection[str] = ()) -> RunLog:
 def meta_of(path: Path) -> RunMeta | None:
     """What is given of a run log along with its rows, which are not read; None: nothing that can be used."""
     if not is_store(path):
-        return _meta_beside(path)[0]
+        return _sidecar_of(path)[0]
     try:
         return stored_about(path).meta
     except (StoreError, OSError):
@@ -189,7 +189,7 @@ def _own_columns(meta: RunMeta | None) -> tuple[str, ...]:
     return columns_of(None if meta is None else meta.machine)
 
 
-def _meta_beside(path: Path) -> tuple[RunMeta | None, tuple[Finding, ...]]:
+def _sidecar_of(path: Path) -> tuple[RunMeta | None, tuple[Finding, ...]]:
     place = sidecar(path)
     try:
         return meta_from_yaml(place.read_text(encoding="utf-8")), ()

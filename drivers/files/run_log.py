@@ -103,10 +103,10 @@ class RunLogWriter:
         """Creates the files here, on the caller's thread: before the loop starts. That they are kept is the other
         thread's first work: a slow disk delays no start. Never raises OSError.
 
-        `beside` may be set later: it is called on the log's thread after each turn of writing, with whether it was
-        the last one, and must not raise.
+        `after_writing` may be set later: it is called on the log's thread after each turn of writing, with whether
+        it was the last one, and must not raise.
         """
-        self.beside: Callable[[bool], None] | None = None
+        self.after_writing: Callable[[bool], None] | None = None
         self._wanted = Path(path)
         self._meta, self._overwrite, self._create = meta, overwrite, create
         self._clock, self._flush_s, self._sync_s, self._max_waiting = clock, flush_s, sync_s, max_waiting_rows
@@ -122,7 +122,7 @@ class RunLogWriter:
         self._lost = 0
         self._good_at_s = self._synced_at_s = clock()
         self._closing = threading.Event()
-        self._begun_kept = False
+        self._started_kept = False
         self._open(kept=False)
         self._thread = threading.Thread(target=self._run, name="run-log", daemon=True)
         self._thread.start()
@@ -165,8 +165,8 @@ class RunLogWriter:
             closing = self._closing.wait(self._flush_s)
             self._format()
             self._write(closing)
-            if self.beside is not None:
-                self.beside(closing)
+            if self.after_writing is not None:
+                self.after_writing(closing)
         if self._file is not None:
             self._file.close()
 
@@ -190,11 +190,11 @@ class RunLogWriter:
             return
         now_s = self._clock()
         try:
-            if not self._begun_kept:
+            if not self._started_kept:
                 with contextlib.suppress(FileNotFoundError):        # somebody took it away: the log goes on
                     keep(sidecar(self._file.path))
                 self._file.sync()
-                self._begun_kept = True
+                self._started_kept = True
             if self._trouble and not self._file.stands:
                 self._file = self._gone_on_with(self._file)
             waiting = bytes(self._formatted)
@@ -238,7 +238,7 @@ class RunLogWriter:
     def _open(self, kept: bool) -> None:
         try:
             self._file = begin_log(self._wanted, self._meta, self._overwrite, self._create, kept)
-            self._begun_kept, self._trouble = kept, ""
+            self._started_kept, self._trouble = kept, ""
         except OSError as error:
             self._trouble = _in_words(self._wanted, error)
             self._good_at_s = self._clock()

@@ -82,7 +82,7 @@ def load_setup(machine: str | Path, job: str | Path, today: dt.date) -> Setup:
     """
     got_machine = load(machine, MACHINE)
     got_job = load(job, JOB)
-    got_crop = load(got_job.model.crop, CROP, beside=got_job.path.parent)
+    got_crop = load(got_job.model.crop, CROP, base=got_job.path.parent)
     got_product = product_of(got_job.model, got_job.path.parent)
     product = None if got_product is None else got_product.model
     crop, spreader = got_crop.model, got_machine.model
@@ -98,7 +98,7 @@ def load_setup(machine: str | Path, job: str | Path, today: dt.date) -> Setup:
     sums = {str(got.path): got.sha256 for got in (got_machine, got_job, got_crop, got_product) if got is not None}
     stated = None if crop.days is None else crop.days.weather
     weather = None if stated is None else got_crop.path.parent / stated
-    return Setup(spreader, crop, rule, got_job.model, sums | _sums_beside(got_job.model, folder), folder, weather,
+    return Setup(spreader, crop, rule, got_job.model, sums | _sums_of_files(got_job.model, folder), folder, weather,
                  product)
 
 
@@ -125,7 +125,7 @@ def product_of(job: Job, folder: Path) -> Loaded[Product] | None:
 
     Raises ConfigError.
     """
-    return None if job.product_file is None else load(job.product_file, PRODUCT, beside=folder)
+    return None if job.product_file is None else load(job.product_file, PRODUCT, base=folder)
 
 
 def product_note(product: Product, machine: Machine) -> str:
@@ -178,7 +178,7 @@ def index_disagreements(cab: Loaded[BaseModel] | None, crop: Crop, job: Job) -> 
             f"{crop.id} is written"]
 
 
-def _sums_beside(job: Job, folder: Path) -> dict[str, str]:
+def _sums_of_files(job: Job, folder: Path) -> dict[str, str]:
     """Checksums of the single files that a job names; what is not there, or is a folder, is said when it is read."""
     named = [folder / name for name in job.named_files]
     return {str(path): sha256_of(path) for path in named if path.is_file()}

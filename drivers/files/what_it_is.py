@@ -49,7 +49,7 @@ KINDS = {kind.id: kind for kind in (
     Kind("office", "a text document", f"no command reads it; {_SAVE}"),
     Kind("zip", "a zip", "topdress map, import and field read zips that hold task files or shapefiles"),
     Kind("shp", "a shapefile", "topdress map, import and field read it"),
-    Kind("shp part", "a part of a shapefile", "give the .shp beside it"),
+    Kind("shp part", "a part of a shapefile", "give the .shp next to it"),
     Kind("json", "a JSON file", "topdress map, import and field read GeoJSON"),
     Kind("nmea", "a receiver's capture (NMEA)", "topdress decode gnss reads it"),
     Kind("capture", "a capture of the console", "topdress decode reads it"),

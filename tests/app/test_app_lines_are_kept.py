@@ -12,7 +12,7 @@ from console.app.gallery import StillClock, StillSource
 from console.app.guide_line import GuideLine
 from console.app.kept_lines import corner_record, drive_record, guide_record, kept_lines
 from console.app.sample import sample_services
-from console.services.line_files import KeptLineFiles, beside
+from console.services.line_files import KeptLineFiles, lines_path
 from control.log_row import LogRow
 from drivers.files.run_log import PlainLogWriter
 from drivers.files.run_meta import meta_to_yaml, run_meta
@@ -145,4 +145,4 @@ async def test_the_console_says_whose_line_it_is_and_keeps_it_for_this_job(frame
 
 def test_without_such_a_file_there_is_nothing(tmp_path):
     kept = KeptLineFiles().read(str(tmp_path / "run.csv"))
-    assert kept.guide.a is None and kept.drive is None and not Path(beside(tmp_path / "run.csv")).exists()
+    assert kept.guide.a is None and kept.drive is None and not Path(lines_path(tmp_path / "run.csv")).exists()

@@ -74,7 +74,7 @@ def test_a_good_file_is_read_with_its_checksum(written: Written) -> None:
     assert loaded.model == Thing(format="test-thing/1", name="a", inner=Inner(width_m=2.4), colour=Colour.BLUE,
                                  sown=date(2025, 10, 15), corners=((0, 1), (2.5, 3)), stage=Stage(slow_s=1.0))
     assert loaded.sha256 == hashlib.sha256(path.read_bytes()).hexdigest() == sha256_of(path)
-    assert load("t.yaml", THING, beside=path.parent).model == loaded.model
+    assert load("t.yaml", THING, base=path.parent).model == loaded.model
 
 
 @pytest.mark.parametrize(("more", "line"), [

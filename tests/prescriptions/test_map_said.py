@@ -205,7 +205,7 @@ def task(folder: Path, body: str, offset: int = 0, cells: bytes = b"\x00\x01") -
 
 def test_polygons_beside_a_grid_are_said(tmp_path: Path) -> None:
     found = [f.text for f in read_prescription(task(tmp_path, GRID.format(polygon=POLYGON))).findings]
-    assert found == ["1 zone with a polygon beside the grid not used: the grid holds (zones 1)"]
+    assert found == ["1 zone with a polygon next to the grid not used: the grid holds (zones 1)"]
     assert read_prescription(task(tmp_path, GRID.format(polygon=""))).findings == ()
 
 

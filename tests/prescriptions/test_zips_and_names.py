@@ -178,7 +178,7 @@ def test_a_task_set_stands_before_shapefiles_and_says_so(tmp_path: Path, rx: dic
     path = packed(tmp_path / "both.zip", rx | {"TASKDATA/TASKDATA.XML": task(31500)})
     read = read_prescription(path)
     assert (read.format, read.data.zones[0].rate_kg_ha) == ("isoxml", 315.0)
-    assert "not used beside the task set: rx.shp" in read.findings[-1].text
+    assert "not used next to the task set: rx.shp" in read.findings[-1].text
     assert read_prescription(path, Choice(inside="rx.shp")).format == "shapefile"
 
 

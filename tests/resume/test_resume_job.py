@@ -69,13 +69,13 @@ def run(log: Path, until_s: float, resumed: Path | None = None, cut: bool = Fals
 
     parts = assemble(Options((), log.parent / "w.json", log=str(log), resume=resumed), lambda: now_s)
     host = Host(parts, lambda: now_s, sleep)
-    real_work = parts.writer.beside
+    real_work = parts.writer.after_writing
     if cut:
         host.close = lambda why: None           # the process is gone: nobody closes anything
     try:
         host.run()
     except PowerCut:
-        parts.writer.beside = None
+        parts.writer.after_writing = None
         parts.writer.close()
         real_work(False)
     return frames, parts
@@ -107,7 +107,7 @@ def _read(folder, data):
 
 def test_what_is_kept_of_a_morning(morning):
     frames, parts = morning
-    kept = resume.read(resume.beside(parts.writer.path))
+    kept = resume.read(resume.snapshot_path(parts.writer.path))
     last = frames[-1]
     assert kept.worth_going_on and kept.logs_before == () and kept.strategy == "opening_first" and kept.simulated
     assert kept.area_ha == pytest.approx(last.area_ha, rel=0.1)
@@ -119,7 +119,7 @@ def test_what_is_kept_of_a_morning(morning):
 
 def test_the_job_goes_on_where_it_stopped(morning, tmp_path):
     before, parts = morning
-    snapshot = resume.beside(parts.writer.path)
+    snapshot = resume.snapshot_path(parts.writer.path)
     frames, later = run(tmp_path / "b.csv", 40.0, resumed=snapshot)
     assert frames[0].row.state == "off", "all else is the operator's act"
     assert frames[0].area_ha == pytest.approx(before[-1].area_ha, rel=0.01)
@@ -128,7 +128,7 @@ def test_the_job_goes_on_where_it_stopped(morning, tmp_path):
     log = later.writer.path
     assert log.name == "b.csv" and meta_from_yaml(log.with_suffix(".yaml").read_text()).extra["resumes"] == str(
         parts.writer.path)
-    kept = resume.read(resume.beside(log))
+    kept = resume.read(resume.snapshot_path(log))
     assert kept.logs_before == (str(parts.writer.path),) and kept.area_ha > before[-1].area_ha
     assert kept.began_utc == resume.read(snapshot).began_utc and frames[-1].tally.log_before == str(parts.writer.path)
     north = [frame.place_m[1] for frame in frames if frame.place_m is not None]
@@ -141,9 +141,9 @@ def test_the_job_goes_on_where_it_stopped(morning, tmp_path):
 def test_what_is_done_gets_a_second_dose_only_by_the_order_for_it(morning, tmp_path, told, second_dose):
     """The machine stands 30 m before the place where it stopped, and works."""
     before, parts = morning
-    kept = resume.read(resume.beside(parts.writer.path))
+    kept = resume.read(resume.snapshot_path(parts.writer.path))
     stopped = before[-1].place_m[1]
-    data = json.loads(resume.beside(parts.writer.path).read_text())
+    data = json.loads(resume.snapshot_path(parts.writer.path).read_text())
     data["place_m"] = [kept.place_m[0], stopped - 30.0]
     data["time_s"] = data["sums_s"] = 1e9            # the tail is in it
     moved = tmp_path / "moved.resume.json"
@@ -159,7 +159,7 @@ def test_what_is_done_gets_a_second_dose_only_by_the_order_for_it(morning, tmp_p
 
 def test_the_tail_of_the_log_closes_the_gap(morning):
     frames, parts = morning
-    kept = resume.read(resume.beside(parts.writer.path))
+    kept = resume.read(resume.snapshot_path(parts.writer.path))
     whole = with_tail(kept, Machine(), 0.45)
     assert whole.time_s > kept.time_s - 1e-9
     assert whole.area_ha == pytest.approx(frames[-1].area_ha, rel=0.01)
@@ -171,7 +171,7 @@ def test_the_tail_of_the_log_closes_the_gap(morning):
 def test_refills_holds_and_the_end_of_the_job_are_kept(tmp_path):
     orders = {12.0: Order(Do.HOLD), 20.0: Order(Do.REFILL, 250.0), 21.0: Order(Do.MARK, "job finished")}
     _frames, parts = run(tmp_path / "a.csv", 30.0, orders=orders)
-    kept = resume.read(resume.beside(parts.writer.path))
+    kept = resume.read(resume.snapshot_path(parts.writer.path))
     assert [kg for _utc, kg in kept.refills] == [250.0] and parts.keeper.tally.refills == kept.refills
     assert 5.0 < kept.held_s < 25.0 and kept.finished and parts.keeper.tally.finished
     assert resume.newest(tmp_path) is None, "a job that was ended is not offered"
@@ -179,7 +179,7 @@ def test_refills_holds_and_the_end_of_the_job_are_kept(tmp_path):
 
 def test_a_machine_that_only_stood_there_leaves_nothing(tmp_path):
     _frames, parts = run(tmp_path / "a.csv", 12.0, work=False)
-    assert not resume.beside(parts.writer.path).exists()
+    assert not resume.snapshot_path(parts.writer.path).exists()
 
 
 def test_a_snapshot_survives_its_file(tmp_path):
@@ -260,7 +260,7 @@ def test_the_workers_option():
 def test_what_fell_after_the_last_row_is_counted_and_said(morning, tmp_path):
     """A board goes on for a second without its host, then its shaft runs down, then what is in the air lands."""
     _frames, parts = morning
-    kept = resume.read(resume.beside(parts.writer.path))
+    kept = resume.read(resume.snapshot_path(parts.writer.path))
     machine = Machine()
     known, beyond = (with_tail(kept, machine, 0.46, stops_s) for stops_s in (None, 1.0))
     last = list(read_log(parts.writer.path).rows())[-1]
@@ -277,7 +277,8 @@ def test_what_fell_after_the_last_row_is_counted_and_said(morning, tmp_path):
 
 def test_the_scale_says_what_it_lost_over_the_cut(morning, tmp_path):
     _frames, parts = morning
-    data = json.loads(resume.beside(parts.writer.path).read_text()) | {"after_cut_kg": 0.17, "cut_hopper_kg": 100.0}
+    kept = json.loads(resume.snapshot_path(parts.writer.path).read_text())
+    data = kept | {"after_cut_kg": 0.17, "cut_hopper_kg": 100.0}
     keeper = Keeper(tmp_path / "x.resume.json", Machine(), _read(tmp_path, data), parts.loop, lambda: "")
     assert (keeper.tally.after_cut_kg, keeper.tally.after_cut_scale_kg) == (0.17, None)
     for number in range(120):
@@ -290,12 +291,12 @@ def test_the_scale_says_what_it_lost_over_the_cut(morning, tmp_path):
 def test_a_clean_quit_is_no_cut(tmp_path):
     """It is not offered as one; by name it can be gone on with."""
     frames, parts = run(tmp_path / "a.csv", 60.0, orders={50.0: Ask.QUIT})
-    path = resume.beside(parts.writer.path)
+    path = resume.snapshot_path(parts.writer.path)
     kept = resume.read(path)
     assert kept.quit and kept.worth_going_on and resume.newest(tmp_path) is None
     later, _parts = run(tmp_path / "b.csv", 5.0, resumed=path)
     assert later[0].area_ha == pytest.approx(frames[-1].area_ha, rel=0.02)
-    assert not resume.read(resume.beside(tmp_path / "b.csv")).quit, "told to stop, but not by anybody's QUIT"
+    assert not resume.read(resume.snapshot_path(tmp_path / "b.csv")).quit, "told to stop, but not by anybody's QUIT"
 
 
 # --- The book of a run's alarms --------------------------------------------------------------------------------------

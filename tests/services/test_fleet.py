@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from console.cli import app
 from console.reports.fleet_page import costliest, fleet_page, service
 from console.services import fleet
-from console.services.fleet_job import FORMAT, beside_url, checksum, record
+from console.services.fleet_job import FORMAT, checksum, record, sidecar_url
 from console.services.fleet_season import season
 from console.services.fleet_tables import TABLES, write_tables
 from control.diagnosis.season.courses import Course, Fit, Shared
@@ -150,8 +150,8 @@ def test_the_checksum_is_of_log_sidecar_and_salt(tmp_path: Path) -> None:
 
 
 def test_the_sidecar_of_a_url() -> None:
-    assert beside_url("http://host:8000/m.1/a b.csv") == "http://host:8000/m.1/a b.yaml"
-    assert beside_url("/bucket/a") == "/bucket/a.yaml" and beside_url("a.b.parquet") == "a.b.yaml"
+    assert sidecar_url("http://host:8000/m.1/a b.csv") == "http://host:8000/m.1/a b.yaml"
+    assert sidecar_url("/bucket/a") == "/bucket/a.yaml" and sidecar_url("a.b.parquet") == "a.b.yaml"
 
 
 def test_which_logs_are_meant(tmp_path: Path) -> None:

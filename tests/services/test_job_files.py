@@ -114,7 +114,7 @@ def test_what_cannot_be_used_is_one_line_and_changes_nothing(desk, launcher, tmp
 
 def test_a_job_that_was_cut_off_is_offered_for_two_weeks(desk, launcher, tmp_path):
     launcher.logs.mkdir(exist_ok=True)
-    path = resume.beside(launcher.logs / "a.csv")
+    path = resume.snapshot_path(launcher.logs / "a.csv")
     now = dt.datetime.now(dt.UTC)
 
     def keep(days: float) -> None:
@@ -132,7 +132,7 @@ def test_a_job_that_was_cut_off_is_offered_for_two_weeks(desk, launcher, tmp_pat
 async def test_begin_anew_is_not_asked_again(desk, launcher, monkeypatch):
     launcher.logs.mkdir(exist_ok=True)
     saved = dt.datetime.now(dt.UTC).isoformat()
-    resume.write(resume.beside(launcher.logs / "a.csv"),
+    resume.write(resume.snapshot_path(launcher.logs / "a.csv"),
                  Snapshot("a.csv", began_utc=saved, saved_utc=saved, sums=Sums(area_ha=1.2), config=("demo",), seed=7))
     started = []
     monkeypatch.setattr(Launcher, "start", lambda self, resumed=None: started.append((self.config, self.seed, resumed)))

@@ -18,7 +18,7 @@ from .log import MIN_ROWS
 Array = npt.NDArray[np.float64]
 
 SPEED_WINDOW_S = 2.0 * SMOOTH_S     # parabola through the speed: a tractor's acceleration is slower than their noise
-MIN_READINGS_APART = 400    # readings from which two sensors' noises are told apart: variances to 7 %
+MIN_READINGS_OF_TWO = 400    # readings from which two sensors' noises are told apart: variances to 7 %
 CLIPPED_SD = 4.0            # of steps from reading to reading: what is farther is an outlier, and no noise
 LEAST_OWN = 0.01            # of a sensor's steps that are its own noise, at least: a share of 0 would trust it alone
 FORGETS_S = 1.0             # for which a gap that is left out stands: filters of receivers and wheels forget within it,
@@ -85,7 +85,7 @@ def _trust(gnss: Array, wheel: Array, machine: Machine) -> float:
 
     Of what changes between two readings, the part that both have in common is the ground's; the rest is each one's own.
     """
-    if len(gnss) < MIN_READINGS_APART:
+    if len(gnss) < MIN_READINGS_OF_TWO:
         own = np.array([machine.noise.gnss_mps, machine.noise.wheel_mps]) ** 2 + 1e-12
     else:
         steps = np.diff(np.array([gnss, wheel]), axis=1)

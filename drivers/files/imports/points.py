@@ -100,8 +100,8 @@ def _of_points(path: Path, shapes: ShapeSet, said: Source) -> RawTable:
     by_column = zip(*(records[k] for k in there), strict=True)
     columns = [_column(name, list(values)) for name, values in zip(names, by_column, strict=True)]
     source = said.model_copy(update={"kind": "shapefile"})
-    beside = shapes.units()
-    units = {name: beside[name.casefold()].text for name in names if name.casefold() in beside}
+    side_units = shapes.units()
+    units = {name: side_units[name.casefold()].text for name in names if name.casefold() in side_units}
     return _with_places(path, columns, lat, lon, source, tuple(findings), units)
 
 
@@ -129,8 +129,8 @@ def _column(name: str, values: list[Any]) -> pl.Series:
 
 
 def _with_places(path: Path, columns: list[pl.Series], lat: np.ndarray, lon: np.ndarray, source: Source,
-                 findings: tuple[Finding, ...], beside: dict[str, str] | None = None) -> RawTable:
+                 findings: tuple[Finding, ...], side_units: dict[str, str] | None = None) -> RawTable:
     frame = pl.DataFrame([column for column in columns if column.name not in (LAT, LON)])
     frame = frame.with_columns(pl.Series(LAT, lat), pl.Series(LON, lon))
     units = {name: unit for name in frame.columns if (unit := named(name)[1]) is not None}
-    return RawTable(path, frame, source, units | (beside or {}), 1, findings)
+    return RawTable(path, frame, source, units | (side_units or {}), 1, findings)

@@ -135,7 +135,7 @@ def _unused(layer: _Layer, ids: tuple[str, ...], has_grid: bool) -> list[Finding
     found = []
     drawn = [zone.get("A", "") for zone in layer.task.findall("TZN") if zone.find("PLN") is not None]
     if has_grid and drawn:
-        text = f"{many(len(drawn), 'zone')} with a polygon beside the grid not used: the grid holds"
+        text = f"{many(len(drawn), 'zone')} with a polygon next to the grid not used: the grid holds"
         found.append(Finding("zones_beside_grid", f"{text} (zones {', '.join(drawn[:8])})", rows=len(drawn)))
     others = sorted({variable.get("A", "") for variable in layer.task.findall("TZN/PDV")
                      if int(variable.get("A", "0"), 16) not in SETPOINTS})

@@ -80,16 +80,16 @@ class _Seen(NamedTuple):
 
 
 def rate_column(path: Path, numbered: Sequence[tuple[int, Mapping[str, Any]]], choice: Choice,
-                beside: Mapping[str, Unit]) -> RateColumn:
-    """`numbered`: rows with the numbers by which people find them. `beside`: units by column, in small letters.
+                side_units: Mapping[str, Unit]) -> RateColumn:
+    """`numbered`: rows with the numbers by which people find them. `side_units`: units by column, in small letters.
 
     Raises RateQuestion where the file does not say which column it is, PrescriptionError where none can be.
     """
     names = list(dict.fromkeys(name for _, row in numbered for name in row))
     if choice.index is not None:
-        return _chosen(path, numbered, names, choice, choice.column or _index_of(path, names, choice.index), beside)
+        return _chosen(path, numbered, names, choice, choice.column or _index_of(path, names, choice.index), side_units)
     if choice.column is not None:
-        return _chosen(path, numbered, names, choice, choice.column, beside)
+        return _chosen(path, numbered, names, choice, choice.column, side_units)
     columns = {name: _cells(numbered, name) for name in names}
     numbers = [_seen(name, cells) for name, cells in columns.items() if cells is not None
                and not all(math.isnan(cell.value) for cell in cells)]
@@ -97,7 +97,7 @@ def rate_column(path: Path, numbered: Sequence[tuple[int, Mapping[str, Any]]], c
     best = _best(rates)
     if best is not None:
         others = ", ".join(one.name for one in rates if one is not best)
-        return _with_unit(path, best, choice, "by its name" + (f", not {others}" if others else ""), beside)
+        return _with_unit(path, best, choice, "by its name" + (f", not {others}" if others else ""), side_units)
     if not numbers:
         raise PrescriptionError(path, "rate column not chosen: allowed a column of numbers (columns: {columns_there})",
                                 columns_there=", ".join(names) or "-")
@@ -120,7 +120,7 @@ def _index_of(path: Path, names: Sequence[str], index: str) -> str:
 
 
 def _chosen(path: Path, numbered: Sequence[tuple[int, Mapping[str, Any]]], names: Sequence[str], choice: Choice,
-            column: str, beside: Mapping[str, Unit]) -> RateColumn:
+            column: str, side_units: Mapping[str, Unit]) -> RateColumn:
     if column not in names:
         raise PrescriptionError(path, "column {column}: allowed {columns_there}", column=column,
                                 columns_there=", ".join(names) or "-")
@@ -129,7 +129,7 @@ def _chosen(path: Path, numbered: Sequence[tuple[int, Mapping[str, Any]]], names
         number, row = next(row for row in numbered if cell_of(row[1].get(column)) is None)
         raise PrescriptionError(Where(str(path)).at("row {row}", row=number), "{column} {value}: allowed is a number",
                                 column=column, value=repr(row.get(column)))
-    return _with_unit(path, _seen(column, cells), choice, "chosen", beside)
+    return _with_unit(path, _seen(column, cells), choice, "chosen", side_units)
 
 
 def _best(rates: Sequence[_Seen]) -> _Seen | None:
@@ -222,12 +222,12 @@ def _column(path: Path, one: _Seen) -> Where:
     return Where(str(path)).at("column {column}", column=one.name)
 
 
-def _with_unit(path: Path, one: _Seen, choice: Choice, why: str, beside: Mapping[str, Unit]) -> RateColumn:
+def _with_unit(path: Path, one: _Seen, choice: Choice, why: str, side_units: Mapping[str, Unit]) -> RateColumn:
     """The operator's unit, else the one that the file or one next to it names; a nutrient's rate is no rate of the
     product."""
     if choice.unit is not None:
         return RateColumn(one.name, one.cells, choice.unit, "chosen", why)
-    stated = beside.get(one.name.casefold())
+    stated = side_units.get(one.name.casefold())
     if stated is not None:
         unit = _unit(stated.text)
         if unit is None or one.unit not in (None, unit):

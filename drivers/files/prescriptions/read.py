@@ -90,8 +90,8 @@ def _said(read: Imported, shapes: list[ShapeSet]) -> Imported:
     if not shapes:
         return read
     names = listed(one.name for one in shapes)
-    beside = Finding("shapefiles_beside", f"not used beside the task set: {names} (--inside takes one)")
-    return replace(read, findings=(*read.findings, beside))
+    unused = Finding("shapefiles_beside", f"not used next to the task set: {names} (--inside takes one)")
+    return replace(read, findings=(*read.findings, unused))
 
 
 def _packed(path: Path) -> str:

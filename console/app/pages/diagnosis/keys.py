@@ -198,9 +198,9 @@ def compare(page: DiagnosisScreen) -> None:
 
     def chosen(path: str | None) -> None:
         if path == TYPED:
-            page.app.push_screen(NameDialog(_("Which file?"), "", _("A run log of the same machine"), wrong), begun)
+            page.app.push_screen(NameDialog(_("Which file?"), "", _("A run log of the same machine"), wrong), started)
         elif path is not None:
-            begun(path)
+            started(path)
 
     def wrong(text: str) -> str:
         try:
@@ -209,7 +209,7 @@ def compare(page: DiagnosisScreen) -> None:
             return str(error)
         return "" if kind == "run" else _("no run log: diagnose it first, then it is one")
 
-    def begun(path: str | None) -> None:
+    def started(path: str | None) -> None:
         if path is not None:
             source = page.served.source(path)
             page.begin(_("Before and after, on {name}").format(name=source.name),

@@ -71,7 +71,7 @@ class DiagnosisScreen(Page):
         self._listing: Worker[tuple[tuple[Source, ...], tuple[str, ...]]] | None = None
         self._brings_in = False                     # a new file will be there
         self._title = ""
-        self._begun_s = 0.0
+        self._started_s = 0.0
         self._share, self._stage = 0.0, ""
         self._expected = Expected(0.0)
         self._listed_for = ""                       # the log that was written when the files were listed
@@ -155,7 +155,7 @@ class DiagnosisScreen(Page):
             self.query_one("#dia-time", ResidualPlot).show(shown.time(found, self.cause))
 
     def _work_view(self, now_s: float) -> WorkView:
-        share, left_s = self._expected.at(now_s - self._begun_s, self._share)
+        share, left_s = self._expected.at(now_s - self._started_s, self._share)
         return WorkView(self._title, words.stage_word(self._stage), int(100 * share),
                         None if left_s is None else max(1, round(left_s)))
 
@@ -267,7 +267,7 @@ class DiagnosisScreen(Page):
     def begin(self, title: str, work: Work, takes_s: float) -> None:
         """takes_s: as far as that is known beforehand."""
         self._expected = Expected(takes_s)
-        self._title, self._begun_s, self.said = title, self.app.clock(), ""
+        self._title, self._started_s, self.said = title, self.app.clock(), ""
         self._share, self._stage = 0.0, "reading"
         stop = self.stop = Stop()
         self._working = self.run_worker(lambda: work(self._tell, stop), group="work", thread=True, exit_on_error=False)
