@@ -261,7 +261,7 @@ def test_a_log_deleted_under_way_is_told_and_written_anew(tmp_path: Path, full_r
         log.path.unlink()
     except PermissionError:
         pytest.skip("this system does not delete open files")
-    assert until(lambda: bool(troubles.append(log.trouble) or "no longer where it was begun" in "".join(troubles)))
+    assert until(lambda: bool(troubles.append(log.trouble) or "no longer where it was started" in "".join(troubles)))
     log.append(full_row(0.05))
     assert until(lambda: log.ok and log.path.exists() and len(rows_of(log)) == 2)
     assert log.close() and rows_of(log) == ["0.000", "0.050"]

@@ -209,7 +209,7 @@ def _settled(board: Board, now: FittedHypothesis) -> FittedHypothesis:
 
 def _draw_in(search: Search, parts: Hypothesis) -> None:
     """Tails drawn in along with the richest fit: a hypothesis with every other candidate. Not a second time constant:
-    beside a lag and a dead time it leaves less of the noise, and of moves nothing is drawn in."""
+    next to a lag and a dead time it leaves less of the noise, and of moves nothing is drawn in."""
     more = [search.columns.of_candidate(parts, c.part) for c in search.candidates if not ROWS[c.part.id].unties
             and not any(p.id == c.part.id and p.member == c.part.member for p in parts)]
     draw_in(search.columns, parts, more)

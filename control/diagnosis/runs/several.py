@@ -174,7 +174,7 @@ def joined(logs: Sequence[Mapping[str, npt.NDArray[Any]]], names: Sequence[str],
         for name, kind in kinds.items():
             parts[name].append(_column(log, name, kind, since, settle_s if number else 0.0))
         parts["time_s"][-1] = begin_s + since
-        parts["events"][-1] = _begun(parts["events"][-1], since, names[number])
+        parts["events"][-1] = _with_start(parts["events"][-1], since, names[number])
         begin_s += float(np.nanmax(since)) + GAP_S
     return {name: np.concatenate(pieces) for name, pieces in parts.items()}
 
@@ -187,7 +187,7 @@ def _column(log: Mapping[str, npt.NDArray[Any]], name: str, kind: str, since: np
     return np.where(since < settle_s, np.nan, values) if name in READINGS and settle_s > 0.0 else values
 
 
-def _begun(events: npt.NDArray[Any], since: npt.NDArray[np.float64], name: str) -> npt.NDArray[Any]:
+def _with_start(events: npt.NDArray[Any], since: npt.NDArray[np.float64], name: str) -> npt.NDArray[Any]:
     """Events with a mark in the first row that has a time, as `import` makes one."""
     found, first = events.astype(object), int(np.nanargmin(since))
     was = found[first]
