@@ -181,6 +181,8 @@ async def test_locked_nothing_of_the_page_works(app, source, opened):
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot)
         await pilot.press("f8")
+        chips = page.query_one("#cal-chips", Chips).view
+        assert not any(chip.on or chip.lead for chip in chips), "drawn as if they worked"
         await pilot.press("i", "i", "i", "r", "q", "1", "q", "2", "q", "3", "b", "q", "5", "e", "right")
         app.notice_text = ""
         await hold_mouse(pilot, page, "cal_run")
