@@ -11,7 +11,7 @@ from console.app.pages.devices import device_view
 from console.app.pages.devices.device_table import DeviceTable
 from console.app.widgets.chips import Chips, placed
 from console.frame import DeviceDo, DeviceTest
-from control.orders import Answer, Do, Order
+from control.orders import Answer
 
 SIZE = (120, 40)
 
@@ -107,13 +107,6 @@ async def test_a_refusal_is_said_in_words(app, source):
         await opened(app, pilot)
         await pilot.press("c", "enter")
         assert "Not possible in state WORKING." in app.notice_text
-
-
-async def test_locked_a_device_is_looked_at_only(app, source):
-    async with app.run_test(size=SIZE) as pilot:
-        await opened(app, pilot)
-        await pilot.press("f8", "enter", "e", "c", "space")
-        assert source.device_orders == [] and source.orders == [Order(Do.HOLD)] and len(app.screen_stack) == 2
 
 
 async def test_what_is_old_is_grey(app, clock):

@@ -1,11 +1,7 @@
 """The examiner of the classes is examined: what begins, grows or ends, poor or foreign logs, more columns, terms."""
 from __future__ import annotations
 
-import importlib
-import sys
 from collections.abc import Sequence
-from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -13,23 +9,6 @@ import pytest
 
 pytestmark = pytest.mark.exam
 
-HIDDEN = Path(__file__).parent / "hidden"
-MODULES = ("another_run", "cases", "class_plan", "class_report", "classes", "closed_loop", "courses", "detect",
-           "extras", "logged", "noise", "nominal", "plan", "plant", "programmes", "report", "run_cases", "runlog",
-           "score", "terms")
-
-
-@pytest.fixture(scope="module")
-def hidden() -> Any:
-    """The generator's modules by attribute: hidden.cases, hidden.classes ..."""
-    sys.path.insert(0, str(HIDDEN.parent))
-    try:
-        made = ModuleType("hidden_modules")
-        for name in MODULES:
-            setattr(made, name, importlib.import_module(f"hidden.{name}"))
-        yield made
-    finally:
-        sys.path.remove(str(HIDDEN.parent))
 
 
 @pytest.fixture(scope="module")

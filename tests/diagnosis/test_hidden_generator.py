@@ -5,7 +5,6 @@ import ast
 import importlib
 import sys
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -13,22 +12,6 @@ import pytest
 
 HIDDEN = Path(__file__).parent / "hidden"
 REPO = HIDDEN.parents[2]
-MODULES = ("another_run", "cases", "class_plan", "class_report", "classes", "closed_loop", "courses", "detect",
-           "extras", "logged", "manoeuvres", "noise", "nominal", "plan", "plant", "programmes", "report",
-           "run_cases", "runlog", "score", "shapes", "table_cases", "tables", "terms", "write")
-
-
-@pytest.fixture(scope="module")
-def hidden() -> Any:
-    """The generator's modules by attribute: hidden.cases, hidden.plant ..."""
-    sys.path.insert(0, str(HIDDEN.parent))
-    try:
-        made = ModuleType("hidden_modules")
-        for name in MODULES:
-            setattr(made, name, importlib.import_module(f"hidden.{name}"))
-        yield made
-    finally:
-        sys.path.remove(str(HIDDEN.parent))
 
 
 @pytest.fixture(scope="module")
