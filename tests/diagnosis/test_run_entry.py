@@ -14,10 +14,12 @@ import pytest
 import control
 import control.diagnosis as entry
 from control.diagnosis import effects
+from control.diagnosis.runs import report
 from control.diagnosis.runs.diagnose import diagnose_run
 from control.diagnosis.runs.model import nuisances
 from control.diagnosis.runs.report import by_chance
 from control.diagnosis.runs.smooth import MIN_RANGE
+from control.diagnosis.runs.verdict import Remains
 from control.machine.machine import CATALOGUE, Machine
 from drivers.files.config import load
 from drivers.files.kinds import MACHINE
@@ -119,3 +121,17 @@ def test_what_rows_refer_to_is_there() -> None:
         assert not (row.probe and row.trial_sizes), f"{row.id}: a straight line or trial sizes, not both"
         for sibling in row.siblings:
             assert effects.ROWS[sibling].trial_sizes, f"{row.id}: {sibling} has no trial sizes to take its slope on"
+
+
+def test_a_name_in_whose_place_something_unknown_stands_for_certain_is_not_listed(
+        work: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was listed with probability 0, at the bound of its size and with a larger error than before."""
+    log = {name: work[name] for name in ("time_s", "shaft_rpm_cmd")} | {"shaft_rpm": 1.06 * work["shaft_rpm"]}
+    model = load("huanghai", MACHINE).model
+    assert "shaft.gain" in [cause.id for cause in diagnose_run(log, model).causes]
+    left = Remains("shaft", "loud")
+    monkeypatch.setattr(report, "remains", lambda one, _: [left] if one.search.model.names[0] == "shaft" else [])
+    monkeypatch.setattr(report, "unknown_share", lambda one, k, rest: 1.0)
+    found = diagnose_run(log, model)
+    assert found.verdict == "unexplained" and found.causes == () and [u.channel for u in found.unexplained] == ["shaft"]
+    assert not [gain for gain in found.gain if gain.of == "names"]

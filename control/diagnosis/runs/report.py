@@ -28,6 +28,7 @@ from control.diagnosis.result import (
     Detectable,
     Diagnosis,
     Fitted,
+    Gain,
     NotShown,
     Rival,
     Size,
@@ -172,14 +173,17 @@ def report(data: RunData, machine: Machine, judged: Sequence[GroupResult], read_
            findings: tuple[str, ...]) -> Diagnosis:
     """The published result. read_off : effects that were taken out of the data before the search."""
     rows = [row for one in judged for row in channel_rows(one, data)]
-    gains = [measure_gain(one) for one in judged]
+    gains: list[Gain] = []
     causes: list[Cause] = []
     unexplained: list[Unexplained] = []
     fitted: Fitted | None = None
     for one in judged:
         rest = remains(one, {ROWS[each.part.id].channels[0] for each in read_off})
-        causes += [_cause(one, k, machine, data, unknown_share(one, k, rest)) for k in range(len(one.found.parts))]
-        unexplained += _unexplained(one, rest, rows)
+        named = [_cause(one, k, machine, data, unknown_share(one, k, rest)) for k in range(len(one.found.parts))]
+        named = [cause for cause in named if cause.probability > LISTED or not rest]
+        causes += named
+        unexplained += _unexplained(one, rest, rows, bool(named))
+        gains += measure_gain(one) if named or not one.found.parts else ()
         fitted = fitted or as_a_whole(one, rest)
     causes += [_read_off_cause(one, machine, data) for one in read_off]
     terms = [(group, found) for group in judged for found in group.terms]
@@ -200,7 +204,7 @@ def report(data: RunData, machine: Machine, judged: Sequence[GroupResult], read_
         causes=tuple(sorted(causes, key=_consequence, reverse=True)),
         not_shown=(*absent, *_never_shown({c.id for c in causes} | {a.id for a in absent}, machine)),
         unexplained=tuple(unexplained), next_run=next_run(causes, machine) if verdict == "ambiguous" else None,
-        gain=tuple(gain for own in gains for gain in own), extended_machine=None, findings=findings,
+        gain=tuple(gains), extended_machine=None, findings=findings,
         tables=tuple(tables), excited=excited, terms=tuple(_term(group, found, data) for group, found in terms),
         fitted=fitted)
 
@@ -255,14 +259,14 @@ def _never_shown(there: set[str], machine: Machine) -> list[NotShown]:
             for effect_id, entry in CATALOGUE.items() if effect_id not in there and machine.has(entry.stage)]
 
 
-def _unexplained(one: GroupResult, rest: Sequence[Remains], rows: Sequence[Channel]) -> list[Unexplained]:
+def _unexplained(one: GroupResult, rest: Sequence[Remains], rows: Sequence[Channel], named: bool) -> list[Unexplained]:
     """What of a group is not noise and has no name: its smooth dependence, else what its channels have left."""
     by_name = {row.channel: row for row in rows}
     if one.terms:
         return [Unexplained(term.stage, variable, term.explained_share, by_name[term.stage].rmse,
                             by_name[term.stage].noise_floor, by_name[term.stage].unit, term.field_percent)
                 for term in one.terms for variable in term.tried.over]
-    if one.found.parts:
+    if named:
         return []                       # the names are then suspected instead
     prior = {c.name: c.prior.fast_sd for c in one.search.model.channels}
     return [Unexplained(r.channel, "", _structure_share(by_name[r.channel]), by_name[r.channel].rmse,
