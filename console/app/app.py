@@ -8,6 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, TypeVar, cast
 
+from rich.cells import cell_len
 from textual import events
 from textual.app import App, SystemCommand
 from textual.filter import LineFilter
@@ -65,6 +66,7 @@ FIRST_S = 0.02                 # how often the first frame is looked for
 SEEN_S = 0.5                   # after the first frame: its picture is drawn, and the other pages are made ready, ...
 BREATHER_S = 0.05                # ... so far apart that keys come between them
 LATE_MODULES = ("rich.traceback", "textual.scrollbar", "textual.system_commands")      # Textual's, once it needs them
+WIDE = "\u80a5"       # the first character that is not ASCII has Rich read its table of widths
 _HERE = Path(__file__).parent
 T = TypeVar("T")
 Connect = Callable[[], Awaitable[FrameSource]]
@@ -289,6 +291,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             await asyncio.sleep(BREATHER_S)
         for module in LATE_MODULES:
             await asyncio.to_thread(import_module, module)
+        await asyncio.to_thread(cell_len, WIDE)
         quick_start.done()
 
     @property

@@ -16,8 +16,9 @@ from pathlib import Path
 
 import pytest
 import textual
+from rich.cells import cell_len
 
-from console.app.app import LATE_MODULES, TopdressApp
+from console.app.app import LATE_MODULES, WIDE, TopdressApp
 from console.app.pages.all import SCREENS
 from console.cli.screens import run_services
 from console.services.job import JobFiles
@@ -81,6 +82,7 @@ async def ready(app, pilot, *wanted):
         app.pages[where]
     for module in LATE_MODULES:
         import_module(module)
+    cell_len(WIDE)
     for where in wanted:                                    # what a page reads in threads of its own is there
         app.turn_to(where)
         await settled(app, pilot)
