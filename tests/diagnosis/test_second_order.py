@@ -16,6 +16,8 @@ import pytest
 from control.diagnosis.extend import extend
 from control.diagnosis.runs.compared import compared
 from control.diagnosis.runs.diagnose import diagnose_run, judged_run
+from control.diagnosis.runs.hypothesis import EffectInstance
+from control.diagnosis.runs.selection import Board
 from control.machine.machine import Flow, Limits, Machine, Noise, Tolerance, effect_sizes
 from control.machine.shaft import Shaft
 from drivers.files.config import load, save
@@ -119,3 +121,21 @@ def test_a_late_drive_of_another_time_constant_within_its_tolerance_is_late_and_
     assert judged.found.causes[0].size.value == pytest.approx(late_s, abs=0.003)
     shaft = next(group for group in judged.groups if "shaft" in group.search.model.names)
     assert shaft.search.model.offsets["shaft.time_constant_s"] == pytest.approx(tau_s - 0.06, abs=0.003)
+
+
+def test_what_a_small_motor_has_by_nature_gains_no_more_than_its_data_sheet_leaves_open() -> None:
+    """Its electrical time constant, 4 % of the mechanical one (1 s.d.): within 3 s.d. no evidence counts for more."""
+    group = next(iter(judged_run(log_of(1, one_lag(0.06)), DRIVE).groups))
+    board, sd_s = Board(group.search), 0.04 * 0.06
+    for sds, most in ((1.0, 0.5), (2.5, 3.125), (3.5, np.inf)):
+        assert board._of_tolerance(EffectInstance("shaft.second_order", sds * sd_s)) == pytest.approx(most)
+
+
+def test_a_dead_time_of_a_while_leaves_tolerances_where_they_are() -> None:
+    """Their columns moved with it, and fitted what was left of the noise."""
+    columns = next(iter(judged_run(log_of(1, one_lag(0.06)), DRIVE).groups)).search.columns
+    for later, moved in ((EffectInstance("shaft.dead_time", 0.1), True),
+                         (EffectInstance("shaft.dead_time", 0.1, 10.0, until_s=12.0), False)):
+        lags = [next(c.coefficients["shaft"] for c in columns._nuisances(parts) if c.label.name.endswith("constant_s"))
+                for parts in ((), (later,))]
+        assert np.array_equal(*lags) is not moved

@@ -45,7 +45,7 @@ def _column(model: GroupModel, label: Label, series_of_channel: dict[str, Array]
 def nuisance_columns(model: GroupModel, late: Hypothesis = ()) -> list[Column]:
     """What is open under every hypothesis, channel by channel: tolerances, and what the readings leave open.
 
-    late : parts of a hypothesis with which drives move later.
+    late : steady parts of a hypothesis with which drives move later.
     """
     return [column for channel in model.channels
             for column in (*_of_tolerances(model, channel, late), *_of_readings(model, channel))]
@@ -177,7 +177,7 @@ class Columns:
                 *(self._where_it_stands(parts, part) for part in stuck)]
 
     def _nuisances(self, parts: Hypothesis) -> list[Column]:
-        late = tuple(part for part in parts if ROWS[part.id].moves == DEAD_TIME and not part.grows)
+        late = tuple(part for part in parts if ROWS[part.id].moves == DEAD_TIME and part.onset_s is None)
         if late not in self._fixed:
             if len(self._fixed) > MOST_LATE:
                 self._fixed.clear()

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from control.diagnosis.effects import ROWS
+from control.diagnosis.effects import ROWS, SHAFT_SECOND_ORDER
 from control.diagnosis.judgement import noise as noises
 from control.diagnosis.judgement.noise import coefficients
 from control.machine.effect import FULL_REVOLUTION, SLEW
@@ -25,6 +25,7 @@ GROUPS: dict[str, tuple[str, ...]] = {       # channels that share an effect are
 }
 HALT_S = 3.0                # around a drive's halt: how it runs down is nobody's effect
 GNSS_STAMP_SHARE = 0.25     # of a row: the speed in a row was read at some time within it
+ELECTRICAL = 0.04       # of the mechanical time constant: L / R of small DC motors is 1 to 2 ms of their 20 to 50 ms
 MAX_PREDICTIONS = 24        # hypotheses whose predictions are kept
 
 
@@ -70,6 +71,14 @@ def tolerance_of(effect_id: str, machine: Machine) -> float:
     """
     row = ROWS[effect_id]
     return sum(n.sd for n in nuisances(row.stage, machine) if n.field == row.moves)
+
+
+def hidden_within(effect_id: str, machine: Machine) -> float:
+    """How far (1 s.d.) a sound machine may do what an effect does: within the tolerance of a nominal value, or, of a
+    second time constant, as a motor's electrical one, which a data sheet's single one leaves out; 0 for others."""
+    if effect_id == SHAFT_SECOND_ORDER.id:
+        return ELECTRICAL * machine.shaft.time_constant_s
+    return tolerance_of(effect_id, machine)
 
 
 def stood_for(parts: Hypothesis) -> frozenset[str]:

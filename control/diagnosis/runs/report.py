@@ -46,7 +46,7 @@ from .cost import field_cost
 from .gain import measure_gain
 from .hypothesis import schedule
 from .intermittent import ReadOff
-from .model import tolerance_of
+from .model import hidden_within, tolerance_of
 from .next_run import next_run
 from .onset import stop_interval
 from .search import Candidate, Search
@@ -163,7 +163,7 @@ def _detectable(candidate: Candidate, information: float, machine: Machine, odds
     part, row = candidate.part, ROWS[candidate.part.id]
     if CATALOGUE[part.id].effect.onset_only or information <= 0.0:
         return np.inf
-    size = smallest_said(candidate.usual, 1.0 / (1.0 / information + tolerance_of(part.id, machine) ** 2), odds)
+    size = smallest_said(candidate.usual, 1.0 / (1.0 / information + hidden_within(part.id, machine) ** 2), odds)
     if row.threshold:
         size = abs(part.size) if size <= abs(part.size) else np.inf
     return np.inf if row.trial_sizes and size > abs(part.size) * 2.0 else size

@@ -21,7 +21,7 @@ from control.machine.machine import CATALOGUE
 from .changepoint import changes
 from .coarsening import even_gain
 from .hypothesis import MAX_SWITCHES, EffectInstance, Hypothesis, replaced, without
-from .model import stood_for, tolerance_of
+from .model import hidden_within, stood_for
 from .names_or_terms import beyond_names
 from .onset import as_started, refined, stands_below, still_disobeys, stops
 from .quantised import encoder_steps
@@ -136,7 +136,7 @@ class Board:
     def _of_tolerance(self, part: EffectInstance) -> float:
         """What a steady part gains over the nominal value that does the same, moved as far as its tolerance lets it."""
         model, row = self.search.model, ROWS[part.id]
-        tolerance = tolerance_of(part.id, model.machine)
+        tolerance = hidden_within(part.id, model.machine)
         if tolerance == 0.0:
             return np.inf
         moved = model.offsets.get(f"{row.stage}.{row.moves}", 0.0)
