@@ -518,6 +518,16 @@ def test_dips_that_begin_on_a_slope_alone_are_no_missing_pulses() -> None:
     assert "speed.missed_pulses" not in ids(diagnose_run(columns, Machine()))
 
 
+def test_pulses_that_are_missing_for_a_while_follow_no_column_that_happens_to_run_along() -> None:
+    """They come in some classes of a slow column more than in others, and far more so in some of time."""
+    columns, rng = a_run(Machine(), seed=11), np.random.default_rng(4)
+    time_s = columns["time_s"]
+    columns["roll_deg"] = 3.0 * np.sin(time_s / 60.0) + 0.3 * rng.standard_normal(len(time_s))
+    dips = (rng.random(len(time_s)) < 0.1) & (time_s > 200.0) & (time_s < 330.0)
+    columns["wheel_speed_mps"] = np.where(dips, 0.5, 1.0) * columns["wheel_speed_mps"]
+    assert ids(diagnose_run(columns, Machine())) == ["speed.missed_pulses"]
+
+
 @pytest.mark.parametrize(("in_one", "follows"), [(15, False), (25, True)])
 def test_so_many_of_forty_dips_that_begin_in_one_class_of_sixteen_follow_its_variable(in_one, follows) -> None:
     begins = [*range(2, 2 + 2 * in_one, 2), *np.linspace(110, 1590, 40 - in_one).astype(int)]

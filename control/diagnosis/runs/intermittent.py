@@ -15,7 +15,7 @@ from scipy.special import betainc, betaln, expit, gammaln, logsumexp
 
 from control.diagnosis import effects
 from control.diagnosis.effects import ROWS
-from control.diagnosis.judgement.prior import ROBUST_SD, SAID, UNKNOWN, log_odds
+from control.diagnosis.judgement.prior import COURSE, ROBUST_SD, SAID, UNKNOWN, log_odds
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
@@ -119,8 +119,11 @@ def _without_dips(s: Speed, where: Sequence[Array]) -> tuple[Speed, ReadOff | No
                    for rows in (1, LONG_DIP))
     odds = evidence - float(np.log(2.0)) + prior_odds(missed)          # two ways to count them
     followed = [_follows(dips[moving], values[moving], pulse_rows) for values in where]
-    if followed:
-        odds = min(odds, prior_odds(missed) - float(logsumexp(followed)) - float(np.log(UNKNOWN / len(followed))))
+    if followed:        # some of what follows a variable comes for a while: so may pulses that are missing
+        steady = COURSE["steady"]
+        for_a_while = np.log(1.0 - steady) + _follows(dips[moving], np.arange(float(moving.sum())), pulse_rows)
+        alone = prior_odds(missed) + float(np.logaddexp(np.log(steady), for_a_while))
+        odds = min(odds, alone - float(logsumexp(followed)) - float(np.log(UNKNOWN / len(followed))))
     if odds <= SAID:
         return s, None
     wheel = np.where(dips, s.wheel_mps * usual / np.maximum(ratio, 0.05), s.wheel_mps)
