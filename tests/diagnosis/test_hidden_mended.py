@@ -48,3 +48,12 @@ def test_a_term_that_was_wrong_once_is_right(number, seed, kind, form, monkeypat
     mark = score.mark(case.truth, found.to_json())
     assert (mark.right_stage, mark.all_variables, found.causes) == (True, True, ()), (found.terms, found.causes)
     assert found.terms[0].term["form"] == form
+
+
+def test_loud_readings_of_a_gate_that_moves_little_are_no_stuck_gate(monkeypatch):
+    """A stop's gain was counted as if each reading spoke for itself; now by blocks of time, as every other effect's."""
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    cases = importlib.import_module("hidden.cases")
+    case = cases.one(77, 5151, "unseen", ("healthy_loud",), ("run",), (), None)
+    found = diagnose_run(case.columns, load("huanghai", MACHINE).model)
+    assert (found.causes, found.verdict) == ((), "none")

@@ -110,7 +110,7 @@ class Board:
         gain = found.log_likelihood - alone.log_likelihood
         integrated = found.log_evidence - found.log_likelihood - (alone.log_evidence - alone.log_likelihood)
         part = found.parts[k]
-        if gain > 0.0 and not CATALOGUE[part.id].effect.onset_only:
+        if gain > 0.0:
             trace = self.search.columns.between(found.parts, alone.parts)
             gain = min(gain, even_gain(self.search, alone.parts, found.noise, trace))
         return min(gain, self._most(part, found.parts)) + integrated + self.prior(part)
