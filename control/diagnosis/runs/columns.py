@@ -172,9 +172,12 @@ class Columns:
         """The nuisances, at the nominal values as they stand, but for those that a part of the hypothesis moves."""
         self._refresh()
         moved = stood_for(parts)
-        stuck = [part for part in parts if part.id == effects.GATE_STUCK.id]
         return [*(c for c in self._nuisances(parts) if c.label.role is not Role.TOLERANCE or c.label.name not in moved),
-                *(self._where_it_stands(parts, part) for part in stuck)]
+                *self.of_stops(parts)]
+
+    def of_stops(self, parts: Hypothesis) -> list[Column]:
+        """Where each gate that stuck stands."""
+        return [self._where_it_stands(parts, part) for part in parts if part.id == effects.GATE_STUCK.id]
 
     def _nuisances(self, parts: Hypothesis) -> list[Column]:
         late = tuple(part for part in parts if ROWS[part.id].moves == DEAD_TIME and part.onset_s is None)

@@ -111,8 +111,7 @@ class Board:
         integrated = found.log_evidence - found.log_likelihood - (alone.log_evidence - alone.log_likelihood)
         part = found.parts[k]
         if gain > 0.0:
-            trace = self.search.columns.between(found.parts, alone.parts)
-            gain = min(gain, even_gain(self.search, alone.parts, found.noise, trace))
+            gain = min(gain, self._even(found, alone))
         return min(gain, self._most(part, found.parts)) + integrated + self.prior(part)
 
     def ahead(self, one: FittedHypothesis, k: int, other: FittedHypothesis, j: int) -> float:
@@ -120,13 +119,17 @@ class Board:
         As far as it is evidence, what one of them fits better is held against the other, not each against nothing."""
         gain = one.log_likelihood - other.log_likelihood
         better, worse = (one, other) if gain > 0.0 else (other, one)
-        trace = self.search.columns.between(better.parts, worse.parts)
-        even = even_gain(self.search, worse.parts, better.noise, trace)
-        held = float(np.sign(gain)) * max(0.0, min(abs(gain), even))
+        held = float(np.sign(gain)) * max(0.0, min(abs(gain), self._even(better, worse)))
         mine, its = one.parts[k], other.parts[j]
         held = min(max(held, -self._most(its, other.parts)), self._most(mine, one.parts))
         integrated = one.log_evidence - one.log_likelihood - (other.log_evidence - other.log_likelihood)
         return held + integrated + self.prior(mine) - self.prior(its)
+
+    def _even(self, better: FittedHypothesis, worse: FittedHypothesis) -> float:
+        """What one model gains over another, block by block; where a gate stopped is open in both."""
+        columns = self.search.columns
+        trace = columns.between(better.parts, worse.parts)
+        return even_gain(self.search, worse.parts, better.noise, trace, columns.of_stops(better.parts))
 
     def _most(self, part: EffectInstance, parts: Hypothesis) -> float:
         """What a part of a hypothesis can gain over its nominal value."""
