@@ -4,15 +4,16 @@ from __future__ import annotations
 import ipaddress
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from drivers.datagrams import is_loopback, udp_address
+from drivers.datagrams import is_loopback, line_url, udp_address
 from drivers.devices.canopy_heads import PROTOCOLS, FieldMap
 
 MOST_HEADS = 12
 MODULE_PORT, CONSOLE_PORT = 28888, 29999        # where rate modules listen, and where they answer
 MODULE_STOPS_S = 4.0                            # a rate module stops its own motor after this much silence
 
+LineUrl = Annotated[str, AfterValidator(line_url)]
 Baud = Annotated[int, Field(ge=300, le=4_000_000)]
 UdpPort = Annotated[int, Field(ge=1, le=65535)]
 ControlType = Literal["valve", "combo_close", "motor", "motor_weights", "fan", "timed"]
@@ -30,7 +31,7 @@ class GnssConfig(_Config):
     """
 
     protocol: Literal["nmea0183", "gpsd", "agopengps"] = "nmea0183"
-    port: str
+    port: LineUrl
     baud: Baud = 115200
 
     @model_validator(mode="after")
@@ -62,7 +63,7 @@ class HeadsConfig(_Config):
     """The canopy heads: one port each, left to right, or all on one multiplexed line."""
 
     protocol: str = "greenseeker"
-    ports: Annotated[tuple[str, ...], Field(min_length=1, max_length=MOST_HEADS)]
+    ports: Annotated[tuple[LineUrl, ...], Field(min_length=1, max_length=MOST_HEADS)]
     baud: Baud | None = None                    # None: the protocol's own
     multiplexed: bool = False
     heads: Annotated[int, Field(ge=1, le=MOST_HEADS)] = 6      # how many, where multiplexed
@@ -97,7 +98,7 @@ class HeadsConfig(_Config):
 class BoardConfig(_Config):
     """The slave board, the limits of its drives and the wheel that it counts."""
 
-    port: str
+    port: LineUrl
     baud: Baud = 115200
     max_shaft_rpm: Annotated[float, Field(gt=0, le=300)] = 100.0
     max_opening_mm: Annotated[float, Field(gt=0, le=100)] = 60.0
@@ -173,14 +174,14 @@ def _is_network(text: str) -> bool:
 class LagRigConfig(_Config):
     """The lag rig, where it is mounted for calibrating."""
 
-    port: str
+    port: LineUrl
     baud: Baud = 115200
 
 
 class TractorConfig(_Config):
     """The tractor's own computer, or a gateway to it, that tells the speeds it will aim at (`$PTDSP`)."""
 
-    port: str
+    port: LineUrl
     baud: Baud = 115200
 
 

@@ -8,7 +8,7 @@ from collections import deque
 from typing import NamedTuple, Protocol
 from urllib.parse import parse_qs, urlsplit
 
-from drivers.ports import TAIL_BYTES, UNPLUGGED, Clock, Port, PortState, open_port
+from drivers.ports import TAIL_BYTES, UNPLUGGED, Clock, Port, PortState, open_port, scheme_of
 
 LONGEST_DATAGRAM = 2048
 MOST_WAITING = 64               # datagrams given at one read; older ones are dropped: a flood
@@ -271,3 +271,12 @@ def open_datagrams(url: str, clock: Clock) -> Datagrams:
 def open_line(url: str, baud: int, clock: Clock) -> Port:
     """Any port of a cab file: what `open_port` opens, or `udp://`. Raises ValueError as they do."""
     return UdpPort(url, clock) if url.startswith("udp://") else open_port(url, baud, clock)
+
+
+def line_url(url: str) -> str:
+    """The URL, where `open_line` knows its kind; ValueError with one line where it does not."""
+    if url.startswith("udp://"):
+        udp_address(url)
+    else:
+        scheme_of(url)
+    return url

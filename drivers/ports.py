@@ -1,6 +1,7 @@
 """Ports: bytes in and out of one device, never blocking the control loop.
 
-`open_port` takes any pyserial URL (`/dev/ttyUSB0`, `COM3`, `socket://host:port`, `rfc2217://...`, `loop://`).
+`open_port` takes a serial device (`/dev/ttyUSB0`, `COM3`), `socket://HOST:PORT` or `rfc2217://HOST:PORT`, and nothing
+else: of pyserial's other URLs `spy://` writes what passes into any file that it names.
 A reader and a writer thread do what blocks; the loop only takes bytes from, and puts bytes into, bounded queues.
 `memory_pair` gives two ends of one line without any thread.
 """
@@ -16,6 +17,7 @@ from typing import NamedTuple, Protocol
 from urllib.parse import urlsplit
 
 import serial
+import serial.rfc2217
 
 Clock = Callable[[], float]
 
@@ -27,6 +29,7 @@ WRITE_TIMEOUT_S = 0.5
 CONNECT_TIMEOUT_S = 3.0
 FIRST_BACK_OFF_S = 0.25
 LONGEST_BACK_OFF_S = 2.0
+SCHEMES = ("socket", "rfc2217")     # docs/devices.md; datagrams (udp) have a module of their own
 UNPLUGGED = "unplugged"
 TAIL_BYTES = 512                # kept to show the last raw lines
 
@@ -188,11 +191,16 @@ def memory_pair(name: str = "memory", clock: Clock = lambda: 0.0) -> tuple[Memor
 
 
 class SerialStream:
-    """A pyserial port (serial line, rfc2217, loop), for this process alone: a second one would take bytes from it."""
+    """A serial line of this computer or (RFC 2217) of another, for this process alone: a second one would take bytes
+    from it."""
 
     def __init__(self, url: str, baud: int) -> None:
-        self._serial = serial.serial_for_url(url, baudrate=baud, timeout=READ_TIMEOUT_S, write_timeout=WRITE_TIMEOUT_S,
-                                             exclusive=True)
+        self._serial: serial.Serial | serial.rfc2217.Serial
+        if scheme_of(url) == "rfc2217":         # which knows no time-out of a write
+            self._serial = serial.rfc2217.Serial(url, baudrate=baud, timeout=READ_TIMEOUT_S)
+        else:
+            self._serial = serial.Serial(url, baudrate=baud, timeout=READ_TIMEOUT_S, write_timeout=WRITE_TIMEOUT_S,
+                                         exclusive=True)
 
     def read(self) -> bytes:
         data: bytes = self._serial.read(1)
@@ -383,26 +391,37 @@ class ThreadedPort:
 
 
 def open_port(url: str, baud: int, clock: Clock) -> ThreadedPort:
-    """Open any pyserial URL, now or as soon as it is there.
+    """Open a port, now or as soon as it is there.
 
     Parameters
     ----------
-    url : device name (`/dev/ttyUSB0`, `COM3`) or `socket://host:port`, `rfc2217://host:port`, `loop://`.
+    url : device name (`/dev/ttyUSB0`, `COM3`), `socket://host:port` or `rfc2217://host:port`.
     baud : bits per second; without meaning for a socket.
     clock : seconds; stamps the arrival of bytes.
 
     Raises
     ------
-    ValueError : the URL names no host and port, or the baud rate is not positive. A device that is not there is
-        no error: the port keeps trying and says so in `state().last_error`.
+    ValueError : the URL is of another kind or names no host and port, or the baud rate is not positive. A device that
+        is not there is no error: the port keeps trying and says so in `state().last_error`.
     """
     if baud <= 0:
         raise ValueError(f"port {url}: baud {baud}, allowed is 1 or more")
-    if url.startswith("socket://"):
-        host, number = socket_address(url)
-        return ThreadedPort(
-            url, lambda: SocketStream(socket.create_connection((host, number), CONNECT_TIMEOUT_S)), clock)
+    if scheme_of(url) == "socket":
+        address = socket_address(url)
+        return ThreadedPort(url, lambda: SocketStream(socket.create_connection(address, CONNECT_TIMEOUT_S)), clock)
     return ThreadedPort(url, lambda: SerialStream(url, baud), clock)
+
+
+def scheme_of(url: str) -> str:
+    """`socket` or `rfc2217`, with a host and a port behind it; empty: a serial device. ValueError with one line."""
+    scheme, found, _ = url.partition("://")
+    if not found:
+        return ""
+    if scheme not in SCHEMES:
+        raise ValueError(f"port {url}: allowed is a serial device (/dev/ttyUSB0, COM3), socket://HOST:PORT, "
+                         "rfc2217://HOST:PORT or udp://HOST:PORT")
+    socket_address(url)
+    return scheme
 
 
 def socket_address(url: str) -> tuple[str, int]:
@@ -413,5 +432,5 @@ def socket_address(url: str) -> tuple[str, int]:
     except ValueError:
         host, number = None, None
     if not host or not number:
-        raise ValueError(f"port {url}: allowed is socket://HOST:PORT with a port of 1 to 65535")
+        raise ValueError(f"port {url}: allowed is {url.partition(':')[0]}://HOST:PORT with a port of 1 to 65535")
     return host, number

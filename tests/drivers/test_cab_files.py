@@ -31,6 +31,10 @@ def test_the_schema_is_published_for_editors():
 @pytest.mark.parametrize(("text", "said"), [
     ("board: {port: COM3, baud: 1}", "board.baud: value 1"),
     ("board: {port: COM3, work_switch: 1}", "board.work_switch"),
+    ("board: {port: 'spy://loop://?file=job.yaml'}", "board.port: .*allowed is a serial device"),
+    ("heads: {ports: [COM3, 'hwgrep://x']}", "heads.ports.2.: .*allowed is a serial device"),
+    ("tractor: {port: 'socket://127.0.0.1'}", "tractor.port: .*allowed is socket://HOST:PORT"),
+    ("lag_rig: {port: 'udp://127.0.0.1'}", "lag_rig.port: .*allowed is udp://HOST:PORT"),
     ("gnss: {port: COM3, protocol: ubx}", "gnss.protocol: value ubx"),
     ("heads: {ports: [a, b], protocol: psychic}", "allowed is one of greenseeker"),
     ("rate_module: {pulses_per_turn: 360.0, listen: 0.0.0.0}", "fixed_opening_mm is missing")])

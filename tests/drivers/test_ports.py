@@ -9,6 +9,8 @@ import threading
 import time
 
 import pytest
+import serial
+from serial.rfc2217 import PortManager
 
 from control.readings import DriveCommand
 from drivers.cab import Cab, CabConfig
@@ -131,11 +133,43 @@ def test_a_device_that_is_not_there_is_said_and_blocks_nobody(opened, clock):
         assert not port.state().connected
 
 
-def test_loop_url(opened, clock):
-    port = opened(open_port("loop://", 9600, clock))
-    wait_for(lambda: port.state().connected)
-    port.write(b"there and back\r\n")
-    assert read_all(port, 16) == b"there and back\r\n"
+@pytest.mark.parametrize("scheme", ["spy", "SPY", "hwgrep", "alt", "loop", "cp2110", "http", "file"])
+def test_no_other_kind_of_port_is_opened(tmp_path, clock, scheme):
+    """pyserial's `spy://` empties the file that it names before it listens."""
+    kept = tmp_path / "job.yaml"
+    kept.write_text("mine")
+    url = f"{scheme}://loop://?file={kept}"
+    with pytest.raises(ValueError, match="allowed is a serial device"):
+        open_port(url, 9600, clock)
+    with pytest.raises(ValueError, match="allowed is a serial device"):
+        SerialStream(url, 9600)
+    assert kept.read_text() == "mine"
+
+
+class Sent(socket.socket):
+    """What pyserial's far end writes to."""
+
+    write = socket.socket.sendall
+
+
+def test_a_line_of_another_computer(opened, clock):
+    """RFC 2217, its far end played by pyserial."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = opened(open_port(f"rfc2217://127.0.0.1:{server.getsockname()[1]}", 9600, clock))
+        far = Sent(fileno=server.accept()[0].detach())
+        with far:
+            manager = PortManager(serial.serial_for_url("loop://"), far)
+            far.settimeout(0.05)
+
+            def heard() -> bytes:
+                with contextlib.suppress(TimeoutError):
+                    return b"".join(manager.filter(far.recv(100)))
+                return b""
+            wait_for(lambda: heard() == b"" and port.state().connected)
+            port.write(b"go\n")
+            wait_for(lambda: heard() == b"go\n")
+            far.write(b"".join(manager.escape(b"there\r\n")))
+            assert read_all(port, 7) == b"there\r\n"
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals on Windows")
@@ -219,7 +253,7 @@ def test_a_socket_without_host_or_port_is_refused_in_one_line(url, clock):
     with pytest.raises(ValueError, match="allowed is socket://HOST:PORT"):
         open_port(url, 9600, clock)
     with pytest.raises(ValueError, match="baud 0"):
-        open_port("loop://", 0, clock)
+        open_port("/dev/ttyUSB0", 0, clock)
 
 
 def test_unplugged_by_order_it_is_left_alone_until_plugged_again(server, port):
