@@ -61,6 +61,7 @@ class Measurements(NamedTuple):
     work_switch: bool | None = None              # None: not fitted
     drive_fault: bool = False                    # a motor driver says so
     drive_stopped: bool = False                  # the drives have stood still by themselves though commanded to turn
+    old_orders: bool = False                     # the drive board hears commands that it had before: it stops
     put_aside: tuple[str, ...] = ()              # devices whose driver failed: not listened to any more
     control_failed: bool = False                 # the tick before this one could not be finished
     plants: tuple[PlantSeen, ...] = ()           # of the pictures that came since the tick before (point mode)

@@ -52,6 +52,7 @@ class Cab:
         self._dose_waits: tuple[float, DoseOrder] | None = None
         self.board: BoardReadings | None = None      # the newest status line, flags included
         self.rig: RigReadings | None = None          # the newest line of the lag rig
+        self._board_connects = 0
         self._enabled_since_s: float | None = None    # since when the board has been sent enable 1
         self._clock = clock
         self._fix: GnssFix | None = None
@@ -102,8 +103,9 @@ class Cab:
                 line.put_aside(error)
         return Measurements(now_s, gnss=self._fix, ndvi=tuple(self._ndvi), **self._readings,
                             work_switch=self._switch(now_s), drive_fault=self._drive_fault(),
-                            drive_stopped=self._drive_stopped(), speed_told=self._speed_told, canopy_index=self._index,
-                            valves=self._valves_seen,
+                            drive_stopped=self._drive_stopped(),
+                            old_orders=self.board is not None and self.board.old_order,
+                            speed_told=self._speed_told, canopy_index=self._index, valves=self._valves_seen,
                             put_aside=tuple(line.name for line, _ in self._listening if line.aside))
 
     def command(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None:
@@ -258,6 +260,10 @@ class Cab:
         line.note(sample.time_s for sample in samples)
 
     def _read_board(self, line: DeviceLine, board: SlaveBoard, now_s: float) -> None:
+        connects = line.port.state().connects
+        if connects != self._board_connects:
+            self._board_connects = connects
+            board.opened_anew()
         data = line.read(now_s)
         accepted = board.feed(data, now_s) if data else []
         for readings in accepted:

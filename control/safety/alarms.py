@@ -83,6 +83,10 @@ _KINDS = (
                                            "course lead; it is not used."),
               N_("Look at the map. A place that agrees with speed and course for a minute is taken again; if it comes "
                  "back, change the receiver."), N_("GNSS")),
+    AlarmKind("old_orders", _AMBER, N_("Somebody on the drive board's line plays in old orders; the board does not "
+                                       "take them."),
+              N_("Look what else is on the board's line or network. Put the board on a cable of its own."),
+              N_("drive board")),
     AlarmKind("device_aside", _AMBER, N_("What {devices} said cannot be digested; it is not listened to any more."),
               N_("Connect it again on the Devices page. If it comes back, keep a capture and report it."),
               N_("devices")),

@@ -27,6 +27,8 @@ def troubles(m: Memory, now_s: float, s: Situation, *, seen: Senses, motion: Mot
         found["control_failed"] = ()
     if s.measurements.put_aside:
         found["device_aside"] = (("devices", ", ".join(s.measurements.put_aside)),)
+    if s.measurements.old_orders:
+        found["old_orders"] = ()
     _commanded_to_stop(found, s, seen, stand)
     if m.state is State.OFF:
         return found

@@ -2,6 +2,9 @@
 from array import array
 
 LONGEST_LINE = 120
+SEQUENCES = 1 << 16
+WORDS = 1 << 32             # the words, and the counter of orders that carry one: 6 years at 20 a second
+REPEAT_WINDOW = 16
 
 
 def _table() -> "array[int]":
@@ -128,3 +131,39 @@ def decimal(value: "float | None", low: float, high: float) -> str:
     if value is None or value != value:
         return ""
     return f"{min(max(value, low), high):.3f}"
+
+
+class Newest:
+    """Which orders of the host are newer than all before them (docs/protocol-slave-board.md, "Only what is newer").
+
+    `chance` gives a number below 2^32 that nobody can foresee, or None: such a board knows orders without a word only.
+    """
+
+    def __init__(self, chance, words_only: bool = False) -> None:  # type: ignore[no-untyped-def]
+        self._chance = chance
+        self._words_only = words_only       # from the first order with the word on, until power-on
+        self.renew()
+
+    def renew(self) -> None:
+        """After power-on and after a silence: what was sent before it is old, for it has another word."""
+        self.word: int | None = self._chance()
+        self.last = -1
+        self.used = False                   # an order with this word has come
+
+    def take(self, count: int, word: "int | None") -> None:
+        """Raises ValueError: `repeated_sequence` for the newest order and the 15 before it, which a line may double;
+        `old_order` for all others, at which the board is to stop."""
+        if word is None and not self._words_only:
+            behind = (self.last - count) % SEQUENCES
+            newer = self.last < 0 or behind >= SEQUENCES // 2
+        elif word is not None and word == self.word:
+            if not self.used:
+                self.used = self._words_only = True
+                self.last = -1
+            behind = self.last - count
+            newer = behind < 0
+        else:
+            raise ValueError("old_order")
+        if not newer:
+            raise ValueError("repeated_sequence" if behind < REPEAT_WINDOW else "old_order")
+        self.last = count

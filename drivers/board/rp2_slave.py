@@ -2,6 +2,7 @@
 
 Not in use on a machine yet: compiled and its logic run, its pins not.
 """
+import os
 import time
 
 import machine  # type: ignore[import-not-found]
@@ -111,6 +112,9 @@ class Rp2Pins(Board, Pins):
     def valves(self, mask: int) -> None:
         for k, pin in enumerate(self._valve_pins):
             pin.value(mask >> k & 1)
+
+    def chance(self) -> "int | None":
+        return int.from_bytes(os.urandom(4), "big")
 
     def _pulse(self, pin: "machine.Pin", count: int) -> None:
         for _ in range(count):

@@ -17,19 +17,20 @@
     work_switch() -> bool or None
     valves(mask)                    of the sections: bit 0 the leftmost, 1 open; called when it changes
     valves_open() -> int or None    the same as their own switches tell, None where they have none
+    chance() -> int or None         below 2^32 and not to be foreseen; None: only orders without a word are taken
 """
-from drivers.board.framing import Receiver, decimal, number, seal, whole
+from drivers.board.framing import SEQUENCES, WORDS, Newest, Receiver, decimal, number, seal, whole
 from drivers.board.motion import Doser, Gate, ShaftControl, SpeedMeter
 
 SILENT_HOST_US = 1000000
 CONTROL_US = 10000
 STATUS_US = 25000
 REPORT_US = 300000          # what became of a dose is said again this long, for a line may lose it
-SEQUENCES = 65536
-REPEAT_WINDOW = 16
+OLD_ORDER_US = 1000000      # an old order is reported this long
 WRAP = 1 << 32
 
-ENABLED, HEARTBEAT_LOST, DRIVER_FAULT, STEPS_LOST, HOMING = 1, 2, 4, 8, 16
+ENABLED, HEARTBEAT_LOST, DRIVER_FAULT, STEPS_LOST, HOMING, WORD_UNUSED, OLD_ORDER = 1, 2, 4, 8, 16, 32, 64
+FIELDS = {b"T1": 5, b"T2": 6, b"T3": 7, b"D1": 5, b"D3": 6, b"A1": 1}
 DOSE_RUNNING, DOSE_DONE, DOSE_REFUSED, DOSE_ABORTED = 1, 2, 3, 4
 
 
@@ -56,6 +57,7 @@ class Settings:
     dose_steps_per_turn = 400.0         # point dose: microstep mode 2
     dose_acceleration_rpm_s = 2000.0
     valves = 0                          # of sections; 0: a board without, which does not obey T2
+    words_only = False                  # True: takes no order without a word (T1, T2, D1), not even before the first
 
 
 class Pins:
@@ -115,6 +117,9 @@ class Pins:
     def valves_open(self) -> "int | None":
         return None
 
+    def chance(self) -> "int | None":
+        return None
+
 
 class Slave:
     """The program's state. `tick` does one round; it neither waits nor reads a clock."""
@@ -130,8 +135,9 @@ class Slave:
         self._enable = False
         self._armed = False
         self._heartbeat_lost = False
-        self._heard_us: int | None = None
-        self._last_seq = -1
+        self._heard_us: int | None = None               # None: not heard yet, or silent
+        self._newest = Newest(pins.chance, settings.words_only)
+        self._old_order_until_us = 0
         self._status_seq = 0
         self._meter = SpeedMeter(settings.counts_per_turn)
         self._shaft = ShaftControl(settings.duty_per_rpm, settings.duty_to_start, settings.time_constant_s,
@@ -158,13 +164,14 @@ class Slave:
         pins = self._pins
         dt_s = 0.0 if self._last_us is None else min(now_us - self._last_us, 20000) * 1e-6
         self._last_us = now_us
+        if self._heard_us is not None and now_us - self._heard_us >= SILENT_HOST_US:
+            self._heartbeat_lost, self._armed, self._heard_us = True, False, None
+            self._newest.renew()
         for fields in self.receiver.feed(pins.read()):
             try:
                 self._obey(fields, now_us)
             except ValueError as kind:
-                self.receiver.reject(str(kind.args[0]))
-        if self._heard_us is not None and now_us - self._heard_us >= SILENT_HOST_US:
-            self._heartbeat_lost, self._armed = True, False
+                self._reject(str(kind.args[0]), now_us)
         enabled = self._armed and self._enable and not pins.driver_fault()
         if enabled != self.enabled:
             self.enabled = enabled
@@ -185,53 +192,62 @@ class Slave:
             if now_us < self._report_until_us:
                 pins.write(seal(f"E1,{self._next_seq()},{self._report}"))
 
+    def _reject(self, kind: str, now_us: int) -> None:
+        """An old order stops the board until it is sent enable 0. While no order has come with the word the host has
+        not heard it yet, and what it sends is old by no fault of the line."""
+        self.receiver.reject(kind)
+        if kind == "old_order":
+            self._armed = False
+            if self._newest.used or self._newest.word is None:
+                self._old_order_until_us = now_us + OLD_ORDER_US
+
     def _obey(self, fields: "list[bytes]", now_us: int) -> None:
         """Raises ValueError with the kind of what is wrong; nothing has changed then."""
         name = fields[0]
-        if name == b"T1" or (name == b"T2" and self._settings.valves > 0):
-            self._target(fields, now_us)
-        elif name == b"D1":
+        if name not in FIELDS or (name in (b"A1", b"T3", b"D3") and self._newest.word is None):
+            raise ValueError("unknown_frame")
+        valved = name == b"T2" or (name == b"T3" and fields[5:6] not in ([], [b""]))
+        if valved and self._settings.valves == 0:
+            raise ValueError("unknown_frame")
+        if len(fields) != FIELDS[name]:
+            raise ValueError("wrong_length")
+        if name == b"A1":
+            self._pins.write(seal(f"W1,{self._next_seq()},{self._newest.word}"))
+        elif name in (b"D1", b"D3"):
             self._start_dose(fields, now_us)
         else:
-            raise ValueError("unknown_frame")
+            self._target(fields, valved, now_us)
 
-    def _target(self, fields: "list[bytes]", now_us: int) -> None:
-        valved = fields[0] == b"T2"
-        if len(fields) != (6 if valved else 5):
-            raise ValueError("wrong_length")
-        seq, enable = whole(fields[1], SEQUENCES - 1), whole(fields[4], 1)
+    def _target(self, fields: "list[bytes]", valved: bool, now_us: int) -> None:
+        enable = whole(fields[4], 1)
         valves = whole(fields[5], (1 << self._settings.valves) - 1) if valved else 0
         rpm, opening_mm = number(fields[2], 0.0, 300.0), number(fields[3], 0.0, 100.0)
-        silent = self._heard_us is None or now_us - self._heard_us >= SILENT_HOST_US
-        if not silent and self._is_repeat(seq):
-            raise ValueError("repeated_sequence")
-        if silent:
-            self._armed = False
+        self._take(fields)
         if not enable:
             self._armed, self._heartbeat_lost = True, False
             self._gate.forgive()
-        self._last_seq, self._heard_us, self._enable = seq, now_us, bool(enable)
+        self._heard_us, self._enable = now_us, bool(enable)
         self._wanted_valves = valves
         self._wanted_rpm = min(rpm, self._settings.max_shaft_rpm)
         self._commanded_mm = min(opening_mm, self._settings.max_opening_mm)
 
+    def _take(self, fields: "list[bytes]") -> None:
+        """Only what is newer; an order's word is its last field."""
+        if fields[0].endswith(b"3"):
+            self._newest.take(whole(fields[1], WORDS - 1), whole(fields[-1], WORDS - 1))
+        else:
+            self._newest.take(whole(fields[1], SEQUENCES - 1), None)
+
     def _start_dose(self, fields: "list[bytes]", now_us: int) -> None:
-        if len(fields) != 5:
-            raise ValueError("wrong_length")
-        seq, dose = whole(fields[1], SEQUENCES - 1), whole(fields[2], SEQUENCES - 1)
+        dose = whole(fields[2], SEQUENCES - 1)
         angle_deg, rpm = number(fields[3], 0.0, 3600.0), number(fields[4], 1.0, 300.0)
-        if self._is_repeat(seq):
-            raise ValueError("repeated_sequence")
-        self._last_seq = seq
+        self._take(fields)
         if not self.enabled or self._doser.running or self._wanted_rpm > 0.0:
             self._tell_dose(dose, DOSE_REFUSED, 0.0, now_us, now_us)
             return
         self._dose, self._dose_begin_us = dose, now_us
         self._doser.start(angle_deg, min(rpm, self._settings.max_shaft_rpm))
         self._tell_dose(dose, DOSE_RUNNING, 0.0, now_us, now_us)
-
-    def _is_repeat(self, seq: int) -> bool:
-        return self._last_seq >= 0 and (self._last_seq - seq) % SEQUENCES < REPEAT_WINDOW
 
     def _stop_shaft(self, now_us: int) -> None:
         self._pins.duty(self._shaft.stop())
@@ -286,9 +302,11 @@ class Slave:
         valves = pins.valves_open()
         flags = ENABLED * self.enabled | HEARTBEAT_LOST * self._heartbeat_lost
         flags |= DRIVER_FAULT * bool(pins.driver_fault()) | STEPS_LOST * self._gate.lost
-        flags |= HOMING * (self.enabled and not self._gate.homed)
+        flags |= HOMING * (self.enabled and not self._gate.homed) | OLD_ORDER * (now_us < self._old_order_until_us)
+        flags |= WORD_UNUSED * (self._newest.word is not None and not self._newest.used)
         return seal(",".join((
-            "S1" if valves is None else "S2", str(self._next_seq()), str(max(self._last_seq, 0)), str(now_us % WRAP),
+            "S1" if valves is None else "S2", str(self._next_seq()), str(max(self._newest.last, 0) % SEQUENCES),
+            str(now_us % WRAP),
             str(pulses % WRAP), str(pulse_us % WRAP), decimal(self.shaft_rpm, -10.0, 400.0) or "0.000",
             decimal(self._gate.reckoned_mm if sensor_mm is None else sensor_mm, -10.0, 110.0) or "0.000",
             decimal(pins.hopper_kg(), -100.0, 5000.0), decimal(pins.supply_v(), 0.0, 60.0),

@@ -14,8 +14,10 @@ VERSION = 1
 COMMAND, STATUS = f"T{VERSION}", f"S{VERSION}"
 STATUS_VALVES = "S2"            # the same with how the sections' valves stand, from a board whose valves have switches
 COMMAND_VALVES = "T2"          # the same with the sections' valves; a board without them does not obey it
+COMMAND_WORD = "T3"            # both, with the board's word: what was recorded under another one is old
+WORD = "W1"                     # the board's word, in answer to ASK
 SEQUENCES = 1 << 16
-COUNTERS = 1 << 32              # micros and pulses run over here
+COUNTERS = 1 << 32              # micros and pulses run over here; words, and counts of commands with one, are below it
 REPEAT_WINDOW = 16              # a sequence number this little behind the last one is an old frame
 SILENT_HOST_S = 1.0             # the board stops by itself after this
 
@@ -24,6 +26,8 @@ FLAG_HEARTBEAT_LOST = 2         # the host was silent too long; stopped until it
 FLAG_DRIVER_FAULT = 4           # a motor driver reports a fault; stopped
 FLAG_STEPS_LOST = 8             # the gate had lost steps; made good
 FLAG_HOMING = 16                # the gate is looking for its switch; the shaft waits
+FLAG_WORD_UNUSED = 32           # the board has a word under which no command came yet: ask for it
+FLAG_OLD_ORDER = 64             # a command came that is not newer than all before it; stopped until enable 0
 
 MOST_VALVES = 16
 COMMAND_SHAFT_RPM = (0.0, 300.0)
@@ -49,13 +53,14 @@ class BadFrame(Exception):
 
 class CommandFrame(NamedTuple):
     """Host to board: set-points. Every frame is also the heartbeat. `valves`: bit 0 the leftmost section, 1 open; None:
-    the machine has none."""
+    the machine has none. `word`: the board's; None: it has none, and `seq` runs over at 65536 instead of 2^32."""
 
     seq: int
     shaft_rpm: float
     opening_mm: float
     enable: bool
     valves: int | None = None
+    word: int | None = None
 
 
 class StatusFrame(NamedTuple):
@@ -108,12 +113,26 @@ def encode_command(frame: CommandFrame) -> bytes:
                                      ("opening_mm", frame.opening_mm, COMMAND_OPENING_MM)):
         if not low <= value <= high:
             raise ValueError(f"board command: {name} {value}, allowed is {low:g} to {high:g}")
-    said = f"{frame.seq % SEQUENCES},{frame.shaft_rpm:.3f},{frame.opening_mm:.3f},{frame.enable:d}"
-    if frame.valves is None:
-        return _seal(f"{COMMAND},{said}")
-    if not 0 <= frame.valves < 1 << MOST_VALVES:
+    if frame.valves is not None and not 0 <= frame.valves < 1 << MOST_VALVES:
         raise ValueError(f"board command: valves {frame.valves}, allowed is 0 to {(1 << MOST_VALVES) - 1}")
-    return _seal(f"{COMMAND_VALVES},{said},{frame.valves}")
+    said = f"{frame.shaft_rpm:.3f},{frame.opening_mm:.3f},{frame.enable:d}"
+    valves = "" if frame.valves is None else f",{frame.valves}"
+    if frame.word is not None:
+        return _seal(f"{COMMAND_WORD},{frame.seq % COUNTERS},{said}{valves or ','},{frame.word}")
+    return _seal(f"{COMMAND_VALVES if valves else COMMAND},{frame.seq % SEQUENCES},{said}{valves}")
+
+
+ASK = b"$A1*%04X\r\n" % binascii.crc_hqx(b"A1", 0xFFFF)
+
+
+def encode_word(seq: int, word: int) -> bytes:
+    return _seal(f"{WORD},{seq % SEQUENCES},{word}")
+
+
+def decode_word(frame: bytes) -> tuple[int, int]:
+    """Sequence number and word. Raises `BadFrame` with its kind."""
+    fields = open_frame(frame, WORD, 2)
+    return whole(fields[0], SEQUENCES - 1), whole(fields[1], COUNTERS - 1)
 
 
 def encode_status(frame: StatusFrame) -> bytes:
@@ -128,11 +147,14 @@ def encode_status(frame: StatusFrame) -> bytes:
 
 def decode_command(frame: bytes) -> CommandFrame:
     """A frame as received, without `$` and line end. Raises `BadFrame` with its kind."""
-    valved = frame.startswith(COMMAND_VALVES.encode())
-    fields = open_frame(frame, COMMAND_VALVES if valved else COMMAND, 5 if valved else 4)
-    seq, enable = whole(fields[0], SEQUENCES - 1), whole(fields[3], 1)
+    name = next((name for name in (COMMAND_VALVES, COMMAND_WORD) if frame.startswith(name.encode())), COMMAND)
+    worded, valved = name == COMMAND_WORD, name == COMMAND_VALVES
+    fields = open_frame(frame, name, 6 if worded else 5 if valved else 4)
+    seq, enable = whole(fields[0], (COUNTERS if worded else SEQUENCES) - 1), whole(fields[3], 1)
+    valved = valved or (worded and fields[4] != "")
     return CommandFrame(seq, plain_number(fields[1], *COMMAND_SHAFT_RPM), plain_number(fields[2], *COMMAND_OPENING_MM),
-                        bool(enable), whole(fields[4], (1 << MOST_VALVES) - 1) if valved else None)
+                        bool(enable), whole(fields[4], (1 << MOST_VALVES) - 1) if valved else None,
+                        whole(fields[5], COUNTERS - 1) if worded else None)
 
 
 def decode_status(frame: bytes) -> StatusFrame:

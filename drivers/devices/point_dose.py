@@ -12,6 +12,7 @@ from typing import NamedTuple
 from drivers.devices.board_frames import COUNTERS, SEQUENCES, BadFrame, crc16, open_frame, plain_number, whole
 
 DOSE, REPORT = "D1", "E1"
+DOSE_WORD = "D3"            # with the board's word, as `board_frames.COMMAND_WORD`
 ANGLE_DEG = (0.0, 3600.0)
 SHAFT_RPM = (1.0, 300.0)
 UNHEARD_S = 0.3             # no word of a dose for this long: it is not known whether it was given
@@ -57,13 +58,33 @@ class Dose(NamedTuple):
         return self.state > DoseState.RUNNING
 
 
-def encode_dose(seq: int, dose: int, angle_deg: float, shaft_rpm: float) -> bytes:
+def encode_dose(seq: int, dose: int, angle_deg: float, shaft_rpm: float, word: int | None = None) -> bytes:
     """Raises ValueError for a number that is not finite or that the protocol does not allow."""
     for name, value, (low, high) in (("angle_deg", angle_deg, ANGLE_DEG), ("shaft_rpm", shaft_rpm, SHAFT_RPM)):
         if not low <= value <= high:
             raise ValueError(f"dose: {name} {value}, allowed is {low:g} to {high:g}")
-    payload = f"{DOSE},{seq % SEQUENCES},{dose % SEQUENCES},{angle_deg:.3f},{shaft_rpm:.3f}".encode()
+    name, count, tail = (DOSE, seq % SEQUENCES, "") if word is None else (DOSE_WORD, seq % COUNTERS, f",{word}")
+    payload = f"{name},{count},{dose % SEQUENCES},{angle_deg:.3f},{shaft_rpm:.3f}{tail}".encode()
     return b"$%b*%04X\r\n" % (payload, crc16(payload))
+
+
+class DoseFrame(NamedTuple):
+    """One `D1` or `D3`."""
+
+    seq: int
+    dose: int
+    angle_deg: float
+    shaft_rpm: float
+    word: int | None
+
+
+def decode_dose(frame: bytes) -> DoseFrame:
+    """A frame as received, without `$` and line end. Raises `BadFrame` with its kind."""
+    worded = frame.startswith(DOSE_WORD.encode())
+    fields = open_frame(frame, DOSE_WORD if worded else DOSE, 5 if worded else 4)
+    return DoseFrame(whole(fields[0], (COUNTERS if worded else SEQUENCES) - 1), whole(fields[1], SEQUENCES - 1),
+                     plain_number(fields[2], *ANGLE_DEG), plain_number(fields[3], *SHAFT_RPM),
+                     whole(fields[4], COUNTERS - 1) if worded else None)
 
 
 def decode_report(frame: bytes) -> DoseReport:
@@ -95,7 +116,7 @@ class PointDose:
         """Whether the next dose may be sent."""
         return self.newest is None or self.newest.settled
 
-    def give(self, angle_deg: float, shaft_rpm: float, seq: int, now_s: float) -> bytes:
+    def give(self, angle_deg: float, shaft_rpm: float, seq: int, now_s: float, word: int | None = None) -> bytes:
         """The line of a new dose, to be sent at `now_s`; the speed is cut to the limit.
 
         Raises
@@ -107,7 +128,7 @@ class PointDose:
         if not math.isfinite(shaft_rpm):
             raise ValueError(f"dose: shaft_rpm {shaft_rpm}, allowed is {SHAFT_RPM[0]:g} to {self._max_shaft_rpm:g}")
         rpm = min(shaft_rpm, self._max_shaft_rpm)
-        line = encode_dose(seq, self._next, angle_deg, rpm)
+        line = encode_dose(seq, self._next, angle_deg, rpm, word)
         self.newest = Dose(self._next, angle_deg, rpm, now_s)
         self._next = (self._next + 1) % SEQUENCES
         return line

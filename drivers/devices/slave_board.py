@@ -6,16 +6,21 @@ from typing import NamedTuple
 
 from control.readings import DriveCommand, Reading, ValvesSeen
 from drivers.devices.board_frames import (
+    ASK,
     FLAG_DRIVER_FAULT,
     FLAG_ENABLED,
     FLAG_HEARTBEAT_LOST,
     FLAG_HOMING,
+    FLAG_OLD_ORDER,
     FLAG_STEPS_LOST,
+    FLAG_WORD_UNUSED,
     SEQUENCES,
+    WORD,
     BadFrame,
     CommandFrame,
     StatusFrame,
     decode_status,
+    decode_word,
     encode_command,
     is_repeat,
     valves_mask,
@@ -26,6 +31,8 @@ from drivers.devices.point_dose import REPORT, DoseReport, PointDose, decode_rep
 from drivers.devices.wheel import WheelGeometry, WheelSpeed
 
 DOSE_REPORT = REPORT.encode() + b","
+BOARD_WORD = WORD.encode() + b","
+ASKED = 20                  # times in vain, a second at 20 a second: a board that has no word
 
 
 class DriveLimits(NamedTuple):
@@ -55,6 +62,7 @@ class BoardReadings(NamedTuple):
     steps_lost: bool = False
     homing: bool = False
     valves: ValvesSeen | None = None
+    old_order: bool = False
 
 
 class SlaveBoard:
@@ -73,6 +81,9 @@ class SlaveBoard:
         self._cutter = LineCutter(self.counts, longest=200)
         self._last_seq: int | None = None
         self._next_command = 0
+        self._word: int | None = None           # the board's; None: it has none, or did not tell it yet
+        self._ask = False                       # for the word, until the answer comes
+        self._asked = 0
         self._sent_opening_mm = 0.0
         self._valves = 0                        # of the newest command
         self.dose = PointDose(self._limits.max_shaft_rpm)
@@ -86,7 +97,8 @@ class SlaveBoard:
         return self._read(self._cutter.flush(), time_s)
 
     def command(self, command: DriveCommand | None, enabled: bool) -> bytes:
-        """The next command line, heartbeat included; to be sent 10 times a second or more.
+        """The next command line, heartbeat included; to be sent 10 times a second or more. Before it, where the board
+        has a word under which it has heard nothing yet, the question for it.
 
         Set-points are cut to the drive limits. Not enabled, or no command: the shaft's set-point is 0, the gate's
         stays where it was, and every valve of a machine that has some is closed.
@@ -105,15 +117,24 @@ class SlaveBoard:
             shaft_rpm = min(max(command.shaft_rpm, 0.0), self._limits.max_shaft_rpm) if running else 0.0
             self._valves = len(command.valves)
         valves = valves_mask(command.valves if running and command is not None else ()) if self._valves else None
-        line = encode_command(CommandFrame(self._next_command, shaft_rpm, opening_mm, running, valves))
-        self._next_command = (self._next_command + 1) % SEQUENCES
+        line = encode_command(CommandFrame(self._next_command, shaft_rpm, opening_mm, running, valves, self._word))
+        self._next_command += 1
         self._sent_opening_mm = opening_mm
-        return line
+        if not self._ask:
+            return line
+        self._asked += 1
+        if self._asked >= ASKED:
+            self._word, self._ask = None, False
+        return ASK + line
+
+    def opened_anew(self) -> None:
+        """Another board may be there now, or one with an older program: ask for its word where there was one."""
+        self._ask, self._asked = self._word is not None, 0
 
     def give_dose(self, angle_deg: float, shaft_rpm: float, now_s: float) -> bytes:
         """The line of one dose of a point applicator. Raises ValueError as `PointDose.give` does."""
-        line = self.dose.give(angle_deg, shaft_rpm, self._next_command, now_s)
-        self._next_command = (self._next_command + 1) % SEQUENCES
+        line = self.dose.give(angle_deg, shaft_rpm, self._next_command, now_s, self._word)
+        self._next_command += 1
         return line
 
     def _read(self, lines: list[bytes], time_s: float) -> list[BoardReadings]:
@@ -126,6 +147,10 @@ class SlaveBoard:
                 try:
                     if frame.startswith(DOSE_REPORT):
                         self._take_report(decode_report(frame), time_s)
+                    elif frame.startswith(BOARD_WORD):
+                        seq, word = decode_word(frame)
+                        self._count(seq)
+                        self._word, self._ask, self._asked = word, False, 0
                     else:
                         readings.append(self._take(decode_status(frame), time_s))
                 except BadFrame as kind:
@@ -148,6 +173,7 @@ class SlaveBoard:
 
     def _take(self, status: StatusFrame, time_s: float) -> BoardReadings:
         self._count(status.seq)
+        self._ask = self._ask or bool(status.flags & FLAG_WORD_UNUSED)
         speed_mps = self._wheel.update(status.micros, status.pulses, status.pulse_micros)
 
         def reading(value: float | None) -> Reading | None:
@@ -159,4 +185,5 @@ class SlaveBoard:
             status.work_switch, status.pulses, status.echo, bool(status.flags & FLAG_ENABLED),
             bool(status.flags & FLAG_HEARTBEAT_LOST), bool(status.flags & FLAG_DRIVER_FAULT),
             bool(status.flags & FLAG_STEPS_LOST), bool(status.flags & FLAG_HOMING),
-            None if status.valves_open is None else ValvesSeen(time_s, valves_of(status.valves_open)))
+            None if status.valves_open is None else ValvesSeen(time_s, valves_of(status.valves_open)),
+            bool(status.flags & FLAG_OLD_ORDER))

@@ -1,11 +1,18 @@
 """The slave board's program as the virtual machine runs it: commands in, safe stop, status lines out."""
 from __future__ import annotations
 
+import secrets
+from collections.abc import Callable
+
 from control.readings import DoseOrder, DriveCommand
+from drivers.board.framing import Newest
 from drivers.devices.board_frames import (
+    ASK,
     FLAG_DRIVER_FAULT,
     FLAG_ENABLED,
     FLAG_HEARTBEAT_LOST,
+    FLAG_OLD_ORDER,
+    FLAG_WORD_UNUSED,
     SEQUENCES,
     SILENT_HOST_S,
     BadFrame,
@@ -13,34 +20,38 @@ from drivers.devices.board_frames import (
     StatusFrame,
     decode_command,
     encode_status,
-    is_repeat,
-    open_frame,
+    encode_word,
     valves_mask,
     valves_of,
-    whole,
 )
 from drivers.devices.lines import Counts, LineCutter
-from drivers.devices.point_dose import DOSE
+from drivers.devices.point_dose import DOSE, DOSE_WORD, decode_dose
 from drivers.virtual.doses import VirtualDoses
 from drivers.virtual.encoders import Sensed
 
-DOSE_FRAME = DOSE.encode()
+DOSE_FRAMES = DOSE.encode(), DOSE_WORD.encode()
+ASK_FRAME = ASK[1:].strip()
+OLD_ORDER_S = 1.0               # an old order is reported this long
 
 
 class VirtualBoard:
     """One board. After power-on, and after the host was silent for a second, it stands still until it has received a
     command with enable 0; the next one with enable 1 then turns the drives. Standing still: the shaft stops, the gate
-    keeps the set-point that it had; at power-on that is where it stands, `opening_mm`.
+    keeps the set-point that it had; at power-on that is where it stands, `opening_mm`. `chance`: of its words, as the
+    board's own program has it; None: an older board, which knows none.
     """
 
-    def __init__(self, opening_mm: float = 0.0) -> None:
+    def __init__(self, opening_mm: float = 0.0,
+                 chance: Callable[[], int | None] = lambda: secrets.randbits(32)) -> None:
         self.counts = Counts()
         self.driver_fault = False           # set by tests and by fault injection
         self._cutter = LineCutter(self.counts, longest=120)
         self._command = CommandFrame(0, 0.0, opening_mm, False)
         self._opening_mm = opening_mm
         self._heard_s: float | None = None
-        self._last_seq: int | None = None
+        self._newest = Newest(chance)
+        self._old_order_until_s = float("-inf")
+        self._asked = False
         self._armed = False
         self._heartbeat_lost = False
         self._status_seq = 0
@@ -48,22 +59,25 @@ class VirtualBoard:
         self._pulse_s = 0.0
         self._doses = VirtualDoses()
 
+    @property
+    def word(self) -> int | None:
+        """Under which it takes orders now."""
+        return self._newest.word
+
     def feed(self, data: bytes, now_s: float) -> None:
-        """Commands received at `now_s`; wrong ones are counted by kind and change nothing."""
+        """Commands received at `now_s`; wrong ones are counted by kind and change nothing, but for an old one, which
+        stops the board."""
+        self._watch_heartbeat(now_s)
         for line in self._cutter.feed(data):
             for frame in line.split(b"$")[1:]:
                 try:
-                    if frame.startswith(DOSE_FRAME):
-                        self._take_dose(frame, now_s)
-                    else:
-                        self._take(decode_command(frame), now_s)
-                except BadFrame as kind:
-                    self.counts.reject(str(kind))
+                    self._obey(frame, now_s)
+                except (BadFrame, ValueError) as kind:
+                    self._reject(str(kind), now_s)
 
     def set_points(self, now_s: float) -> tuple[DriveCommand, bool]:
         """What the drives follow at `now_s`, and whether they are enabled."""
-        if self._heard_s is not None and now_s - self._heard_s >= SILENT_HOST_S:
-            self._heartbeat_lost, self._armed = True, False
+        self._watch_heartbeat(now_s)
         enabled = self._armed and self._command.enable and not self.driver_fault
         if enabled:
             self._opening_mm = self._command.opening_mm
@@ -84,32 +98,54 @@ class VirtualBoard:
             self._pulse_s = getattr(sensed, "wheel_pulse_s", None) or sensed.time_s
         enabled = self.set_points(now_s)[1]
         flags = (FLAG_ENABLED * enabled | FLAG_HEARTBEAT_LOST * self._heartbeat_lost
-                 | FLAG_DRIVER_FAULT * self.driver_fault)
+                 | FLAG_DRIVER_FAULT * self.driver_fault | FLAG_OLD_ORDER * (now_s < self._old_order_until_s)
+                 | FLAG_WORD_UNUSED * (self._newest.word is not None and not self._newest.used))
         switches = getattr(sensed, "valves_open", None)     # of a plant whose valves have some
         line = encode_status(StatusFrame(
-            self._status_seq, self._last_seq or 0, round(sensed.time_s * 1e6), self._pulses,
+            self._status_seq, max(self._newest.last, 0) % SEQUENCES, round(sensed.time_s * 1e6), self._pulses,
             round(self._pulse_s * 1e6), sensed.shaft_rpm, sensed.opening_mm, sensed.hopper_kg, sensed.supply_v,
             sensed.pitch_deg, sensed.roll_deg, sensed.work_switch, flags,
             None if switches is None else valves_mask(switches)))
         self._status_seq += 1
         report = self._doses.report(self._status_seq, now_s)
         self._status_seq += 1 if report else 0
-        return line + report
+        return line + report + self._answer()
 
-    def _take_dose(self, frame: bytes, now_s: float) -> None:
-        seq = whole(open_frame(frame, DOSE, 4)[0], SEQUENCES - 1)
-        if is_repeat(seq, self._last_seq):
-            raise BadFrame("repeated_sequence")
-        self._last_seq = self._doses.take(frame, self.set_points(now_s)[1], now_s)
+    def _answer(self) -> bytes:
+        if not self._asked or self._newest.word is None:
+            return b""
+        self._asked = False
+        self._status_seq += 1
+        return encode_word(self._status_seq - 1, self._newest.word)
+
+    def _watch_heartbeat(self, now_s: float) -> None:
+        if self._heard_s is not None and now_s - self._heard_s >= SILENT_HOST_S:
+            self._heartbeat_lost, self._armed, self._heard_s = True, False, None
+            self._newest.renew()
+
+    def _reject(self, kind: str, now_s: float) -> None:
+        self.counts.reject(kind)
+        if kind == "old_order":
+            self._armed = False
+            if self._newest.used or self._newest.word is None:
+                self._old_order_until_s = now_s + OLD_ORDER_S
+
+    def _obey(self, frame: bytes, now_s: float) -> None:
+        """Raises BadFrame, or ValueError, with its kind."""
+        if self._newest.word is None and frame[:2] in (b"A1", b"T3", b"D3"):
+            raise BadFrame("unknown_frame")
+        if frame == ASK_FRAME:
+            self._asked = True
+        elif frame.startswith(DOSE_FRAMES):
+            dose = decode_dose(frame)
+            self._newest.take(dose.seq, dose.word)
+            self._doses.take(dose, self.set_points(now_s)[1], now_s)
+        else:
+            self._take(decode_command(frame), now_s)
         self.counts.accept()
 
     def _take(self, command: CommandFrame, now_s: float) -> None:
-        silent = self._heard_s is None or now_s - self._heard_s >= SILENT_HOST_S
-        if not silent and is_repeat(command.seq, self._last_seq):
-            raise BadFrame("repeated_sequence")
-        if silent:
-            self._armed = False
+        self._newest.take(command.seq, command.word)
         if not command.enable:
             self._armed, self._heartbeat_lost = True, False
-        self._last_seq, self._heard_s, self._command = command.seq, now_s, command
-        self.counts.accept()
+        self._heard_s, self._command = now_s, command

@@ -1,9 +1,9 @@
-"""Doses as the virtual board gives them: `D1` in, one `DoseOrder` to the plant, `E1` out."""
+"""Doses as the virtual board gives them: `D1` or `D3` in, one `DoseOrder` to the plant, `E1` out."""
 from __future__ import annotations
 
 from control.readings import DoseOrder
-from drivers.devices.board_frames import COUNTERS, SEQUENCES, crc16, open_frame, plain_number, whole
-from drivers.devices.point_dose import ANGLE_DEG, DOSE, REPORT, SHAFT_RPM, DoseState
+from drivers.devices.board_frames import COUNTERS, SEQUENCES, crc16
+from drivers.devices.point_dose import REPORT, DoseFrame, DoseState
 
 REPORTED_S = 0.3                # what became of a dose is said again this long
 
@@ -21,18 +21,15 @@ class VirtualDoses:
         self._report: str | None = None
         self._reported_until_s = float("-inf")
 
-    def take(self, frame: bytes, enabled: bool, now_s: float) -> int:
-        """A frame as received; returns its sequence number. Raises `BadFrame` with its kind."""
-        fields = open_frame(frame, DOSE, 4)
-        seq, dose = whole(fields[0], SEQUENCES - 1), whole(fields[1], SEQUENCES - 1)
-        order = DoseOrder(plain_number(fields[2], *ANGLE_DEG), plain_number(fields[3], *SHAFT_RPM))
+    def take(self, frame: DoseFrame, enabled: bool, now_s: float) -> None:
+        """One that is newer than all before it."""
         if not enabled or self._ends_s is not None:
-            self._tell(dose, DoseState.REFUSED, 0.0, now_s, now_s)
-            return seq
-        self._order, self._dose, self._angle_deg, self._begin_s = order, dose, order.angle_deg, now_s
+            self._tell(frame.dose, DoseState.REFUSED, 0.0, now_s, now_s)
+            return
+        self._order = order = DoseOrder(frame.angle_deg, frame.shaft_rpm)
+        self._dose, self._angle_deg, self._begin_s = frame.dose, order.angle_deg, now_s
         self._ends_s = now_s + order.angle_deg / (6.0 * order.shaft_rpm)
-        self._tell(dose, DoseState.RUNNING, 0.0, now_s, now_s)
-        return seq
+        self._tell(frame.dose, DoseState.RUNNING, 0.0, now_s, now_s)
 
     def order(self, enabled: bool, now_s: float) -> DoseOrder | None:
         """The dose that begins in this step. A stop ends the one under way."""

@@ -11,7 +11,7 @@ MS = 1000
 class Machine(Pins):
     """A motor with a time constant behind its duty, a gate behind its steps, a wheel; bytes in lists."""
 
-    def __init__(self, sensor=True, start_mm=25.0, rpm_per_duty=125.0, time_constant_s=0.1):
+    def __init__(self, sensor=True, start_mm=25.0, rpm_per_duty=125.0, time_constant_s=0.1, words=()):
         self.now_us = 0
         self.sent = []
         self.inbox = b""
@@ -29,6 +29,7 @@ class Machine(Pins):
         self.rpm_per_duty, self.time_constant_s = rpm_per_duty, time_constant_s
         self.valve_mask = -1            # as the pins were told
         self.valve_switches = None      # what they tell; None: there are none
+        self.words = words              # one for each renewal; none: a board without
 
     def pass_time(self, us):
         self.now_us += us
@@ -82,6 +83,9 @@ class Machine(Pins):
 
     def valves_open(self):
         return self.valve_switches
+
+    def chance(self):
+        return self.words.pop(0) if self.words else None
 
 
 class Bench:
@@ -224,6 +228,60 @@ def bad_frames():
     bench.run(0.3)
     counts = sorted([kind, times] for kind, times in bench.board.receiver.rejected.items())
     return [counts, round(bench.board._wanted_rpm)]
+
+
+class Orders:
+    """A bench at which every order is followed by a look: motor enabled, flags 2, 32 and 64, the kind last rejected."""
+
+    def __init__(self, **machine):
+        self.bench = Bench(**machine)
+        self.found = []
+
+    def give(self, payload, seconds=0.03):
+        before = dict(self.bench.board.receiver.rejected)
+        if payload:
+            self.bench.say(payload)
+        self.bench.run(seconds)
+        after = self.bench.board.receiver.rejected
+        kinds = [kind for kind in sorted(after) if after[kind] != before.get(kind, 0)]
+        self.found.append([self.bench.machine.on, self.bench.flags() & 98])
+        self.found[-1].extend(kinds)
+
+    def words_said(self):
+        return [int(line.split(b"*")[0].split(b",")[2]) for line in self.bench.machine.sent if line.startswith(b"$W1")]
+
+
+def orders_with_a_word(word=0xFEDCBA98, later=7):
+    """Asked for its word; made ready and turned; doubled, late, old, foreign; silent; the old word again."""
+    it = Orders(words=[word, later])
+    for payload in ("T1,9,0.0,25.0,0", "A1", f"T3,4000000000,0.0,25.0,0,,{word}",
+                    f"T3,4000000020,60.0,25.0,1,,{word}", f"T3,4000000020,90.0,25.0,1,,{word}",
+                    f"T3,4000000005,90.0,25.0,1,,{word}", f"T3,4000000004,90.0,25.0,1,,{word}",
+                    f"T3,4000000021,60.0,25.0,1,,{word}", f"T3,4000000022,0.0,25.0,0,,{word}",
+                    f"T3,4000000023,60.0,25.0,1,,{word}", f"T3,4000000024,60.0,25.0,1,,{later}",
+                    f"T3,4000000025,0.0,25.0,0,,{word}", f"T3,4000000026,60.0,25.0,1,,{word}", "T1,10,60.0,25.0,1",
+                    f"T3,4000000027,0.0,25.0,0,,{word}", f"T3,4000000028,0.0,25.0,1,,{word}", "D1,11,0,90.0,60.0",
+                    f"T3,4000000029,0.0,25.0,0,,{word}", f"T3,4000000030,0.0,25.0,1,5,{word}",
+                    f"T3,4000000031,0.0,25.0,1,{word}", f"D3,4000000032,0,90.0,60.0,{word}"):
+        it.give(payload)
+    it.give("", 1.1)
+    for payload in (f"T3,4000000040,0.0,25.0,0,,{word}", f"T3,4000000041,60.0,25.0,1,,{word}", "A1",
+                    f"T3,0,0.0,25.0,0,,{later}", f"T3,1,60.0,25.0,1,,{later}"):
+        it.give(payload)
+    return [it.found, it.words_said()]
+
+
+def orders_without_a_word(words=(), words_only=False):
+    """Of a host that knows none: made ready and turned over the wrap of its numbers; the line doubles, and plays back
+    what is older by 15, 16 and half the circle; ready again; asked for a word that it may not have."""
+    settings = Settings()
+    settings.words_only = words_only
+    it = Orders(settings=settings, words=list(words))
+    for seq, enable in ((65530, 0), (65535, 1), (3, 1), (3, 1), (65524, 1), (65523, 1), (4, 1), (5, 0), (6, 1),
+                        (6 + 32769, 1), (7, 0), (7 + 32768, 1)):
+        it.give(f"T1,{seq},60.0,25.0,{enable}")
+    it.give("A1")
+    return [it.found, it.words_said()]
 
 
 def limits():
@@ -479,7 +537,10 @@ def tilt():
 SCENARIOS = {
     "safe_stop": safe_stop, "valves": valves, "valve_switches": valve_switches, "power_on": power_on,
     "stop_at_once": stop_at_once, "driver_fault": driver_fault,
-    "bad_frames": bad_frames, "limits": limits, "shaft_step": shaft_step,
+    "bad_frames": bad_frames, "limits": limits, "orders_with_a_word": orders_with_a_word,
+    "orders_without_a_word": orders_without_a_word,
+    "orders_without_a_word_at_a_new_board": lambda: orders_without_a_word((5,)),
+    "orders_without_a_word_refused": lambda: orders_without_a_word((5,), True), "shaft_step": shaft_step,
     "shaft_step_after_jam": lambda: shaft_step(0.0), "shaft_step_after_hand": lambda: shaft_step(50.0),
     "shaft_step_weak_supply": lambda: shaft_step(None, 100.0), "gate_moves": gate_moves,
     "gate_moves_homed": lambda: gate_moves(False), "gate_step": gate_step, "lost_steps": lost_steps, "doses": doses,

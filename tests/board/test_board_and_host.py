@@ -4,6 +4,7 @@ from __future__ import annotations
 import contextlib
 import os
 import random
+import secrets
 import signal
 import subprocess
 import sys
@@ -13,9 +14,11 @@ import time
 import pytest
 
 from control.readings import DriveCommand
+from control.simulation.plant import Sensed
 from drivers.board.slave import Settings, Slave
 from drivers.cab import Cab, CabConfig
 from drivers.devices.board_frames import CommandFrame, encode_command
+from drivers.devices.slave_board import SlaveBoard
 from drivers.virtual.board import VirtualBoard
 
 HOST = """
@@ -52,6 +55,9 @@ class Terminal:
             def write(self, data):
                 with contextlib.suppress(BlockingIOError):
                     os.write(outer.master, data)
+
+            def chance(self):
+                return secrets.randbits(32)
 
             def enable(self, on):
                 super().enable(on)
@@ -115,7 +121,7 @@ def test_the_real_driver_drives_the_real_program(terminal):
         status = cab.status(time.monotonic())[0]
         assert status.rejected == 0 and status.rate_hz > 20.0
         assert cab.board.enabled and not cab.board.heartbeat_lost
-        assert not terminal.board.receiver.rejected
+        assert not terminal.board.receiver.rejected and terminal.board._newest.used
         cab.command(time.monotonic(), None, False)
         wait_for(lambda: not terminal.pins.on, 0.5)
     finally:
@@ -138,7 +144,6 @@ def test_a_killed_host_means_a_stopped_machine_one_second_later(terminal):
 
 
 def test_the_host_reads_of_lost_steps_and_of_homing(scenarios):
-    from drivers.devices.slave_board import SlaveBoard
     bench, host = scenarios.Bench(sensor=False, start_mm=12.0), SlaveBoard()
     bench.run(0.2, 0, 12, 0)
     bench.run(0.1, 50, 25, 1)
@@ -151,20 +156,28 @@ def test_the_host_reads_of_lost_steps_and_of_homing(scenarios):
     assert last.steps_lost and not last.homing
 
 
+@pytest.mark.parametrize("worded", [False, True])
 @pytest.mark.parametrize("seed", range(8))
-def test_board_and_virtual_board_obey_alike(seed, scenarios):
-    """A spoilt stream of commands with silences in it: both follow the same set-points at every moment."""
+def test_board_and_virtual_board_obey_alike(seed, worded, scenarios):
+    """A spoilt stream of commands with silences in it, in which old ones come again: both follow the same set-points
+    at every moment, and count the same."""
     chance = random.Random(seed)
-    pins = scenarios.Machine()
-    real, virtual = Slave(pins, Settings()), VirtualBoard(25.0)
+    words = list(range(1, 20)) if worded else []
+    pins = scenarios.Machine(words=words[:])
+    real, virtual = Slave(pins, Settings()), VirtualBoard(25.0, lambda: words.pop(0) if words else None)
     seq = chance.randrange(65536)
+    sent = [b""]
     enabled_ticks = 0
     for tick in range(1500):
         now_us = tick * 10_000
         if tick % 200 < 150 and tick % 5 == 0:
             enable = chance.random() < 0.95 and tick % 200 > 20
-            line = bytearray(encode_command(CommandFrame(seq, chance.uniform(0.0, 90.0), 25.0, enable)))
+            line = bytearray(encode_command(CommandFrame(seq, chance.uniform(0.0, 90.0), 25.0, enable,
+                                                         word=virtual.word)))
+            sent.append(bytes(line))
             seq += chance.choice((0, 1, 1, 1, 1, 3))
+            if chance.random() < 0.03:
+                line = bytearray(chance.choice(sent))
             if chance.random() < 0.2:
                 line[chance.randrange(len(line))] ^= 1 << chance.randrange(8)
             if chance.random() < 0.05:
@@ -178,3 +191,86 @@ def test_board_and_virtual_board_obey_alike(seed, scenarios):
         assert (real._wanted_rpm if real.enabled else 0.0) == pytest.approx(command.shaft_rpm, abs=1e-6)
         enabled_ticks += enabled
     assert 200 < enabled_ticks < 1400
+    kinds = set(real.receiver.rejected) & {"old_order", "repeated_sequence"}
+    assert kinds == {"old_order", "repeated_sequence"}
+    assert {kind: real.receiver.rejected[kind] for kind in kinds} == {kind: virtual.counts.rejected[kind]
+                                                                      for kind in kinds}
+
+
+class Line:
+    """The host's driver, with its worker's 20 ticks a second, on a line with a board that knows words or does not."""
+
+    def __init__(self, words) -> None:
+        self.words, self.host, self.now_s = list(words), SlaveBoard(), 0.0
+        self.sent: list[bytes] = []
+        self.switch_on()
+
+    def switch_on(self) -> None:
+        self.board = VirtualBoard(25.0, lambda: self.words.pop(0) if self.words else None)
+
+    def run(self, ticks: int, enabled: bool, deaf: bool = False):
+        for _ in range(ticks):
+            self.now_s += 0.05
+            line = self.host.command(DriveCommand(60.0, 25.0), enabled)
+            self.sent.append(line)
+            self.board.feed(b"" if deaf else line, self.now_s)
+            sensed = Sensed(self.now_s, None, 0.0, 0, None, 0.0, 25.0, 100.0, 13.5, 0.0, 0.0, None)
+            readings = self.host.feed(self.board.status(sensed, self.now_s), self.now_s)
+        return readings[-1]
+
+    def again(self, lines) -> bool:
+        """Whether the drives were enabled at any time while `lines` come again, two a tick."""
+        turned = False
+        for k in range(0, len(lines), 2):
+            self.now_s += 0.05
+            self.board.feed(b"".join(lines[k:k + 2]), self.now_s)
+            turned = turned or self.board.set_points(self.now_s)[1]
+        return turned
+
+
+@pytest.mark.parametrize("words", [[], [3, 4, 5, 6]])
+def test_host_and_board_of_either_age_work_and_go_on_after_a_silence_and_a_restart(words):
+    line = Line(words)
+    line.run(5, False)
+    assert line.run(5, True).enabled and not line.board.counts.rejected
+    assert line.sent[-1].startswith(b"$T3" if words else b"$T1")
+    line.run(25, True, deaf=True)
+    assert not line.run(5, True).enabled, "not without an enable 0"
+    line.run(5, False)
+    assert line.run(5, True).enabled
+    line.switch_on()
+    line.host.opened_anew()
+    assert not line.run(5, True).enabled
+    line.run(5, False)
+    readings = line.run(5, True)
+    assert readings.enabled and not readings.old_order
+    line.host = SlaveBoard()
+    assert not line.run(3, False).enabled
+    line.run(25, False)
+    assert line.run(5, True).enabled, "a console that was started again within a second"
+    if words:
+        assert not line.again(line.sent), "all that was ever said on this line"
+
+
+def test_a_session_that_is_played_to_a_board_that_was_switched_on_again_turns_nothing():
+    line = Line([3, 4])
+    line.run(5, False)
+    line.run(40, True)
+    taped = [sent for sent in line.sent if sent.startswith(b"$T3")]
+    line.switch_on()
+    assert not line.again(taped)
+    old = Line([])
+    old.run(5, False)
+    old.run(40, True)
+    taped = list(old.sent)
+    old.switch_on()
+    assert old.again(taped), "a board without words cannot know: why there are words"
+
+
+def test_an_older_board_in_the_place_of_a_newer_one_is_asked_in_vain_and_then_spoken_to_as_it_understands():
+    line = Line([3])
+    line.run(5, False)
+    line.board = VirtualBoard(25.0, lambda: None)
+    line.host.opened_anew()
+    line.run(25, False)
+    assert line.run(5, True).enabled and line.sent[-1].startswith(b"$T1")

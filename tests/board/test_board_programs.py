@@ -62,6 +62,36 @@ def test_wrong_frames_are_counted_by_kind_and_not_obeyed(scenarios):
     assert obeyed_rpm == 50
 
 
+READY, TURNS, OLD, STOPPED, AGAIN = [False, 0], [True, 0], [False, 64, "old_order"], [False, 64], [True, 64]
+DOUBLED = [True, 0, "repeated_sequence"]
+
+
+def test_a_board_with_a_word_takes_only_what_is_newer_and_stops_on_what_is_not(scenarios):
+    found, words = scenarios.orders_with_a_word()
+    assert found[:2] == [[False, 32], [False, 32]] and words == [0xFEDCBA98, 7], "it wants to be asked for its word"
+    assert found[2:10] == [READY, TURNS, DOUBLED, DOUBLED, OLD, STOPPED, STOPPED, AGAIN], "16 behind is old"
+    assert found[10:13] == [OLD, STOPPED, AGAIN], "another session's word"
+    assert found[13:16] == [*found[16:18], AGAIN] == [OLD, STOPPED, AGAIN], "T1, then D1: no word at all"
+    assert found[18:20] == [[False, 64, "unknown_frame"]] * 2, "valves that it has not; no place for them"
+    assert found[21:25] == [[False, 34], [False, 34, "old_order"], [False, 34, "old_order"], [False, 34]], \
+        "after a silence it has another word: the session before, played on from there, is old"
+    assert found[25:] == [READY, TURNS]
+
+
+def test_without_a_word_what_is_older_by_less_than_half_the_circle_is_old(scenarios):
+    found, words = scenarios.orders_without_a_word()
+    assert found[:9] == [READY, TURNS, TURNS, DOUBLED, DOUBLED, OLD, STOPPED, STOPPED, AGAIN] and not words
+    assert found[9:] == [OLD, STOPPED, AGAIN, [True, 64, "unknown_frame"]]
+
+
+def test_a_new_board_obeys_an_old_host_unless_it_is_set_to_words_only(scenarios):
+    found, words = scenarios.orders_without_a_word((5,))
+    without, _ = scenarios.orders_without_a_word()
+    assert [one[0] for one in found] == [one[0] for one in without] and words == [5]
+    assert {one[1] for one in found} == {32}, "an old host never asks"
+    assert scenarios.orders_without_a_word((5,), True)[0][:12] == [[False, 32, "old_order"]] * 12
+
+
 def test_set_points_are_cut_to_what_is_screwed_on(scenarios):
     assert scenarios.limits() == [100, 60.0]
 
@@ -167,6 +197,8 @@ def test_the_inclination_is_nose_up_and_right_side_down_positive(scenarios):
 
 @pytest.mark.parametrize("part", [
     "safe_stop", "valves", "valve_switches", "power_on", "stop_at_once", "driver_fault", "bad_frames", "limits",
+    "orders_with_a_word", "orders_without_a_word", "orders_without_a_word_at_a_new_board",
+    "orders_without_a_word_refused",
     "shaft_step", "shaft_step_after_jam", "shaft_step_after_hand", "shaft_step_weak_supply", "gate_moves",
     "gate_moves_homed", "gate_step", "lost_steps", "doses", "lag_rig", "lag_rig_early_granule", "scale", "tilt"])
 def test_micropython_does_the_same(part, scenarios, under_micropython):

@@ -77,12 +77,20 @@ def test_a_stop_ends_the_dose_and_one_that_waits(bench):
 
 
 def test_a_board_asked_too_much_refuses(bench):
-    bench.board.feed(frame("D1,900,1,720.000,99.800"), bench.clock.now_s)
-    bench.board.feed(frame("D1,901,2,120.000,99.800"), bench.clock.now_s)
+    word = bench.board.word
+    bench.board.feed(frame(f"D3,900,1,720.000,99.800,{word}"), bench.clock.now_s)
+    bench.board.feed(frame(f"D3,901,2,120.000,99.800,{word}"), bench.clock.now_s)
     assert b"E1," in bench.board.status(sensed(bench.clock.now_s), bench.clock.now_s)
     assert b",2,3,0.000," in bench.board.status(sensed(bench.clock.now_s), bench.clock.now_s)
-    bench.board.feed(frame("D1,901,2,120.000,99.800"), bench.clock.now_s)
+    bench.board.feed(frame(f"D3,901,2,120.000,99.800,{word}"), bench.clock.now_s)
     assert bench.board.counts.rejected["repeated_sequence"] == 1
+
+
+def test_a_dose_of_another_session_is_not_given_and_stops_the_board(bench):
+    bench.board.feed(frame("D1,900,1,720.000,99.800"), bench.clock.now_s)
+    assert bench.board.counts.rejected["old_order"] == 1 and not bench.board.set_points(bench.clock.now_s)[1]
+    bench.run(3)
+    assert bench.begun == [] and bench.cab.measure(bench.clock.now_s).old_orders
 
 
 def frame(payload: str) -> bytes:

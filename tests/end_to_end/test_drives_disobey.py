@@ -49,6 +49,15 @@ def test_a_valve_that_stays_open_is_said(bench, name):
     assert all(bench.promised(name, found, bench.VALVE_SAID_S).values()), found
 
 
+@pytest.mark.parametrize("name", ["off", "working", "off, console started again", "board started again, no console"])
+def test_orders_played_in_again_turn_nothing_and_are_said(benchmark_module, name):
+    orders = benchmark_module("old_orders")
+    orders.LASTS_S = 8.0
+    found = orders.played_in(name)
+    assert all(orders.promised(name, found).values()), found
+    assert found.state == ("fault" if name == "working" else "off")
+
+
 @pytest.mark.parametrize("machine", [pytest.param("huanghai", marks=pytest.mark.exam), "huanghai_sections"])
 def test_a_day_of_stops_and_starts_accuses_nobody(bench, machine):
     """Holds, stops, calibrating runs, changes of the rate and of the strategy: drives that obey."""

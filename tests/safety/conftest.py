@@ -17,7 +17,7 @@ def good_situation(now_s: float, **changes: Any) -> Situation:
     """All is well at 1.25 m/s due east. `changes`: fields of Situation, or of the machine by the names below.
 
     speed_mps, gnss_mps, wheel_mps, course_deg, hopper_kg, work_switch, fix_quality, drive_fault, drive_stopped,
-    heads_heard, ndvi, shaft_rpm, opening_mm, valves (read open or not), and for each sensor an age
+    old_orders, heads_heard, ndvi, shaft_rpm, opening_mm, valves (read open or not), and for each sensor an age
     (gnss_age_s, wheel_age_s, shaft_age_s, gate_age_s, scale_age_s) or NEVER.
     """
     speed = changes.pop("speed_mps", 1.25)
@@ -28,7 +28,8 @@ def good_situation(now_s: float, **changes: Any) -> Situation:
     rpm, opening_mm = changes.pop("shaft_rpm", 70.0), changes.pop("opening_mm", 15.0)
     valves = changes.pop("valves", None)
     seen = None if valves is None else ValvesSeen(now_s, valves)
-    faults = {name: changes.pop(name, False) for name in ("drive_fault", "drive_stopped", "control_failed")}
+    faults = {name: changes.pop(name, False) for name in ("drive_fault", "drive_stopped", "old_orders",
+                                                       "control_failed")}
     faults["put_aside"] = changes.pop("put_aside", ())
     ages = {name: changes.pop(f"{name}_age_s", 0.0) for name in ("gnss", "wheel", "shaft", "gate", "scale")}
 

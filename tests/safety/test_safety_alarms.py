@@ -31,6 +31,7 @@ RAISED = [
     ("console_silent", {"console_age_s": 2.1}, 0.0, 0.05, State.HELD),
     ("log_failed", {"log_ok": False}, 0.0, 0.05, State.WORKING),
     ("control_failed", {"control_failed": True}, 0.0, 0.05, State.WORKING),
+    ("old_orders", {"old_orders": True}, 0.0, 0.05, State.WORKING),
     ("device_aside", {"put_aside": ("gnss", "head_2")}, 0.0, 0.05, State.WORKING),
     ("position_lost", {"target_source": MAP, "position_ok": False}, 0.0, 0.05, State.WORKING),
     ("position_lost", {"target_source": POINT, "position_ok": False}, 0.0, 0.05, State.WORKING),
