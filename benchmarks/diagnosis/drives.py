@@ -27,6 +27,7 @@ import yaml  # noqa: E402
 
 SHARED = ROOT.parent / "shared"
 DRIVES = SHARED / "data" / "drives"
+KNOWN = SHARED / "data" / "known_causes"
 PEER = SHARED / "prototypes" / "drive_peer" / "peer.py"
 
 # What a data sheet says of each machine: full speed in r/min at the full command, times in s, noise of the reading.
@@ -34,8 +35,15 @@ GEAR_MOTOR = {"full_rpm": 650.0, "tau_s": 0.06, "dead_s": 0.02, "noise_rpm": 2.0
 FOOTBALL = {"full_rpm": 1500.0, "tau_s": 0.10, "dead_s": 0.01, "noise_rpm": 4.4}        # 0.46 rad/s a count
 WHEEL_IN_AIR = {"full_rpm": 600.0, "tau_s": 0.10, "dead_s": 0.01, "noise_rpm": 2.2}     # 0.23 rad/s a count
 SWEPT = {"full_rpm": 1050.0, "tau_s": 0.10, "dead_s": 0.01, "noise_rpm": 1.8}           # 0.18 rad/s a count
+BRAKED = {"full_rpm": 1800.0, "tau_s": 0.05, "dead_s": 0.01, "noise_rpm": 10.0}
+# 6.43 deg/s a count; read as r/min: 1 for each 6 deg/s
+DC_MOTOR = {"full_rpm": 81.0, "tau_s": 0.05, "dead_s": 0.0, "noise_rpm": 0.31}
+HEATER = {"full_rpm": 70.0, "tau_s": 5.0, "dead_s": 5.0, "noise_rpm": 0.1}      # degrees above the room for r/min
+THRUSTER = {"full_rpm": 3800.0, "tau_s": 0.10, "dead_s": 0.01, "noise_rpm": 5.0, "supply_v": 20.0}
+ACTUATOR = {"slew_mm_s": 200.0, "noise_mm": 0.05}
 
 ZONE, CURVE, GAIN, SLOW, SIDES = "dead zone", "curve", "gain", "slow", "two sides"
+BRAKE, SUPPLY, PLAY = "brake", "supply", "play"
 # Names and terms that say each of them. A curve over the command is said by a term over it; two that stand for each
 # other over half of a range are not told apart by eye either.
 FORMS = ("slope", "bend", "hinge", "saturation", "dead_zone", "threshold", "side", "table")
@@ -46,6 +54,9 @@ SAYS = {
     GAIN: ("shaft.gain", "shaft.backwards", *CURVES),
     SIDES: ("shaft.back_gain", "shaft.back_zone"),
     SLOW: ("shaft.slow", "shaft.dead_time", "shaft.memory", "shaft.second_order"),
+    BRAKE: ("x_load",),
+    SUPPLY: ("shaft.voltage_sag", "supply_v"),
+    PLAY: ("gate.backlash", "gate.side", "gate.memory", "gate.slow"),
 }
 # Of the sweeps: r/min by r/min of the command is 1.32 from 30 to 60 % of the range, 1.20 up to 90 %, 1.08 above (robot
 # 2, m1; 1.37, 1.23, 1.00 of robot 5): the curve bends. Settled speeds of the same command differ by direction: 27
@@ -72,6 +83,8 @@ class Case(NamedTuple):
     settled: bool
     side: int = 0               # 1, -1: rows of one direction alone, turned forwards; 0: all
     names: tuple[str, ...] = ()
+    extra: dict[str, Any] = {}  # further columns of the log
+    stage: str = "shaft"
 
 
 def _wheels() -> list[Case]:
@@ -119,36 +132,110 @@ def _football() -> list[Case]:
     return found
 
 
-CASES = [*_wheels(), *_football()]
+def _known() -> list[Case]:
+    """Recordings whose cause is known, a braked motor, a motor in open loop, a heater (tables by `_prepared`)."""
+    found = []
+    seconds = {"column": "time_s", "counts": "s"}
+    for run in (1, 2):
+        found.append(Case(f"braked/{run}/motor/forwards", "braked", f"braked_{run}.csv",
+                          {"from": "velocity setpoint [Hz]", "scale": 60.0},
+                          {"from": "velocity measured [Hz]", "scale": 60.0}, BRAKED, (BRAKE, GAIN, SLOW),
+                          {"column": "time [s]", "counts": "s"}, False,
+                          extra={"x_load": {"from": "load cell weight [g]"}}))
+    for run in (1, 2):
+        found.append(Case(f"prbs/{run}/motor/forwards", "prbs", f"unA_prbs{run}.csv", {"from": "u", "scale": 30.0},
+                          {"from": "y", "scale": 1.0 / 6.0}, DC_MOTOR, (ZONE, GAIN, SLOW),
+                          {"column": "t", "counts": "s"}, False))
+    for run in (1, 2):
+        found.append(Case(f"heater/{run}/1/forwards", "heater", f"tclabA_{run}.txt", {"from": "u1", "scale": 0.7},
+                          {"from": "t1", "offset": -20.8}, HEATER, (GAIN, SLOW), seconds, False,
+                          extra={"x_heater2": {"from": "u2"}}))
+    for half in ("even", "odd"):
+        found.append(Case(f"thruster/{half}/motor/both", "thruster", f"thruster/{half}",
+                          {"from": "pwm", "scale": 9.5, "offset": -14250.0}, {"from": "rpm"}, THRUSTER,
+                          (SUPPLY, ZONE, CURVE, GAIN, SIDES), {"counts": "rows", "step_s": 1.0}, True,
+                          extra={"supply_v": {"from": "v"}}))
+    for word, truth in (("normal", (PLAY,)), ("lackLubrication1", (PLAY,)), ("backlash1", (PLAY,))):
+        found.append(Case(f"actuator/{word}/gate/both", "actuator", f"actuator/{word}", {"from": "set_point"},
+                          {"from": "position"}, ACTUATOR, truth, {"counts": "rows", "step_s": 0.04}, False,
+                          extra={"x_current": {"from": "current"}, "x_load": {"from": "load"}}, stage="gate"))
+    return found
+
+
+CASES = [*_wheels(), *_football(), *_known()]
 
 
 def machine_text(case: Case) -> str:
     """The machine file: what a data sheet says, and no more."""
     s = case.sheet
+    if case.stage == "gate":
+        return yaml.safe_dump({
+            "format": "topdress-machine/1", "id": "actuator", "gate": {"slew_mm_s": s["slew_mm_s"], "full_mm": 150.0,
+                                                                      "dead_time_s": 0.0},
+            "limits": {"opening_low_mm": 0.0, "opening_high_mm": 150.0}, "noise": {"opening_mm": s["noise_mm"]}})
     return yaml.safe_dump({
         "format": "topdress-machine/1", "id": case.pair.split("/")[0],
         # no data sheet of a motor has a ramp, and `topdress machine --from` writes none
         "shaft": {"dead_time_s": s["dead_s"], "time_constant_s": s["tau_s"], "acceleration_rpm_s": 1e6,
-                  "nominal_supply_v": 7.4, "full_rpm": s["full_rpm"]},
+                  "nominal_supply_v": s.get("supply_v", 7.4), "full_rpm": s["full_rpm"]},
         "flow": {"full_rpm": s["full_rpm"]}, "fall": {"full_rpm": s["full_rpm"]},
         "limits": {"shaft_low_rpm": 0.0, "shaft_high_rpm": s["full_rpm"]},
         "set_points": {"shaft_rpm": 0.5 * s["full_rpm"]}, "noise": {"shaft_rpm": s["noise_rpm"]},
         "tolerance": {"shaft_percent": 0.5, "time_constant_s": 0.015}})
 
 
+COLUMNS_OF = {"shaft": ("shaft_rpm_cmd", "shaft_rpm"), "gate": ("opening_mm_cmd", "opening_mm")}
+
+
 def import_text(case: Case) -> str:
     """The import file that a user writes."""
+    command, reading = COLUMNS_OF[case.stage]
     said: dict[str, Any] = {"format": "topdress-import/1", "time": case.time,
-                            "columns": {"shaft_rpm_cmd": case.command, "shaft_rpm": case.reading},
+                            "columns": {command: case.command, reading: case.reading, **case.extra},
                             "rows": "answer_in_row" if case.settled else "answer_next_row", "extra": "drop"}
     if case.names:
         said["source"] = {"names": list(case.names)}
     return yaml.safe_dump(said)
 
 
+def _prepared(case: Case, folder: Path) -> Path | None:
+    """A table with plain columns of a recording that is no such table; None of the others."""
+    import csv
+    import gzip
+    kind, _, which = case.file.partition("/")
+    rows: list[tuple[float | str, ...]] = []
+    if case.pair == "braked":
+        lines = [line for line in (DRIVES / case.file).read_text().splitlines() if not line.startswith("#")]
+        place = folder / f"{which or case.file}.table.csv"
+        place.write_text("\n".join(lines) + "\n")
+        return place
+    if case.pair == "heater":
+        rows.append(("time_s", "u1", "u2", "t1"))
+        rows += [(t, u1, u2, t1) for t, u1, u2, t1, *_ in np.loadtxt(
+            DRIVES / case.file, delimiter=",", skiprows=1).tolist()]
+    elif kind == "thruster":                # speeds have no sign: below 1500 us it turns backwards
+        rows.append(("pwm", "rpm", "v"))
+        for volts in ("10V", "14V", "16V", "20V"):
+            with (KNOWN / f"thruster_{volts}.csv").open(encoding="utf-8") as lines_of:
+                for k, one in enumerate(list(csv.reader(lines_of))[1:]):
+                    pwm, rpm, volt = float(one[0]), float(one[1]), float(one[3])
+                    if k % 2 == (which == "odd"):
+                        rows.append((pwm, rpm if pwm > 1500.0 else -rpm, volt))
+    elif kind == "actuator":
+        rows.append(("set_point", "position", "current", "load"))
+        with gzip.open(KNOWN / f"actuator_{which}.csv.gz", "rt") as lines_of:
+            rows += [(float(one["set_point"]), float(one["set_point"]) - float(one["position_error"]),
+                      float(one["current"]), float(one["load"])) for one in csv.DictReader(lines_of)]
+    else:
+        return None
+    place = folder / f"{case.file.replace('/', '_')}.table.csv"
+    place.write_text("".join(",".join(map(str, row)) + "\n" for row in rows))
+    return place
+
+
 def _one_side(case: Case, folder: Path) -> Path:
     """The rows of one direction as a file of their own, turned forwards."""
-    source = DRIVES / case.file
+    source = _prepared(case, folder) or DRIVES / case.file
     if not case.side:
         return source
     lines = source.read_text().splitlines()
@@ -232,8 +319,8 @@ def judged(case: Case, said: dict[str, Any]) -> str:
     return "right" if all(any(word in one for word in known) for one in claims) else "wrong"
 
 
-def error_on(log: Path, machine_file: Path, settled: bool) -> float:
-    """r.m.s. of measured less predicted over every row of a log, r/min; the machine file predicts as it stands."""
+def error_on(log: Path, machine_file: Path, case: Case) -> float:
+    """r.m.s. of measured less predicted over every row of a log, r/min or mm, as a machine file stands."""
     from control.diagnosis.runs.channels import drive_rows
     from control.diagnosis.runs.drives import whole_drives
     from control.diagnosis.runs.hypothesis import schedule, stages_of
@@ -250,19 +337,56 @@ def error_on(log: Path, machine_file: Path, settled: bool) -> float:
         columns = {name: np.concatenate([values + k * later if name == "time_s" else values
                                          for k in range(1 + LEAST_ROWS // rows)]) for name, values in columns.items()}
     clean = gate(columns)
-    drive = whole_drives(clean, machine)["shaft"]
+    drive = whole_drives(clean, machine)[case.stage]
     predicted = drive_rows(drive)(schedule(stages_of(machine), ()), MOST_STEP_S)[:, 1]
-    off = clean.columns["shaft_rpm"] - predicted
-    off = off[1:rows] if settled else off
+    off = clean.columns[COLUMNS_OF[case.stage][1]] - predicted
+    off = off[1:rows] if case.settled else off
     return float(np.sqrt(np.nanmean(np.square(off))))
 
 
-def rival_on(fit: Path, held: Path, tau_s: float) -> tuple[float, str]:
-    """The rival's error on the log that it was not fitted to, r/min, and its form."""
-    done = subprocess.run([sys.executable, str(PEER), str(fit), str(held), "--tau", str(tau_s)], capture_output=True,
-                          text=True, check=True)
-    words = done.stdout.splitlines()[0].split("held", 1)[1].split()
-    return float(words[0]), " ".join(words[1:]).split("{")[0].strip()
+def rival_on(fit: Path, held: Path, case: Case) -> tuple[float, str]:
+    """The rival's error on the log that it was not fitted to, r/min or mm, and its form: along with it straight lines
+    over the further columns, by least squares, cells far out held at the ends of the others."""
+    import ast
+    import importlib.util
+    import warnings
+
+    import pandas as pd
+    command, reading = COLUMNS_OF[case.stage]
+    tables = {path: pd.read_csv(path) for path in (fit, held)}
+    for path, table in tables.items():
+        table.rename(columns={command: "shaft_rpm_cmd", reading: "shaft_rpm"}).to_csv(path.with_suffix(".peer.csv"),
+                                                                                      index=False)
+    fit_of, held_of = (path.with_suffix(".peer.csv") for path in (fit, held))
+    tau_s = case.sheet.get("tau_s", 0.05)
+    done = subprocess.run([sys.executable, str(PEER), str(fit_of), str(held_of), "--tau", str(tau_s)],
+                          capture_output=True, text=True, check=True)
+    words = done.stdout.splitlines()[0].split("held", 1)[1]
+    error, form = float(words.split()[0]), " ".join(words.split("{")[0].split()[1:])
+    if not case.extra:
+        return error, form
+    spec = importlib.util.spec_from_file_location("peer", PEER)
+    assert spec is not None and spec.loader is not None
+    peer = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(peer)
+    sizes = ast.literal_eval("{" + words.split("{")[1])
+    names, ends, left, lines = list(case.extra), {}, {}, {}
+    for path, of in ((fit, fit_of), (held, held_of)):
+        time_s, u, y, settled = peer.load(of)
+        said = peer.FORMS[form][1](sizes, u)
+        said = said if settled else peer.lagged(said, time_s, sizes.get("tau", tau_s), sizes.get("dead", 0.02), y[0])
+        series = [np.interp(time_s, tables[path]["time_s"], tables[path][name].ffill().bfill()) for name in names]
+        if path == fit:
+            ends = {name: np.percentile(one, (1.0, 99.0)) for name, one in zip(names, series, strict=True)}
+        held_in = [np.clip(one, *ends[name]) for name, one in zip(names, series, strict=True)]
+        left[path], lines[path] = y - said, np.array([np.ones(len(y)), *held_in]).T
+        if settled and "supply_v" in names:         # a supply acts in proportion
+            lines[path] = np.hstack([lines[path], said[:, None] * lines[path]])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        slopes = np.linalg.lstsq(lines[fit], left[fit], rcond=None)[0]
+    with_lines = float(np.sqrt(np.mean((left[held] - lines[held] @ slopes) ** 2)))
+    return with_lines, f"{form}, lines over {', '.join(names)}"
 
 
 def pairs(ran: dict[str, Ran]) -> list[tuple[Case, Case]]:
@@ -332,12 +456,12 @@ def _run_pairs(ran: dict[str, Ran], written: dict[str, Any], before: dict[str, A
     for case, other in pairs(ran):
         key = f"{case.name} -> {other.name}"
         one, held = ran[case.name], ran[other.name]
-        nominal = error_on(held.log, one.nominal, other.settled)
-        adopted = None if one.adopted is None else error_on(held.log, one.adopted, other.settled)
+        nominal = error_on(held.log, one.nominal, other)
+        adopted = None if one.adopted is None else error_on(held.log, one.adopted, other)
         known = before["pairs"].get(key, {})
         rival, form = known.get("rival"), known.get("form", "")
         if rival is None and not no_rival:
-            rival, form = rival_on(one.log, held.log, case.sheet["tau_s"])
+            rival, form = rival_on(one.log, held.log, case)
         written["pairs"][key] = {"nominal": nominal, "adopted": adopted, "rival": rival, "form": form}
         _kept(written, out)
         print(f"{key:52s} {nominal:8.1f} {'-' if adopted is None else f'{adopted:.1f}':>8s} "

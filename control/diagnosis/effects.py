@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 from control.machine.effect import OPENING_RANGE
-from control.machine.machine import CATALOGUE, Machine, of_nominal, size_scale
+from control.machine.machine import CATALOGUE, Bounds, Machine, bounds, of_nominal, size_scale
+from control.machine.shaft import LEAST_LAG_S
 
 THRESHOLD_RATIO = 1.25              # of a threshold to the one tried below it
 MIN_THRESHOLD_SHARE = 0.01          # of the highest shaft speed: a shaft that is asked for less stands still
@@ -194,3 +195,16 @@ ROWS: dict[str, Row] = {row.id: row for row in list(globals().values()) if isins
 _unmatched = sorted(set(ROWS) ^ set(CATALOGUE))
 if _unmatched:
     raise RuntimeError(f"effects without a row, or rows without an effect: {', '.join(_unmatched)}")
+
+
+def reach(effect_id: str, machine: Machine) -> Bounds:
+    """Range of an effect's size on top of a machine file: that of the catalogue, and no time that it adds to falls
+    below nothing (the model holds it there: what is further off predicts the same). Raises KeyError."""
+    low, high = bounds(effect_id, machine)
+    least = {"dead_time_s": 0.0, "time_constant_s": LEAST_LAG_S}.get(ROWS[effect_id].moves)
+    if least is None:
+        return Bounds(low, high)
+    entry = CATALOGUE[effect_id]
+    stage = getattr(machine, entry.stage)
+    total = getattr(stage, ROWS[effect_id].moves) + getattr(stage, entry.field)
+    return Bounds(max(low, min(0.0, least - total)), high)

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from control.diagnosis.effects import ROWS, FoundBy
+from control.diagnosis.effects import ROWS, FoundBy, reach
 from control.diagnosis.given import machine_of
 from control.machine.form import FORMS, SHAFT_ANGLE
 from control.machine.history import noted
@@ -154,4 +154,4 @@ def _on_top(machine: Machine, effect_id: str, size: float) -> float:
     entry = CATALOGUE[effect_id]
     before = getattr(getattr(machine, entry.stage), entry.field) - entry.neutral
     low, high = bounds(effect_id, machine)
-    return float(min(high, max(low, before + size)))
+    return float(min(high, max(low, before + max(size, reach(effect_id, machine).low))))

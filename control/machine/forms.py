@@ -201,7 +201,7 @@ class Saturation(_Ended, form=Form.SATURATION):
 
 
 class Lost(Saturation):
-    """A constant that is lost of every command: a saturation from 0 on. x : the commands, as they are."""
+    """A constant that is lost of every command above 0: a saturation from there on. x : the commands, as they are."""
 
     movable, has_level = (), False
 
@@ -215,7 +215,7 @@ class Lost(Saturation):
 
     @classmethod
     def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
-        return ({Series(ones, (x.name,)): 1.0},)
+        return ({Series(since, (x.name,), float(np.min(x.x[x.work], initial=np.inf))): 1.0},)
 
     @classmethod
     def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
@@ -311,11 +311,10 @@ class Product(TermForm, form=Form.PRODUCT):
 
     @classmethod
     def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
-        """level : 0 where the log does not hold it; the product is then nothing where one of its variables is at its
-        place."""
+        """The square is completed: what that adds is taken off the level."""
         first, second, both = a[0] if len(a) > 1 else 0.0, a[1] if len(a) > 2 else 0.0, a[-1]
         return {"slope": both / (x.spread * y.spread), "at": x.of(-second / both), "second_at": y.of(-first / both),
-                "level": level - first * second / both if level else 0.0}
+                "level": level - first * second / both}
 
 
 # -- of how a variable has been moving ---------------------------------------------------------------------------------
@@ -442,7 +441,7 @@ class Periodic(TermForm, form=Form.PERIODIC):
     def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
         first, second = Series(sine, (x.name,), shape["cycles"]), Series(cosine, (x.name,), shape["cycles"])
         if "sine" in shape:
-            return ({first: shape["sine"], second: shape["cosine"]},)
+            return ({Series(along_axis, (x.name,), axis_deg(shape)): 1.0},)
         return {first: 1.0}, {second: 1.0}
 
     @classmethod
@@ -455,19 +454,29 @@ class Periodic(TermForm, form=Form.PERIODIC):
         and the level where the machine was not driven."""
         if "sine" not in shape:
             return super().written(shape, a, level, x, y)
-        inner, outer = ALONG_DEG
-        axis = float(np.degrees(np.arctan2(shape["sine"], shape["cosine"])))
-        half_turns = int((axis + outer) // 180.0)
-        axis -= 180.0 * half_turns              # from -outer to 180 - outer: the way through north first, if one is
-        size = (-1.0) ** half_turns * a[0] * float(np.hypot(shape["sine"], shape["cosine"]))
-        edges = [axis - outer, axis - inner, axis + inner, axis + outer]
-        back = [edge + 180.0 for edge in edges]
-        one_way, other_way = level + size, level - size
-        if edges[0] >= 0.0:
-            return Written(Form.TABLE, {}, [*edges, *back],
-                           [level, one_way, one_way, level, level, other_way, other_way, level])
-        return Written(Form.TABLE, {}, [*edges[2:], *back, *(edge + 360.0 for edge in edges[:2])],
-                       [one_way, level, level, other_way, other_way, level, level, one_way])
+        nodes, values = two_ways(axis_deg(shape))
+        return Written(Form.TABLE, {}, nodes, [level + a[0] * value for value in values])
+
+
+def axis_deg(shape: Shape) -> float:
+    return float(np.degrees(np.arctan2(shape["sine"], shape["cosine"])))
+
+
+def two_ways(axis: float) -> tuple[list[float], list[float]]:
+    """A table over the headings 0 to 360: 1 along an axis (deg), -1 the other way, nothing across."""
+    inner, outer = ALONG_DEG
+    half_turns = int((axis + outer) // 180.0)
+    axis -= 180.0 * half_turns                  # from -outer to 180 - outer: the way through north first, if one is
+    size = (-1.0) ** half_turns
+    edges = [axis - outer, axis - inner, axis + inner, axis + outer]
+    back = [edge + 180.0 for edge in edges]
+    if edges[0] >= 0.0:
+        return [*edges, *back], [0.0, size, size, 0.0, 0.0, -size, -size, 0.0]
+    return [*edges[2:], *back, *(edge + 360.0 for edge in edges[:2])], [size, 0.0, 0.0, -size, -size, 0.0, 0.0, size]
+
+
+def along_axis(x: Scaled, axis: float) -> Array:
+    return np.interp(x.x, *two_ways(axis))
 
 
 def since(x: Scaled, at: float) -> Array:
@@ -514,8 +523,10 @@ class Span(TermForm, form=Form.SPAN):
 
 
 def wave(x: Scaled, n: float) -> Array:
+    """A half-wave as the file has it: straight lines between its values at the nodes."""
     low, high = x.ends
-    return np.cos(np.pi * n * np.clip((x.z - low) / max(high - low, 1e-9), 0.0, 1.0))
+    share = np.linspace(0.0, 1.0, NODES)
+    return np.interp(x.z, low + (high - low) * share, np.cos(np.pi * n * share))
 
 
 class TableForm(TermForm, form=Form.TABLE):
@@ -540,7 +551,6 @@ class TableForm(TermForm, form=Form.TABLE):
 
     @classmethod
     def written(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> Written:
-        """Straight lines between eight places of the waves: up to 0.4 of the last one's size off between them."""
         (low, high), share = x.ends, np.linspace(0.0, 1.0, NODES)
         waves = np.array([np.cos(np.pi * n * share) for n in range(1, WAVES + 1)])
         return Written(Form.TABLE, {}, [x.of(low + (high - low) * one) for one in share.tolist()],

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from control.diagnosis.effects import ROWS, FoundBy
+from control.diagnosis.effects import ROWS, FoundBy, reach
 from control.diagnosis.judgement.evidence import (
     Z90,
     Fit,
@@ -22,7 +22,7 @@ from control.diagnosis.judgement.evidence import (
 )
 from control.diagnosis.judgement.noise import Noise
 from control.diagnosis.judgement.prior import log_of_size, sd_of_size
-from control.machine.machine import CATALOGUE, Machine, bounds, size_scale
+from control.machine.machine import CATALOGUE, Machine, size_scale
 
 from .channels import ChannelSeries
 from .columns import WRITTEN, Columns
@@ -158,7 +158,7 @@ class Search:
         stand = []
         for at in p.places(Role.SLOPE):
             part = parts[p.labels[at].part]
-            low, high = bounds(part.id, self.model.machine)
+            low, high = reach(part.id, self.model.machine)
             if (part.size <= low and fit.amplitude[at] < 0.0) or (part.size >= high and fit.amplitude[at] > 0.0):
                 stand.append(at)
         if not stand:
@@ -194,7 +194,7 @@ class Search:
         """
         k = next(k for k, part in enumerate(found.parts) if ROWS[part.id].threshold)
         part = found.parts[k]
-        edges = self._commands_between(*bounds(part.id, self.model.machine))
+        edges = self._commands_between(*reach(part.id, self.model.machine))
         tried: dict[int, FittedHypothesis] = {}
 
         def value(place: int) -> float:
@@ -220,7 +220,7 @@ class Search:
         as_good = [place for place in tried if value(place) > value(here) - 0.5 * THRESHOLD_GAP]
         low, high = float(edges[min(as_good)]), float(edges[max(as_good) + 1])
         best = tried[here]
-        lowest, highest = bounds(part.id, self.model.machine)
+        lowest, highest = reach(part.id, self.model.machine)
         best = best._replace(log_evidence=best.log_evidence + float(np.log((high - low) / (highest - lowest))))
         return best._replace(parts=replaced(best.parts, k, part._replace(size=0.5 * (low + high))),
                              sd=(*best.sd[:k], 0.5 * (high - low) / Z90, *best.sd[k + 1:]))
@@ -235,7 +235,7 @@ class Search:
         for k, part in enumerate(found.parts):
             if not ROWS[part.id].trial_sizes or ROWS[part.id].threshold:
                 continue
-            low, high = bounds(part.id, self.model.machine)
+            low, high = reach(part.id, self.model.machine)
             step = WALK_ROWS * self.model.channel(ROWS[part.id].channels[0]).grid.step_s
             while step > WALK_TO * best.sd[k]:
                 size = best.parts[k].size
@@ -281,7 +281,7 @@ def candidates(channel_names: tuple[str, ...], machine: Machine, heads: int, ref
             continue
         if row.needs_refill and not refilled:
             continue
-        low, high = bounds(effect_id, machine)
+        low, high = reach(effect_id, machine)
         probe = size_scale(effect_id, machine) * entry.effect.probes[0] if row.probe is None else row.probe
         if row.trial_sizes:
             found += [Candidate(EffectInstance(effect_id, size), max(low, 0.5 * size), min(high, 1.9 * size))
@@ -348,7 +348,7 @@ def _stepped(parts: Hypothesis, p: Problem, fit: Fit, machine: Machine) -> tuple
     for at in p.places(Role.SLOPE):
         k = p.labels[at].part
         sd[k] = float(np.sqrt(fit.covariance[at, at]))
-        low, high = bounds(parts[k].id, machine)
+        low, high = reach(parts[k].id, machine)
         size = float(np.clip(parts[k].size + fit.amplitude[at], low, high))
         biggest = max(biggest, abs(size - parts[k].size) / max(sd[k], 1e-9))
         moved[k] = parts[k]._replace(size=size)

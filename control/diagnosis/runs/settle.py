@@ -3,10 +3,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from control.diagnosis.effects import ROWS
+from control.diagnosis.effects import ROWS, reach
 from control.diagnosis.judgement.evidence import Role, fitted, problem
 from control.diagnosis.judgement.noise import coefficients
-from control.machine.machine import Machine, bounds
+from control.machine.machine import Machine
 
 from .channels import ChannelSeries
 from .columns import Columns
@@ -123,5 +123,5 @@ def looked_for_to(effect_id: str, machine: Machine) -> float:
 
 
 def _grown(part: EffectInstance, by: float, machine: Machine) -> EffectInstance:
-    low, high = bounds(part.id, machine)
+    low, high = reach(part.id, machine)
     return part._replace(size=min(high, max(low, part.size + float(by))))

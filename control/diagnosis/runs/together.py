@@ -23,8 +23,9 @@ from control.diagnosis.effects import (
     SHAFT_SATURATION,
     SHAFT_SECOND_ORDER,
     SHAFT_SLOW,
+    reach,
 )
-from control.machine.machine import Machine, bounds
+from control.machine.machine import Machine
 from control.machine.shaft import lag_s
 
 from .hypothesis import EffectInstance, Hypothesis, stages_of
@@ -83,7 +84,7 @@ def fitted_together(search: Search, others: Hypothesis, names: Sequence[str], ro
     model, machine = search.model, search.model.machine
     channel, base = model.channel("shaft"), stages_of(machine)
     usual = np.array([ROWS[name].on(machine).usual for name in names])
-    low, high = np.array([bounds(name, machine) for name in names]).T
+    low, high = np.array([reach(name, machine) for name in names]).T
 
     def parts(sizes: Array) -> Hypothesis:
         return (*others, *(EffectInstance(name, float(size)) for name, size in zip(names, sizes, strict=True)))
