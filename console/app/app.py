@@ -523,13 +523,16 @@ class TopdressApp(App[None], inherit_bindings=False):
             else:
                 self.notice(_("nothing is connected: C asks again"))
 
-        title = _("A job was cut off at {time}: {job}").format(
-            time=wall_clock(offer.saved_utc, self.utc_offset_s)[:5], job=offer.job)
+        self.push_screen(self.pass_question(offer, _("A job was left at {time}: {job}").format(
+            time=wall_clock(offer.saved_utc, self.utc_offset_s)[:5], job=offer.job)), answer)
+
+    def pass_question(self, offer: Offer, heading: str) -> ChoiceDialog:
+        """What is spread twice on purpose is asked: "resume" or "anew"."""
         resume = _("resume the job of {time} ({area} done)").format(
             time=wall_clock(offer.began_utc, self.utc_offset_s)[:5], area=self.units.area.full(offer.area_ha))
-        self.push_screen(ChoiceDialog(title, (Choice("resume", resume), Choice("anew", _("begin anew"))), "", _(
-            "Resumed, the ground that is done gets nothing a second time; the machine is off until you start it.")),
-            answer)
+        return ChoiceDialog(heading, (Choice("resume", resume), Choice("anew", _("begin anew"))), "", _(
+            "Resumed, totals go on and the ground that is done gets nothing a second time. Anew, that job is ended, "
+            "and its ground gets material again. The machine is off until you start it."))
 
     def restart(self, start: Connect) -> None:
         """End the worker that runs, then start one anew."""

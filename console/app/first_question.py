@@ -11,7 +11,7 @@ from control.orders import Do
 
 if TYPE_CHECKING:
     from console.app.app import TopdressApp
-    from console.app.pages.job.service import JobService, Recent
+    from console.app.pages.job.service import JobService, Offer, Recent
 
 MAY_CHANGE = (None, "off")          # states in which nothing is lost by another start
 
@@ -34,9 +34,23 @@ def ask_first(app: TopdressApp, service: JobService) -> None:
             service.drop()
             app.notice(_("the machine works: stop it first, then choose again to start with it"))
         else:
-            app.restart(service.restart)
+            app.with_files(service.offer, lambda left: _start(app, service, left), app.notice)
 
     app.list_files(service.recent, listed)
+
+
+def _start(app: TopdressApp, service: JobService, left: Offer | None) -> None:
+    """left: a job that has spread on the field that was chosen."""
+    def answer(how: str | None) -> None:
+        if how is None:
+            service.drop()
+        else:
+            app.restart(lambda: service.restart(how == "anew"))
+
+    if left is None:
+        app.restart(service.restart)
+    else:
+        app.push_screen(app.pass_question(left, _("A job was left on this field")), answer)
 
 
 def _question(app: TopdressApp, found: tuple[Recent, ...]) -> ChoiceDialog:

@@ -1,4 +1,4 @@
-"""What the Job screen has done: facts of the configuration, other files, exports, and going on after a power cut."""
+"""What the Job screen has done: facts of the configuration, other files, exports, going on with a job that was left."""
 from __future__ import annotations
 
 import contextlib
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from pydantic import BaseModel
 
     from console.link import Link
+    from console.worker.resume_field import OpenJob
     from control.agronomy.strips import StripValue
     from control.field.job import Job
     from control.machine.machine import Machine
@@ -48,7 +49,6 @@ if TYPE_CHECKING:
     from drivers.files.read_log import RunLog
     from drivers.files.setup import Setup
 
-OFFERED_DAYS = 14           # a job that was cut off longer ago is not asked about
 MOST_FILES = 11             # in one list of choices
 
 
@@ -331,15 +331,22 @@ class JobFiles:
     def drop(self) -> None:
         self._next = None
 
-    async def restart(self) -> Link:
+    async def restart(self, anew: bool = False) -> Link:
         """Raises WorkerFailed, ValueError, OSError; the files are then those of before."""
-        before = self._launcher.config
+        before, left = self._launcher.config, self._left()
         self._launcher.config, self._next = self._next or before, None
         try:
-            return await self._launcher.link()
+            return await self._begin(left, anew)
         except (RuntimeError, ValueError, OSError):
             self._launcher.config = before
             raise
+
+    async def _begin(self, left: Sequence[OpenJob], anew: bool) -> Link:
+        """A worker on a field on which these jobs were left, the newest first."""
+        if anew:
+            for one in left:
+                resume.finish(one.path)
+        return await self._launcher.link(None if anew else next((one.path for one in left if one.goes_on), None))
 
     # --- export and report --------------------------------------------------------------------------------------
 
@@ -417,30 +424,39 @@ class JobFiles:
         return at_work(log_path)
 
     def offer(self) -> Offer | None:
-        found = resume.newest(self._launcher.logs)
-        if found is None:
+        left = sorted(self._left(), key=lambda one: not one.goes_on)
+        if not left:
             return None
-        path, kept = found
+        kept = left[0].snapshot
+        return Offer(str(left[0].path), kept.began_utc, kept.saved_utc, kept.job, kept.area_ha)
+
+    def _left(self) -> list[OpenJob]:
+        """Jobs that were left on the field of the next start, the newest first; where no files are chosen, the newest
+        of all. Raises ValueError."""
+        from console.worker.resume_field import OpenJob, jobs_here
+        from drivers.files.setup import by_kind, setup_of
+        now, config = dt.datetime.now(dt.UTC), self._next or self._launcher.config
+        if not config:
+            return [OpenJob(*one, 1.0) for one in resume.open_jobs(self._launcher.logs, now)][:1]
         try:
-            saved = dt.datetime.fromisoformat(kept.saved_utc)
-        except ValueError:
-            return None
-        if dt.datetime.now(dt.UTC) - saved > dt.timedelta(days=OFFERED_DAYS):
-            return None
-        return Offer(str(path), kept.began_utc, kept.saved_utc, kept.job, kept.area_ha)
+            found = by_kind(config)
+            setup = setup_of(found, dt.date.today())
+        except ConfigError as error:
+            raise ValueError(error.lines[0]) from None
+        return jobs_here(self._launcher.logs, _on_its_ground(setup.job, setup.machine, found), _is_simulated(found),
+                         now)
 
     async def resume(self, offer: Offer) -> Link:
-        """With the files that the job had. Raises WorkerFailed, ValueError, OSError."""
-        kept = resume.read(Path(offer.path))
+        """With the files of the next start, else those that the job had. Raises WorkerFailed, ValueError, OSError."""
+        kept, left = resume.read(Path(offer.path)), self._left()
         launcher = self._launcher
-        launcher.config, launcher.effects = kept.config, kept.effects
+        launcher.config, launcher.effects = launcher.config or kept.config, kept.effects
         launcher.seed, launcher.hz = kept.seed, kept.hz
-        return await launcher.link(Path(offer.path))
+        return await self._begin(left, False)
 
     async def anew(self, offer: Offer) -> Link:
         """Raises WorkerFailed, ValueError, OSError."""
-        resume.finish(Path(offer.path))
-        return await self._launcher.link()
+        return await self._begin(self._left(), True)
 
 
 FAR_ABOVE, FAR_BELOW_KG_HA = 2.0, 10.0              # times the crop's limit; less than any dressing
@@ -476,8 +492,12 @@ class _MapFacts(TypedDict):
 def _on_its_ground(job: Job, machine: Machine, found: dict[str, Loaded[BaseModel]]) -> Job:
     """The job on the field where it will be worked: on the simulated machine one without a boundary gets one."""
     from control.simulation.assembly import with_simulated_field
+    return with_simulated_field(job, machine) if _is_simulated(found) else job
+
+
+def _is_simulated(found: dict[str, Loaded[BaseModel]]) -> bool:
     cab = found.get(CAB.format)
-    return with_simulated_field(job, machine) if cab is None or getattr(cab.model, "virtual", False) else job
+    return cab is None or bool(getattr(cab.model, "virtual", False))
 
 
 def _path_of(found: dict[str, Loaded[BaseModel]], kind: str, nominal: str) -> Path:

@@ -13,6 +13,7 @@ from console.worker.program import Clock
 from console.worker.resume import snapshot_path
 from console.worker.resume_assemble import before_of, go_on, job_to_go_on, started
 from console.worker.resume_keeper import Keeper
+from console.worker.resume_tail import with_tail
 from console.worker.simulated_bench import SimulatedBench
 from control.field.job import Job, rule_of
 from control.machine.machine import Machine
@@ -47,9 +48,13 @@ def assemble(options: Options, clock: Clock) -> Assembly:
     has_work_switch = False
     simulated = cab is None or bool(getattr(cab.model, "virtual", False))
     job = with_simulated_field(setup.job, machine) if simulated else setup.job
-    before = before_of(options, machine, setup.crop.product_n_fraction, _stops_s(cab))
-    if before is not None:
-        job = job_to_go_on(job, machine, before)
+    if cab is not None:
+        sha256[str(cab.path)] = cab.sha256
+    now, log = _utc_now(), _log_path(options.log)
+    before = before_of(options.resume, log.parent, job, sha256, simulated, now)
+    if before.job is not None:
+        left = with_tail(before.job, machine, setup.crop.product_n_fraction, _stops_s(cab))
+        before, job = before._replace(job=left), job_to_go_on(job, machine, left, before.same_files)
     placed = _placed(job, setup)
     if cab is None:
         bench = _simulated(options, machine, job, clock)
@@ -59,25 +64,24 @@ def assemble(options: Options, clock: Clock) -> Assembly:
         if devices.rate_module is not None and devices.rate_module.fixed_opening_mm is not None:
             machine = with_fixed_gate(machine, devices.rate_module.fixed_opening_mm)
         bench = Cab(devices, clock)
-        sha256[str(cab.path)] = cab.sha256
-    now_utc = _utc_now().isoformat(timespec="milliseconds")
+    now_utc = now.isoformat(timespec="milliseconds")
     rule = rule_of(setup.crop, job, setup.rule.days)
     loop = control_loop(machine, setup.crop, rule, job, has_work_switch, **placed)
     if isinstance(bench, SimulatedBench):
         bench.state = lambda: loop.safety.state
-    if before is not None:
-        go_on(loop, before)
+    before = before.on(loop.plane)
+    go_on(loop, before)
     meta = run_meta(machine, setup.crop, job, seed=options.seed if cab is None else None, sha256=sha256,
                     started_utc=now_utc,
                     extra={"job_folder": str(setup.folder)} | (
                         {"effects": list(options.effects)} if options.effects else {}) | (
-                        {} if before is None else {"resumes": before.log_path}))
-    writer = RunLogWriter(_log_path(options.log), meta)
+                        {} if before.job is None else {"resumes": before.job.log_path}))
+    writer = RunLogWriter(log, meta)
     names = Names(job.title or job.id, machine.title or machine.id, setup.crop.name,
                   str(writer.path), simulated)
     keeper = Keeper(snapshot_path(writer.path), machine,
-                    started(options, writer.path, (names.job, names.machine, names.crop), simulated, now_utc, before),
-                    loop, lambda: _utc_now().isoformat(timespec="milliseconds"))
+                    started(options, writer.path, (names.job, names.machine, names.crop), simulated, now_utc,
+                            before.job), loop, lambda: _utc_now().isoformat(timespec="milliseconds"))
     writer.after_writing = keeper.work
     return Assembly(bench, loop, writer, names, keeper)
 

@@ -3,8 +3,9 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Annotated
 
@@ -18,6 +19,7 @@ from drivers.files.atomic import write_atomically
 from drivers.files.limits import RESUME, held_to
 
 WORTH_HA = 0.001            # less done than this: nothing to go on with
+OPEN_DAYS = 14              # a pass over a field takes no longer; the next dressing comes later
 
 Place = tuple[float, float]
 Refill = tuple[str, float]          # UTC, kg
@@ -121,12 +123,17 @@ def finish(path: Path) -> None:
     write(path, replace(read(path), finished=True))
 
 
-def newest(folder: Path) -> tuple[Path, Snapshot] | None:
-    """The job that was saved last in a folder, if it was cut off. Files that cannot be read are passed over."""
+def open_jobs(folder: Path, now: datetime) -> Iterator[tuple[Path, Snapshot]]:
+    """Jobs of these logs that are not done with, the newest first: not ended by their operator, something done, left in
+    the last two weeks, and gone on with in no later log. Files that cannot be read are passed over."""
+    gone_on: set[str] = set()
     for path in newest_first(folder):
         try:
             snapshot = read(path)
+            left = datetime.fromisoformat(snapshot.saved_utc) if snapshot.saved_utc else now
         except (ValueError, OSError):
             continue
-        return (path, snapshot) if snapshot.worth_going_on and not snapshot.quit else None
-    return None
+        if Path(snapshot.log_path).name not in gone_on:
+            gone_on.update(Path(one).name for one in snapshot.logs_before)
+            if snapshot.worth_going_on and now - left.astimezone(UTC) <= timedelta(days=OPEN_DAYS):
+                yield path, snapshot

@@ -1,55 +1,90 @@
-"""A job that was cut off, put together again: the loop goes on with what was done, off and with all else as usual."""
+"""A job that was left, put together again: the loop goes on with what was done, off and with all else as usual."""
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import replace
+from datetime import datetime
 from math import hypot
 from pathlib import Path
+from typing import NamedTuple
 
 from console.worker import resume
 from console.worker.options import Options
 from console.worker.resume import Snapshot
-from console.worker.resume_tail import with_tail
+from console.worker.resume_field import jobs_here, on_plane, place_on
 from control.field.job import Job
 from control.geodesy import TangentPlane
 from control.loop import ControlLoop
 from control.machine.machine import Machine
 from control.orders import Strategy
 from control.simulation.tractor import field_path
+from drivers.files.atomic import sidecar
+from drivers.files.run_meta import meta_from_yaml
 
 SEARCH_M = 0.5              # along the simulated tractor's way
 
 
-def before_of(options: Options, machine: Machine, n_fraction: float, stops_s: float | None) -> Snapshot | None:
-    """What was done before, up to the last row that reached the disk, and what fell after it; None where nothing is to
-    go on. stops_s: as `with_tail` has it.
+class Before(NamedTuple):
+    """What was done on this field. job: that which goes on, None where another begins; others: whose ground counts
+    alone. same_files: those with which the job was worked."""
 
-    Raises ValueError, OSError.
-    """
-    if options.resume is None:
+    job: Snapshot | None = None
+    others: tuple[Snapshot, ...] = ()
+    same_files: bool = True
+
+    def on(self, plane: TangentPlane | None) -> Before:
+        """On the plane of the loop. None: it has none yet, and takes that of the job."""
+        if plane is None:
+            return self._replace(others=())
+        return self._replace(job=None if self.job is None else on_plane(self.job, plane),
+                             others=tuple(on_plane(one, plane) for one in self.others))
+
+
+def before_of(named: Path | None, folder: Path, job: Job, sha256: Mapping[str, str], simulated: bool,
+              now: datetime) -> Before:
+    """named: the job to go on with (`--resume`); None: the one that was left on this job's field, where it has a
+    boundary. folder: of the logs; sha256: of the files. Raises ValueError, OSError: what is named cannot be read."""
+    here = jobs_here(folder, job, simulated, now) if job.field.boundary_m else []
+    goes_on = next((one.snapshot for one in here if one.goes_on), None) if named is None else resume.read(named)
+    same = goes_on is None or _sha256_of(goes_on.log_path) in (None, dict(sha256))
+    return Before(goes_on, tuple(one.snapshot for one in here if goes_on is None or (
+        one.snapshot.log_path != goes_on.log_path)), same)
+
+
+def _sha256_of(log: str) -> Mapping[str, str] | None:
+    """Of the files with which a log was written; None: not known any more."""
+    try:
+        return meta_from_yaml(sidecar(Path(log)).read_text(encoding="utf-8")).sha256
+    except (OSError, ValueError):
         return None
-    return with_tail(resume.read(options.resume), machine, n_fraction, stops_s)
 
 
-def job_to_go_on(job: Job, machine: Machine, before: Snapshot) -> Job:
-    """The job with what the operator had chosen and measured; where it is simulated, the tractor stands where it
-    stopped."""
-    update: dict[str, object] = {"strategy": Strategy(before.strategy), "look_ahead": before.look_ahead,
-                                 "flow_trim": before.flow_trim_on}
+def job_to_go_on(job: Job, machine: Machine, before: Snapshot, same_files: bool = True) -> Job:
+    """The job with what the operator had measured and, where its files are the same, chosen; where it is simulated, the
+    tractor stands where it stopped."""
+    update: dict[str, object] = {} if not same_files else {
+        "strategy": Strategy(before.strategy), "look_ahead": before.look_ahead, "flow_trim": before.flow_trim_on}
     strips = {"ndvi_nrich": before.ndvi_nrich, "ndvi_check": before.ndvi_check}
-    update |= {name: ndvi for name, ndvi in strips.items() if ndvi is not None}
+    update |= {name: ndvi for name, ndvi in strips.items()
+               if ndvi is not None and (same_files or getattr(job, name) is None)}
     simulated: dict[str, float] = {}
-    if before.simulated and before.place_m is not None:
-        simulated["begin_m"] = _driven_m(job, machine, before.place_m)
-    if before.simulated and before.hopper_kg is not None:
-        simulated["hopper_kg"] = max(0.0, before.hopper_kg)
+    if before.simulated:
+        place_m = place_on(TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg), before)
+        simulated |= {} if place_m is None else {"begin_m": _driven_m(job, machine, place_m)}
+        simulated |= {} if before.hopper_kg is None else {"hopper_kg": max(0.0, before.hopper_kg)}
     return job.model_copy(update=update | {"simulated": job.simulated.model_copy(update=simulated)})
 
 
-def go_on(loop: ControlLoop, before: Snapshot) -> None:
-    """Totals and trim as they were; where something lies already the loop's guard against a second dose knows it."""
-    plane = None if before.origin_deg is None else TangentPlane(*before.origin_deg)
-    loop.go_on(before.sums, before.flow_trim, before.ground, plane, before.after_cut_kg)
+def go_on(loop: ControlLoop, before: Before) -> None:
+    """Totals as they were; where something lies already the loop's guard against a second dose knows it. The trim is
+    that of files: with others it is found anew."""
+    last = before.job
+    if last is not None:
+        plane = None if last.origin_deg is None else TangentPlane(*last.origin_deg)
+        loop.go_on(last.sums, last.flow_trim if before.same_files else 1.0, last.ground, plane, last.after_cut_kg)
+    for other in before.others:
+        loop.spread_by_others(other.ground)
 
 
 def started(options: Options, log: Path, names: tuple[str, str, str], simulated: bool, now_utc: str,

@@ -27,8 +27,12 @@ class Done:
 
     def __init__(self, machine: Machine, before: Raster = NOTHING_DONE, track: tuple[Spot, ...] = ()) -> None:
         width_m = machine.geometry.working_width_m
-        cell_m = before.cell_m if before.done.any() else min(CELL_M, width_m / 6.0)
+        cell_m = min(CELL_M, width_m / 6.0)
         self._fall, self._turning_rpm = machine.fall, 0.5 * machine.limits.shaft_low_rpm
+        if before.cell_m != cell_m and before.done.any():       # of a machine of another width
+            redrawn = Coverage(width_m, cell_m)
+            redrawn.seed(before)
+            before = redrawn.raster()
         self._before = before
         strips = [(strip.left_m, strip.right_m) for strip in machine.switched]
         self._coverage = Coverage(width_m, cell_m, strips=strips)

@@ -8,6 +8,7 @@ from drivers.files.limits import RESUME, held_to
 
 FORMAT = "topdress-resume/1"
 ENDING = ".resume.json"
+LOOKED_AT = 100         # two weeks of a contractor's: jobs left longer ago are not gone on with
 
 
 def saved_ns(path: Path) -> int:
@@ -18,19 +19,19 @@ def saved_ns(path: Path) -> int:
 
 
 def newest_first(folder: Path) -> list[Path]:
-    """All snapshots of a folder."""
-    return sorted(folder.glob(f"*{ENDING}"), key=saved_ns, reverse=True)
+    """The snapshots of a folder, as many as are looked at."""
+    return sorted(folder.glob(f"*{ENDING}"), key=saved_ns, reverse=True)[:LOOKED_AT]
 
 
 def may_go_on(folder: Path) -> bool:
-    """False where no job was cut off: none is there, or the newest was ended by its operator. Quick; `resume.newest`
-    says whether there is one indeed."""
+    """False where every job was ended by its operator, or none was worked. Quick; `resume.open_jobs` says which go on
+    indeed."""
     for path in newest_first(folder):
         try:
             held_to(RESUME, path.stat().st_size, str(path))
             data = json.loads(path.read_bytes())
         except (ValueError, OSError, RecursionError):
             continue
-        if isinstance(data, dict) and data.get("format") == FORMAT:
-            return not (data.get("quit") or data.get("finished"))
+        if isinstance(data, dict) and data.get("format") == FORMAT and not data.get("finished"):
+            return True
     return False

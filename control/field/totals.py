@@ -39,6 +39,7 @@ class Sums(NamedTuple):
     target_kg: float = 0.0
     bins: tuple[tuple[int, float, float], ...] = ()     # rate bin, ha, kg
     stopped_kg: float = 0.0                             # released while commanded to stop
+    n_kg: float | None = None           # nitrogen in all of it, whatever the products; None: of the product at hand
 
 
 NOTHING = Sums()
@@ -78,14 +79,15 @@ class Totaliser:
         self._width_m = width_m
         self._n_fraction = product_n_fraction
         self._worked_s, self._area_ha, self._kg, self._kg2_ha, self._known_kg, self._target_kg, bins, \
-            self._stopped_kg = before
+            self._stopped_kg, n_kg = before
+        self._other_n_kg = 0.0 if n_kg is None else n_kg - self.applied_kg * product_n_fraction
         self._bins = {key: (ha, kg) for key, ha, kg in bins}      # rate bin -> (ha, kg)
 
     @property
     def sums(self) -> Sums:
         """What was added up so far, to go on from later."""
         return Sums(self._worked_s, self._area_ha, self._kg, self._kg2_ha, self._known_kg, self._target_kg,
-                    tuple((key, ha, kg) for key, (ha, kg) in self._bins.items()), self._stopped_kg)
+                    tuple((key, ha, kg) for key, (ha, kg) in self._bins.items()), self._stopped_kg, self.applied_n_kg)
 
     def add(self, step_s: float, speed_mps: float | None, applied_rate_kg_ha: float | None,
             target_rate_kg_ha: float | None = None, open_share: float = 1.0) -> bool:
@@ -134,6 +136,11 @@ class Totaliser:
         """All that left the machine, what was released while commanded to stop included."""
         return self._kg + self._stopped_kg
 
+    @property
+    def applied_n_kg(self) -> float:
+        """Nitrogen in it. `_other_n_kg`: what products of earlier parts had more of it than this one."""
+        return max(0.0, self.applied_kg * self._n_fraction + self._other_n_kg)
+
     def snapshot(self) -> Totals:
         """The totals so far; cheap enough for a few times a second."""
         mean = self._kg / self._area_ha if self._area_ha > 0.0 else None
@@ -144,5 +151,5 @@ class Totaliser:
             away_kg = sum(abs(kg - mean * ha) for ha, kg in self._bins.values())
             cuc = 100.0 * (1.0 - away_kg / self._kg)
         error = 100.0 * (self._known_kg / self._target_kg - 1.0) if self._target_kg > 0.0 else None
-        return Totals(self._area_ha, self.applied_kg, self.applied_kg * self._n_fraction, self._target_kg,
+        return Totals(self._area_ha, self.applied_kg, self.applied_n_kg, self._target_kg,
                       self._worked_s, mean, cv, cuc, error, stopped_kg=self._stopped_kg)

@@ -164,6 +164,10 @@ class ControlLoop:
         if after_cut_kg > 0.0:
             self._events.add(f"released_after_cut {after_cut_kg:.3f}")
 
+    def spread_by_others(self, done: Raster) -> None:
+        """Ground, on this loop's plane, that another job has spread: it counts to no total here, and gets no more."""
+        self._ahead.overlap.seed(done, ours=False)
+
     def target_at(self, track_m: float) -> Target:
         """The target that holds at a place of the track, fence included: what the ground was meant to get."""
         return self._ahead.profile(self._operator.choices, self.safety.memory.allow.outside).at(track_m)

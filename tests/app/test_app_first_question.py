@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from console.app.app import TopdressApp
 from console.app.dialogs import ChoiceDialog
 from console.app.first_question import ask_first
+from console.app.pages.job.service import Offer
 from console.app.sample import sample_services
 from console.cli import app as command
 from console.cli import screens
@@ -60,6 +61,22 @@ async def test_one_key_takes_the_newest_and_one_leaves_all_as_it_is(full, source
         await pilot.press("enter")
         await settled(full, pilot)
         assert ("recent", "jobs/north-40.yaml", "machines/spreader.yaml", "cabs/red.yaml") in desk.asked
+
+
+@pytest.mark.parametrize(("keys", "how"), [(("enter",), "restart"), (("2", "enter"), "restart anew"),
+                                           (("escape",), "drop")])
+async def test_a_job_that_was_left_on_that_field_is_asked_about(full, keys, how):
+    desk = full.services.job
+    desk.cut_off = Offer("a.resume.json", "2026-03-18T14:18:00+00:00", "2026-03-18T15:02:00+00:00", "North 40", 1.2)
+    async with full.run_test(size=(120, 40)) as pilot:
+        await asked(full, pilot)
+        await pilot.press("enter")
+        for _ in range(2):
+            await settled(full, pilot)
+        assert isinstance(full.screen, ChoiceDialog) and "left on this field" in full.screen.heading
+        await pilot.press(*keys)
+        await settled(full, pilot)
+        assert desk.asked[-1] == (how,)
 
 
 async def test_hold_and_stop_work_under_it_and_a_machine_that_was_started_is_left_alone(full, source):

@@ -275,6 +275,26 @@ async def test_a_working_machine_is_not_started_again(job_app, desk, source, sho
         assert desk.asked[-1] == ("drop",) and app.page.pending == "" and ("restart",) not in desk.asked
 
 
+@pytest.mark.parametrize(("keys", "how"), [(("enter",), ["restart"]), (("2", "enter"), ["restart anew"]),
+                                           (("escape",), [])])
+async def test_what_would_be_spread_twice_is_asked_first(job_app, desk, source, frames, shown, keys, how):
+    """A map, a job, a machine taken in the middle of a field: what was done there was forgotten without a word."""
+    app = job_app
+    desk.cut_off, desk.next = OFFER, StillSource(frames[-1])
+    async with app.run_test(size=SIZE) as pilot:
+        await on_job(app, pilot)
+        feed(app, source, [{"state": "off"}])
+        await pilot.press("q", "2", "2", "enter")
+        await settled(app, pilot)
+        text = " ".join(" ".join(shown(app)).split())
+        assert isinstance(app.screen, ChoiceDialog) and "resume the job of 14:18 (1.20 ha done)" in text
+        assert "gets nothing a second time" in app.screen.text and "gets material again" in app.screen.text
+        await pilot.press(*keys)
+        await settled(app, pilot)
+        assert [one[0] for one in desk.asked if one[0].startswith("restart")] == how
+        assert (("drop",) in desk.asked) is (not how)
+
+
 async def test_what_was_said_of_one_run_is_not_said_of_the_next(job_app, desk, source, shown):
     """Taken after all, the map ran under "not taken"; and what the hopper held in the run before was no refill."""
     app = job_app
@@ -424,7 +444,7 @@ async def test_a_job_that_was_cut_off_is_offered_at_the_start(frames, clock, key
     desk.next = StillSource(frames[-1])
     app = TopdressApp(None, clock, live=False, utc_offset_s=0.0, services=Services(job=desk))
     async with app.run_test(size=SIZE) as pilot:
-        assert isinstance(app.screen, ChoiceDialog) and app.screen.heading == "A job was cut off at 15:02: division 2"
+        assert isinstance(app.screen, ChoiceDialog) and app.screen.heading == "A job was left at 15:02: division 2"
         labels = [choice.label for choice in app.screen.choices]
         assert labels == ["resume the job of 14:18 (1.20 ha done)", "begin anew"]
         await pilot.press(*keys)

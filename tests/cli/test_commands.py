@@ -349,8 +349,10 @@ def test_a_worker_that_did_not_come_up_is_one_line(steps: list[str], tmp_path: P
         screens.show_run((), (), 1, 20.0, str(tmp_path / "run.csv"))
 
 
-def test_a_job_that_was_cut_off_is_asked_about_first(steps: list[str], tmp_path: Path) -> None:
-    (tmp_path / "cut.resume.json").write_text('{"format": "topdress-resume/1", "quit": false}')
+@pytest.mark.parametrize("quit_by_order", ["false", "true"])
+def test_a_job_that_was_left_is_asked_about_first(quit_by_order: str, steps: list[str], tmp_path: Path) -> None:
+    kept = f'{{"format": "topdress-resume/1", "quit": {quit_by_order}}}'
+    (tmp_path / "left.resume.json").write_text(kept)
     assert Launcher((), (), 1, 20.0, str(tmp_path / "run.csv"), tmp_path / "trouble").may_go_on()
-    (tmp_path / "cut.resume.json").write_text('{"format": "topdress-resume/1", "quit": true}')
+    (tmp_path / "left.resume.json").write_text(kept.replace("}", ', "finished": true}'))
     assert not Launcher((), (), 1, 20.0, str(tmp_path / "run.csv"), tmp_path / "trouble").may_go_on()

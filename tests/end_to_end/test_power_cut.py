@@ -34,7 +34,7 @@ def test_kill_of_both_and_the_next_start_goes_on(benchmark_module, tmp_path):
 
         console.terminal = console.open()
         terminal = console.terminal
-        wait(lambda: terminal.shows("A job was cut off at"), 20.0, "the offer", terminal)
+        wait(lambda: terminal.shows("A job was left at"), 20.0, "the offer", terminal)
         assert not terminal.shows("WORKING")
         terminal.type("\r")
         later = console.where()

@@ -99,6 +99,11 @@ class Loop(NamedTuple):
     plane: None = None
 
 
+def left(folder):
+    """The newest job that was left there, with its snapshot; None: none."""
+    return next(resume.open_jobs(folder, dt.datetime.now(dt.UTC)), None)
+
+
 def _read(folder, data):
     path = folder / "told.resume.json"
     path.write_text(json.dumps(data))
@@ -174,7 +179,7 @@ def test_refills_holds_and_the_end_of_the_job_are_kept(tmp_path):
     kept = resume.read(resume.snapshot_path(parts.writer.path))
     assert [kg for _utc, kg in kept.refills] == [250.0] and parts.keeper.tally.refills == kept.refills
     assert 5.0 < kept.held_s < 25.0 and kept.finished and parts.keeper.tally.finished
-    assert resume.newest(tmp_path) is None, "a job that was ended is not offered"
+    assert left(tmp_path) is None, "a job that was ended is not offered"
 
 
 def test_a_machine_that_only_stood_there_leaves_nothing(tmp_path):
@@ -202,29 +207,39 @@ def test_what_is_no_snapshot_is_named_in_one_line(tmp_path, text):
     with pytest.raises(ValueError, match=r"a\.resume\.json: not a job that can go on: ") as caught:
         resume.read(path)
     assert "\n" not in str(caught.value)
-    assert resume.newest(tmp_path) is None
+    assert left(tmp_path) is None
 
 
-def test_the_newest_job_hides_those_before(tmp_path):
+def test_jobs_that_were_left_are_found_the_newest_first(tmp_path):
+    """Not those that were ended, gone on with in a later log, or left more than two weeks ago; an ended one hides its
+    own parts, not what was left on another field."""
     import os
-    for number, (name, ha, finished) in enumerate((("a", 1.0, False), ("b", 2.0, False), ("c", 0.0, False))):
-        kept = Snapshot(f"{name}.csv", sums=Sums(area_ha=ha), finished=finished)
-        resume.write(tmp_path / f"{name}.resume.json", kept)
-        os.utime(tmp_path / f"{name}.resume.json", (number, number))
-    assert resume.newest(tmp_path) is None, "the newest has nothing to go on with"
-    os.utime(tmp_path / "b.resume.json", (9, 9))
-    path, kept = resume.newest(tmp_path)
-    assert path.name == "b.resume.json" and kept.area_ha == 2.0
+    now = dt.datetime.now(dt.UTC)
+
+    def keep(number, name, **known):
+        path = tmp_path / f"{name}.resume.json"
+        resume.write(path, Snapshot(str(tmp_path / f"{name}.csv"), sums=Sums(area_ha=known.pop("ha", 1.0)), **known))
+        os.utime(path, (number, number))
+
+    keep(1, "old", saved_utc=(now - dt.timedelta(days=15)).isoformat())
+    keep(2, "west")
+    keep(3, "north")
+    keep(4, "east_1")
+    keep(5, "east_2", logs_before=(str(tmp_path / "east_1.csv"),), finished=True)
+    keep(6, "stood", ha=0.0)
+    keep(7, "south", saved_utc=(now - dt.timedelta(days=13)).isoformat(), quit=True)
+    found = [path.name.partition(".")[0] for path, _kept in resume.open_jobs(tmp_path, now)]
+    assert found == ["south", "north", "west"]
 
 
 def test_a_cut_in_the_first_second_of_work_leaves_something_to_go_on_with(tmp_path):
     keeper = Keeper(tmp_path / "x.resume.json", Machine(), Snapshot("x.csv", sums=Sums()), Loop(), lambda: "")
     keeper.take(Standing(LogRow(1.0, shaft_rpm_cmd=0.0, state="working")))
     keeper.work(False)
-    assert resume.newest(tmp_path) is None
+    assert left(tmp_path) is None
     keeper.take(Standing(LogRow(1.05, shaft_rpm_cmd=40.0, state="working")))
     keeper.work(False)
-    _, kept = resume.newest(tmp_path)
+    _, kept = left(tmp_path)
     assert kept.worked and kept.area_ha == 0.0 and kept.time_s == 1.05
 
 
@@ -235,7 +250,7 @@ def test_a_clock_set_back_does_not_bring_an_older_job_forward(tmp_path):
     resume.write(tmp_path / "a.resume.json", Snapshot("a.csv", sums=Sums(area_ha=1.0)))
     os.utime(tmp_path / "a.resume.json", ns=(time.time_ns() + hour_ns, time.time_ns() + hour_ns))
     resume.write(tmp_path / "b.resume.json", Snapshot("b.csv", sums=Sums(area_ha=2.0)))
-    path, _ = resume.newest(tmp_path)
+    path, _ = left(tmp_path)
     assert path.name == "b.resume.json"
 
 
@@ -288,13 +303,13 @@ def test_the_scale_says_what_it_lost_over_the_cut(morning, tmp_path):
 
 
 @pytest.mark.exam
-def test_a_clean_quit_is_no_cut(tmp_path):
-    """It is not offered as one; by name it can be gone on with."""
+def test_a_job_goes_on_after_a_quit_too(tmp_path):
+    """Nothing was cut off, and nothing fell after the last row; the ground is done all the same."""
     frames, parts = run(tmp_path / "a.csv", 60.0, orders={50.0: Ask.QUIT})
     path = resume.snapshot_path(parts.writer.path)
     kept = resume.read(path)
-    assert kept.quit and kept.worth_going_on and resume.newest(tmp_path) is None
-    later, _parts = run(tmp_path / "b.csv", 5.0, resumed=path)
+    assert kept.quit and kept.worth_going_on and left(tmp_path)[0] == path
+    later, _parts = run(tmp_path / "b.csv", 5.0)
     assert later[0].area_ha == pytest.approx(frames[-1].area_ha, rel=0.02)
     assert not resume.read(resume.snapshot_path(tmp_path / "b.csv")).quit, "told to stop, but not by anybody's QUIT"
 

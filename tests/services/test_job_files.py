@@ -23,6 +23,7 @@ from console.worker import resume
 from console.worker.resume import Snapshot
 from control.agronomy.strips import StripValue
 from control.field.boundary import Boundary
+from control.field.coverage import Raster
 from control.field.job import Job
 from control.field.job_names import JobNames
 from control.field.totals import Sums
@@ -142,6 +143,31 @@ async def test_begin_anew_is_not_asked_again(desk, launcher, monkeypatch):
     assert started == [(("demo",), 7, Path(offer.path))]
     await desk.anew(offer)
     assert started[-1][2] is None and desk.offer() is None
+
+
+@pytest.mark.parametrize(("box", "far", "anew", "named"), [
+    ((0.0, 60.0), False, False, True), ((0.0, 60.0), False, True, False), ((0.0, 60.0), True, False, False),
+    ((-60.0, 20.0), False, False, False)])
+async def test_a_start_with_another_file_goes_on_with_what_was_left_on_its_field(desk, launcher, tmp_path, monkeypatch,
+                                                                                 box, far, anew, named):
+    """Anew: that job is ended, and asked about no more. What lies elsewhere is no concern of it."""
+    demo = load(shipped("jobs")["demo"], JOB).model
+    field = demo.field.model_copy(update={"origin_lat_deg": 36.0 if far else demo.field.origin_lat_deg})
+    save(tmp_path / "other.yaml", demo.model_copy(update={"field": field, "strategy": "balanced"}), JOB, "")
+    launcher.logs.mkdir(exist_ok=True)
+    path = resume.snapshot_path(launcher.logs / "a.csv")
+    west, east = box
+    resume.write(path, Snapshot("a.csv", saved_utc=dt.datetime.now(dt.UTC).isoformat(), simulated=True, job="Mine",
+                                sums=Sums(area_ha=0.12), origin_deg=(34.28, 119.88), ground=Raster(
+                                    west, 0.0, 0.25, np.ones((80, round((east - west) / 0.25)), dtype=np.bool_))))
+    started = []
+    monkeypatch.setattr(Launcher, "start", lambda self, resumed=None: started.append((self.config, resumed)))
+    monkeypatch.setattr("console.link.Link", lambda where, name: where)
+    desk.take("job", str(tmp_path / "other.yaml"))
+    assert (desk.offer() is None) is far
+    await desk.restart(anew)
+    assert started == [((str(tmp_path / "other.yaml"),), path if named else None)]
+    assert resume.read(path).finished is anew and (desk.offer() is None) is (far or anew)
 
 
 def test_the_files_of_a_worker_that_runs_are_its_logs(launcher, tmp_path):

@@ -19,7 +19,17 @@ from console.app.pages.job.keys import ACTIONS
 from console.app.pages.job.map_dialog import COLUMN, TAKE, UNIT, MapDialog
 from console.app.pages.job.nrich import StripRun
 from console.app.pages.job.refill import LEAST_FILLED_KG, RefillWatch, doubt
-from console.app.pages.job.service import Cancelled, Facts, JobNames, JobService, MapFile, MapPreview, Progress, Reading
+from console.app.pages.job.service import (
+    Cancelled,
+    Facts,
+    JobNames,
+    JobService,
+    MapFile,
+    MapPreview,
+    Offer,
+    Progress,
+    Reading,
+)
 from console.app.pages.page import Page
 from console.app.reasons import why_no_start, why_not_ready
 from console.app.typed_number import in_words, inside
@@ -214,7 +224,8 @@ class JobScreen(Page):
         frame = self.app.arrival.frame
         return self.app.source is not None and (frame.row.state if frame else None) not in MAY_RESTART
 
-    def ask_restart(self, taken: str) -> None:
+    def ask_restart(self, taken: str, left: Offer | None) -> None:
+        """left: a job that has spread on the field of the next start."""
         self.pending = file_name(taken)
         self._looked_s = None
         if self.at_work:
@@ -222,17 +233,22 @@ class JobScreen(Page):
             self._drop(taken)
             return
 
-        def answer(yes: bool | None) -> None:
-            if yes and self.service is not None:
+        service = self.service
+
+        def answer(how: str | bool | None) -> None:
+            if how and service is not None:
                 self.pending = ""
-                self.app.restart(self.service.restart)
+                self.app.restart(lambda: service.restart(how == "anew"))
             else:
                 self._drop(taken)
 
+        heading = _("Start the control worker again with {name}?").format(name=self.pending)
+        if left is not None:
+            self.app.push_screen(self.app.pass_question(left, heading), answer)
+            return
         text = _("The log ends and a new one begins: state off, totals and track from 0, strategy and nudge as the job "
                  "file has them. Esc: all stays as it is.")
-        self.app.push_screen(Confirm(_("Start the control worker again with {name}?").format(name=self.pending), text),
-                             answer)
+        self.app.push_screen(Confirm(heading, text), answer)
 
     def _drop(self, taken: str) -> None:
         """What was taken is not started with: what runs is what is shown."""
@@ -253,7 +269,10 @@ class JobScreen(Page):
 
     def take(self, work: Callable[[], str]) -> None:
         """Another file for the job: written by `work`, which gives its name; then a new start is asked."""
-        self.run_worker(work, group="job-take", name="take", thread=True, exit_on_error=False)
+        def taken() -> tuple[str, Offer | None]:
+            return work(), None if self.service is None else self.service.offer()
+
+        self.run_worker(taken, group="job-take", name="take", thread=True, exit_on_error=False)
 
     # --- a prescription from a stick, and whose job it is --------------------------------------------------------
 
@@ -441,7 +460,8 @@ class JobScreen(Page):
         elif worker.group == "job-take" and not done:
             self.say_of_run(_("not taken: {why}").format(why=_one_line(worker.error)))
         elif worker.group == "job-take":
-            self.ask_restart(str(worker.result))
+            path, left = worker.result or ("", None)
+            self.ask_restart(path, left)
         self.hurry()
 
     def _end_work(self, worker: Worker[Any], done: bool) -> None:

@@ -130,8 +130,8 @@ class SampleJobService:
     def outline(self, job: str) -> tuple[Ring, ...]:
         return (((0.0, 0.0), (60.0, -4.0), (64.0, 40.0), (20.0, 55.0)),) if "division" in job else ()
 
-    async def restart(self) -> FrameSource:
-        return self._source("restart")
+    async def restart(self, anew: bool = False) -> FrameSource:
+        return self._source("restart anew" if anew else "restart")
 
     def export(self, log_path: str, ending: str, progress: Progress, cancelled: Cancelled) -> tuple[str, ...]:
         self.asked.append(("export", log_path, ending))

@@ -100,7 +100,7 @@ class MapPreview:
 
 
 class Offer(NamedTuple):
-    """A job that was cut off."""
+    """A job that was left, not ended: cut off, or started again."""
 
     path: str
     began_utc: str
@@ -187,18 +187,19 @@ class JobService(Protocol):
     def outline(self, job: str) -> tuple[Ring, ...]:
         """Of a job file's field, east and north in m; () where it has none or cannot be read."""
 
-    async def restart(self) -> FrameSource:
-        """A worker with what was taken. The one before must have ended. Where it does not start, the files are those
-        of before."""
+    async def restart(self, anew: bool = False) -> FrameSource:
+        """A worker with what was taken. The one before must have ended. What was left on its field goes on, or is ended
+        (anew). Where it does not start, the files are those of before."""
 
     def export(self, log_path: str, ending: str, progress: Progress, cancelled: Cancelled) -> tuple[str, ...]:
         """As applied, a file for each part of the job; returns where they stand."""
 
     def report(self, log_path: str, progress: Progress, cancelled: Cancelled) -> tuple[str, ...]: ...
 
-    def offer(self) -> Offer | None: ...
+    def offer(self) -> Offer | None:
+        """The job that was left on the field of the next start; where no files are chosen, the newest of any."""
 
     async def resume(self, offer: Offer) -> FrameSource: ...
 
     async def anew(self, offer: Offer) -> FrameSource:
-        """Begin another job; this one is not offered again."""
+        """Begin another job; what was left on its field is ended."""

@@ -1,0 +1,121 @@
+"""Jobs that are not done with, by place: which of them lie on the field that is to be worked, and how they look on its
+plane."""
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import datetime
+from itertools import islice
+from math import ceil, floor
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from console.worker.resume import WORTH_HA, Snapshot, open_jobs
+from control.field.boundary import Boundary
+from control.field.coverage import FARTHEST_M, MOST_CELLS, Raster
+from control.field.job import Job
+from control.geodesy import Place, TangentPlane
+
+SAME_FIELD = 0.5            # of what a job has done: with so much of it on this field, it is this field's job
+SAME_PLANE_M = 0.001
+LOOKED_AT_CELLS = 4_000     # of the done ground: its share on a field to some 1 %
+_ROWS = 256                 # of a picture that is drawn anew, at a time
+
+
+class OpenJob(NamedTuple):
+    """A job that was left. share: of what it has done, on the field asked about."""
+
+    path: Path
+    snapshot: Snapshot
+    share: float
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether it is the same job, with its totals; else its ground counts alone."""
+        return self.share >= SAME_FIELD
+
+
+def jobs_here(folder: Path, job: Job, simulated: bool, now: datetime) -> list[OpenJob]:
+    """Those that have spread on this job's field, the newest first; simulated ones and real ones keep apart. folder: of
+    the logs. A job without a boundary has no field by which to tell: the newest may be anybody's."""
+    left = (one for one in open_jobs(folder, now) if one[1].simulated == simulated)
+    boundary = job.field.boundary()
+    if boundary is None:
+        return [OpenJob(*one, 1.0) for one in islice(left, 1)]
+    plane = TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg)
+    shares = ((one, _share_on(boundary, plane, one[1])) for one in left)
+    return [OpenJob(*one, share) for one, share in shares if share is not None]
+
+
+def _share_on(field: Boundary, plane: TangentPlane, snapshot: Snapshot) -> float | None:
+    """None: nothing to speak of lies on the field."""
+    ground, cells = snapshot.ground, np.argwhere(snapshot.ground.done)
+    if snapshot.origin_deg is None or not len(cells):
+        place = place_on(plane, snapshot)           # cut off before anything has landed
+        return 1.0 if place is not None and field.contains(*place) else None
+    some = cells[::max(1, len(cells) // LOOKED_AT_CELLS)]
+    places = (some[:, ::-1] + 0.5) * ground.cell_m + (ground.west_m, ground.south_m)
+    share = float(field.many_inside(_moved(TangentPlane(*snapshot.origin_deg), plane, places)).mean())
+    done_ha = len(cells) * ground.cell_m ** 2 / 10_000.0
+    return share if share >= SAME_FIELD or share * done_ha >= WORTH_HA else None
+
+
+def on_plane(snapshot: Snapshot, plane: TangentPlane) -> Snapshot:
+    """The same on another plane: ground, way and place. Parts farther off than a field's plane reaches are left out."""
+    if snapshot.origin_deg is None:
+        return snapshot
+    own = TangentPlane(*snapshot.origin_deg)
+    if max(map(abs, plane.to_m(own.lat_deg, own.lon_deg))) < SAME_PLANE_M:
+        return snapshot
+    track = _moved(own, plane, np.array([spot[:2] for spot in snapshot.track]).reshape(-1, 2)).round(1).tolist()
+    return replace(
+        snapshot, origin_deg=(plane.lat_deg, plane.lon_deg), ground=_drawn_anew(snapshot.ground, own, plane),
+        place_m=None if snapshot.place_m is None else place_on(plane, snapshot),
+        track=tuple((east, north, *spot[2:]) for (east, north), spot in zip(track, snapshot.track, strict=True)))
+
+
+def place_on(plane: TangentPlane, snapshot: Snapshot) -> Place | None:
+    """Where the outlets were last."""
+    if snapshot.place_m is None or snapshot.origin_deg is None:
+        return None
+    east, north = _moved(TangentPlane(*snapshot.origin_deg), plane, np.array([snapshot.place_m]))[0].tolist()
+    return east, north
+
+
+def _moved(own: TangentPlane, plane: TangentPlane, places: np.ndarray) -> np.ndarray:
+    """Places (n, 2) on one plane, on the other. Between planes of one neighbourhood that is a turn and a shift: three
+    places say it, to 1 mm over a field of 5 km."""
+    if not len(places):
+        return places
+    middle = places.mean(axis=0)
+    reach = max(1.0, float(np.abs(places - middle).max()))
+    corners = middle + reach * np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
+    seen = np.array([plane.to_m(*own.to_deg(east, north)) for east, north in corners.tolist()])
+    moved: np.ndarray = seen[0] + (places - middle) / reach @ (seen[1:] - seen[0])
+    return moved
+
+
+def _drawn_anew(ground: Raster, own: TangentPlane, plane: TangentPlane) -> Raster:
+    """A cell is done where its middle lies in one that was."""
+    rows, columns = ground.done.shape
+    cell_m = ground.cell_m
+    frame = np.array([(ground.west_m + k % 2 * columns * cell_m, ground.south_m + k // 2 * rows * cell_m)
+                      for k in range(4)])
+    corners = _moved(own, plane, frame)
+    west, south = (floor(edge / cell_m) for edge in corners.min(axis=0))
+    east, north = (ceil(edge / cell_m) for edge in corners.max(axis=0))
+    if np.abs(corners).max() > FARTHEST_M or (east - west) * (north - south) > MOST_CELLS:
+        return ground._replace(done=np.zeros((1, 1), dtype=np.bool_))
+    done = np.zeros((north - south, east - west), dtype=np.bool_)
+    aside = (np.arange(west, east) + 0.5) * cell_m
+    for first in range(0, len(done), _ROWS):
+        part = done[first:first + _ROWS]
+        up = (south + first + np.arange(len(part)) + 0.5) * cell_m
+        there = _moved(plane, own, np.stack(np.broadcast_arrays(aside, up[:, None]), axis=-1).reshape(-1, 2))
+        at = np.floor((there - (ground.west_m, ground.south_m)) / cell_m).astype(np.int64)
+        inside = ((at >= 0) & (at < (columns, rows))).all(axis=1)
+        found = np.zeros(len(at), dtype=np.bool_)
+        found[inside] = ground.done[at[inside, 1], at[inside, 0]]
+        part[:] = found.reshape(part.shape)
+    return Raster(west * cell_m, south * cell_m, cell_m, done)
