@@ -64,6 +64,7 @@ class Measurements(NamedTuple):
     old_orders: bool = False                     # the drive board hears commands that it had before: it stops
     put_aside: tuple[str, ...] = ()              # devices whose driver failed: not listened to any more
     control_failed: bool = False                 # the tick before this one could not be finished
+    log_cut: str = ""                            # the log in which the run goes on: the one before was cut short
     plants: tuple[PlantSeen, ...] = ()           # of the pictures that came since the tick before (point mode)
     speed_told: SpeedPlan | None = None          # newest
     canopy_index: str = "ndvi"                   # that the heads give: ndvi or ndre

@@ -33,6 +33,7 @@ class Unlogged:
 
     ok = True
     trouble = ""
+    path, cut_short = Path(), None
 
     def append(self, row: LogRow) -> None:
         pass

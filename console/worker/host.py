@@ -27,6 +27,7 @@ from console.worker.limits import (
     REPORTED_KINDS,
     REQUESTS_A_TICK,
     REQUESTS_WAITING,
+    SAID_S,
     TEXT_CHARACTERS,
     TOTALS_S,
 )
@@ -34,6 +35,7 @@ from console.worker.parts import FRAME_FIELDS, Assembly, Tick
 from console.worker.period import Punctuality
 from console.worker.requests import Ask, DeviceOrder, What
 from console.worker.side_files import SideFiles
+from console.worker.steady import Steady
 from control.field.totals import Totals
 from control.orders import Alarm, Answer, Do, Order, Severity
 from drivers.device_status import DeviceStatus
@@ -83,6 +85,9 @@ class Host:
         self._stop = ""                              # why the run shall end
         self._stopped_by = ""
         self._off = False                            # the last tick, with the loop stopped, was run
+        self._log = Steady()
+        self._cut_short: Path | None = None          # the log before this one, which another program has cut short
+        self._cut_s = -inf
         self._failed = ""                            # why the last tick could not be finished; empty: it was
         self._reported: set[str] = set()                 # failures that stderr has heard of
 
@@ -149,17 +154,31 @@ class Host:
         measurements = self._bench.measure(now_s)
         if self._failed:
             measurements = measurements._replace(control_failed=True)
+        self._guarded(lambda: self._follow_log(now_s))
+        if now_s - self._cut_s < SAID_S:
+            measurements = measurements._replace(log_cut=Path(self._names.log_path).name)
         while self._notes:
             self._loop.note(self._notes.popleft())
         for service in (self._device_service.tick, self.lag.tick):
             self._guarded(lambda service=service: service(now_s, self._state))      # type: ignore[misc]
-        tick = self._loop.tick(measurements, now_s - self._heard_s, self._writer.ok)
+        log_ok = self._log.take(now_s, self._writer.ok)
+        tick = self._loop.tick(measurements, now_s - self._heard_s, log_ok)
         self._bench.command(now_s, tick.command, tick.enabled)
         self._state, self._failed = tick.row.state, ""
         self._guarded(lambda: self._record(tick))
         self._ordered.extend(orders_in(tick.row.events, tick.row.time_s))
         if self._ticks % self._ticks_a_frame == 0 or self._off:
             self.newest = self._frame(now_s, tick)
+
+    def _follow_log(self, now_s: float) -> None:
+        """Where another program has cut the log short, the writer has started a new one."""
+        cut_short = self._writer.cut_short
+        if cut_short != self._cut_short:
+            self._cut_short, self._cut_s = cut_short, now_s
+            self._names = self._names._replace(log_path=str(self._writer.path))
+            self._notes.append(f"log_cut_short {cut_short}")
+            if self._keeper is not None:
+                self._keeper.follow(self._names.log_path)
 
     def _record(self, tick: Tick) -> None:
         if self._keeper is not None:

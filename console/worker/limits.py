@@ -37,3 +37,4 @@ LOCK_S = 2.0                 # a worker waits that long for one that is about to
 SEND_BUFFER_BYTES = 16_384   # of each socket: bounds how old the frames are that a stalled client finds
 TEXT_CHARACTERS = 1_000      # longest text in an order
 REPORTED_KINDS = 100             # different failures that stderr hears of; the same again is not reported
+SAID_S = 60.0               # that the log was cut short is said for so long

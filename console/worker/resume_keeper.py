@@ -1,6 +1,7 @@
 """Keeps the snapshot of a running job: the loop only hands over, the log writer's thread does the rest."""
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from math import inf
@@ -70,6 +71,7 @@ class Keeper:
         self._handed: SimpleQueue[_Handed] = SimpleQueue()
         self._taken_s = -inf
         self._quit = False
+        self._log_path = started.log_path
         self._snapshot = started
         self._done = Done(machine, started.ground, started.track)
         self._book = AlarmBook(started.alarms)
@@ -93,6 +95,10 @@ class Keeper:
         """The worker was asked to end: nothing is cut off. Before the last `work`."""
         self._quit = True
 
+    def follow(self, log_path: str) -> None:
+        """The run goes on in another log."""
+        self._log_path = os.path.abspath(log_path)
+
     # --- the log writer's thread -------------------------------------------------------------------------------------
 
     def work(self, closing: bool) -> None:
@@ -104,6 +110,11 @@ class Keeper:
                 except Empty:
                     break
                 self._absorb(handed)
+            before = self._snapshot
+            if before.log_path != self._log_path:
+                self._path, self._saved_s = resume.snapshot_path(self._log_path), -inf
+                self._snapshot = replace(before, log_path=self._log_path,
+                                         logs_before=(*before.logs_before, before.log_path))
             if self._quit:
                 self._snapshot = replace(self._snapshot, quit=True)
             if self._last is not None and (closing or self._last.time_s - self._saved_s >= SAVE_S):

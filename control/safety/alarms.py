@@ -87,6 +87,8 @@ _KINDS = (
                                        "take them."),
               N_("Look what else is on the board's line or network. Put the board on a cable of its own."),
               N_("drive board")),
+    AlarmKind("log_cut", _AMBER, N_("Another program cut the log short; it goes on in a new one, {log}."),
+              N_("Keep both. Look for what writes into the folder of the logs."), N_("log")),
     AlarmKind("device_aside", _AMBER, N_("What {devices} said cannot be digested; it is not listened to any more."),
               N_("Connect it again on the Devices page. If it comes back, keep a capture and report it."),
               N_("devices")),

@@ -23,6 +23,8 @@ def troubles(m: Memory, now_s: float, s: Situation, *, seen: Senses, motion: Mot
     found: dict[str, Details] = {}
     if not s.log_ok:
         found["log_failed"] = ()
+    if s.measurements.log_cut:
+        found["log_cut"] = (("log", s.measurements.log_cut),)
     if s.measurements.control_failed:
         found["control_failed"] = ()
     if s.measurements.put_aside:

@@ -64,6 +64,14 @@ class LogFile(Protocol):
     def close(self) -> None: ...
 
 
+class CutShort(OSError):
+    """Another program took away bytes that were written. `left`: as many are there."""
+
+    def __init__(self, left: int) -> None:
+        super().__init__("the file was cut short by another program")
+        self.left = left
+
+
 class NewFile:
     """A file of its own, unbuffered: `LogFile` on a disk."""
 
@@ -81,6 +89,10 @@ class NewFile:
             self._file.seek(0, os.SEEK_END)
 
     def write(self, data: bytearray) -> int:
+        """Raises CutShort: what is written now would stand behind a hole."""
+        left = os.fstat(self._file.fileno()).st_size
+        if left < self._file.tell():
+            raise CutShort(left)
         return self._file.write(data) or 0
 
     def sync(self) -> None:

@@ -14,13 +14,13 @@ from types import TracebackType
 from typing import Self
 
 from control.log_row import LogRow
-from drivers.files.atomic import LogFile, NewFile, create, keep, sidecar, write_atomically
+from drivers.files.atomic import CutShort, LogFile, NewFile, create, keep, sidecar, write_atomically
 from drivers.files.log_text import RowText, columns_of, header_of
 from drivers.files.run_meta import RunMeta, meta_to_yaml
 
 FLUSH_S = 0.1             # rows reach the operating system at least this often: what a kill of the worker can cost
 SYNC_S = 1.0              # and the disk itself about this often
-SLOW_S = 5.0              # rows waiting longer than this are a trouble
+SLOW_S = 20.0             # rows wait in memory while a disk is slow; longer than this is a trouble
 MAX_WAITING_ROWS = 72_000     # an hour at 20 Hz; what comes after is lost, and counted
 _BLOCK_BYTES = 1 << 20
 
@@ -107,6 +107,7 @@ class RunLogWriter:
         it was the last one, and must not raise.
         """
         self.after_writing: Callable[[bool], None] | None = None
+        self.cut_short: Path | None = None      # the log before this one, where another program took rows out of it
         self._wanted = Path(path)
         self._meta, self._overwrite, self._create = meta, overwrite, create
         self._clock, self._flush_s, self._sync_s, self._max_waiting = clock, flush_s, sync_s, max_waiting_rows
@@ -197,11 +198,11 @@ class RunLogWriter:
                 self._started_kept = True
             if self._trouble and not self._file.stands:
                 self._file = self._gone_on_with(self._file)
-            waiting = bytes(self._formatted)
             try:
-                _write_all(self._file, self._formatted)
-            finally:
-                self._unsynced += waiting[:len(waiting) - len(self._formatted)]
+                self._write_formatted(self._file)
+            except CutShort as error:
+                self._file = self._anew_after(self._file, error.left)
+                self._write_formatted(self._file)
             self._formatted_rows = 0
             if closing or now_s - self._synced_at_s >= self._sync_s:
                 self._file.sync()
@@ -212,6 +213,24 @@ class RunLogWriter:
         except OSError as error:
             self._trouble = _in_words(self.path, error)
         self._good_at_s = self._clock()
+
+    def _write_formatted(self, file: LogFile) -> None:
+        waiting = bytes(self._formatted)
+        try:
+            _write_all(file, self._formatted)
+        finally:
+            self._unsynced += waiting[:len(waiting) - len(self._formatted)]
+
+    def _anew_after(self, before: LogFile, left: int) -> LogFile:
+        """A new log with what is still known of the rows that were cut off, and all after them. Raises OSError."""
+        file = begin_log(before.path, self._meta, False, self._create)
+        whole = self._unsynced.rfind(b"\n", 0, max(0, left - self._synced_bytes)) + 1
+        self._formatted[:0] = self._unsynced[whole:]
+        self._unsynced.clear()
+        self._synced_bytes, self.cut_short = len(self._header), before.path
+        with contextlib.suppress(OSError):
+            before.close()
+        return file
 
     def _gone_on_with(self, before: LogFile) -> LogFile:
         """The log's file anew, after it was deleted, or its folder or disk went and came back. Raises OSError.

@@ -218,7 +218,9 @@ def test_a_disk_that_hangs_is_told(tmp_path: Path, full_row: MakeRow) -> None:
     disk.hang.clear()
     log.append(full_row(0.0))
     assert log.ok
-    now_s[0] = 6.0
+    now_s[0] = 19.0
+    assert log.ok, "memory takes the rows"
+    now_s[0] = 21.0
     assert until(lambda: not log.ok)
     assert "has not answered" in log.trouble
     disk.hang.set()
@@ -294,6 +296,29 @@ def test_a_log_whose_folder_comes_back_is_written_on(tmp_path: Path, full_row: M
     assert told == sorted(set(told)) and told[0] == "0.000" and told[-2:] == ["0.150", "0.200"]
     assert log.path == folder / "run.csv" and len(told) >= 5 - (lost_bytes > 0) - 1
     assert all(line.count(",") == HEADER.count(",") for line in log.path.read_text().splitlines())
+
+
+@pytest.mark.parametrize("left", ["none", "header", "all but a row and a half"])
+def test_a_log_that_is_cut_short_goes_on_in_a_new_one(tmp_path: Path, full_row: MakeRow, left: str) -> None:
+    """It went on behind a hole of zeros as long as what was taken away, without a header: no reader could take it."""
+    log = RunLogWriter(tmp_path / "run.csv", META, flush_s=0.01, sync_s=0.0)
+    for tick in range(10):
+        log.append(full_row(tick * 0.05))
+    assert until(lambda: len(rows_of(log)) == 10) and until(lambda: not log._unsynced)
+    log._sync_s = 1e9                           # what comes now is written and perhaps not kept
+    log.append(full_row(0.5))
+    log.append(full_row(0.55))
+    assert until(lambda: len(rows_of(log)) == 12)
+    text = log.path.read_bytes()
+    row = len(text.splitlines(keepends=True)[-1])
+    os.truncate(log.path, {"none": 0, "header": len(HEADER.encode())}.get(left, len(text) - row * 3 // 2))
+    log.append(full_row(0.6))
+    assert until(lambda: log.cut_short is not None)
+    log.append(full_row(0.65))
+    assert log.close() and log.ok and log.cut_short == tmp_path / "run.csv" and log.path == tmp_path / "run-2.csv"
+    assert rows_of(log) == ["0.500", "0.550", "0.600", "0.650"]
+    assert b"\0" not in (tmp_path / "run.csv").read_bytes() + log.path.read_bytes()
+    assert len(read_log(log.path)) == 4 and meta_from_yaml(log.path.with_suffix(".yaml").read_text()) == META
 
 
 def test_a_row_that_is_none_never_ends_the_log(tmp_path: Path, full_row: MakeRow) -> None:

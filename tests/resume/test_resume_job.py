@@ -243,6 +243,19 @@ def test_a_cut_in_the_first_second_of_work_leaves_something_to_go_on_with(tmp_pa
     assert kept.worked and kept.area_ha == 0.0 and kept.time_s == 1.05
 
 
+def test_a_job_whose_log_was_cut_short_has_both_as_its_parts(tmp_path):
+    first, second = str(tmp_path / "x.csv"), str(tmp_path / "x-2.csv")
+    keeper = Keeper(tmp_path / "x.resume.json", Machine(), Snapshot(first, sums=Sums(area_ha=1.0)), Loop(), lambda: "")
+    keeper.take(Standing(LogRow(1.0, state="working", shaft_rpm_cmd=40.0)))
+    keeper.work(False)
+    keeper.follow(second)
+    keeper.take(Standing(LogRow(1.1, state="working", shaft_rpm_cmd=40.0)))
+    keeper.work(False)
+    path, kept = left(tmp_path)
+    assert path.name == "x-2.resume.json" and (kept.log_path, kept.logs_before) == (second, (first,))
+    assert len(list(resume.open_jobs(tmp_path, dt.datetime.now(dt.UTC)))) == 1 and keeper.tally.log_before == first
+
+
 def test_a_clock_set_back_does_not_bring_an_older_job_forward(tmp_path):
     import os
     import time

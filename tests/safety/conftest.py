@@ -30,6 +30,7 @@ def good_situation(now_s: float, **changes: Any) -> Situation:
     seen = None if valves is None else ValvesSeen(now_s, valves)
     faults = {name: changes.pop(name, False) for name in ("drive_fault", "drive_stopped", "old_orders",
                                                        "control_failed")}
+    faults["log_cut"] = changes.pop("log_cut", "")
     faults["put_aside"] = changes.pop("put_aside", ())
     ages = {name: changes.pop(f"{name}_age_s", 0.0) for name in ("gnss", "wheel", "shaft", "gate", "scale")}
 

@@ -32,6 +32,7 @@ RAISED = [
     ("log_failed", {"log_ok": False}, 0.0, 0.05, State.WORKING),
     ("control_failed", {"control_failed": True}, 0.0, 0.05, State.WORKING),
     ("old_orders", {"old_orders": True}, 0.0, 0.05, State.WORKING),
+    ("log_cut", {"log_cut": "run-2.csv"}, 0.0, 0.05, State.WORKING),
     ("device_aside", {"put_aside": ("gnss", "head_2")}, 0.0, 0.05, State.WORKING),
     ("position_lost", {"target_source": MAP, "position_ok": False}, 0.0, 0.05, State.WORKING),
     ("position_lost", {"target_source": POINT, "position_ok": False}, 0.0, 0.05, State.WORKING),

@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from console.worker.options import Options
 from console.worker.parts import Assembly, Names
@@ -91,6 +92,7 @@ class FakeLoop:
         self.orders: list[Order] = []
         self.ages: list[float | None] = []
         self.log_oks: list[bool] = []
+        self.logs_cut: list[str] = []
         self.events: list[str] = []               # of the next row
         self.break_at_tick: int | None = None
         self.not_finite = False
@@ -118,6 +120,7 @@ class FakeLoop:
             raise RuntimeError("the loop broke")
         self.ages.append(console_age_s)
         self.log_oks.append(log_ok)
+        self.logs_cut.append(measurements.log_cut)
         alarms: tuple[Alarm, ...] = ()
         if console_age_s is not None and console_age_s > HELD_AFTER_S and self.state == "working":
             self.state = "held"
@@ -138,6 +141,7 @@ class FakeWriter:
         self.rows: list[LogRow] = []
         self.trouble = ""
         self.closed = False
+        self.path, self.cut_short = Path(), None
 
     @property
     def ok(self) -> bool:

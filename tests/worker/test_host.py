@@ -2,12 +2,14 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 
 from console.frame import DeviceDo
 from console.worker import limits
 from console.worker.requests import Ask, DeviceOrder
+from console.worker.steady import Steady
 from control.orders import Answer, Do, Order, SectionState
 
 
@@ -234,3 +236,27 @@ def test_log_trouble_reaches_the_loop(rig):
     r.writer.trouble = "disk full"
     r.host.tick(0.05)
     assert r.loop.log_oks == [True, False]
+
+
+def test_a_disk_that_fails_by_turns_is_no_log():
+    """Flow went off and on with it, for 3 s of every 8: the first time it is forgiven at once, then after a minute."""
+    steady = Steady()
+    seen = [steady.take(0.1 * k, k < 50 or k % 80 >= 30) for k in range(1500)]
+    turns = [k for k in range(1, len(seen)) if seen[k] != seen[k - 1]]
+    assert turns == [80, 110, 160]
+    assert [steady.take(150.0 + k, True) for k in (0, 55, 61)] == [False, False, True]
+    assert [steady.take(300.0 + 0.1 * k, k > 30) for k in range(40)][-9:] == [True] * 9, "long after, it is the first"
+
+
+def test_a_log_that_was_cut_short_is_said_and_followed(rig):
+    r = rig()
+    r.host.tick(0.0)
+    r.writer.path, r.writer.cut_short = Path("logs/run-2.csv"), Path("logs/run.csv")
+    for k in range(1, 40):
+        r.host.tick(0.05 * k)
+    assert r.host.newest.log_path == str(Path("logs/run-2.csv"))
+    assert r.loop.logs_cut[:3] == ["", "run-2.csv", "run-2.csv"]
+    events = ";".join(row.events or "" for row in r.writer.rows)
+    assert events.count("log_cut_short") == 1 and f"log_cut_short {Path('logs/run.csv')}" in events
+    r.host.tick(70.0)
+    assert r.loop.logs_cut[-1] == ""
