@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from control.log_row import HEAD_COLUMNS, NDRE_COLUMNS
 from control.recordings.finding import Finding, many
@@ -19,6 +20,10 @@ LEAST = 1e-9                # ... and one so small is nothing: its square would 
 PRINTED_DIGITS = 8          # after the point: logs print three to six, places (which are not rounded) eight
 MAX_HELD_S = 3.0            # a cell stands empty after so long without a reading: longer runs of equals are no dropout
 HELD_P = 0.01               # chance that equal readings in a row are as many by accident, anywhere in the log
+LONE_WITHIN = 5             # cells whose median a reading of one row or two does not move ...
+LONE_AMONG = 15             # ... and cells around it, that say how far readings there are off theirs
+LONE_SD = 10.0              # s.d. of that: those of a normal reach 6 of their own, once in a thousand million
+MAD_SD = 1.4826             # of a normal, over its median absolute deviation
 NDVI = (*HEAD_COLUMNS, "ndvi")
 
 # Left out where they stand outside: vegetation indices by their definition, places by theirs.
@@ -53,6 +58,29 @@ def readable(values: Floats) -> Floats:
     if np.array_equal(sane, values, equal_nan=True) and not np.signbit(values[values == 0.0]).any():
         return values                   # nothing in it was otherwise: a million rows are not kept twice
     return sane
+
+
+def without_lone(name: str, values: Floats, findings: list[Finding]) -> Floats:
+    """Values (n,) without readings of one row or two that are far off those before and after (Hampel's identifier:
+    Davies and Gather, JASA 88, 1993, 782): a few such cells would decide what goes with the column.
+
+    How far is far is seen around each of them, in the whole column, and from the steps in which it is written.
+    """
+    rows = np.flatnonzero(np.isfinite(values))
+    if len(rows) < LONE_AMONG:
+        return values
+    seen = values[rows]
+    off = np.abs(seen - median_filter(seen, LONE_WITHIN, mode="nearest"))
+    steps = np.diff(np.unique(seen))
+    scale = np.maximum(MAD_SD * median_filter(off, LONE_AMONG), MAD_SD * np.median(off))
+    far = rows[off > LONE_SD * np.maximum(scale, float(np.percentile(steps, 5.0)) if len(steps) else np.inf)]
+    if not len(far):
+        return values
+    findings.append(Finding("lone", f"column {name}: {many(len(far), 'value')} such as {values[far[0]]:g} far off "
+                            "those before and after: not used", name, len(far)))
+    alone = values.copy()
+    alone[far] = np.nan
+    return alone
 
 
 def stand_for_nothing(values: Floats, limits: tuple[float, float] = ANYTHING, inside: Flags | None = None) -> Flags:

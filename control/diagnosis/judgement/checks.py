@@ -9,13 +9,15 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import log_ndtr
+from scipy.special import log_ndtr, stdtr
+from scipy.stats import rankdata
 
 from .noise import Noise, NoisePrior, Segments, start, strengths
 
 Array = npt.NDArray[np.float64]
 
 LEVEL = 0.002               # of a false alarm, of one check of one channel: one healthy log in some hundred
+FEWEST_PAIRS = 10           # of two series that are held against each other
 MIN_PERIODS = 5.0           # of a frequency within the log: what comes round less often is drift
 
 
@@ -35,6 +37,36 @@ def drifts(noise: Noise, prior: NoisePrior) -> bool:
 
 def _beyond(off: float, sd: float) -> bool:
     return bool(log_ndtr(-off / sd) < np.log(LEVEL))
+
+
+def by_chance_together(one: Array, other: Array, level: float = 1.0) -> float:
+    """Probability that two series (n,) which have nothing to do with each other rise and fall together as much as these
+    do: Spearman's rank correlation, with so many independent pairs as the memory of both leaves of them (Pyper and
+    Peterman, Can. J. Fish. Aquat. Sci. 55, 1998, 2127). level : above it the pairs are counted as if they were all
+    independent, which says less than the probability is."""
+    a, b = (rankdata(series) - 0.5 * (len(series) + 1.0) for series in (one, other))
+    size, count = float(np.sqrt((a @ a) * (b @ b))), float(len(a))
+    if size <= 0.0 or count < FEWEST_PAIRS:
+        return 1.0
+    rho = float(a @ b) / size
+    if (least := _by_chance(rho, count)) > level:
+        return least
+    lags = np.arange(1, len(a) // 2)
+    remembered = float(_memory(a)[lags] * _memory(b)[lags] @ (1.0 - lags / count))
+    return max(least, _by_chance(rho, count / max(1.0, 1.0 + 2.0 * remembered)))
+
+
+def _by_chance(rho: float, pairs: float) -> float:
+    """Of a correlation of so many independent pairs: Student's t, from two sides."""
+    free = pairs - 2.0
+    return 2.0 * float(stdtr(free, -abs(rho) * np.sqrt(free / max(1e-12, 1.0 - rho * rho)))) if free > 0.0 else 1.0
+
+
+def _memory(series: Array) -> Array:
+    """Correlation of a series (n,) of mean 0 with itself, by lag (n,)."""
+    power = np.abs(np.fft.rfft(series, 2 * len(series))) ** 2
+    by_lag = np.fft.irfft(power)[:len(series)]
+    return np.asarray(by_lag / max(by_lag[0], 1e-300))
 
 
 def line_s(left: Array, noise: Noise, prior: NoisePrior, cut: Segments, step_s: float) -> float | None:

@@ -13,7 +13,7 @@ from control.recordings.finding import Finding
 from control.recordings.mended import mended
 from control.recordings.speeds import MOVING_MPS
 from control.recordings.times import SELDOM_STEP_S
-from control.recordings.values import ANYTHING, as_printed, known, readable, without_held
+from control.recordings.values import ANYTHING, as_printed, known, readable, without_held, without_lone
 
 from .further import worth_asking
 
@@ -81,6 +81,8 @@ def gate(columns: Mapping[str, npt.NDArray[Any]], has: Callable[[str], bool] = l
     found = {name: readable(as_printed(read[name])) if name in read else np.full(len(time), np.nan) for name in NUMBERS}
     for name in ("shaft_rpm", "opening_mm", "hopper_kg"):
         found[name] = without_held(name, found[name], step, odd)
+    for name in ("supply_v", "pitch_deg", "roll_deg"):
+        found[name] = without_lone(name, found[name], odd)
     findings = [str(finding) for finding in odd]
     never = ": a scale that never changes is not read"
     found["hopper_kg"] = _unless_still("hopper_kg", found["hopper_kg"], never, findings)
@@ -123,7 +125,7 @@ def _further(read: Mapping[str, npt.NDArray[Any]], published: Mapping[str, Array
     for name, raw in read.items():
         if name in COLUMNS:
             continue
-        values = readable(known(name, as_printed(raw), ANYTHING, odd))
+        values = without_lone(name, readable(known(name, as_printed(raw), ANYTHING, odd)), odd)
         seen = values[np.isfinite(values)]
         if len(seen) >= max(MIN_ROWS, MIN_KNOWN * len(values)) and np.ptp(np.percentile(seen, (1.0, 99.0))) > 0.0:
             found[name] = values

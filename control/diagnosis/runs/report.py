@@ -269,7 +269,7 @@ def _unexplained(one: GroupResult, rest: Sequence[Remains], rows: Sequence[Chann
     if named:
         return []                       # the names are then suspected instead
     prior = {c.name: c.prior.fast_sd for c in one.search.model.channels}
-    return [Unexplained(r.channel, "", _structure_share(by_name[r.channel]), by_name[r.channel].rmse,
+    return [Unexplained(r.channel, r.variable, _structure_share(by_name[r.channel]), by_name[r.channel].rmse,
                          prior[r.channel] if r.why == "loud" else by_name[r.channel].noise_floor,
                          by_name[r.channel].unit, None, r.hint, None, r.period_s) for r in rest]
 

@@ -12,6 +12,7 @@ from control.diagnosis.judgement.checks import drifts, is_loud, line_s
 from control.diagnosis.judgement.evidence import problem, solved, taken_off
 
 from .channels import QUICK_S, ChannelSeries
+from .followed import followed
 from .selection import GroupResult
 
 Array = npt.NDArray[np.float64]
@@ -23,11 +24,12 @@ class Remains(NamedTuple):
     """What is left of one channel and is not noise."""
 
     channel: str
-    why: Literal["drift", "line", "loud"]
+    why: Literal["drift", "line", "loud", "follows"]
     hint: str = ""              # the effect that comes nearest
     period_s: float | None = None
     rest: Array = np.empty(0)   # what is left: banded coefficients (m,)
     expected: float = 0.0       # of their sum of squares, by the machine file's noise
+    variable: str = ""          # recorded, that it goes with; asked where nothing else is said
 
     @property
     def energy(self) -> float:
@@ -69,6 +71,12 @@ def remains(one: GroupResult, read_off: Collection[str] = ()) -> list[Remains]:
             found.append(Remains(name, "loud", _nearest(one, channel, left), None, left, expected))
         elif period_s is not None and period_s > QUICK_S:
             found.append(Remains(name, "line", "", period_s, left, expected))
+        if not one.found.parts and not one.terms:
+            variable = followed(channel, left, noise, one.search.model.data)
+            if found and found[-1].channel == name:
+                found[-1] = found[-1]._replace(variable=variable)
+            elif variable:
+                found.append(Remains(name, "follows", "", None, left, expected, variable))
     return found
 
 

@@ -1,0 +1,76 @@
+"""A recorded variable is never overlooked: lone cells do not blind its column, and what a drift takes up is still seen
+to go with it."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from control.diagnosis import diagnose_run
+from control.diagnosis.judgement.checks import by_chance_together
+from control.machine.machine import Machine
+from control.recordings.values import without_lone
+
+NOISE_RPM = 10.0
+
+
+def _machine(tau_s: float) -> Machine:
+    return Machine.model_validate({
+        "stages": ["shaft"], "noise": {"shaft_rpm": NOISE_RPM}, "limits": {"shaft_low_rpm": 0, "shaft_high_rpm": 1000},
+        "shaft": {"full_rpm": 1000, "acceleration_rpm_s": 1e6, "time_constant_s": tau_s, "dead_time_s": 0},
+        "tolerance": {"shaft_percent": 0.5, "dead_time_s": 0.01, "time_constant_s": 0.015}})
+
+
+def _braked(rng: np.random.Generator, strays: bool) -> dict[str, np.ndarray]:
+    """A drive at one command that a hand brakes, by hand in three grips, and a load cell with stray cells."""
+    time_s = np.arange(0.0, 66.0, 0.091)
+    load_g = np.zeros(len(time_s))
+    for begin_s, end_s, grip_g in ((24.0, 38.0, 200.0), (38.0, 53.0, 390.0), (52.5, 53.5, 900.0)):
+        load_g += grip_g * np.clip((time_s - begin_s) / 1.5, 0.0, 1.0) * (time_s < end_s)
+    load_g += 15.0 * np.sin(time_s * 3.1) * (load_g > 0.0) + 3.0 * rng.standard_normal(len(time_s))
+    speed = 860.0 - 0.09 * load_g + 7.0 * rng.standard_normal(len(time_s))
+    if strays:
+        at = rng.choice(len(time_s) - 2, 12, replace=False)
+        load_g[at] = -960.0
+        load_g[at[0]] = -383776.0
+    return {"time_s": time_s, "shaft_rpm_cmd": np.full(len(time_s), 900.0), "shaft_rpm": speed, "load_g": load_g,
+            "motor_c": 40.0 + 0.05 * np.cumsum(rng.standard_normal(len(time_s))) * 0.1}
+
+
+@pytest.mark.parametrize("tau_s", [0.05, 5.0])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_load_of_a_hand_on_the_brake_is_said(tau_s: float, seed: int) -> None:
+    found = diagnose_run(_braked(np.random.default_rng(seed), True), _machine(tau_s))
+    assert found.verdict == "unexplained"
+    assert {one.variable for one in found.unexplained} == {"load_g"}
+    assert any("load_g" in text and "not used" in text for text in found.findings)
+
+
+def test_lone_cells_lose_their_weight_and_nothing_else_does() -> None:
+    rng = np.random.default_rng(3)
+    quiet = np.cumsum(rng.standard_normal(2000)) * 0.02 + 13.0
+    spoilt = quiet.copy()
+    spoilt[[100, 700, 701, 1500]] = [0.0, 99.0, 98.0, -4000.0]
+    findings: list = []
+    mended = without_lone("supply_v", spoilt, findings)
+    assert np.flatnonzero(np.isnan(mended)).tolist() == [100, 700, 701, 1500]
+    assert [one.id for one in findings] == ["lone"] and findings[0].rows == 4
+    steps = np.repeat(rng.integers(0, 2, 400), 5).astype(float)         # switches, and stays for five rows
+    pulses = (rng.random(2000) < 0.02).astype(float)                    # of one row: all that the column ever says
+    for real in (quiet, rng.standard_normal(2000), rng.standard_t(5, 2000), steps, pulses, np.round(quiet, 1)):
+        kept = without_lone("x", real, [])
+        assert np.isnan(kept).mean() < 0.002
+
+
+def test_by_chance_as_often_as_it_says() -> None:
+    """Of pairs that have nothing to do with each other, also where each remembers: one in a hundred at 0.01."""
+    rng = np.random.default_rng(4)
+    refused = 0
+    for memory in (0.0, 0.5, 0.9):
+        for _ in range(400):
+            one, other = (np.convolve(rng.standard_normal(700), memory ** np.arange(60))[60:660] for _ in range(2))
+            refused += by_chance_together(one, other) < 0.01
+    assert 2 <= refused <= 30           # of 1200: 12 +- 3.4, and the pairs left are an estimate
+    line = np.linspace(0.0, 1.0, 600)
+    assert by_chance_together(line + 0.3 * rng.standard_normal(600), rng.standard_normal(600)) > 0.01
+    white = rng.standard_normal(600)
+    assert by_chance_together(white, np.exp(white) + rng.standard_normal(600)) < 1e-6
