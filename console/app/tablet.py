@@ -13,6 +13,7 @@ from typing import Any, ClassVar, Protocol
 from textual.app import ComposeResult, SystemCommand
 from textual.binding import Binding
 from textual.screen import Screen
+from textual.timer import Timer
 from textual.widgets import Input, Static
 
 from console.app import actions
@@ -26,7 +27,8 @@ from console.locale import N_, _
 CLOSED = frozenset({CALIBRATE, DIAGNOSIS, SETTINGS})    # pages that write files, closed while the tab only looks
 SHOWS = frozenset({MAP, TRENDS, REPLAY})                # pages whose own actions change nothing but the view
 LOOKS = frozenset({"help", "theme", "units", "language", "palette", "quit", "alarm_list", "menu"})
-WAIT_S, MOST_WAIT_S = 1.0, 60.0                         # after a wrong key; twice as long each time
+WAIT_S, MOST_WAIT_S = 1.0, 10.0                         # after a wrong key; twice as long each time
+RETRY_S = 0.2                                           # after a wait, until it is over on every clock
 
 NONE_RUNS = N_("No control worker runs: start the console on the machine, then attach here.")
 
@@ -34,7 +36,7 @@ LinkTo = Callable[[bool], Awaitable[FrameSource]]       # True: with the worker'
 
 
 class Waits(Protocol):
-    """How long to wait after wrong keys: seconds, and until when on the clock. One for all tabs of a computer."""
+    """How long to wait after wrong keys: seconds, and until when on the clock. One for all tabs of an address."""
 
     def taken(self) -> AbstractContextManager[Waits | None]:
         """For this tab alone while it is judged; None: another tab has it just now."""
@@ -61,10 +63,20 @@ class OwnWaits:
 
 
 class Key:
-    """The tablet's key, and how often a wrong one was typed. text None: no key opens anything."""
+    """The tablet's key, and how often a wrong one was typed. text None: no key opens anything.
+
+    A key that comes too soon is judged when the wait that it found is over, whatever else is typed at other tabs
+    meanwhile: so no wrong keys of others keep the right one out for longer than `MOST_WAIT_S`.
+    """
 
     def __init__(self, text: str | None, clock: Callable[[], float], waits: Waits | None = None) -> None:
         self._text, self._clock, self._waits = text, clock, waits or OwnWaits()
+        self._judged_s: float | None = None             # of the key that was typed too soon
+
+    @property
+    def left_s(self) -> float | None:
+        """Until what was typed is judged; None: nothing waits."""
+        return None if self._judged_s is None else max(0.0, self._judged_s - self._clock())
 
     @property
     def exists(self) -> bool:
@@ -75,15 +87,19 @@ class Key:
         if self._text is None:
             return _("There is no key: this server was started for viewing only.")
         with self._waits.taken() as waits:
-            return _("The last key was wrong: wait {seconds} s.").format(seconds=1) if waits is None else self._judged(
-                typed, self._text, waits)
+            if waits is None:                           # another tab's is judged just now
+                self._judged_s = self._clock()
+                return _("The last key was wrong: wait {seconds} s.").format(seconds=1)
+            return self._judged(typed, self._text, waits)
 
     def _judged(self, typed: str, text: str, waits: Waits) -> str:
         now_s = self._clock()
         wait_s, until_s = waits.read()
-        left_s = until_s - now_s
-        if 0.0 < left_s <= MOST_WAIT_S:             # more than that was reported by the clock of another day
-            return _("The last key was wrong: wait {seconds} s.").format(seconds=int(left_s) + 1)
+        if self._judged_s is None and until_s - now_s <= MOST_WAIT_S:   # more was reported by the clock of another day
+            self._judged_s = until_s
+        if self._judged_s is not None and self._judged_s > now_s:
+            return _("The last key was wrong: wait {seconds} s.").format(seconds=int(self._judged_s - now_s) + 1)
+        self._judged_s = None
         if hmac.compare_digest(typed.strip().encode(errors="replace"), text.encode()):
             waits.write(0.0, now_s)
             return ""
@@ -93,7 +109,24 @@ class Key:
 
 
 class KeyDialog(NameDialog):
-    """As any line of text, but nobody reads it over a shoulder."""
+    """As any line of text, but nobody reads it over a shoulder. A key that has to wait is tried again by itself."""
+
+    def __init__(self, title: str, text: str, key: Key) -> None:
+        super().__init__(title, "", text, key.wrong)
+        self._key = key
+        self._again: Timer | None = None
+
+    def on_input_changed(self) -> None:
+        """What is being typed is tried when it is entered, no sooner."""
+        if self._again is not None:
+            self._again.stop()
+            self._again = None
+
+    def action_yes(self) -> None:
+        self.on_input_changed()
+        super().action_yes()
+        if self.is_attached and self._key.left_s is not None:
+            self._again = self.set_timer(self._key.left_s + RETRY_S, self.action_yes)
 
     def body(self) -> ComposeResult:
         yield Input("", password=True, id="name-input", classes="name-input", compact=True)
@@ -166,9 +199,9 @@ class TabletApp(TopdressApp):
         elif not self.key.exists:
             self.refuse()
         elif not isinstance(self.screen, KeyDialog):
-            self.push_screen(KeyDialog(_("This tab is for viewing only"), "", _(
+            self.push_screen(KeyDialog(_("This tab is for viewing only"), _(
                 "The tablet's key lets it operate the machine. Hold and stop, too, are at the machine's console until "
-                "then. Esc: go on looking."), self.key.wrong), self._opened)
+                "then. Esc: go on looking."), self.key), self._opened)
 
     def _opened(self, typed: str | None) -> None:
         """The dialog is only left with a key that was found right."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
+import ipaddress
 import json
 import os
 import signal
@@ -18,12 +19,13 @@ from console.app.tablet import NONE_RUNS, Key, TabletApp
 from console.link import Link
 from console.locale import _
 from console.running import Where, WorkerFailed, default_run_file, find_running
-from console.serve import SERVER
+from console.serve import ADDRESS, SERVER
 from console.worker.system import private_folder, write_private
 from drivers.files.lock import take_lock
 
 TAB_BYTES = 4 << 30         # of addresses; a tab with a long log open has some 2 GB of them, and uses a tenth
 TAB_NICE = 10
+MOST_ADDRESSES, MOST_BYTES = 100, 20_000    # of which wrong keys are counted: more than a cab's network has
 PARENT_S = 0.5              # how often a tab looks whether its server still runs
 
 
@@ -62,10 +64,11 @@ def options_of(where: Where | None) -> dict[str, Any]:
 
 
 class SharedWaits:
-    """In a file of this user, so that another tab, or the same one loaded again, waits as long."""
+    """In a file of this user, so that another tab of the same address, or the same one loaded again, waits as long.
+    Those of other addresses do not: who types wrong keys keeps nobody else out."""
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, path: Path, address: str = "") -> None:
+        self._path, self._address = path, counted_as(address)
 
     @contextlib.contextmanager
     def taken(self) -> Iterator[SharedWaits | None]:
@@ -81,15 +84,30 @@ class SharedWaits:
             yield self
 
     def read(self) -> tuple[float, float]:
-        try:
-            wait_s, until_s = json.loads(self._path.read_bytes()[:1000])
-            return float(wait_s), float(until_s)
-        except (OSError, ValueError, TypeError):
-            return 0.0, float("-inf")
+        return self._all().get(self._address, (0.0, float("-inf")))
 
     def write(self, wait_s: float, until_s: float) -> None:
         """Raises OSError: a key whose waiting cannot be kept opens nothing."""
-        write_private(self._path, json.dumps([wait_s, until_s]).encode())
+        others = {address: waits for address, waits in self._all().items() if address != self._address}
+        newest = sorted(others.items(), key=lambda one: one[1][1])[-MOST_ADDRESSES:]
+        write_private(self._path, json.dumps(dict(newest) | {self._address: (wait_s, until_s)}).encode())
+
+    def _all(self) -> dict[str, tuple[float, float]]:
+        try:
+            return {str(address): (float(wait_s), float(until_s)) for address, (wait_s, until_s)
+                    in json.loads(self._path.read_bytes()[:MOST_BYTES]).items()}
+        except (OSError, ValueError, TypeError, AttributeError):
+            return {}
+
+
+def counted_as(address: str) -> str:
+    """Under what an address's wrong keys are counted: of IPv6 the network, in which one computer has any address."""
+    try:
+        found = ipaddress.ip_address(address)
+    except ValueError:
+        return address
+    found = getattr(found, "ipv4_mapped", None) or found
+    return str(found) if found.version == 4 else str(ipaddress.ip_network((found, 64), strict=False))
 
 
 def bounded() -> None:
@@ -119,7 +137,7 @@ def tab_app(where: Where | None, token: str | None) -> TabletApp:
     from console.services.diagnosis import DiagnosisFiles
     from console.services.field import field_picture
     from console.services.line_files import LinesSeen
-    waits = SharedWaits(default_run_file().with_name("tablet-waits.json"))
+    waits = SharedWaits(default_run_file().with_name("tablet-waits.json"), os.environ.get(ADDRESS, ""))
     source = None if where is None else TabLink(where.looking_only())
     return TabletApp(source, link_to, Key(token, time.monotonic, waits), **options_of(where),
                      services=Services(field=field_picture, diagnosis=DiagnosisFiles(), earlier=earlier,

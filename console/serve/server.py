@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import html
 import ipaddress
 import json
 import logging
+import re
 import signal
 import socket
+import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote, urlsplit
 
 from aiohttp import WSCloseCode, web
-from aiohttp.web_runner import GracefulExit
+from aiohttp.web_protocol import RequestHandler
 from textual_serve.app_service import AppService
 from textual_serve.server import Server
 
@@ -30,6 +34,12 @@ MESSAGE_BYTES = 16_384      # of a tab's message: a paste
 MESSAGES_S = 100.0          # a second, each tab
 PING_CHARACTERS = 100
 CLOSES_WITHIN_S = 0.4       # a browser answers that its socket closes, or is not waited for
+MOST_CONNECTIONS = 64       # at once, six of each browser that loads the page; 1,024 files may be open
+COMES_AT_ONCE = 32          # that the system holds, and that may come on top of these in one turn
+CONNECTION_S = 30.0         # of one that is no tab, with headers, page and all: a browser makes another one
+LOOKED_S = 1.0              # how often
+LINES_A_MINUTE = 20         # of the log: who sends rubbish fills no disk with what is said of it
+HOST = re.compile(r"(\[[0-9a-fA-F:.]+\]|[A-Za-z0-9._-]+)(:\d{1,5})?")
 _PAGE = Path(__file__).with_name("page.html")
 
 
@@ -41,19 +51,38 @@ class TabletServer(Server):
         self._arguments = tuple(command)
         self._page = _PAGE.read_text(encoding="utf-8")
         self._consoles: dict[TabConsole, web.WebSocketResponse] = {}
+        self._asked: dict[web.WebSocketResponse, web.Request] = {}      # of each tab
         self.tabs = 0
 
     def serve(self, debug: bool = False) -> None:
-        """Until Ctrl-C, or until asked to end: all consoles of tabs have ended then, 2 s later at most."""
+        """Until Ctrl-C, or until asked to end: all consoles of tabs have ended then, 2 s later at most.
+
+        Raises OSError where it cannot listen.
+        """
         self.initialize_logging()
-        loop = asyncio.new_event_loop()
-        asyncio.set_event_loop(loop)
+        with contextlib.suppress(KeyboardInterrupt):            # Windows
+            asyncio.run(self._serve())
+
+    async def _serve(self) -> None:
+        loop, asked = asyncio.get_running_loop(), asyncio.Event()
         for name in ("SIGINT", "SIGTERM", "SIGHUP"):
             with contextlib.suppress(NotImplementedError, AttributeError):      # Windows
-                loop.add_signal_handler(getattr(signal, name), self.request_exit)
-        with contextlib.suppress(GracefulExit):
-            web.run_app(self._make_app(), host=self.host, port=self.port, handle_signals=False, loop=loop,
-                        print=None, shutdown_timeout=CLOSES_WITHIN_S)
+                loop.add_signal_handler(getattr(signal, name), asked.set)
+        runner = web.AppRunner(await self._make_app(), shutdown_timeout=CLOSES_WITHIN_S)
+        await runner.setup()
+        try:
+            assert runner.server is not None
+            doors = Doors(runner.server, lambda: {request.protocol for request in self._asked.values()}, loop.time)
+            listening = await loop.create_server(doors, self.host, self.port, backlog=COMES_AT_ONCE)
+            try:
+                while not asked.is_set():
+                    doors.look()
+                    with contextlib.suppress(TimeoutError):
+                        await asyncio.wait_for(asked.wait(), LOOKED_S)
+            finally:
+                listening.close()
+        finally:
+            await runner.cleanup()
 
     async def on_shutdown(self, app: web.Application) -> None:
         """All tabs at once: the console, then its socket, for which the web server would wait twice as long again."""
@@ -66,7 +95,9 @@ class TabletServer(Server):
         return app
 
     def initialize_logging(self) -> None:
-        logging.basicConfig(level="WARNING", format="%(message)s")
+        quiet = logging.StreamHandler()
+        quiet.addFilter(Few(time.monotonic))
+        logging.basicConfig(level="WARNING", format="%(message)s", handlers=[quiet])
 
     async def on_startup(self, app: web.Application) -> None:
         """Silent: the command says where it listens."""
@@ -76,7 +107,8 @@ class TabletServer(Server):
             raise web.HTTPForbidden(text="this name is not mine")
         scheme = "wss" if request.secure else "ws"
         name = quote(cleaned(request.query.get("name")), safe="")
-        page = self._page.replace("{{ socket }}", f"{scheme}://{request.host}/ws{'/' + name if name else ''}")
+        address = html.escape(f"{scheme}://{request.host}/ws{'/' + name if name else ''}")
+        page = self._page.replace("{{ socket }}", address)
         size = number(request.query.get("fontsize"), USUAL_FONT, LEAST_FONT, MOST_FONT)
         return web.Response(text=page.replace("{{ font_size }}", str(size)), content_type="text/html",
                             headers={"X-Frame-Options": "DENY"})
@@ -90,20 +122,22 @@ class TabletServer(Server):
             raise web.HTTPServiceUnavailable(text=f"{TABS} tabs are open already")
         tab = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=MESSAGE_BYTES, timeout=CLOSES_WITHIN_S)
         self.tabs += 1
+        self._asked[tab] = request
         try:
             await tab.prepare(request)
             await self._serve_tab(tab, name_of(request), number(request.query.get("width"), 80, 1, MOST_COLUMNS),
                                   number(request.query.get("height"), 24, 1, MOST_ROWS))
         finally:
             self.tabs -= 1
+            del self._asked[tab]
         return tab
 
     async def _serve_tab(self, tab: web.WebSocketResponse, name: str, width: int, height: int) -> None:
         async def close() -> None:
             await tab.close()
 
-        service = TabConsole(self._arguments, name, write_bytes=tab.send_bytes, write_str=tab.send_str, close=close,
-                             download_manager=self.download_manager)
+        service = TabConsole(self._arguments, name, self._asked[tab].remote or "", write_bytes=tab.send_bytes,
+                             write_str=tab.send_str, close=close, download_manager=self.download_manager)
         self._consoles[service] = tab
         try:
             await service.start(width, height)
@@ -144,6 +178,62 @@ async def _ended(console: TabConsole, tab: web.WebSocketResponse) -> None:
             await tab.close(code=WSCloseCode.GOING_AWAY)
 
 
+class Doors:
+    """Makes the protocol of each connection that is accepted, and room for it: a connection that is no tab has
+    `CONNECTION_S`, and of more than `MOST_CONNECTIONS` the oldest goes, of the address that has the most. So whoever
+    opens any number and says nothing takes neither all descriptors nor another one's place.
+
+    server: of aiohttp. tabs: connections that are one; they are bounded by themselves, and stay.
+    """
+
+    def __init__(self, server: web.Server, tabs: Callable[[], set[Any]], clock: Callable[[], float]) -> None:
+        self._server, self._tabs, self._clock = server, tabs, clock
+        self._since_s: dict[RequestHandler, float] = {}
+
+    def __call__(self) -> RequestHandler:
+        self.look()
+        return self._server()
+
+    def look(self) -> None:
+        """End those whose time is over, and make room for one more."""
+        now_s, tabs = self._clock(), self._tabs()
+        open_now = [one for one in self._server.connections if one.transport is not None and one not in tabs
+                    and not one.transport.is_closing()]
+        self._since_s = {one: self._since_s.get(one, now_s) for one in open_now}
+        addresses = Counter(map(_address, open_now))
+        most = max(addresses.values(), default=0)
+        crowd = [one for one in open_now if addresses[_address(one)] == most]
+        over = [one for one in open_now if now_s - self._since_s[one] > CONNECTION_S]
+        for one in {*over, *crowd[:max(0, len(open_now) - MOST_CONNECTIONS + 1)]}:
+            assert one.transport is not None
+            one.transport.abort()
+
+
+def _address(connection: RequestHandler) -> object:
+    assert connection.transport is not None
+    return (connection.transport.get_extra_info("peername") or ("",))[0]
+
+
+class Few(logging.Filter):
+    """At most `LINES_A_MINUTE`, without traces of calls; how many were left out is said by the next one."""
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        super().__init__()
+        self._clock, self._since_s, self._said, self._left_out = clock, clock(), 0, 0
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        if self._clock() - self._since_s > 60.0:
+            self._since_s, self._said = self._clock(), 0
+        self._said += 1
+        if self._said > LINES_A_MINUTE:
+            self._left_out += 1
+            return False
+        left_out, self._left_out = self._left_out, 0
+        record.msg, record.args = record.getMessage() + (f" ({left_out} more before it)" if left_out else ""), ()
+        record.exc_info = record.exc_text = None
+        return True
+
+
 class Pace:
     """How long to wait before the next message is taken: `MESSAGES_S` a second on the mean, a burst of a second."""
 
@@ -164,7 +254,9 @@ def name_of(request: web.Request) -> str:
 
 def host_allowed(asked: str, listening: str) -> bool:
     """Whether a request means this server: an address, localhost, or a name of this machine. Any other name that leads
-    here was made to lead here by somebody else's page."""
+    here was made to lead here by somebody else's page; what is neither a name nor an address leads nowhere."""
+    if not HOST.fullmatch(asked):
+        return False
     name = (urlsplit(f"//{asked}").hostname or "").lower()
     own = socket.gethostname().lower()
     if name in {"localhost", listening.lower(), own, own.split(".")[0], f"{own.split('.')[0]}.local"}:

@@ -11,7 +11,7 @@ from typing import Any
 from textual_serve.app_service import AppService
 
 from console.attached import NAME_VARIABLE
-from console.serve import SERVER
+from console.serve import ADDRESS, SERVER
 
 QUIT_S = 0.5                # idle a console that was asked to end takes 0.2 s; after this the system tells it ...
 TERMINATE_S = 0.2           # ... and within this, or is killed: together half of the 2 s in which all have ended
@@ -19,11 +19,11 @@ TERMINATE_S = 0.2           # ... and within this, or is killed: together half o
 
 class TabConsole(AppService):
     """command: program and arguments; no shell stands between, which would end in the console's place. name: what
-    the others at the machine call it."""
+    the others at the machine call it. address: from where it was opened."""
 
-    def __init__(self, command: Sequence[str], name: str, **options: Any) -> None:
+    def __init__(self, command: Sequence[str], name: str, address: str, **options: Any) -> None:
         super().__init__(" ".join(command), **options)
-        self._arguments, self._name = tuple(command), name
+        self._arguments, self._name, self._address = tuple(command), name, address
         self._ending: asyncio.Task[None] | None = None
 
     async def _open_app_process(self, width: int = 80, height: int = 24) -> asyncio.subprocess.Process:
@@ -36,7 +36,8 @@ class TabConsole(AppService):
         return process
 
     def _build_environment(self, width: int = 80, height: int = 24) -> dict[str, str]:
-        return super()._build_environment(width, height) | {SERVER: str(os.getpid()), NAME_VARIABLE: self._name}
+        return super()._build_environment(width, height) | {SERVER: str(os.getpid()), NAME_VARIABLE: self._name,
+                                                            ADDRESS: self._address}
 
     async def run(self) -> None:
         """As of any console; one that ends by itself closes its tab."""

@@ -109,6 +109,28 @@ async def test_the_key_turns_it_into_one_that_operates(tab, source, shown):
         assert "TABLET" in app.marks()
 
 
+async def test_a_key_that_has_to_wait_is_tried_by_itself(tab, clock):
+    """As it was entered: what is typed anew is not."""
+    app = tab("abcd2345")
+    async with app.run_test(size=(120, 40)) as pilot:
+        app.key.wrong("guess of another tab")
+        await pilot.press("asterisk", *"abcd", "enter")
+        assert isinstance(app.screen, KeyDialog) and app.key.left_s == 1.0
+        await pilot.press(*"2345")
+        clock.now_s += 1.1
+        await pilot.pause(1.3)
+        assert app.looking, "half of a key"
+        app.key.wrong("guess of another tab")
+        await pilot.press("enter")
+        assert app.looking and app.key.left_s
+        clock.now_s += 10.0
+        for _try in range(100):
+            await pilot.pause(0.05)
+            if not app.looking:
+                break
+        assert not app.looking and not isinstance(app.screen, KeyDialog)
+
+
 async def test_without_a_worker_the_tab_says_so_and_starts_none(tab, shown):
     app = tab(start=None)
     async with app.run_test(size=(120, 40)) as pilot:

@@ -3,6 +3,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
+import logging
 import os
 import re
 import signal
@@ -15,11 +17,20 @@ from types import SimpleNamespace
 
 import pytest
 
-from console.app.tablet import Key
+from console.app.tablet import MOST_WAIT_S, Key
 from console.cli import serve as serve_command
 from console.cli import tablet
 from console.cli.plain_errors import CommandError
-from console.cli.tablet import TAB_BYTES, SharedWaits, TabLink, options_of, token_in
+from console.cli.tablet import (
+    MOST_ADDRESSES,
+    MOST_BYTES,
+    TAB_BYTES,
+    SharedWaits,
+    TabLink,
+    counted_as,
+    options_of,
+    token_in,
+)
 from console.link import Link
 from console.running import Where, WorkerFailed, start_worker
 from control.orders import Answer, Do, Order
@@ -27,6 +38,7 @@ from drivers.files.lock import take_lock
 from drivers.files.run_meta import meta_to_yaml, run_meta
 
 aiohttp = pytest.importorskip("aiohttp", reason="textual-serve is not installed")
+from console.serve import server as server_module  # noqa: E402
 from console.serve import tab as tab_module  # noqa: E402
 from console.serve.server import (  # noqa: E402
     MESSAGE_BYTES,
@@ -158,9 +170,21 @@ async def test_a_tab_that_operates_does_not_keep_the_machine_working(served, tmp
 
 @pytest.mark.parametrize(("asked", "allowed"), [
     ("127.0.0.1:8000", True), ("localhost:8000", True), ("192.168.1.7:8000", True), ("[::1]:8000", True),
-    ("cab.farm:8000", True), ("evil.example:8000", False), ("", False), (f"{socket.gethostname()}:8000", True)])
+    ("cab.farm:8000", True), ("evil.example:8000", False), ("", False), (f"{socket.gethostname()}:8000", True),
+    ('127.0.0.1:8000"><script>alert(1)</script>', False), ("evil.example@127.0.0.1:8000", False),
+    ("127.0.0.1:80:80", False), ("[::1]x:8000", False), ("localhost\\@evil.example", False)])
 def test_only_names_of_this_machine_lead_here(asked, allowed):
     assert host_allowed(asked, "cab.farm") is allowed
+
+
+async def test_nothing_of_a_request_stands_in_the_page_as_it_came(monkeypatch):
+    """The host's name was written as it was sent: a script in it ran."""
+    monkeypatch.setattr(server_module, "host_allowed", lambda *_: True)
+    server = TabletServer(["x"], "127.0.0.1", 0)
+    evil = '"><script>alert(1)</script>'
+    request = SimpleNamespace(host=f"127.0.0.1:8000{evil}", secure=False, query={"name": evil, "fontsize": evil})
+    page = (await server.handle_index(request)).text
+    assert "alert(1)</script>" not in page and "&quot;&gt;&lt;script&gt;alert(1)" in page
 
 
 def test_numbers_out_of_a_query_are_held_in_range():
@@ -381,10 +405,10 @@ def test_messages_are_taken_no_faster_than_anybody_types():
     assert 900 < taken < 1150
 
 
-def test_a_wrong_key_makes_every_tab_wait(tmp_path):
+def test_a_wrong_key_makes_every_tab_of_its_address_wait(tmp_path):
     now_s = [100.0]
     path = tmp_path / "run" / "waits.json"
-    one, other = (Key("right", lambda: now_s[0], SharedWaits(path)) for _ in range(2))
+    one, other = (Key("right", lambda: now_s[0], SharedWaits(path, "192.168.1.7")) for _ in range(2))
     assert "not the tablet" in one.wrong("guess")
     assert "wait" in other.wrong("right"), "also a tab that was loaded again"
     now_s[0] += 1.1
@@ -394,11 +418,138 @@ def test_a_wrong_key_makes_every_tab_wait(tmp_path):
     assert one.wrong("right") == "" and other.wrong("right") == ""
     with take_lock(path.with_suffix(".lock")):
         assert "wait" in one.wrong("right"), "one guess at a time over all tabs"
-    for spoilt in (b"", b"[1]", b"[NaN, 1e400]", b"{}"):
+    now_s[0] += 0.1
+    for spoilt in (b"", b"[1]", b"[60, 1e9]", b"{}", b'{"192.168.1.7": 7}', b'{"192.168.1.7": [NaN, 1e400]}'):
         path.write_bytes(spoilt)
         assert one.wrong("right") == ""
-    path.write_text(f"[60, {now_s[0] + 1e6}]")
+    path.write_text(f'{{"192.168.1.7": [10, {now_s[0] + 1e6}]}}')
     assert one.wrong("right") == "", "of a clock that began anew"
+
+
+def test_wrong_keys_of_one_address_keep_nobody_at_another_out_and_nobody_out_for_long(tmp_path):
+    """One a minute kept the owner out for ever."""
+    now_s, path = [100.0], tmp_path / "run" / "waits.json"
+
+    def tab(address):
+        return Key("right", lambda: now_s[0], SharedWaits(path, address))
+
+    for guess in range(20):
+        stranger = tab("192.168.1.66")
+        while "not the tablet" not in stranger.wrong(f"guess {guess}"):
+            now_s[0] += 0.5
+        assert tab("192.168.1.7").wrong("right") == "", "the owner, elsewhere"
+        assert tab("::ffff:192.168.1.66").left_s is None
+        owner = tab("192.168.1.66")                     # behind the same tunnel
+        assert "wait" in owner.wrong("right") and owner.left_s <= MOST_WAIT_S
+        now_s[0] += owner.left_s / 2.0
+        other = tab("192.168.1.66")
+        assert "wait" in other.wrong("again"), "who comes later waits too"
+        now_s[0] += owner.left_s
+        if guess % 2:                                   # a wrong key is judged first: the owner's turn is not put off
+            assert "not the tablet" in other.wrong("again")
+        assert owner.wrong("right") == ""
+    for host in range(300):
+        assert "not the tablet" in tab(f"10.1.{host // 256}.{host % 256}").wrong("guess")
+    assert len(json.loads(path.read_text())) <= MOST_ADDRESSES + 1 and path.stat().st_size < MOST_BYTES
+    assert "wait" in tab("10.1.1.43").wrong("right"), "the newest are kept"
+
+
+@pytest.mark.parametrize(("address", "counted"), [
+    ("192.168.1.7", "192.168.1.7"), ("::ffff:192.168.1.7", "192.168.1.7"), ("fd00::1:2:3:4", "fd00::/64"),
+    ("fd00::9:9:9:9", "fd00::/64"), ("::1", "::/64"), ("", "")])
+def test_an_address_of_ipv6_counts_as_its_network(address, counted):
+    assert counted_as(address) == counted
+
+
+# --- a crowd at the door ---------------------------------------------------------------------------------------------
+
+@contextlib.asynccontextmanager
+async def listening(free_port):
+    """The whole server; gives how often a half-open connection from an address can be made, and what became of it."""
+    server = TabletServer(["sleep", "60"], "127.0.0.1", free_port)
+    task = asyncio.create_task(server._serve())
+    made = []
+
+    async def half(source="127.0.0.1"):
+        reader, writer = await asyncio.open_connection("127.0.0.1", free_port, local_addr=(source, 0))
+        writer.write(b"GET / HTTP/1.1\r\nHost: 127.0.0.1")
+        made.append(writer)
+        return reader
+
+    async def page():
+        async with aiohttp.ClientSession() as session, session.get(f"http://127.0.0.1:{free_port}/") as answer:
+            return answer.status, (await answer.text()).rstrip().endswith("</html>")
+
+    try:
+        async with asyncio.timeout(20.0):
+            while task.done() or not await came(page):
+                await asyncio.sleep(0.02)
+        yield half, page, f"http://127.0.0.1:{free_port}/ws"
+    finally:
+        for writer in made:
+            writer.close()
+        task.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await task
+
+
+async def came(page):
+    try:
+        return await page() == (200, True)
+    except OSError:
+        return False
+
+
+async def ended(reader):
+    """Whether the server left it: asked once all that it has to do is done."""
+    await asyncio.sleep(0.05)
+    return reader.at_eof() or isinstance(reader.exception(), OSError)
+
+
+@linux
+async def test_half_open_connections_take_neither_all_places_nor_those_of_another_address(free_port, monkeypatch):
+    """With 1,100 of them no page came, and 292 MB of traces were written in a minute."""
+    monkeypatch.setattr(server_module, "MOST_CONNECTIONS", 10)
+    async with listening(free_port) as (half, page, socket_address):
+        other = await half("127.0.0.2")
+        async with aiohttp.ClientSession() as session:
+            tab = await session.ws_connect(socket_address)
+            crowd = [await half() for _ in range(60)]
+            assert await page() == (200, True)
+            gone = [await ended(one) for one in crowd]
+            assert gone.count(False) <= 10 and not gone[-1], "the oldest goes"
+            assert not await ended(other), "but the crowd's oldest, not another address's"
+            await tab.send_json(["ping", "still here"])
+            assert await tab.receive_json() == ["pong", "still here"]
+            await tab.close()
+
+
+async def test_a_connection_that_is_no_tab_has_its_time(free_port, monkeypatch):
+    monkeypatch.setattr(server_module, "CONNECTION_S", 0.3)
+    monkeypatch.setattr(server_module, "LOOKED_S", 0.05)
+    async with listening(free_port) as (half, page, socket_address), aiohttp.ClientSession() as session:
+        tab, silent = await session.ws_connect(socket_address), await half()
+        assert not await ended(silent)
+        await asyncio.sleep(0.5)
+        assert await ended(silent)
+        await tab.send_json(["ping", "still here"])
+        assert await tab.receive_json() == ["pong", "still here"]
+        await tab.close()
+        assert await page() == (200, True)
+
+
+def test_what_the_server_says_fills_no_disk():
+    now_s = [0.0]
+    few = server_module.Few(lambda: now_s[0])
+
+    def said(text):
+        record = logging.LogRecord("asyncio", logging.ERROR, "f", 1, "%s", (text,), (OSError, OSError(text), None))
+        return few.filter(record) and (record.getMessage(), record.exc_info)
+
+    heard = [said("out of files") for _ in range(10_000)]
+    assert heard[0] == ("out of files", None) and sum(map(bool, heard)) == server_module.LINES_A_MINUTE
+    now_s[0] = 61.0
+    assert said("again") == (f"again ({10_000 - server_module.LINES_A_MINUTE} more before it)", None)
 
 
 @posix

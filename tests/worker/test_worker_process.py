@@ -18,6 +18,7 @@ from pathlib import Path
 
 import pytest
 
+from console.cli.tablet import TabLink
 from console.link import Link, WorkerGone
 from console.locale import use
 from console.running import Where, WorkerFailed, find_running, start_worker
@@ -427,6 +428,40 @@ async def test_orders_do_not_keep_the_machine_working(running, attach, log_of):
             break
     assert watcher.newest.row.state == "held" and time.monotonic() - began_s < 3.5
     client.close()
+
+
+@pytest.mark.parametrize("token", ["", None, "f" * 32])
+async def test_a_sign_of_life_without_the_key_keeps_no_machine_working(running, attach, token):
+    """Whoever can reach the port may say that he lives; nobody hears it as a console's."""
+    where = running()
+    console = await attach(where)
+    assert await console.order(Order(Do.START)) == Answer(True)
+    await until(lambda: console.newest.row.state == "working")
+    watcher = await attach(where.looking_only())
+    console.task.cancel()
+    began_s = time.monotonic()
+    while watcher.newest.row.state == "working" and time.monotonic() - began_s < 10.0:
+        with contextlib.closing(raw(where)) as client:      # a new one each time: who is refused is put aside
+            client.sendall(json.dumps({"id": 1, "token": token, "ask": "alive"}).encode() + b"\n")
+            await asyncio.sleep(0.3)
+    assert watcher.newest.row.state == "held" and time.monotonic() - began_s < 3.5
+
+
+async def test_a_tablets_tab_that_operates_keeps_no_machine_working(running, attach):
+    """The tab's own link, with the worker's token: orders are taken, but it is no console."""
+    where = running()
+    console = await attach(where)
+    tab = TabLink(where)
+    reading = asyncio.create_task(tab.run())
+    await asyncio.wait_for(tab.attached.wait(), 30.0)
+    assert await tab.order(Order(Do.START)) == Answer(True)
+    await until(lambda: tab.newest.row.state == "working")
+    console.task.cancel()
+    began_s = time.monotonic()
+    while tab.newest.row.state == "working" and time.monotonic() - began_s < 10.0:
+        await asyncio.sleep(0.05)
+    assert tab.newest.row.state == "held" and time.monotonic() - began_s < 3.5
+    reading.cancel()
 
 
 async def test_the_console_lives_as_its_event_loop_turns(running, attach):
