@@ -24,6 +24,7 @@ _FACE = {
     " ": (" ", " ", " ", " ", " "),
 }
 ROWS = {1: 3, 2: 5, 3: 10}
+_APART = {1: 1, 2: 2, 3: 4}        # columns between the numerals of a number
 _HALVES = {"  ": " ", "# ": "▀", " #": "▄", "##": "█"}
 
 
@@ -43,7 +44,8 @@ def draw(text: str, scale: int = 1) -> tuple[str, ...]:
 
 
 def largest(texts: Iterable[str], columns: int, rows: int) -> int:
-    """The largest scale at which each text fits into the room; 1 where none does."""
+    """The largest scale at which each text fits into the room; 1 where none does. columns: from one number to the next,
+    which must stand twice as far apart as the numerals of one, else 89 and 89 are read as 8 98 9."""
     kept = list(texts)
-    return next((scale for scale in (3, 2) if ROWS[scale] <= rows and all(len(draw(text, scale)[0]) <= columns
-                                                                         for text in kept)), 1)
+    return next((scale for scale in (3, 2) if ROWS[scale] <= rows and all(
+        len(draw(text, scale)[0]) + 2 * _APART[scale] <= columns for text in kept)), 1)

@@ -13,7 +13,7 @@ from rich.style import Style
 
 from console.app import camera, view
 from console.app.actions import ACTIONS
-from console.app.digits import draw
+from console.app.digits import ROWS, draw, largest
 from console.app.history import History
 from console.app.pace import Pace
 from console.app.pages.calibrate.curve import Curve, CurveView
@@ -235,3 +235,15 @@ def test_points_and_their_line_stand_where_their_axes_say(monkeypatch, slope):
     assert float(rows[1].split()[0]) > float(rows[-2].split()[0]), "the axis counts upwards"
     drawn = [[k for k, row in enumerate(lined[1:-1]) if "\u2800" < row[8 + column] <= "\u28ff"] for column, _ in marks]
     assert all(min(seen) - 1 <= row <= max(seen) + 1 for seen, row in zip(drawn, down, strict=True))
+
+
+@pytest.mark.parametrize("columns", range(8, 80))
+@pytest.mark.parametrize("text", ["89", "7", "330", "12.5"])
+def test_two_numbers_stand_farther_apart_than_the_numerals_of_one(columns, text):
+    """At 60 x 20 the numerals of 89 and 89 were 4 columns apart and the numbers 2: read as 8 98 9."""
+    scale = largest((text, text), columns, 20)
+    numerals = {1: 1, 2: 2, 3: 4}[scale]
+    free = columns - len(draw(text, scale)[0])
+    assert scale == 1 or free >= 2 * numerals
+    assert scale == 3 or len(draw(text, scale + 1)[0]) + 2 * {2: 2, 3: 4}[scale + 1] > columns, "as large as it can be"
+    assert ROWS[scale] <= 20

@@ -5,8 +5,9 @@ import pytest
 
 from console.app.app import TopdressApp
 from console.app.gallery import StillSource
+from console.app.history import Point
 from console.app.widgets.tile_graphs import TileGraphs, graph
-from console.app.widgets.trend import Trend
+from console.app.widgets.trend import Trend, TrendView
 
 SIZE = (120, 40)
 
@@ -109,3 +110,17 @@ def test_a_graph_breaks_where_nothing_is_known_and_noise_is_no_mountain():
     level = graph((0.0, 60.0), (100.0, 100.1), 0.0, 120.0)
     assert all(0.4 < share < 0.6 for _at, share in level)
     assert graph((), (), 0.0, 120.0) == ()
+
+
+@pytest.mark.parametrize("size", [(120, 40)])
+async def test_held_the_target_is_no_dots_and_the_applied_rate_is(app, size):
+    """HELD they lie apart; the target was drawn with the dots of the applied rate."""
+    points = tuple(Point(float(k), 300.0, 0.0) for k in range(100))
+    async with app.run_test(size=size):
+        app.page.query_one("#trend", Trend).show(TrendView(points, app.units.rate))
+        drawn = app.page.query_one("#trend", Trend).paint(TrendView(points, app.units.rate), 80, 12)
+    rows = [strip.text[6:] for strip in drawn[1:-1]]
+    dotted = [row for row in rows if any(0x2800 < ord(one) <= 0x28ff for one in row)]
+    solid = [row for row in rows if set(row) & set("▀▄█")]
+    assert dotted == [rows[-1]] and solid and rows[-1] not in solid, rows
+    assert "▄▄▄ target" in drawn[0].text and "⠤⠤⠤ applied" in drawn[0].text, "the legend is drawn as the lines are"

@@ -36,7 +36,7 @@ class Rates(Panel[RatesView]):
         rows = [line((label, "bold $target"), (f"{view.unit}  ", "$muted"), (nudge, "bold reverse"),
                      " " * max(0, half - used), (f" {_('applied')} ", "bold $applied"), (f"{view.unit}  ", "$muted"),
                      (note, "bold $on-alarm-amber on $alarm-amber"))]
-        scale = largest((view.target.text, view.applied.text), half - 2, height - 2)
+        scale = largest((view.target.text, view.applied.text), half, height - 2)
         target, applied = draw(view.target.text, scale), draw(view.applied.text, scale)
         target_style = "$stale" if view.target.stale else "$target"
         applied_style = "$stale" if view.applied.stale else "$applied"

@@ -15,7 +15,7 @@ class SeatRates(Panel[RatesView]):
     def lines(self, view: RatesView, width: int, height: int) -> list[Content]:
         stacked = height >= 2 * (1 + ROWS[2])
         each = width if stacked else width // 2
-        scale = largest((view.target.text, view.applied.text), each - 2, height // 2 - 1 if stacked else height - 1)
+        scale = largest((view.target.text, view.applied.text), each, height // 2 - 1 if stacked else height - 1)
         error = f"  {view.error.text}" if view.error.text != "--" else ""
         loud = view.level and not view.error.stale
         level = f"bold $on-alarm-{view.level} on $alarm-{view.level}" if loud else "$muted"

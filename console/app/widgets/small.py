@@ -32,7 +32,7 @@ class Small(Panel[SmallView]):
                      (fit(f" {_('applied')}{error}", width - half), "bold $applied"))]
         shown = (rates.target, "$target"), (rates.applied, "$applied")
         if height >= 2 + ROWS[1]:
-            scale = largest((rates.target.text, rates.applied.text), half - 2, height - 3)
+            scale = largest((rates.target.text, rates.applied.text), half, height - 3)
             drawn = [(draw(one.text, scale), "$stale" if one.stale else colour) for one, colour in shown]
             rows += [line(*(part for (numeral, colour) in drawn for part in (
                 " ", *solid(fit(numeral[row], half - 1), colour)))) for row in range(ROWS[scale])]

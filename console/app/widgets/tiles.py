@@ -14,7 +14,7 @@ class Tiles(Panel[tuple[Tile, ...]]):
 
     def lines(self, view: tuple[Tile, ...], width: int, height: int) -> list[Content]:
         each = width // max(1, len(view))
-        scale = largest((tile.value.text for tile in view), each - 2, height - 2)
+        scale = largest((tile.value.text for tile in view), each, height - 2)
         rows: list[list[Part]] = [[] for _row in range(ROWS[scale] + 2)]
         for tile in view:
             style = "$stale" if tile.value.stale else "$foreground"

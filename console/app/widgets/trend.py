@@ -115,6 +115,7 @@ class Trend(Canvas[TrendView]):
         target_style = self.style("trend--stale" if view.stale else "trend--target")
         applied_style = self.style("trend--stale" if view.stale else "trend--applied")
         band_style = self.style("trend--stale-band" if view.stale else "trend--band")
+        on_band = target_style + Style(bgcolor=band_style.bgcolor)
         unit = view.unit
         low, high = calm_ends(v * unit.per_si for p in view.points for v in p[1:] if v is not None)
         now_s = view.points[-1].time_s if view.points else 0.0
@@ -130,16 +131,16 @@ class Trend(Canvas[TrendView]):
         if read is not None:
             cursor = round((1 - (now_s - read.time_s) / view.span_s) * (plot_columns - 1))
         at = () if read is None else (("   ", muted), (f" {read.time} ", self.style("trend--cursor")))
-        rows = [self.text_strip(width, (f" {_('trend')} ", self.style("trend--title")), (f"{unit.name}   ", muted),
-                                ("   ", band_style), (f" {_('target')}{_after(read and read.target)}   ", target_style),
-                                ("⠤⠤⠤ ", applied_style), (f"{_('applied')}{_after(read and read.applied)}",
-                                                          applied_style), *at)]
+        rows = [self.text_strip(
+            width, (f" {_('trend')} ", self.style("trend--title")), (f"{unit.name}   ", muted),
+            ("▄▄▄", on_band), (f" {_('target')}{_after(read and read.target)}   ", target_style),
+            ("⠤⠤⠤ ", applied_style), (f"{_('applied')}{_after(read and read.applied)}", applied_style), *at)]
         labels = {0: f"{high:.0f}", plot_rows - 1: f"{low:.0f}"}
         if plot_rows >= 5:
             labels[(plot_rows - 1) // 2] = f"{(low + high) / 2:.0f}"
         for row in range(plot_rows):
             segments = [Segment(right(labels.get(row, ""), _AXIS - 1) + " ", muted)]
-            cells = list(self._cells(row, plot_columns, targets, applieds, target_style + band_style, applied_style))
+            cells = list(self._cells(row, plot_columns, targets, applieds, on_band, applied_style))
             if cursor is not None and 0 <= cursor < plot_columns:
                 cells[cursor] = Segment("│" if cells[cursor].text == " " else cells[cursor].text,
                                         self.style("trend--cursor"))
@@ -155,14 +156,21 @@ class Trend(Canvas[TrendView]):
 
     def _cells(self, row: int, columns: int, targets: Dots, applieds: Dots, target_style: Style, applied_style: Style
                ) -> Iterator[Segment]:
-        """Cells that the target passes are tinted; the applied rate is drawn over it, so that both can be seen."""
+        """Cells that the target passes are tinted, and solid where the applied rate, in dots, does not lie over it: the
+        two are told apart without colour too."""
         tinted = applied_style + Style(bgcolor=target_style.bgcolor)
         for column in range(columns):
             target, applied = targets.get((column, row), 0), applieds.get((column, row), 0)
             if applied:
                 yield Segment(chr(0x2800 | applied), tinted if target else applied_style)
             else:
-                yield Segment(chr(0x2800 | target) if target else " ", target_style if target else applied_style)
+                yield Segment(_solid(target) if target else " ", target_style if target else applied_style)
+
+
+def _solid(dots: int) -> str:
+    """The half of a cell that these dots lie in; both halves of one that they pass through."""
+    upper, lower = (dots & sum(left | right for left, right in half) for half in (_DOTS[:2], _DOTS[2:]))
+    return "█" if upper and lower else "▀" if upper else "▄"
 
 
 def _after(value: str | None) -> str:
