@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar, Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar, cast
 
 from textual import events
 from textual.app import ComposeResult
@@ -11,18 +11,16 @@ from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.screen import ModalScreen
 from textual.widgets import Button, Static
 
+from console.app.stray import PAUSE_S
+from console.app.widgets.choice_list import Choice as Choice
+from console.app.widgets.choice_list import ChoiceList, ChoicesView
 from console.locale import _
+
+if TYPE_CHECKING:
+    from console.app.app import TopdressApp
 
 R = TypeVar("R")
 DIALOG_FRAME = 7          # rows of the border, and of alarms and keys that stay in sight
-
-
-class Choice(NamedTuple):
-    """why: why it cannot be taken now, and how it could be; empty where it can."""
-
-    value: str
-    label: str
-    why: str = ""
 
 
 class Dialog(ModalScreen[R], Generic[R]):
@@ -54,7 +52,7 @@ class Dialog(ModalScreen[R], Generic[R]):
         """The middle part has the rows that are left: title and keys stay in sight at any height."""
         for box in self.query(".dialog-body"):
             around = sum(one.outer_size.height + one.styles.margin.height for one in self.query(
-                ".dialog-title, .dialog-buttons"))
+                ".dialog-title, .dialog-buttons, .dialog > ChoiceList"))
             box.styles.max_height = max(1, event.size.height - around - DIALOG_FRAME)
 
     def body(self) -> ComposeResult:
@@ -141,59 +139,84 @@ class NudgeDialog(Dialog[float | None]):
 
 
 class ChoiceDialog(Dialog[str | None]):
-    """One of a few: digit or arrows choose, Enter takes."""
+    """One of a list. Digits mark a line, two typed one after the other are one number; so do arrows and clicks. Only
+    Enter takes. A number that no line has is said, and Enter takes nothing until a line is marked again."""
 
-    BINDINGS: ClassVar = [Binding("up", "move(-1)", show=False), Binding("down", "move(1)", show=False)]
+    BINDINGS: ClassVar = [Binding("up", "move(-1)", show=False), Binding("down", "move(1)", show=False),
+                          Binding("pageup", "go(-10)", show=False), Binding("pagedown", "go(10)", show=False),
+                          Binding("home", "go(-10_000)", show=False), Binding("end", "go(10_000)", show=False)]
 
-    def __init__(self, title: str, choices: Sequence[Choice], now: str, text: str = "") -> None:
+    def __init__(self, title: str, choices: Sequence[Choice], now: str, text: str = "", at: int | None = None) -> None:
+        """at: the line that is marked at first, -1: none; without it the one in force."""
         super().__init__(title, text)
         self.choices = tuple(choices)
         self.now = now
         values = [choice.value for choice in self.choices]
-        self.at = values.index(now) if now in values else 0
+        self.at = at if at is not None else values.index(now) if now in values else 0
+        self._typed, self._typed_s, self._wrong = "", 0.0, ""
 
     def body(self) -> ComposeResult:
-        for index in range(len(self.choices)):
-            yield Button(self._line(index), id=f"choice-{index}", classes="dialog-choice")
+        yield ChoiceList(self._view(), id="choices")
 
     def on_mount(self) -> None:
         self._mark()
 
-    def _line(self, index: int) -> str:
-        choice = self.choices[index]
-        now = f"  ({_('now')})" if choice.value == self.now else ""
-        label = f"({choice.label}: {choice.why})" if choice.why else f"{choice.label}{now}"
-        return f"{'>' if index == self.at else ' '} {index + 1}  {label}"
+    def on_resize(self, event: events.Resize) -> None:
+        """The list scrolls by itself in the rows that the text leaves."""
+        super().on_resize(event)
+        self.call_after_refresh(self._fit)
+
+    def _fit(self) -> None:
+        for box in self.query(".dialog-body"):
+            rows = box.styles.max_height
+            said = sum(one.outer_size.height + one.styles.margin.height for one in self.query(".dialog-text"))
+            self.query_one(ChoiceList).styles.max_height = max(3, int(rows.value if rows else 0) - said)
+
+    def _view(self) -> ChoicesView:
+        return ChoicesView(self.choices, self.at, self.now, self._wrong)
 
     def _mark(self) -> None:
-        for index in range(len(self.choices)):
-            button = self.query_one(f"#choice-{index}", Button)
-            button.label = self._line(index)
-            button.set_class(index == self.at, "-chosen")
-            button.set_class(bool(self.choices[index].why), "-off")
-            if index == self.at:
-                button.scroll_visible(animate=False)
+        shown = self.query_one(ChoiceList)
+        shown.show(self._view())
+        shown.refresh(layout=True)
 
-    def action_move(self, by: int) -> None:
-        self.at = (self.at + by) % len(self.choices)
+    def _go_to(self, index: int) -> None:
+        self.at, self._typed, self._wrong = index, "", ""
         self._mark()
 
+    def action_move(self, by: int) -> None:
+        self._go_to((max(-1, self.at + by) if self.at < 0 else self.at + by) % len(self.choices))
+
+    def action_go(self, by: int) -> None:
+        self._go_to(max(0, min(len(self.choices) - 1, self.at + by)))
+
     def on_key(self, event: events.Key) -> None:
-        if event.character and event.character.isdigit() and 1 <= int(event.character) <= len(self.choices):
-            event.stop()
-            self.at = int(event.character) - 1
+        digit = event.key.removeprefix("kp_") if event.key.startswith("kp_") else event.character or ""
+        if len(digit) != 1 or not digit.isdecimal():
+            return
+        event.stop()
+        now_s = cast("TopdressApp", self.app).clock()
+        before = self._typed if now_s - self._typed_s < PAUSE_S else ""
+        typed = (before + str(int(digit))).lstrip("0")
+        if not typed:
+            return
+        if int(typed) <= len(self.choices):
+            self._go_to(int(typed) - 1)
+            self._typed, self._typed_s = typed, now_s
+        else:
+            self._typed, self._wrong = "", typed
             self._mark()
 
-    def on_button_pressed(self, event: Button.Pressed) -> None:
-        name = event.button.id or ""
-        if name.startswith("choice-"):
-            event.stop()
-            self.at = int(name.removeprefix("choice-"))
-            self._mark()
+    def on_choice_list_picked(self, event: ChoiceList.Picked) -> None:
+        self._go_to(event.index)
+
+    def on_choice_list_wheeled(self, event: ChoiceList.Wheeled) -> None:
+        self.action_go(event.lines)
 
     def action_yes(self) -> None:
         """What cannot be taken now says why, and the question stays."""
-        if not self.choices[self.at].why:
+        self._typed = ""
+        if self.at >= 0 and not self._wrong and not self.choices[self.at].why:
             self.dismiss(self.choices[self.at].value)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from textual import events
 from textual.command import CommandPalette
 
 from console.app import themes
@@ -156,15 +155,6 @@ def _asked_while_working(app: TopdressApp, question: str, change: Callable[[], N
     app.push_screen(Confirm(question, _("The machine works. Everything on the screen is written anew.")), answer)
 
 
-class AtOnceDialog(ChoiceDialog):
-    """A digit takes its line at once: it turns to a page, or to an action that asks for itself where it matters."""
-
-    def on_key(self, event: events.Key) -> None:
-        super().on_key(event)
-        if event.character and event.character.isdigit() and 1 <= int(event.character) <= len(self.choices):
-            self.action_yes()
-
-
 def start_asked(app: TopdressApp) -> None:
     start_from_any_page(app)
 
@@ -175,7 +165,7 @@ def pages(app: TopdressApp) -> None:
             app.turn_to(name)
 
     choices = [Choice(one.id.removesuffix("_screen"), f"{_(one.label)}  ({one.shown})") for one in app.page_actions]
-    app.push_screen(AtOnceDialog(_("Go to which page?"), choices, app.page.where), answer)
+    app.push_screen(ChoiceDialog(_("Go to which page?"), choices, app.page.where), answer)
 
 
 def menu(app: TopdressApp) -> None:
@@ -186,7 +176,7 @@ def menu(app: TopdressApp) -> None:
         if name is not None:
             app.call_later(app.action_do, name)
 
-    app.push_screen(AtOnceDialog(_("What else this page does"), choices, ""), answer)
+    app.push_screen(ChoiceDialog(_("What else this page does"), choices, ""), answer)
 
 
 def jump(app: TopdressApp) -> None:
@@ -236,8 +226,8 @@ ACTIONS = (
            bar=2, locked=True, priority=True),
     Action("acknowledge", "a", "A", N_("acknowledge"), N_("Acknowledges the alarms that are shown."), acknowledge,
            bar=9, why=why_no_acknowledge),
-    Action("menu", "q", "Q", N_("menu"), N_("What else this page does: a list; a digit takes."), menu, bar=3,
-           why=why_no_menu),
+    Action("menu", "q", "Q", N_("menu"), N_("What else this page does: a list; digit or arrow, then Enter."), menu,
+           bar=3, why=why_no_menu),
     Action("help", "f1", "F1", N_("help"), N_("This page."), show_help, bar=3, locked=True),
     Action("run_screen", "f2", "F2", N_("run"), N_("The machine at work."), opens(RUN), locked=True),
     Action("map_screen", "f3", "F3", N_("map"), N_("The field: applied, target, error, NDVI, plan."), opens(MAP),
@@ -260,8 +250,8 @@ ACTIONS = (
     Action("start_anywhere", "ctrl+s", "^S", N_("start, asked"),
            N_("Ready or held: begins to work, from any page; asks first."), start_asked, why=why_no_start),
     Action("undo", "ctrl+z", "^Z", N_("undo"),
-           N_("Takes the last change of strategy, source, nudge, switch or setting back; asks first."), take_back,
-           why=why_no_undo),
+           N_("Takes the last change back: dose, source, strategy, strip, switch, refill, setting; asks first."),
+           take_back, why=why_no_undo),
     Action("alarm_list", "exclamation_mark", "!", N_("alarms"), N_("All alarms of the run or log, with what to do."),
            alarm_list, locked=True),
     Action("lock", "f8", "F8", N_("lock"), N_("Only hold and stop stay; unlocking asks first."), lock, bar=11,

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from drivers.files.read_log import RunLog
     from drivers.files.run_meta import RunMeta
 
-SHOWN = 8                     # with the choice of none as many as one digit chooses
 OUTLET_M = 2.0                # behind the antenna, where the machine of the frame is not given
 STALE_FIX_M = 30.0            # a fix may be some seconds older than the place: no sign of another plane
 WIDTH_M = 2.4
@@ -40,7 +39,7 @@ class MapLayers:
     def files(self, running_log: str) -> tuple[LogFile, ...]:
         listed = [one for one in self._files.sources(running_log)
                   if one.kind in ("run", IMPORT) and not one.working and not one.name.endswith(YAML)]
-        return tuple(LogFile(one.path, one.name, one.changed, one.size) for one in listed[:SHOWN])
+        return tuple(LogFile(one.path, one.name, one.changed, one.size) for one in listed)
 
     def lay(self, path: str, frame: Frame) -> LaidFile:
         """Raises ValueError in one line: not such a file, open questions, no places, no rate and no harvest in it."""

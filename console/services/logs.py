@@ -9,8 +9,6 @@ from console.app.replay_job import ReplayJob
 from console.services.diagnosis import DiagnosisFiles
 from console.services.foreign_files import YAML
 
-SHOWN = 9                     # as many as one digit chooses
-
 
 class RunLogs:
     """`console.app.log_files.LogFiles` on real files."""
@@ -20,7 +18,7 @@ class RunLogs:
 
     def logs(self) -> tuple[LogFile, ...]:
         runs = [one for one in self._files.sources("") if one.kind in ("run", IMPORT) and not one.name.endswith(YAML)]
-        return tuple(LogFile(one.path, one.name, one.changed, one.size) for one in runs[:SHOWN])
+        return tuple(LogFile(one.path, one.name, one.changed, one.size) for one in runs)
 
     def open(self, path: str) -> ReplayJob:
         from console.services.replay_frames import replay_job

@@ -10,24 +10,19 @@ from drivers.files.config_error import ConfigError
 from drivers.files.kinds import CAB, JOB, KINDS, MACHINE
 from drivers.files.run_meta import RunMeta, meta_from_yaml
 
-LOOKED_AT = 60          # of the newest logs: a week of a contractor's
-SHOWN = 8               # with the one that runs as many as one digit chooses
+LOOKED_AT = 60          # of the newest logs, a week of a contractor's; and of the jobs
 
 
 def recent(logs: Path, own: Path) -> tuple[Recent, ...]:
-    """logs: the folder of the logs; own: of the user's jobs, which are listed too when there is room. Sets of which a
+    """logs: the folder of the logs; own: of the user's jobs, which are listed too. Sets of which a
     file is gone, or cannot be read any more, are left out."""
     found: dict[tuple[str, ...], Recent] = {}
     for sidecar in _newest(logs, LOOKED_AT):
-        if len(found) >= SHOWN:
-            break
         with contextlib.suppress(OSError, ValueError, ConfigError):
             one = _of_run(meta_from_yaml(sidecar.read_text(encoding="utf-8")))
             if one is not None:
                 found.setdefault(one.files, one)
-    for path in _newest(own / JOB.folder, SHOWN):
-        if len(found) >= SHOWN:
-            break
+    for path in _newest(own / JOB.folder, LOOKED_AT):
         if not any(str(path) in one.files for one in found.values()):
             with contextlib.suppress(OSError, ConfigError):
                 job = load(path, JOB).model

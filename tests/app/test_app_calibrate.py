@@ -183,7 +183,8 @@ async def test_locked_nothing_of_the_page_works(app, source, opened):
         await pilot.press("f8")
         chips = page.query_one("#cal-chips", Chips).view
         assert not any(chip.on or chip.lead for chip in chips), "drawn as if they worked"
-        await pilot.press("i", "i", "i", "r", "q", "1", "q", "2", "q", "3", "b", "q", "5", "e", "right")
+        await pilot.press("i", "i", "i", "r", "q", "1", "enter", "q", "2", "enter", "q", "3", "enter", "b", "q", "5",
+                          "enter", "e", "right")
         app.notice_text = ""
         await hold_mouse(pilot, page, "cal_run")
         await pilot.pause()
@@ -196,9 +197,9 @@ async def test_locked_nothing_of_the_page_works(app, source, opened):
 async def test_settings_are_typed_within_the_machine_s_range_and_sent_at_the_next_run(app, source, opened):
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot)
-        await pilot.press("q", "1", "1", "0", "1", "enter")
+        await pilot.press("q", "1", "enter", "1", "0", "1", "enter")
         assert isinstance(app.screen, NumberDialog), "101 r/min is more than the machine has"
-        await pilot.press("delete", "9", "0", "enter", "q", "2", "4", "0", "enter")
+        await pilot.press("delete", "9", "0", "enter", "q", "2", "enter", "4", "0", "enter")
         assert source.orders == []
         await hold_mouse(pilot, page, "cal_run")
         assert source.orders[1:] == [Order(Do.CALIBRATE_OPENING, 40.0), Order(Do.CALIBRATE_SHAFT, 90.0)]
@@ -231,8 +232,8 @@ async def test_a_catch_test_from_settling_to_the_new_machine_file(app, source, c
         page = await opened(pilot)
         for rpm, mm, mass in ((70.0, 20.0, "3.87"), (70.0, 35.0, "6.7"), (90.0, 50.0, "12.4")):
             for digit, value in (("1", rpm), ("2", mm)):
-                await pilot.press("q", digit, *f"{value:.0f}", "enter")
-            await pilot.press("q", "3")
+                await pilot.press("q", digit, "enter", *f"{value:.0f}", "enter")
+            await pilot.press("q", "3", "enter")
             assert len(app.screen_stack) == 2, "nothing is caught yet"
             await caught(app, source, clock, pilot, frame=frame, rpm=rpm, mm=mm, seconds=5.4)
             assert page.calibration.test.phase == "weigh"
@@ -240,11 +241,11 @@ async def test_a_catch_test_from_settling_to_the_new_machine_file(app, source, c
             bar = next(row for row in page.query_one("#cal-sheet", Sheet).view
                        if isinstance(row, Bar) and row.label == "catch")
             assert bar.share == 1.0
-            await pilot.press("q", "3", *("full_stop" if c == "." else c for c in mass), "enter")
+            await pilot.press("q", "3", "enter", *("full_stop" if c == "." else c for c in mass), "enter")
         points = page.calibration.test.points
         assert [(round(one.shaft_rpm), round(one.opening_mm)) for one in points] == [(70, 20), (70, 35), (90, 50)]
         assert points[1].mass_kg == 6.7
-        await pilot.press("q", "5")
+        await pilot.press("q", "5", "enter")
         await settled(app, pilot)
         text = "\n".join(shown(app))
         assert "flow 5.4972 g per turn and mm" in text and "90 % lie between" in text
@@ -298,7 +299,7 @@ async def test_escape_forgets_a_computation(app, opened):
 
         page.job = replace(page.job, fit_catch=slow)
         page.calibration.test.points = list(POINTS)
-        await pilot.press("q", "5")
+        await pilot.press("q", "5", "enter")
         assert page.busy
         await pilot.press("escape")
         gate.set()
@@ -313,7 +314,7 @@ async def test_points_can_be_taken_back_and_then_nothing_is_fitted(app, opened):
         page.calibration.take(page.job.fit_catch(POINTS[:3]))
         await pilot.press("backspace")
         assert len(page.calibration.test.points) == 2 and page.calibration.fitted is None
-        await pilot.press("q", "5", "e")
+        await pilot.press("q", "5", "enter", "e")
         assert page.calibration.fitted is None and len(app.screen_stack) == 2
 
 
@@ -337,7 +338,7 @@ async def test_the_lag_rig_is_begun_held_and_ended(app, source, frames, clock, o
         source.newest = replace(source.newest, lag_test=None, seq=source.newest.seq + 1)
         clock.now_s += 0.5
         app.tick()
-        await pilot.press("q", "5")
+        await pilot.press("q", "5", "enter")
         await settled(app, pilot)
         assert page.calibration.fitted.source == ("logs/run.lag.1.csv", None), "what was measured stays"
 
@@ -425,5 +426,5 @@ async def test_without_files_the_page_says_so(source, clock, frames):
     source.newest = standing(frames[-1])
     app = TopdressApp(source, clock, live=False)
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.press("f6", "q", "1")
+        await pilot.press("f6", "q", "1", "enter")
         assert "not available here" in app.notice_text and len(app.screen_stack) == 2

@@ -103,7 +103,7 @@ async def test_a_map_that_cannot_be_read_is_one_line(full, desk):
 async def test_whose_job_it_is(full, desk, shown):
     async with full.run_test(size=SIZE) as pilot:
         await opened(full, pilot)
-        await pilot.press("q", "3")
+        await pilot.press("q", "3", "enter")
         await pilot.press("1", "enter")
         assert isinstance(full.screen, NameDialog)
         await pilot.press(*"Li", "space", *"Ming", "enter")
@@ -122,7 +122,7 @@ async def test_a_product_of_the_library_is_chosen_by_its_name(full, desk):
     async with full.run_test(size=SIZE) as pilot:
         await opened(full, pilot)
         for keys in (("2", "enter"), ("3", "enter", *"lime", "enter")):
-            await pilot.press("q", "3")
+            await pilot.press("q", "3", "enter")
             await pilot.press("4", "enter")
             for key in keys:
                 await pilot.press(key)

@@ -88,9 +88,9 @@ async def test_buttons_of_a_dialog_have_letters_too(full):
     async with full.run_test(size=SIZE) as pilot:
         await pilot.press("t")
         dialog = full.screen
-        assert len(places_of(dialog)) == len(dialog.query(Button))
+        assert len(places_of(dialog)) == len(dialog.query(Button)) + len(dialog.choices)
         await shown_letters(full, pilot)
-        await pilot.press(*label_of(full, lambda place: place.widget.id == "choice-2"))
+        await pilot.press(*label_of(full, lambda place: place.widget.id == "choices" and place.at.y == 2))
         assert full.screen is dialog and dialog.at == 2
         await shown_letters(full, pilot)
         await pilot.press(*label_of(full, lambda place: place.widget.id == "cancel"))

@@ -190,7 +190,7 @@ async def test_every_page_is_reached_without_f_keys_at_every_size(full, size):
             bar = full.page.query_one("#keys", KeyBar)
             place = next(one for one in laid_out(bar.view.actions, bar.size.width) if one[0].id == "pages")
             await pilot.click("#keys", offset=(place[1] + 1, 0)) if digit == 3 else await pilot.press("tab")
-            await pilot.press(str(digit))
+            await pilot.press(str(digit), "enter")
             assert full.page.where == where and full.screen is full.page
 
 

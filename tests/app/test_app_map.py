@@ -379,13 +379,13 @@ async def test_the_log_of_the_replay_and_the_machine(frames, clock, shown):
     async with app.run_test(size=SIZE) as pilot:
         pane = await opened(app, pilot)
         assert pane.view.place == source.newest.place_m and "REPLAY" not in shown(app)[0]
-        await pilot.press("q", "1")
+        await pilot.press("q", "1", "enter")
         assert pane.view.place == log.newest.place_m
         assert pane.view.worked.box.north_m == pytest.approx(log.newest.place_m[1], abs=0.5)
         assert "REPLAY" in shown(app)[0] and "MACHINE: WORKING" in shown(app)[0]
         await pilot.press("space")
         assert [order.do.value for order in source.orders] == ["hold"], "hold is for the machine"
-        await pilot.press("q", "1")
+        await pilot.press("q", "1", "enter")
         assert pane.view.place == source.newest.place_m
 
 
@@ -403,7 +403,7 @@ async def test_in_a_replay_alone_the_map_is_the_log_s_and_space_plays(frames, cl
         clock.now_s += 1.0
         app.tick()
         assert pane.view.worked.box.north_m == pytest.approx(11.3, abs=1.0), "back in the log, the ground goes back"
-        await pilot.press("q", "1")
+        await pilot.press("q", "1", "enter")
         assert "no machine is connected" in "\n".join(shown(app))
 
 

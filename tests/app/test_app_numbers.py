@@ -243,7 +243,7 @@ async def test_a_catch_that_differs_grossly_is_asked_again(source, clock, shown,
         test = page.calibration.test
         test.phase, test.turned, test._before_kg = "weigh", Turned(30.0, 30.0, 30.0 * 60.0, 30.0 * 30.0), before_kg
         test._resting_kg.extend([280.0] * 10)
-        await pilot.press("q", "3")
+        await pilot.press("q", "3", "enter")
         await typed(app, pilot, text)
         await pilot.press("enter")
         if asked:

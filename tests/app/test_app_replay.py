@@ -173,7 +173,7 @@ async def test_a_click_on_the_time_line_seeks(replay_app, replay_source):
 async def test_findings_are_counted_and_can_be_read(replay_app, shown):
     async with replay_app.run_test(size=SIZE) as pilot:
         assert any("findings 1" in row for row in shown(replay_app))
-        await pilot.press("q", "2")
+        await pilot.press("q", "2", "enter")
         assert any("3 rows had no time" in row for row in shown(replay_app))
 
 
@@ -196,7 +196,7 @@ async def test_what_if_shows_the_recomputed_frames_at_the_same_place_and_back(fr
                       replay=ReplayJob(replay_source, "run.csv", what_if=what_if, crops=("durum",)))
     async with app.run_test(size=SIZE) as pilot:
         replay_source.seek(12.0)
-        await pilot.press("q", "1", "2", "enter")
+        await pilot.press("q", "1", "enter", "2", "enter")
         await wait_for(pilot, lambda: app.replay_page.chosen != WhatIf())
         app.tick()
         await pilot.pause()
@@ -204,7 +204,7 @@ async def test_what_if_shows_the_recomputed_frames_at_the_same_place_and_back(fr
         assert replay_source.at_s == pytest.approx(12.0)
         assert app.page.query_one("#rates", Rates).view.target.text == "123"
         assert any("what if: speed first" in row for row in shown(app))
-        await pilot.press("q", "1", "4", "enter")
+        await pilot.press("q", "1", "enter", "4", "enter")
         await wait_for(pilot, lambda: len(asked) == 2 and app.replay_page.computing is None)
         assert asked[1] == WhatIf(strategy="speed_first", crop="durum"), "changes add up"
         await pilot.press("delete")
@@ -219,7 +219,7 @@ async def test_a_what_if_that_fails_says_why_in_one_line(replay_source, clock, s
 
     app = TopdressApp(None, clock, live=False, replay=ReplayJob(replay_source, "run.csv", what_if=what_if))
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.press("q", "1", "1", "enter")
+        await pilot.press("q", "1", "enter", "1", "enter")
         await wait_for(pilot, lambda: app.notice_text)
         await pilot.pause()
         assert "no day count" in shown(app)[-1]
@@ -241,7 +241,7 @@ async def test_a_what_if_is_cancelled_and_its_thread_ends(frames, replay_source,
 
     app = TopdressApp(None, clock, live=False, replay=ReplayJob(replay_source, "run.csv", ("a finding",), what_if))
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.press("q", "1", "2", "enter")
+        await pilot.press("q", "1", "enter", "2", "enter")
         await wait_for(pilot, begun.is_set)
         clock.now_s += 0.2
         app.tick()

@@ -173,7 +173,9 @@ async def test_a_gone_worker_is_said_at_once_and_can_be_started_again(source, cl
         assert "THE CONTROL WORKER IS GONE" in text and "process 7" in text and "hard-wired stop" in text
         assert "attach" not in text, "only what can be done is offered"
         assert app.page.query_one("#rates", Rates).view.target.stale, "old at once, not after a second"
-        await pilot.press("1")
+        await pilot.press("enter")
+        assert asked == [], "what is done must be chosen"
+        await pilot.press("1", "enter")
         clock.now_s += 0.2
         app.tick()
         assert asked == ["start"] and app.source is second and not app.gone
@@ -191,7 +193,7 @@ async def test_a_worker_that_does_not_start_is_said_again(source, clock, shown):
         source.end.set_exception(WorkerGone("gone"))
         await pilot.pause()
         await pilot.pause()
-        await pilot.press("1")
+        await pilot.press("1", "enter")
         assert isinstance(app.screen, GoneScreen)
         assert "no such port" in "\n".join(shown(app))
         await pilot.press("escape")

@@ -135,9 +135,9 @@ async def test_all_defaults_are_asked_once(settings_app, kept):
         await on_settings(app, pilot, "sound")
         await pilot.press("enter", "2", "enter")
         assert not app.sound and not in_file(kept).sound
-        await pilot.press("q", "1", "escape")
+        await pilot.press("q", "1", "enter", "escape")
         assert not app.sound
-        await pilot.press("q", "1", "enter")
+        await pilot.press("q", "1", "enter", "enter")
         assert app.sound and in_file(kept) == Settings()
 
 
@@ -149,7 +149,7 @@ async def test_a_click_changes_and_the_lock_forbids(settings_app, kept):
         assert len(app.screen_stack) == 3
         await pilot.press("escape", "f8")
         await pilot.click(SettingsList, offset=(6, 3))
-        await pilot.press("enter", "q", "1")
+        await pilot.press("enter", "q", "1", "enter")
         assert len(app.screen_stack) == 2 and app.notice_text.startswith("locked")
 
 

@@ -13,7 +13,6 @@ from console.app import actions, pressed
 from console.app.app import TopdressApp
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, Dialog, NudgeDialog, TextDialog
 from console.app.gallery import StillSource
-from console.app.keys import AtOnceDialog
 from console.app.name_dialog import NameDialog
 from console.app.number_dialog import NumberDialog
 from console.app.pages.job.map_dialog import MapDialog
@@ -46,7 +45,6 @@ DIALOGS = {
     Confirm: lambda: Confirm("Sure?"),
     NudgeDialog: lambda: NudgeDialog(0.0, 1),
     ChoiceDialog: lambda: ChoiceDialog("Which?", [Choice("a", "A"), Choice("b", "B")], "a"),
-    AtOnceDialog: lambda: AtOnceDialog("Which?", [Choice("run", "Run"), Choice("map", "Map")], "run"),
     NumberDialog: lambda: NumberDialog("How much?", "kg", 0, 100),
     TextDialog: lambda: TextDialog("Read", "this"),
     MapDialog: lambda: MapDialog(SampleJobService().preview("north.geojson", Reading()), METRIC),
@@ -236,7 +234,7 @@ async def test_digits_of_dialogs_work_full_width(full):
         answers = []
         full.push_screen(GoneScreen("gone", True, True), answers.append)
         await pilot.pause()
-        await send(full, pilot, "２")
+        await send(full, pilot, "２", "\r")
         assert answers == ["attach"]
         full.push_screen(NumberDialog("How much?", "kg", 0, 100), answers.append)
         await pilot.pause()

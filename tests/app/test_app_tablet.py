@@ -137,7 +137,7 @@ async def test_without_a_worker_the_tab_says_so_and_starts_none(tab, shown):
         assert isinstance(app.screen, GoneScreen) and app.start is None
         text = " ".join("\n".join(shown(app)).split())
         assert "No control worker runs: start the console on" in text and "start it again" not in text
-        await pilot.press("1")
+        await pilot.press("1", "enter")
         for _try in range(20):
             await pilot.pause(0.01)
             if app.links:

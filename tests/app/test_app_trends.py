@@ -145,7 +145,7 @@ async def test_channels_are_taken_and_dropped(live):
         assert [plot.label for plot in plots.view.plots] == ["speed used", "rate error"]
         assert plots.view.plots[1].unit == "%"
         await pilot.press("v")
-        assert live.screen.query_one("#channel-list").option_count == 33
+        assert len(live.screen.choices) == 33
         await pilot.press("space")
         assert [order.do.value for order in live.source.orders] == ["hold"], "hold works over the list"
 
@@ -158,20 +158,20 @@ async def test_no_channel_says_how_to_choose_one(live, shown):
         live.tick()
         await pilot.pause()
         assert any("V chooses what is plotted" in row for row in shown(live))
-        await pilot.press("left", "plus", "z", "q", "2", "y", "pageup")
+        await pilot.press("left", "plus", "z", "q", "2", "enter", "y", "pageup")
 
 
 async def test_a_fixed_scale_stays_and_a_free_one_follows_the_values(live):
     async with live.run_test(size=SIZE) as pilot:
         plots = await opened(live, pilot)
         before = plots.view.plots[0].high
-        await pilot.press("q", "2")
+        await pilot.press("q", "2", "enter")
         row = live.source.newest.row
         live.source.newest = replace(live.source.newest, row=row._replace(target_rate_kg_ha=900.0))
         await go_on(live, 2.0)
         assert plots.view.plots[0].high == before and plots.view.plots[0].fixed
         assert "fixed scale" in bar(live).states
-        await pilot.press("q", "2")
+        await pilot.press("q", "2", "enter")
         await go_on(live, 1.0)
         assert float(plots.view.plots[0].high) >= 900.0 and not plots.view.plots[0].fixed
         assert plots.view.plots[1].high == plots.view.plots[0].high, "rates share their scale"
@@ -273,9 +273,9 @@ async def test_machine_or_log(frames, clock):
     async with app.run_test(size=SIZE) as pilot:
         await opened(app, pilot)
         assert "log" not in bar(app).states
-        await pilot.press("q", "1")
+        await pilot.press("q", "1", "enter")
         assert "log" in bar(app).states
-        await pilot.press("q", "1")
+        await pilot.press("q", "1", "enter")
         assert "log" not in bar(app).states
 
 

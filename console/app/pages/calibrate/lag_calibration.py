@@ -16,7 +16,6 @@ from console.locale import N_, _
 
 RIG = "lag_rig"
 OTHER = "other file"
-MOST_TABLES = 7
 ENDED = "ended"                # by hand, before all was measured
 OVER = ("done", ENDED)
 PHASES = {"settling": N_("waiting until everything stands still"), "arming": N_("arming the rig"),
@@ -130,7 +129,7 @@ class LagCalibration(Calibration):
     def ask_table(self) -> None:
         job = self.bench.job
         if job is not None:
-            self.bench.compute(lambda: tuple(job.lag_tables())[:MOST_TABLES], self._offer)
+            self.bench.compute(lambda: tuple(job.lag_tables()), self._offer)
 
     def _offer(self, tables: tuple[LagTable, ...]) -> None:
         choices = [Choice(table.path, f"{PurePath(table.path).name}  ({table.rows})") for table in tables]

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from console.app.pages.diagnosis.page import DiagnosisScreen
 
 
-MOST_LOGS = 7               # that a choice by digits has room for
 TYPED = "typed"
 COMPARED_S = 10.0           # two predictions of a log and its pictures, on two cores
 DRIVE_S_PER_MIN = 1.5       # simulating a minute and diagnosing it, on two cores
@@ -192,7 +191,7 @@ def why_no_comparison(page: DiagnosisScreen) -> str:
 def compare(page: DiagnosisScreen) -> None:
     """Of the machine file that was adopted here: before and after, on a log of another day."""
     logs = [one for one in page.sources or () if one.kind == "run" and not one.working
-            and one.path not in [found.path for found in page.found]][:MOST_LOGS]
+            and one.path not in [found.path for found in page.found]]
     choices = [*(Choice(one.path, f"{one.name}  {one.changed}") for one in logs),
                Choice(TYPED, _("another file: type its path"))]
 

@@ -1,0 +1,127 @@
+"""Lists of every dialog: digits mark and Enter takes, two digits are one number, and a long list scrolls."""
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from textual.widgets import Button
+
+import console.app
+from console.app.dialogs import Choice, ChoiceDialog, Confirm
+from console.app.stray import PAUSE_S
+from console.app.widgets.choice_list import ChoiceList
+from console.services.job import JobFiles
+from console.services.launcher import Launcher
+from control.orders import Do, Order
+
+SIZES = ((120, 40), (80, 24), (60, 20))
+
+
+def names(count: int) -> list[Choice]:
+    return [Choice(f"value {k}", f"line {k}") for k in range(1, count + 1)]
+
+
+async def asked(app, pilot, choices, now=""):
+    answers = []
+    dialog = ChoiceDialog("Which?", choices, now)
+    app.push_screen(dialog, answers.append)
+    await pilot.pause()
+    return dialog, answers
+
+
+@pytest.mark.parametrize("keys, taken", [
+    ("13", "value 13"), ("3", "value 3"), ("10", "value 10"), ("03", "value 3"), ("133", None), ("14", None),
+    ("99", None), ("0", "value 1"), ("143", "value 3")])
+async def test_two_digits_are_one_number_and_one_that_is_not_there_takes_nothing(full, keys, taken):
+    """`13` took line 3, another crop; now a number without a line says so, and Enter takes nothing until one is
+    marked again."""
+    async with full.run_test(size=(100, 30)) as pilot:
+        dialog, answers = await asked(full, pilot, names(13))
+        await pilot.press(*keys, "enter")
+        assert answers == ([] if taken is None else [taken])
+        if taken is None:
+            await pilot.press("down", "enter")
+            assert len(answers) == 1 and full.screen is not dialog
+
+
+async def test_after_a_pause_a_digit_begins_a_new_number(full, clock):
+    async with full.run_test(size=(100, 30)) as pilot:
+        _dialog, answers = await asked(full, pilot, names(13))
+        await pilot.press("1")
+        clock.now_s += PAUSE_S
+        await pilot.press("3", "enter")
+        assert answers == ["value 3"]
+
+
+@pytest.mark.parametrize("size", SIZES)
+async def test_every_line_of_a_long_list_is_reached_and_seen_with_a_bar_and_a_count(full, shown, size):
+    async with full.run_test(size=size) as pilot:
+        await asked(full, pilot, names(60))
+        for k in range(1, 61):
+            rows = shown(full)
+            assert any(f"> {k:>2}  line {k} " in row for row in rows), k
+            assert any(f"{k} of 60" in row for row in rows) and any("█" in row or "│" in row for row in rows)
+            assert any("Enter" in row for row in rows), "the keys stay in sight"
+            await pilot.press("down")
+
+
+async def test_a_click_marks_what_is_seen_there_and_the_wheel_moves_on(full):
+    async with full.run_test(size=(80, 24)) as pilot:
+        dialog, answers = await asked(full, pilot, names(60))
+        await pilot.press("end")
+        assert dialog.at == 59
+        listed = dialog.query_one(ChoiceList)
+        await pilot.click(listed, offset=(3, 0))
+        assert dialog.at == 60 - (listed.content_size.height - 1)
+        await pilot.press("enter")
+        assert answers == [f"value {dialog.at + 1}"]
+
+
+@pytest.mark.parametrize("keys", [("f2", "t"), ("f2", "o"), ("f2", "h"), ("f2", "tab"), ("f10", "q"), ("f4", "v"),
+                                  ("f10", "j"), ("f10", "p"), ("f9", "q"), ("f3", "b")])
+async def test_a_digit_alone_takes_nothing_in_any_list(full, source, keys):
+    """In the menu it did, and the Enter that followed answered the next question."""
+    async with full.run_test(size=(100, 30)) as pilot:
+        await pilot.press(*keys)
+        await pilot.pause(0.1)
+        assert isinstance(full.screen, ChoiceDialog), keys
+        dialog, page = full.screen, full.page
+        await pilot.press("2")
+        assert full.screen is dialog and full.page is page and dialog.at == 1 and source.orders == []
+
+
+async def test_the_menu_and_enter_ask_one_question_only(full, source):
+    source.newest = replace(source.newest, row=source.newest.row._replace(state="held"))
+    async with full.run_test(size=(100, 30)) as pilot:
+        await pilot.press("f10", "q", "5", "enter")
+        assert isinstance(full.screen, Confirm) and full.screen.heading == "End this job?"
+        assert Order(Do.MARK, "job finished") not in full.source.orders
+
+
+def test_no_other_list_reads_digits():
+    """The rule is in one place."""
+    for path in Path(console.app.__file__).parent.rglob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        if path.name not in ("dialogs.py", "number_dialog.py", "typed_number.py", "pressed.py", "stray.py"):
+            assert "isdigit()" not in text and "isdecimal()" not in text, path
+            assert "OptionList" not in text, path
+
+
+def test_all_crops_of_the_house_are_listed(tmp_path):
+    """Two of thirteen could not be reached at any size."""
+    facts = JobFiles(Launcher((), (), 1, 20.0, str(tmp_path / "run.csv"), tmp_path / "worker.log"), tmp_path).facts()
+    shipped = {path.stem for path in Path("configs/crops").glob("*.yaml")}
+    assert {one.label for one in facts.crops} == shipped
+    (tmp_path / "jobs").mkdir()
+    for k in range(20):
+        (tmp_path / "jobs" / f"own-{k}.yaml").write_text((Path("configs/jobs/demo.yaml")).read_text(encoding="utf-8"),
+                                                         encoding="utf-8")
+    facts = JobFiles(Launcher((), (), 1, 20.0, str(tmp_path / "run.csv"), tmp_path / "worker.log"), tmp_path).facts()
+    assert len(facts.jobs) == 20 + len(list(Path("configs/jobs").glob("*.yaml")))
+
+
+async def test_a_dialog_offers_its_keys_where_the_list_is_short(full):
+    async with full.run_test(size=(80, 24)) as pilot:
+        dialog, _answers = await asked(full, pilot, names(3), "value 2")
+        assert dialog.at == 1 and {one.id for one in dialog.query(Button)} == {"yes", "cancel"}
