@@ -112,6 +112,8 @@ class Frame:
     threshold_m: float | None = None              # of point mode, as learned, at the present speed
     sections: tuple[SectionState, ...] = ()       # left to right; none: the machine has no valves
     strips: Strips = field(default_factory=Strips)      # N-rich and farmer check, as they count now
+    ordered_source: str = ""                      # of the target, as ordered; what stands in for it is in the row
+    manual_rate_kg_ha: float | None = None        # as ordered, also while another source holds
     consoles: int = 0                             # that keep the machine working now; 0: not given
     attached: tuple[Attached, ...] = ()           # consoles and tablets, in the order in which they came
     ordered: tuple[Ordered, ...] = ()             # the latest orders that were followed, the newest last

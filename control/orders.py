@@ -68,7 +68,7 @@ class Do(StrEnum):
     LOOK_AHEAD = "look_ahead"        # value: True / False
     NO_DOUBLE = "no_double"          # value: True / False: ground that has its material gets no more
     SECTION = "section"              # value: "2 off", "2 auto" or "all auto"; sections count from 1, left to right
-    STRIP = "strip"                  # value: a strip as measured, as `agronomy.strips.StripValue.text` says it
+    STRIP = "strip"                  # value: a strip as measured, as `agronomy.strips.StripValue.text` says it; `none`
     DOSE_ERROR = "dose_error"        # value: m, measured behind the machine on the newest doses; late is positive
 
 

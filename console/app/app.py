@@ -4,6 +4,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, TypeVar, cast
@@ -31,6 +32,7 @@ from console.app.kept_lines import KeptLines, guide_record
 from console.app.keys import ACTIONS
 from console.app.pace import NUMBERS_S
 from console.app.pages.all import Pages
+from console.app.pages.job.day import file_name
 from console.app.pages.page import Page
 from console.app.plain_lines import PlainLines
 from console.app.replay_job import ReplayJob
@@ -41,7 +43,7 @@ from console.app.source import Arrival, FrameSource
 from console.app.stray import HeldEnter, StrayTyping
 from console.app.terminal import Takes, drawn_on
 from console.app.tour import Tour
-from console.app.undo import Undo
+from console.app.undo import Undo, back_words, orders_back
 from console.app.units import METRIC, Units
 from console.app.view import wall_clock
 from console.app.widgets.key_bar import URGENT, KeyBar
@@ -75,6 +77,10 @@ Connect = Callable[[], Awaitable[FrameSource]]
 def local_offset_s() -> float:
     """Local time minus UTC now, in s."""
     return float(time.localtime().tm_gmtoff or 0)
+
+
+def _ordered(order: Order, source: FrameSource) -> Awaitable[Answer]:
+    return source.order(order)
 
 
 class TopdressApp(App[None], inherit_bindings=False):
@@ -530,9 +536,11 @@ class TopdressApp(App[None], inherit_bindings=False):
         """What is spread twice on purpose is asked: "resume" or "anew"."""
         resume = _("resume the job of {time} ({area} done)").format(
             time=wall_clock(offer.began_utc, self.utc_offset_s)[:5], area=self.units.area.full(offer.area_ha))
+        wanted = ", ".join(map(file_name, offer.others))
+        by = "\n" + _("Either way it goes by {files} from now on.").format(files=wanted) if wanted else ""
         return ChoiceDialog(heading, (Choice("resume", resume), Choice("anew", _("begin anew"))), "", _(
             "Resumed, totals go on and the ground that is done gets nothing a second time. Anew, that job is ended, "
-            "and its ground gets material again. The machine is off until you start it."))
+            "and its ground gets material again. The machine is off until you start it.") + by)
 
     def restart(self, start: Connect) -> None:
         """End the worker that runs, then start one anew."""
@@ -572,18 +580,32 @@ class TopdressApp(App[None], inherit_bindings=False):
         self._supervise()
         self.page.hurry()
 
-    def change(self, do: Do, value: str | float | bool, before: str | float | bool | None, what: str) -> None:
-        """An order that can be taken back. what: the state that it leaves, in words."""
-        if before is not None and self.source is not None:
-            self.undo.add(what, lambda: self.give(do, before))
-        self.give(do, value)
-
     def give(self, do: Do, value: str | float | bool | None = None) -> None:
-        """Send an order; a refusal or a missing answer is said in the key bar."""
+        """One order; as `give_all`."""
+        self.give_all(Order(do, value))
+
+    def give_all(self, *orders: Order, also_back: Callable[[], None] = lambda: None) -> None:
+        """Send orders that are one change, one after the other; a refusal or a missing answer is said in the key bar
+        and ends them. Those that were followed are the newest change that can be taken back. also_back: what taking
+        them back does besides."""
         if self.source is None:
             self.notice(_("no machine is connected"))
             return
-        self.run_worker(self.asked(lambda source: source.order(Order(do, value))), group="orders", exit_on_error=False)
+        self.run_worker(self._give(orders, self.arrival.frame, also_back), group="orders", exit_on_error=False)
+
+    async def _give(self, orders: tuple[Order, ...], before: Frame | None, also_back: Callable[[], None]) -> None:
+        followed: list[Order] = []
+        for order in orders:
+            if not (await self.asked(partial(_ordered, order))).accepted:
+                break
+            followed.append(order)
+        back = orders_back(followed, before)
+        if back:
+            self.undo.add(back_words(back, self.units), lambda: self._take_back(back, also_back))
+
+    def _take_back(self, back: tuple[Order, ...], also_back: Callable[[], None]) -> None:
+        self.run_worker(self._give(back, None, also_back), group="orders", exit_on_error=False)
+        also_back()
 
     async def asked(self, ask: Callable[[FrameSource], Awaitable[Answer]], quiet: bool = False) -> Answer:
         """Ask something of the source; a refusal or a missing answer is said in the key bar unless `quiet`.

@@ -4,26 +4,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from console.app import words
+from console.app.ordered_words import order_text
+from console.app.units import METRIC
 from console.app.view import duration, wall_clock
 from console.attached import Attached, Ordered
 from console.frame import Frame
-from console.locale import N_, _
-from control.orders import Do, State
-
-ORDERS: dict[str, str] = {
-    Do.READY: N_("READY"), Do.START: N_("START"), Do.HOLD: N_("HOLD"), Do.STOP: N_("STOP"),
-    Do.CALIBRATE: N_("calibrating"), Do.RELEASE: N_("end of calibrating"), Do.STRATEGY: N_("strategy"),
-    Do.SOURCE: N_("target from"), Do.NUDGE: N_("nudge"), Do.MANUAL_RATE: N_("manual rate"), Do.MARK: N_("mark"),
-    Do.REFILL: N_("refill"), Do.REFILL_BACK: N_("refill taken back"),
-    Do.ALLOW_REVERSE: N_("flow in reverse"), Do.ALLOW_OUTSIDE: N_("flow outside the field"),
-    Do.ALLOW_MAP_ELSEWHERE: N_("a map that lies elsewhere"), Do.GO_ON_UNLOGGED: N_("work without a log"),
-    Do.FLOW_TRIM: N_("scale trim"), Do.LOOK_AHEAD: N_("look-ahead"), Do.NO_DOUBLE: N_("nothing twice"),
-    Do.SECTION: N_("section"), Do.STRIP: N_("strip"), Do.DOSE_ERROR: N_("dose error"),
-    Do.CALIBRATE_SHAFT: N_("calibrating, shaft"), Do.CALIBRATE_OPENING: N_("calibrating, opening"),
-}
-LOG_UNITS: dict[str, str] = {Do.MANUAL_RATE: "kg/ha", Do.REFILL: "kg", Do.REFILL_BACK: "kg", Do.NUDGE: "%",
-                             Do.DOSE_ERROR: "m", Do.CALIBRATE_SHAFT: "r/min", Do.CALIBRATE_OPENING: "mm"}
+from console.locale import _
+from control.orders import State
 
 
 class CompanyView(NamedTuple):
@@ -76,26 +63,7 @@ def order_words(one: Ordered, frame: Frame, own: str, utc_offset_s: float) -> st
 
 
 def _order(one: Ordered) -> str:
-    word = _(ORDERS[one.do]) if one.do in ORDERS else one.do
-    value = _value(one)
-    return f"{word} {value}".rstrip()
-
-
-def _value(one: Ordered) -> str:
-    """Of the log, as the screens say it. START and CALIBRATE have the button's, which is nobody's concern."""
-    if one.do in (Do.START, Do.CALIBRATE, Do.MARK, Do.STRIP):
-        return ""
-    if one.value in ("True", "False"):
-        return _("on") if one.value == "True" else _("off")
-    if one.do == Do.STRATEGY:
-        return words.strategy_word(one.value)
-    if one.do == Do.SOURCE:
-        return words.source_word(one.value)
-    try:
-        number = float(one.value)
-    except ValueError:
-        return one.value
-    return f"{number:{'+' if one.do == Do.NUDGE else ''}g} {LOG_UNITS.get(one.do, '')}".rstrip()
+    return order_text(one.do, one.value, METRIC)
 
 
 def news(before: Frame, now: Frame, own: str) -> str:

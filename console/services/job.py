@@ -28,7 +28,7 @@ from console.app.pages.job.service import (
     Recent,
 )
 from console.services.at_work import earlier
-from console.services.launcher import Launcher, data_folder
+from console.services.launcher import Launcher, data_folder, others_than
 from console.worker import resume
 from control.orders import BY_MAP, TargetSource
 from drivers.files.config import Loaded, load, save, shipped
@@ -48,8 +48,6 @@ if TYPE_CHECKING:
     from drivers.files.prescriptions.words import PrescriptionError
     from drivers.files.read_log import RunLog
     from drivers.files.setup import Setup
-
-MOST_FILES = 11             # in one list of choices
 
 
 class JobFiles:
@@ -82,7 +80,7 @@ class JobFiles:
             job=job.title or job.id, job_file=str(job_path), crop=setup.crop.name, crop_file=str(crop.path),
             crop_warnings=setup.crop.warnings, source=job.target.source.value, ndvi_nrich=nrich,
             nrich_from="" if nrich is None else "job" if job.ndvi_nrich is not None else "crop",
-            ndvi_check=setup.rule.ndvi_check, response_index=setup.rule.response_rule,
+            ndvi_check=setup.rule.ndvi_check, response_index=setup.rule.response_rule, rule=setup.rule,
             fixed_yield_t_ha=setup.crop.fixed_yield_t_ha, max_rate_kg_ha=setup.crop.max_rate_kg_ha,
             fallback_rate_kg_ha=setup.crop.fallback_rate_kg_ha, client=job.client, farm=job.farm,
             growth=setup.growth, **self._product(setup), operator=job.operator, field=name, field_ha=area,
@@ -142,7 +140,7 @@ class JobFiles:
         found: dict[str, File] = {}
         for path in (*(() if now is None else (now,)), *own, *shipped(folder).values()):
             found.setdefault(str(path), File(str(path), path.stem))
-        return tuple(found.values())[:MOST_FILES]
+        return tuple(found.values())
 
     def free_bytes(self, log_path: str) -> int | None:
         try:
@@ -183,7 +181,8 @@ class JobFiles:
         what = "N-rich strip" if strip.which == "nrich" else "Farmer check"
         how = "" if strip.se is None else f", standard error {strip.se:.4f}, {strip.samples} samples"
         try:
-            path = self._new_job({f"ndvi_{strip.which}": strip.ndvi}, f"{what}: NDVI {strip.ndvi:.4f}{how}")
+            said = f"{what} taken back" if strip.ndvi is None else f"{what}: NDVI {strip.ndvi:.4f}{how}"
+            path = self._new_job({f"ndvi_{strip.which}": strip.ndvi}, said)
             self._launcher.config, self._next = self._next or self._launcher.config, None
             return path
         except ConfigError as error:
@@ -234,7 +233,7 @@ class JobFiles:
         doubtful = implausible([share.rate_kg_ha for share in shares], setup.crop.max_rate_kg_ha)
         if read.unit_from == UNIT_NOT_NAMED and doubtful:
             return MapPreview(path, reading._replace(column=reading.column or (read.layers or ("",))[0]), read.layers,
-                              f"{doubtful}, and the file names no unit: U says which one it is")
+                              f"{doubtful}, and the file names no unit: say which one it is")
         target = setup.job.target.model_copy(update={"map": str(kept), "source": TargetSource.MAP})
         job = _on_its_ground(setup.job.model_copy(update={"target": target}), setup.machine, found)
         check = check_of_job(job, setup.crop.max_rate_kg_ha, kept.parent)
@@ -428,7 +427,8 @@ class JobFiles:
         if not left:
             return None
         kept = left[0].snapshot
-        return Offer(str(left[0].path), kept.began_utc, kept.saved_utc, kept.job, kept.area_ha)
+        return Offer(str(left[0].path), kept.began_utc, kept.saved_utc, kept.job, kept.area_ha,
+                     others_than(kept.config, self._next or self._launcher.config))
 
     def _left(self) -> list[OpenJob]:
         """Jobs that were left on the field of the next start, the newest first; where no files are chosen, the newest

@@ -69,14 +69,19 @@ class Launcher:
                 continue
             if kind in (JOB, MACHINE, CAB):
                 found.append(file)
-        theirs = {Path(file).resolve() for file in found}
-        unused = tuple(file for file in self.config if not theirs & {Path(file).resolve(), _meant(file)})
+        unused = others_than(found, self.config)
         self.config = tuple(found)
         return unused
 
     def may_go_on(self) -> bool:
         """Whether a job may have been cut off that `JobFiles.offer` is to look at."""
         return may_go_on(self.logs)
+
+
+def others_than(theirs: Sequence[str], ours: Sequence[str]) -> tuple[str, ...]:
+    """Those of our files that are not among theirs; shipped ones by their names or by their paths."""
+    known = {path for file in theirs for path in (Path(file).resolve(), _meant(file))} - {None}
+    return tuple(file for file in ours if not known & {Path(file).resolve(), _meant(file)})
 
 
 def _pairs(option: str, values: Sequence[str]) -> list[str]:

@@ -7,6 +7,11 @@ from typing import Literal, NamedTuple
 Doubt = Literal["", "below_1", "above_3"]
 
 NO_RESPONSE = 1.0           # a strip that got more nitrogen and is no greener: the crop has enough
+NONE = "none"               # in the place of the NDVI of a strip that counts no more
+# A crop whose reading is at least this share of the N-rich strip's has enough nitrogen: the 95 % of the sufficiency
+# index below which nitrogen is advised (Peterson et al. 1993, NebGuide G93-1171; Blackmer and Schepers 1995, J. Prod.
+# Agric. 8:56-60). A strip hardly richer than the field may have got no more nitrogen, or was driven somewhere else.
+HARDLY_RICHER = 0.95
 HIGHEST_BELIEVED = 3.0      # beyond it a strip was driven over soil or weeds, or the two on different days
 
 
@@ -33,16 +38,19 @@ def doubt(strips: Strips) -> Doubt:
 
 
 class StripValue(NamedTuple):
-    """A strip as it was measured: `se` is the standard error of the mean, `samples` how many readings it rests on."""
+    """A strip as it was measured: `se` is the standard error of the mean, `samples` how many readings it rests on. ndvi
+    None: none counts any more, as before it was measured."""
 
     which: Literal["nrich", "check"]
-    ndvi: float
+    ndvi: float | None
     se: float | None = None
     samples: int = 0
 
     @property
     def text(self) -> str:
-        """As an order and a log's event say it: `nrich 0.712 0.0041 38`."""
+        """As an order and a log's event say it: `nrich 0.712 0.0041 38`, `nrich none`."""
+        if self.ndvi is None:
+            return f"{self.which} {NONE}"
         more = "" if self.se is None else f" {self.se:.4f} {self.samples}"
         return f"{self.which} {self.ndvi:.4f}{more}"
 
@@ -50,6 +58,8 @@ class StripValue(NamedTuple):
 def read_strip(text: object) -> StripValue | None:
     """What `StripValue.text` says; None where it says nothing that can be used: NDVI in (0, 1]."""
     words = text.split() if isinstance(text, str) else []
+    if words[1:] == [NONE] and words[0] in ("nrich", "check"):
+        return StripValue("nrich" if words[0] == "nrich" else "check", None)
     if len(words) not in (2, 4) or words[0] not in ("nrich", "check"):
         return None
     try:

@@ -68,6 +68,15 @@ class Tick(NamedTuple):
         return None if east is None or north is None else (east, north)
 
     @property
+    def ordered_source(self) -> str:
+        """Of the target, by the operator's order: what stands in for it where it is silent is in the row."""
+        return self.choices.source.value
+
+    @property
+    def manual_rate_kg_ha(self) -> float:
+        return self.choices.manual_rate_kg_ha
+
+    @property
     def look_ahead(self) -> bool:
         return self.choices.look_ahead
 

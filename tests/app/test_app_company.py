@@ -6,9 +6,10 @@ from dataclasses import replace
 import pytest
 
 from console.app.app import TopdressApp
-from console.app.company import ORDERS, leave_words
+from console.app.company import leave_words
 from console.app.dialogs import TextDialog
 from console.app.joined import Joined
+from console.app.ordered_words import ORDERS
 from console.app.pages.job.sample import SampleJobService
 from console.app.services import Services
 from console.attached import Attached, Ordered

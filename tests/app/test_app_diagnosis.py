@@ -124,7 +124,7 @@ async def test_nothing_of_an_undecided_group_is_adopted_by_enter_alone(desk, ser
                                            offers=service.found.offers[1:])
     async with desk.run_test(size=size) as pilot:
         await found_shown(desk, pilot)
-        await pilot.press("q", "1")
+        await pilot.press("q", "1", "enter")
         assert isinstance(desk.screen, ChoiceDialog) and desk.screen.at == 0
         text = " ".join(" ".join(shown(desk)).replace("┃", " ").split())
         assert "Undecided: this data cannot tell these apart." in text
@@ -136,7 +136,7 @@ async def test_nothing_of_an_undecided_group_is_adopted_by_enter_alone(desk, ser
 async def test_one_is_picked_by_its_name_with_a_reason_and_the_undo_is_said(desk, service, shown):
     async with desk.run_test(size=(120, 40)) as pilot:
         page = await found_shown(desk, pilot)
-        await pilot.press("q", "1")
+        await pilot.press("q", "1", "enter")
         assert ["size is not known" in choice.why for choice in desk.screen.choices] == [False, False, True, True]
         await pilot.press("3", "enter")
         assert isinstance(desk.screen, ChoiceDialog), "a cause without a size cannot be taken up"
@@ -158,11 +158,30 @@ async def test_one_is_picked_by_its_name_with_a_reason_and_the_undo_is_said(desk
         assert page.adopted == "/data/machines/huanghai-2026-03-18.yaml"
 
 
+async def test_escape_after_adopting_stays_on_the_page(full, turned):
+    """It went on to the Job page, where the keys that were meant here ended the job."""
+    async with full.run_test(size=(120, 40)) as pilot:
+        await turned(full, pilot, "diagnosis")
+        full.page.write("The machine file", lambda: "/data/machines/new.yaml", machine=True)
+        await settled(full, pilot)
+        assert isinstance(full.screen, TextDialog)
+        await pilot.press("escape")
+        assert isinstance(full.screen, Confirm) and full.screen.heading == "Use it now?"
+        assert full.page.where == "diagnosis"
+        await pilot.press("escape")
+        assert full.screen is full.page and full.page.where == "diagnosis"
+        full.job_page.ask_use("/data/machines/new.yaml")
+        await pilot.pause()
+        await pilot.press("enter")
+        await pilot.pause()
+        assert full.page.where == "job" and ("take", "machine", "/data/machines/new.yaml") in full.services.job.asked
+
+
 async def test_undo_stands_on_the_page_after_adopting_and_takes_that_file_back(desk, service, shown):
     service.found = sample_found("named")
     async with desk.run_test(size=(120, 40)) as pilot:
         page = await found_shown(desk, pilot)
-        await pilot.press("q", "1")
+        await pilot.press("q", "1", "enter")
         assert isinstance(desk.screen, Confirm), "what is sure is asked once"
         await pilot.press("enter")
         assert service.asked[-1] == "adopt flow.fill_falloff"
@@ -177,7 +196,7 @@ async def test_undo_stands_on_the_page_after_adopting_and_takes_that_file_back(d
 async def test_what_is_sure_alone_is_adopted_where_none_is_picked(desk, service):
     async with desk.run_test(size=(120, 40)) as pilot:
         await found_shown(desk, pilot)
-        await pilot.press("q", "1", "enter")
+        await pilot.press("q", "1", "enter", "enter")
         assert isinstance(desk.screen, Confirm)
         text = desk.screen.text
         assert "Adopted: Shaft loses speed when the supply falls below nominal" in text
@@ -243,7 +262,7 @@ async def test_what_cannot_be_adopted_is_refused_with_its_reason(desk, service, 
         adoptable=(), offers=(), refused=("flow.gain: holds in the rows of before.csv only",))
     async with desk.run_test(size=(120, 40)) as pilot:
         await found_shown(desk, pilot)
-        await pilot.press("q", "1")
+        await pilot.press("q", "1", "enter")
         assert isinstance(desk.screen, TextDialog)
         assert "holds in the rows of before.csv only" in "\n".join(shown(desk))
         await pilot.press("enter")
@@ -253,8 +272,8 @@ async def test_what_cannot_be_adopted_is_refused_with_its_reason(desk, service, 
 async def test_the_separating_run_is_written_driven_and_both_verdicts_stand_beside(desk, service, source, shown):
     async with desk.run_test(size=(120, 40)) as pilot:
         page = await found_shown(desk, pilot)
-        await pilot.press("q", "7")
-        await pilot.press("escape", "q", "5")
+        await pilot.press("q", "7", "enter")
+        await pilot.press("escape", "q", "5", "enter")
         assert isinstance(desk.screen, Confirm) and service.asked[1:] == ["write_run"]
         await pilot.press("enter")
         await settled(desk, pilot)
@@ -270,14 +289,14 @@ async def test_the_separating_run_is_written_driven_and_both_verdicts_stand_besi
 async def test_report_data_and_type_a_path(desk, service, shown):
     async with desk.run_test(size=(120, 40)) as pilot:
         page = await opened(desk, pilot)
-        await pilot.press("q", "2")
+        await pilot.press("q", "2", "enter")
         assert isinstance(desk.screen, NameDialog)
         await pilot.press(*"no", "enter")
         assert "neither a run log" in "\n".join(shown(desk))
         await pilot.press("backspace", "backspace", *"/a.csv", "enter")
         await settled(desk, pilot)
         assert service.asked == ["diagnose a.csv None"]
-        await pilot.press("e", "escape", "q", "6", "escape")
+        await pilot.press("e", "escape", "q", "6", "enter", "escape")
         assert service.asked[1:] == ["export report", "export data"] and page.shown is not None
 
 
@@ -286,7 +305,7 @@ async def test_a_file_of_another_machine_asks_what_it_does_not_say(source, clock
     desk = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(diagnosis=service))
     async with desk.run_test(size=(120, 40)) as pilot:
         page = await opened(desk, pilot)
-        await pilot.press("q", "2")
+        await pilot.press("q", "2", "enter")
         await pilot.press(*"planter.xlsx", "enter")
         await settled(desk, pilot)
         text = "\n".join(shown(desk))
@@ -297,7 +316,7 @@ async def test_a_file_of_another_machine_asks_what_it_does_not_say(source, clock
         assert page.said == "not brought in: the import file has open questions"
         assert page.sources == SOURCES                  # read anew: the import file is there now
         service.unsure = ()
-        await pilot.press("q", "2")
+        await pilot.press("q", "2", "enter")
         await pilot.press(*"planter.xlsx", "enter")
         await settled(desk, pilot)
         assert page.shown is not None and page.said == ""
@@ -306,7 +325,7 @@ async def test_a_file_of_another_machine_asks_what_it_does_not_say(source, clock
 async def test_another_machine_file_may_be_held_against(desk, service):
     async with desk.run_test(size=(120, 40)) as pilot:
         await opened(desk, pilot)
-        await pilot.press("q", "3", "2", "enter", "enter")
+        await pilot.press("q", "3", "enter", "2", "enter", "enter")
         await settled(desk, pilot)
         assert service.asked == ["diagnose 20260318-061200.csv bench"]
 
@@ -546,15 +565,15 @@ async def test_what_was_adopted_is_compared_on_another_log(desk, service, shown)
     service.found = sample_found("named")
     async with desk.run_test(size=(120, 40)) as pilot:
         await found_shown(desk, pilot)
-        await pilot.press("q", "4")
+        await pilot.press("q", "4", "enter")
         assert "adopt something first" in "\n".join(shown(desk))
         await pilot.press("escape")
-        await pilot.press("q", "1", "enter")
+        await pilot.press("q", "1", "enter", "enter")
         assert "Q4 there says, on another log," in "\n".join(shown(desk))
         await pilot.press("escape", "f9")
         await settled(desk, pilot)
         assert "Q4 compare" in " ".join(" ".join(shown(desk)).split())
-        await pilot.press("q", "4")
+        await pilot.press("q", "4", "enter")
         offered = [choice.value for choice in desk.screen.choices]
         assert offered == [SOURCES[2].path, "typed"], "not the run of now, not the log it was made from, no table"
         await pilot.press("enter")

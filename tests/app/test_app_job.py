@@ -259,7 +259,7 @@ async def test_a_working_machine_is_not_started_again(job_app, desk, source, sho
     app = job_app
     async with app.run_test(size=SIZE) as pilot:
         await on_job(app, pilot)
-        await pilot.press("q", "2", "2", "enter")
+        await pilot.press("q", "2", "enter", "2", "enter")
         await settled(app, pilot)
         assert desk.asked == [("take", "machine", "machines/bench.yaml"), ("drop",)]
         assert not isinstance(app.screen, Confirm) and app.notice_text.startswith("the machine works")
@@ -267,7 +267,7 @@ async def test_a_working_machine_is_not_started_again(job_app, desk, source, sho
         feed(app, source, [{"state": "off"}])
         await pilot.press("f2")
         await on_job(app, pilot)
-        await pilot.press("q", "2", "2", "enter")
+        await pilot.press("q", "2", "enter", "2", "enter")
         await settled(app, pilot)
         assert isinstance(app.screen, Confirm)
         await pilot.press("escape")
@@ -301,7 +301,7 @@ async def test_what_was_said_of_one_run_is_not_said_of_the_next(job_app, desk, s
     async with app.run_test(size=SIZE) as pilot:
         await on_job(app, pilot)
         app.page.say("written: report.html in reports")
-        await pilot.press("q", "2", "2", "enter")
+        await pilot.press("q", "2", "enter", "2", "enter")
         await settled(app, pilot)
         assert any("not taken: bench.yaml" in row for row in shown(app))
         app.page.refill.seen_kg = 16.0
@@ -317,7 +317,7 @@ async def test_a_file_that_is_refused_is_a_line(job_app, desk, source, shown):
     async with app.run_test(size=SIZE) as pilot:
         await on_job(app, pilot)
         desk.trouble = "crops/durum.yaml: key y_max_t_ha: missing"
-        await pilot.press("q", "1", "2", "enter")
+        await pilot.press("q", "1", "enter", "2", "enter")
         await settled(app, pilot)
         assert any("not taken: crops/durum.yaml: key y_max_t_ha: missing" in row for row in shown(app))
         assert desk.asked == [("take", "crop", "crops/durum.yaml")]
@@ -386,11 +386,11 @@ async def test_the_end_of_the_job_is_asked_marked_exported_and_reported(job_app,
     app = job_app
     async with app.run_test(size=SIZE) as pilot:
         await on_job(app, pilot)
-        await pilot.press("q", "5")
+        await pilot.press("q", "5", "enter")
         assert "the machine works" in "\n".join(shown(app)) and desk.asked == []
         await pilot.press("escape")
         feed(app, source, [{"state": "off"}])
-        await pilot.press("q", "5", "enter")
+        await pilot.press("q", "5", "enter", "enter")
         await settled(app, pilot)
         assert source.orders == [Order(Do.MARK, "job finished")]
         assert desk.asked == [("export", "run.csv", ".geojson"), ("report", "run.csv")]
@@ -420,7 +420,7 @@ async def test_an_export_that_fails_is_a_line_and_escape_cancels(job_app, desk, 
             return ("never.html",)
 
         desk.report = slow
-        await pilot.press("q", "4")
+        await pilot.press("q", "4", "enter")
         await asyncio.wait_for(begun.wait(), 30)
         app.page.hurry()
         app.tick()
@@ -452,13 +452,25 @@ async def test_a_job_that_was_cut_off_is_offered_at_the_start(frames, clock, key
         assert desk.asked == [(asked,)] and app.source is desk.next and desk.next.orders == []
 
 
+async def test_another_job_on_the_command_line_holds_either_way_and_that_is_said(frames, clock):
+    """`topdress run other.yaml` and Enter resumed the old job by its own files, without a word."""
+    desk = SampleJobService(cut_off=OFFER._replace(others=("/home/ann/other.yaml",)))
+    desk.next = StillSource(frames[-1])
+    app = TopdressApp(None, clock, live=False, utc_offset_s=0.0, services=Services(job=desk))
+    async with app.run_test(size=SIZE) as pilot:
+        assert "Either way it goes by other.yaml from now on." in app.screen.text
+        await pilot.press("enter")
+        await settled(app, pilot)
+        assert desk.asked == [("resume",)]
+
+
 async def test_escape_begins_nothing_and_c_asks_again(clock):
     desk = SampleJobService(cut_off=OFFER)
     app = TopdressApp(None, clock, live=False, services=Services(job=desk), start=desk.restart)
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press("escape")
         assert desk.asked == [] and "C asks again" in app.notice_text
-        await pilot.press("c", "1")
+        await pilot.press("c", "1", "enter")
         assert isinstance(app.screen, ChoiceDialog)
 
 
@@ -469,7 +481,7 @@ async def test_a_worker_that_died_is_offered_to_go_on(job_app, desk, source, fra
         desk.cut_off, desk.next = OFFER, StillSource(frames[-1])
         source.end.set_exception(WorkerGone("gone"))
         await pilot.pause()
-        await pilot.press("1")
+        await pilot.press("1", "enter")
         assert isinstance(app.screen, ChoiceDialog)
         await pilot.press("enter")
         await settled(app, pilot)

@@ -220,3 +220,22 @@ async def test_a_console_that_ends_is_said_by_the_other(app, source):
         app.tick()
         await pilot.pause()
         assert app.notice_text == "another console has ended or is silent; open now: 1"
+
+
+# --- the machine's state, hold and STOP are in sight on every page ----------------------------------------------------
+
+
+@pytest.mark.parametrize("size", [(60, 20), (80, 24), (120, 40)])
+@pytest.mark.parametrize("state, word", [("working", "WORKING"), ("held", "HELD"), ("fault", "FAULT")])
+async def test_every_page_says_what_the_machine_does(app, source, shown, size, state, word):
+    """Replay without a log said NO DATA in the place of WORKING."""
+    in_state(source, state, why_state="operator")
+    async with app.run_test(size=size) as pilot:
+        for where in app.pages:
+            app.turn_to(where)
+            await pilot.pause()
+            app.tick()
+            await pilot.pause()
+            rows = shown(app)
+            assert word in rows[0], (where, rows[0])
+            assert "hold" in rows[-1] and "STOP" in rows[-1], where

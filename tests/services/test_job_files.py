@@ -17,7 +17,7 @@ from console.app.pages.job.service import AtWork, Reading
 from console.app.units import METRIC
 from console.running import WorkerFailed
 from console.services.job import JobFiles, implausible
-from console.services.launcher import Launcher
+from console.services.launcher import Launcher, others_than
 from console.services.sticks import entries, maps_in, may_be_map
 from console.worker import resume
 from console.worker.resume import Snapshot
@@ -128,6 +128,12 @@ def test_a_job_that_was_cut_off_is_offered_for_two_weeks(desk, launcher, tmp_pat
     assert (offer.path, offer.job, offer.area_ha) == (str(path), "west", 1.2)
     keep(20.0)
     assert desk.offer() is None
+
+
+def test_a_shipped_file_by_its_name_is_the_same_file(tmp_path):
+    other = str(tmp_path / "other.yaml")
+    assert others_than((str(shipped("jobs")["demo"]),), ("demo", other)) == (other,)
+    assert others_than(("demo",), (str(shipped("jobs")["demo"]),)) == ()
 
 
 async def test_begin_anew_is_not_asked_again(desk, launcher, monkeypatch):

@@ -32,6 +32,7 @@ def test_a_tick_measures_decides_commands_logs_and_shows(rig):
     assert (frame.gnss_age_s, frame.gnss_hz, frame.look_ahead, frame.flow_trim_on) == (0.1, 10.0, True, False)
     assert (frame.why_no_flow, frame.why_state, frame.allow) == (("low_speed",), "start", (False, True, False, False))
     assert (frame.no_double, frame.threshold_m, frame.strips) == (False, -0.12, (0.66, None))
+    assert (frame.ordered_source, frame.manual_rate_kg_ha) == ("map", 90.0)
     assert frame.sections == (SectionState(True), SectionState(False, "done"))
     assert (frame.head_ndvi, frame.bench) == ((0.5, None), (50.0, 20.0, 3.0, 117.0))
     assert frame.devices[0].name == "board" and frame.devices[0].rejected == 1 and frame.devices[0].last_raw == "$"

@@ -61,8 +61,10 @@ class LogPage(Page):
         return view
 
     def marks(self) -> tuple[str, ...]:
-        live = self.app.arrival.frame if self.replayed() is not None else None
-        machine = (f"{_('MACHINE')}: {words.state_word(live.row.state)}",) if live is not None else ()
+        """With the machine's state wherever the page shows something else, or nothing."""
+        live = self.app.arrival.frame
+        other = live is not None and self.seen(self.app.clock())[0] is not live
+        machine = (f"{_('MACHINE')}: {words.state_word(live.row.state)}",) if live is not None and other else ()
         return (*machine, *super().marks())
 
     def points(self) -> tuple[Point, ...]:

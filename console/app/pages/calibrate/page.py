@@ -11,7 +11,7 @@ from textual.screen import ModalScreen
 from textual.timer import Timer
 from textual.worker import Worker, WorkerState
 
-from console.app.action import CALIBRATE, JOB, Action, bindings
+from console.app.action import CALIBRATE, Action, bindings
 from console.app.name_dialog import NameDialog
 from console.app.pages.calibrate.calibration import Calibration, FrameSeen
 from console.app.pages.calibrate.catch_calibration import CatchCalibration
@@ -203,8 +203,7 @@ class CalibrateScreen(Page):
         def saved(path: str) -> None:
             calibration.saved = path
             if self.app.services.job is not None:
-                self.app.turn_to(JOB)
-                self.app.call_after_refresh(self.app.job_page.ask_use, path)
+                self.app.job_page.ask_use(path)
 
         def named(name: str | None) -> None:
             if name is not None:

@@ -12,7 +12,7 @@ from textual.containers import Horizontal, Vertical
 from textual.widgets import Static
 from textual.worker import Worker, WorkerState
 
-from console.app.action import DIAGNOSIS, JOB, Action, bindings
+from console.app.action import DIAGNOSIS, Action, bindings
 from console.app.dialogs import TextDialog
 from console.app.pages.diagnosis import shown, words
 from console.app.pages.diagnosis.causes import Causes, CausesView
@@ -227,8 +227,7 @@ class DiagnosisScreen(Page):
         def written(path: str) -> None:
             def read(_answer: bool | None) -> None:
                 if machine and self.app.services.job is not None:
-                    self.app.turn_to(JOB)
-                    self.app.call_after_refresh(self.app.job_page.ask_use, path)
+                    self.app.job_page.ask_use(path)
 
             self.said = ""
             text = path

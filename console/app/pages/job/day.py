@@ -1,6 +1,7 @@
 """The Job screen's words: the check list before work, the totals, what was filled in. Pure."""
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 from console.app import words
@@ -13,7 +14,7 @@ from console.app.units import Units
 from console.app.view import STALE_S, Item, Shown, duration, point_items, wall_clock
 from console.frame import DeviceView, Frame
 from console.locale import N_, _
-from control.agronomy.strips import Strips, doubt, measured_index
+from control.agronomy.strips import HARDLY_RICHER, Strips, StripValue, doubt, measured_index
 from control.field.totals import Totals
 from control.orders import BY_CANOPY, BY_MAP
 
@@ -155,6 +156,29 @@ def doubt_words(strips: Strips) -> str:
             if why == "below_1" else
             _("RI {index}: above 3 is not to be believed. Were both strips of this crop, on this day?"))
     return said.format(index=f"{index:.2f}")
+
+
+def strip_rates(facts: Facts | None, before: Strips, after: Strips, field_ndvi: float | None, units: Units) -> str:
+    """The canopy's target on the field's ground without and with a strip, by the crop's rule; empty where it is not
+    known."""
+    if facts is None or facts.rule is None or field_ndvi is None:
+        return ""
+    rates = []
+    for strips in (before, after):
+        rule = replace(facts.rule, ndvi_nrich=strips.nrich, ndvi_check=strips.check)
+        decided = rule.decide(field_ndvi)
+        rates.append(units.rate.full(decided.rate_kg_ha if rule.is_ready else facts.fallback_rate_kg_ha))
+    return _("Target from canopy in this field, NDVI {ndvi}: {before} now, {after} with it.").format(
+        ndvi=f"{field_ndvi:.3f}", before=rates[0], after=rates[1])
+
+
+def hardly_richer_words(strip: StripValue | None, field_ndvi: float | None) -> str:
+    """A strip that reads as the field does is no N-rich strip, or the field has enough; empty where it is richer."""
+    if (strip is None or strip.which != "nrich" or strip.ndvi is None or field_ndvi is None
+            or field_ndvi < HARDLY_RICHER * strip.ndvi):
+        return ""
+    return _("! The strip is hardly richer than the field (NDVI {field}): little or nothing will be given. "
+             "Was it driven in the N-rich strip?").format(field=f"{field_ndvi:.3f}")
 
 
 def _response(facts: Facts, frame: Frame | None) -> tuple[Check, ...]:

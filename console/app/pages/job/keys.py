@@ -7,14 +7,22 @@ from typing import TYPE_CHECKING, Literal
 from console.app.action import JOB, Action
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
 from console.app.first_question import start_from_any_page
-from console.app.pages.job.day import checks, doubt_words, strip_begins, strip_title
+from console.app.pages.job.day import (
+    checks,
+    doubt_words,
+    hardly_richer_words,
+    strip_begins,
+    strip_rates,
+    strip_title,
+    strips_now,
+)
 from console.app.pages.job.nrich import LEAST_M, StripRun
 from console.app.pages.job.service import File, JobService
 from console.app.reasons import why_no_start, why_not_ready
 from console.app.small_map import outline
 from console.locale import N_, _
 from control.agronomy.strips import StripValue
-from control.orders import Do, State
+from control.orders import Do, Order, State
 
 if TYPE_CHECKING:
     from console.app.pages.job.page import JobScreen
@@ -55,8 +63,10 @@ def strip(page: JobScreen) -> None:
         way=page.app.units.distance.full(so_far.length_m), cv=f"{so_far.cv_percent or 0.0:.1f}",
         se="--" if so_far.se is None else f"{so_far.se:.3f}", samples=so_far.samples)
     title = strip_title(page.strip.which).format(ndvi=f"{so_far.ndvi:.3f}")
-    doubtful = doubt_words(page.strips_with(value))
-    page.app.push_screen(Confirm(title, " ".join(part for part in (text, doubtful) if part)), answer)
+    with_it = page.strips_with(value)
+    said = (strip_rates(page.facts, strips_now(page.app.arrival.frame, page.facts), with_it, page.field_ndvi,
+                        page.app.units), hardly_richer_words(value, page.field_ndvi), doubt_words(with_it), text)
+    page.app.push_screen(Confirm(title, "\n".join(part for part in said if part)), answer)
 
 
 def _begin_strip(page: JobScreen) -> None:
@@ -82,11 +92,16 @@ def _forget_strip(page: JobScreen) -> None:
 
 
 def _use_strip(page: JobScreen, value: StripValue) -> None:
-    """At once by an order; and into a job file, for the next start."""
-    page.app.give(Do.STRIP, value.text)
-    service = page.service
-    if service is not None:
-        page.keep(lambda: service.take_strip(value))
+    """At once by an order; and into a job file, for the next start. Taken back, both are as before."""
+    before = value._replace(ndvi=getattr(strips_now(page.app.arrival.frame, page.facts), value.which), se=None)
+
+    def keep(strip: StripValue) -> None:
+        service = page.service
+        if service is not None:
+            page.keep(lambda: service.take_strip(strip))
+
+    page.app.give_all(Order(Do.STRIP, value.text), also_back=lambda: keep(before))
+    keep(value)
 
 
 def refill(page: JobScreen) -> None:

@@ -29,14 +29,17 @@ class Strip(NamedTuple):
         return self.length_m >= LEAST_M and self.ndvi is not None
 
 
-class StripRun:
-    """Fed with rows while the strip is driven. Every metre with an NDVI counts alike."""
+class FieldRun:
+    """Fed with rows of ground that is no strip, for as long as a day. Every metre with an NDVI counts alike."""
 
-    def __init__(self, which: Literal["nrich", "check"] = "nrich") -> None:
-        self.which = which
+    def __init__(self) -> None:
         self._before_s: float | None = None
         self._length_m = self._sum = self._sum2 = 0.0
-        self._samples: list[float] = []         # decisions: a value that stays is one sample
+
+    @property
+    def ndvi(self) -> float | None:
+        """The mean; None before there is enough of it."""
+        return self._sum / self._length_m if self._length_m >= LEAST_M else None
 
     def add(self, row: LogRow) -> None:
         """A row of the run; rows without NDVI or speed add no length."""
@@ -47,12 +50,26 @@ class StripRun:
         step_s = row.time_s - before_s
         if not 0.0 < step_s <= MOST_STEP_S:
             return
-        step_m = max(0.0, row.speed_used_mps) * step_s
-        if step_m > 0.0 and (not self._samples or self._samples[-1] != ndvi):
-            self._samples.append(ndvi)
+        self._count(max(0.0, row.speed_used_mps) * step_s, ndvi)
+
+    def _count(self, step_m: float, ndvi: float) -> None:
         self._length_m += step_m
         self._sum += step_m * ndvi
         self._sum2 += step_m * ndvi * ndvi
+
+
+class StripRun(FieldRun):
+    """The same of a strip while it is driven, with what its samples say of the mean."""
+
+    def __init__(self, which: Literal["nrich", "check"] = "nrich") -> None:
+        super().__init__()
+        self.which = which
+        self._samples: list[float] = []         # decisions: a value that stays is one sample
+
+    def _count(self, step_m: float, ndvi: float) -> None:
+        super()._count(step_m, ndvi)
+        if step_m > 0.0 and (not self._samples or self._samples[-1] != ndvi):
+            self._samples.append(ndvi)
 
     @property
     def strip(self) -> Strip:

@@ -17,7 +17,7 @@ from console.app.pages.job.day import checks, file_name, refills, strip_runs, st
 from console.app.pages.job.job_notes import JobNote, JobNotes, NotesView
 from console.app.pages.job.keys import ACTIONS
 from console.app.pages.job.map_dialog import COLUMN, TAKE, UNIT, MapDialog
-from console.app.pages.job.nrich import StripRun
+from console.app.pages.job.nrich import FieldRun, StripRun, reading_of
 from console.app.pages.job.refill import LEAST_FILLED_KG, RefillWatch, doubt
 from console.app.pages.job.service import (
     Cancelled,
@@ -44,7 +44,6 @@ from control.orders import Do
 MOST_CHECK_ROWS = 8, 10, 16       # at low, middle and full height
 LOOK_S = 30.0                   # free disk space and files are looked at this often
 NOTES_KEPT = 4
-MOST_MAPS = 60
 FOLDERS, TYPED, WRITE = "\0folders", "\0typed", "\0write"       # no file, and no name, is called so
 RATE_UNITS = ("kg/ha", "lb/ac", "t/ha", "g/m2", "kg/mu", "kg N/ha", "lb N/ac", "l/ha", "gal/ac")
 MAY_RESTART = (None, "off", "ready", "fault")
@@ -57,6 +56,7 @@ class JobScreen(Page):
     def __init__(self) -> None:
         super().__init__()
         self.strip: StripRun | None = None
+        self.field = FieldRun()                 # what the heads read outside the strips of this run
         self.refill = RefillWatch()
         self.facts: Facts | None = None
         self.trouble = ""
@@ -91,15 +91,14 @@ class JobScreen(Page):
         super().gather(frame)
         if frame.log_path != self._run:         # another run: nothing that was said of the one before holds of it
             self._run = frame.log_path
-            self.refill = RefillWatch()
+            self.refill, self.field = RefillWatch(), FieldRun()
             self.said_of_run.clear()
         before = self.refill.seen_kg
         self.refill.add(frame.row)
         if self.refill.seen_kg is not None and before is None:
             self.app.notice(_("the scale saw {kg} filled in: F10, F records it").format(
                 kg=self.app.units.mass.full(self.refill.seen_kg)))
-        if self.strip is not None:
-            self.strip.add(frame.row)
+        (self.strip or self.field).add(frame.row)
 
     def tick(self, now_s: float) -> None:
         frame = self.app.arrival.frame
@@ -203,8 +202,6 @@ class JobScreen(Page):
             if filled_kg is not None:
                 refill_kg = round(filled_kg, 3)
                 self.app.give(Do.REFILL, refill_kg)
-                self.app.undo.add(_("without the refill of {mass}").format(mass=in_words(unit, filled_kg)),
-                                  lambda: self.app.give(Do.REFILL_BACK, refill_kg))
                 self.app.notice(_("filled in: {mass}").format(mass=in_words(unit, filled_kg)))
                 self.refill.done()
 
@@ -257,6 +254,13 @@ class JobScreen(Page):
         self.pending = ""
         self.say_of_run(_("not taken: {name}; the job goes on as it was").format(name=file_name(taken)))
 
+    @property
+    def field_ndvi(self) -> float | None:
+        """Of the field's ground so far; before there is enough of it what the heads read now. None: nothing."""
+        frame = self.app.arrival.frame
+        now = None if frame is None else reading_of(frame.row)
+        return self.field.ndvi if self.field.ndvi is not None else now
+
     def strips_with(self, value: StripValue | None) -> Strips:
         """The strips that will count, with the one just measured."""
         frame, facts = self.app.arrival.frame, self.facts
@@ -294,7 +298,7 @@ class JobScreen(Page):
                 self._read_map(path, Reading())
 
         none = "" if found else _("no prescription map was found: on sticks, in Downloads or in this folder")
-        choices = [Choice(one.path, f"{one.changed}  {one.name}  ({one.where})") for one in found[:MOST_MAPS]]
+        choices = [Choice(one.path, f"{one.changed}  {one.name}  ({one.where})") for one in found]
         more = Choice(FOLDERS, _("look in folders ...")), Choice(TYPED, _("type or paste a path ..."))
         self.app.push_screen(ChoiceDialog(_("Which prescription?"), [*choices, *more], "", none), answer)
 
@@ -398,7 +402,8 @@ class JobScreen(Page):
                                           who.product_file), answer)
 
     def ask_use(self, machine: str) -> None:
-        """A machine file that was just written: take it for the job?"""
+        """A machine file that was just written: take it for the job? Asked over the page that wrote it, where Esc
+        stays; the Job page goes on with a yes."""
         service = self.service
         if service is None:
             return
@@ -409,7 +414,8 @@ class JobScreen(Page):
 
         def answer(yes: bool | None) -> None:
             if yes:
-                self.take(take)
+                self.app.turn_to(JOB)
+                self.app.call_after_refresh(self.take, take)
 
         self.app.push_screen(Confirm(_("Use it now?"), _("{name} for this job: the control worker starts again with "
                                                          "it.").format(name=file_name(machine))), answer)

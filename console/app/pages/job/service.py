@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from console.app.field_picture import FieldPicture, Ring
 from console.app.source import FrameSource
@@ -13,6 +13,9 @@ from control.agronomy.growth import Growth
 from control.agronomy.strips import StripValue
 from control.field.job_names import JobNames as JobNames
 from control.targets.map_check import MapCheck
+
+if TYPE_CHECKING:
+    from control.agronomy.noa import Rule
 
 READING, GATHERING, WRITING = N_("reading the log"), N_("gathering"), N_("writing")     # steps of an export
 
@@ -38,6 +41,7 @@ class Facts:
     nrich_from: str = ""                # job, crop; empty: no strip
     ndvi_check: float | None = None     # farmer check
     response_index: str = "paper"       # or field
+    rule: Rule | None = None            # by which the canopy's target is decided; None: not known
     fixed_yield_t_ha: float | None = None
     max_rate_kg_ha: float = 0.0
     fallback_rate_kg_ha: float = 0.0
@@ -100,13 +104,14 @@ class MapPreview:
 
 
 class Offer(NamedTuple):
-    """A job that was left, not ended: cut off, or started again."""
+    """A job that was left, not ended: cut off, or started again. others: files of the next start that it did not go by."""
 
     path: str
     began_utc: str
     saved_utc: str
     job: str
     area_ha: float
+    others: tuple[str, ...] = ()
 
 
 class Recent(NamedTuple):
@@ -163,7 +168,8 @@ class JobService(Protocol):
         """What was taken last is not wanted: the next start has the files that run."""
 
     def take_strip(self, strip: StripValue) -> str:
-        """A new job file with this NDVI of a strip, which the worker knows already; returns where it stands."""
+        """A new job file with this NDVI of a strip, or without one, which the worker knows already; returns where it
+        stands."""
 
     def maps(self) -> tuple[MapFile, ...]:
         """What may be a prescription, on sticks, among downloads and the user's own files; the newest first."""

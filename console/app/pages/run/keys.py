@@ -9,11 +9,12 @@ from console.app.action import RUN, Action
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, NudgeDialog
 from console.app.number_dialog import NumberDialog
 from console.app.pages.run.allowing import SECTIONS, allow_choices, allowances
-from console.app.pages.run.section_bar import GIVE_ALL_BACK, section_choices
+from console.app.pages.run.section_bar import section_choices
 from console.app.reasons import why_no_start, why_not_ready
 from console.app.typed_number import in_words, inside
+from console.app.undo import ordered_source
 from console.locale import N_, _
-from control.orders import BY_MAP, Do, Strategy, TargetSource
+from control.orders import BY_MAP, Do, Order, Strategy, TargetSource
 
 FAR_CELLS = 10                  # of the trend, by which its cursor goes far
 
@@ -46,7 +47,7 @@ def _ask_nudge(page: RunScreen, first: int) -> None:
 
     def answer(percent: float | None) -> None:
         if percent is not None and percent != now:
-            page.app.change(Do.NUDGE, percent, now, _("nudge {percent}").format(percent=f"{now:+.0f} %"))
+            page.app.give(Do.NUDGE, percent)
 
     page.app.push_screen(NudgeDialog(now, first), answer)
 
@@ -63,36 +64,27 @@ def source(page: RunScreen) -> None:
     no_map = "" if picture is None or picture.planned is not None else _("this job has no map; F10, P takes one")
     choices = [Choice(one.value, words.source_word(one.value), no_map if one in BY_MAP else "")
                for one in TargetSource if one not in (TargetSource.NONE, TargetSource.INDEX_MAP)]
-    _ask_choice(page, _("Target from"), choices, _ordered_source(frame.row.target_source if frame else None) or "",
-                Do.SOURCE)
-
-
-def _ordered_source(now: str | None) -> str | None:
-    """Which source was ordered where a row tells this one: the index map stands in for the canopy's heads."""
-    return TargetSource.CANOPY.value if now == TargetSource.INDEX_MAP else now
+    _ask_choice(page, _("Target from"), choices, ordered_source(frame), Do.SOURCE)
 
 
 def _ask_choice(page: RunScreen, title: str, choices: Sequence[Choice], now: str, do: Do) -> None:
     def answer(value: str | None) -> None:
         if value is not None and value != now:
-            before = next((one.label for one in choices if one.value == now), "")
-            page.app.change(do, value, now or None, f"{title}: {before}")
+            page.app.give(do, value)
 
     page.app.push_screen(ChoiceDialog(title, choices, now), answer)
 
 
 def manual_rate(page: RunScreen) -> None:
-    unit, frame = page.app.units.rate, page.app.arrival.frame
+    unit = page.app.units.rate
     low, high = inside(unit, *page.app.limits_kg_ha, 0)
 
     def answer(rate_kg_ha: float | None) -> None:
         if rate_kg_ha is None:
             return
         page.app.give(Do.MANUAL_RATE, rate_kg_ha)
-        if frame is None or frame.row.target_source != TargetSource.MANUAL:
-            _ask(page, _("Use the manual rate of {rate} now?").format(rate=in_words(unit, rate_kg_ha)),
-                 _("It takes the place of canopy or map, everywhere."),
-                 Do.SOURCE, TargetSource.MANUAL.value)
+        if ordered_source(page.app.arrival.frame) != TargetSource.MANUAL:
+            _ask_to_use(page, rate_kg_ha, Order(Do.SOURCE, TargetSource.MANUAL.value))
 
     page.app.push_screen(NumberDialog(_("Manual rate"), unit.name, low, high, to_si=unit.to_si), answer)
 
@@ -107,19 +99,18 @@ def preset(number: int) -> Callable[[RunScreen], None]:
                 rate=unit.full(rate_kg_ha), low=unit.full(low), high=unit.full(high)))
             return
 
-        def answer(yes: bool | None) -> None:
-            if yes:
-                app.give(Do.MANUAL_RATE, rate_kg_ha)
-                frame = app.arrival.frame
-                before = _ordered_source(frame.row.target_source if frame else None)
-                if before != TargetSource.MANUAL:
-                    was = words.source_word(before)
-                    app.change(Do.SOURCE, TargetSource.MANUAL.value, before, f"{_('Target from')}: {was}")
-
-        app.push_screen(Confirm(_("Use the manual rate of {rate} now?").format(rate=in_words(unit, rate_kg_ha)),
-                                _("It takes the place of canopy or map, everywhere.")), answer)
+        _ask_to_use(page, rate_kg_ha, Order(Do.MANUAL_RATE, rate_kg_ha), Order(Do.SOURCE, TargetSource.MANUAL.value))
 
     return take
+
+
+def _ask_to_use(page: RunScreen, rate_kg_ha: float, *orders: Order) -> None:
+    def answer(yes: bool | None) -> None:
+        if yes:
+            page.app.give_all(*orders)
+
+    page.app.push_screen(Confirm(_("Use the manual rate of {rate} now?").format(
+        rate=in_words(page.app.units.rate, rate_kg_ha)), _("It takes the place of canopy or map, everywhere.")), answer)
 
 
 def refill(page: RunScreen) -> None:
@@ -134,8 +125,7 @@ def look_ahead(page: RunScreen) -> None:
     frame = page.app.arrival.frame
     on = frame.look_ahead if frame else True
     title = _("Switch the look-ahead off?") if on else _("Switch the look-ahead on?")
-    _ask_switch(page, title, _("Without it every rate change lands late by the lag distance."), Do.LOOK_AHEAD, on,
-                _("look-ahead"))
+    _ask_switch(page, title, _("Without it every rate change lands late by the lag distance."), Do.LOOK_AHEAD, on)
 
 
 def flow_trim(page: RunScreen) -> None:
@@ -143,21 +133,13 @@ def flow_trim(page: RunScreen) -> None:
     on = frame.flow_trim_on if frame else True
     title = _("Switch the scale trim off?") if on else _("Switch the scale trim on?")
     _ask_switch(page, title, _("With it the hopper scale slowly corrects how much flows per revolution."), Do.FLOW_TRIM,
-                on, _("scale trim"))
+                on)
 
 
-def _ask(page: RunScreen, title: str, text: str, do: Do, value: str) -> None:
+def _ask_switch(page: RunScreen, title: str, text: str, do: Do, on: bool) -> None:
     def answer(yes: bool | None) -> None:
         if yes:
-            page.app.give(do, value)
-
-    page.app.push_screen(Confirm(title, text), answer)
-
-
-def _ask_switch(page: RunScreen, title: str, text: str, do: Do, on: bool, name: str) -> None:
-    def answer(yes: bool | None) -> None:
-        if yes:
-            page.app.change(do, not on, on, f"{name}: {_('on') if on else _('off')}")
+            page.app.give(do, not on)
 
     page.app.push_screen(Confirm(title, text), answer)
 
@@ -168,7 +150,7 @@ def allow(page: RunScreen) -> None:
             _ask_section(page)
         elif value is not None:
             one = offered[value]
-            page.app.change(one.do, one.to, not one.to, one.words)
+            page.app.give(one.do, one.to)
 
     frame = page.app.arrival.frame
     offered = allowances(frame)
@@ -178,17 +160,10 @@ def allow(page: RunScreen) -> None:
 
 def _ask_section(page: RunScreen) -> None:
     def answer(value: str | None) -> None:
-        if value is None:
-            return
-        number, _blank, to = value.partition(" ")
-        if value == GIVE_ALL_BACK:
+        if value is not None:
             page.app.give(Do.SECTION, value)
-        else:
-            page.app.change(Do.SECTION, value, f"{number} {'auto' if to == 'off' else 'off'}", words_of[value])
 
-    choices = section_choices(page.app.arrival.frame)
-    words_of = {one.value: one.label for one in choices}
-    page.app.push_screen(ChoiceDialog(_("Sections"), choices, "", _(
+    page.app.push_screen(ChoiceDialog(_("Sections"), section_choices(page.app.arrival.frame), "", _(
         "A section closed by hand stays closed until it is given back.")), answer)
 
 
