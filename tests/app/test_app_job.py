@@ -284,7 +284,7 @@ async def test_what_would_be_spread_twice_is_asked_first(job_app, desk, source, 
     async with app.run_test(size=SIZE) as pilot:
         await on_job(app, pilot)
         feed(app, source, [{"state": "off"}])
-        await pilot.press("q", "2", "2", "enter")
+        await pilot.press("q", "2", "enter", "2", "enter")
         await settled(app, pilot)
         text = " ".join(" ".join(shown(app)).split())
         assert isinstance(app.screen, ChoiceDialog) and "resume the job of 14:18 (1.20 ha done)" in text

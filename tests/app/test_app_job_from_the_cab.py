@@ -74,12 +74,11 @@ async def test_column_and_unit_are_chosen_on_the_screen(full, desk, shown):
         await pilot.press("2", "enter")
         await settled(full, pilot)
         assert "rate column not chosen" in "\n".join(shown(full))
+        assert "take it" not in [one.label for one in full.screen.choices], "a question must be answered first"
         await pilot.press("enter")
-        assert isinstance(full.screen, MapDialog), "a question must be answered first"
-        await pilot.press("1")
         await pilot.press("1", "enter")
         await settled(full, pilot)
-        await pilot.press("2")
+        await pilot.press("3", "enter")
         await pilot.press("2", "enter")
         await settled(full, pilot)
         assert "column RATE_N, read as lb/ac" in "\n".join(shown(full))

@@ -104,7 +104,8 @@ class MapPreview:
 
 
 class Offer(NamedTuple):
-    """A job that was left, not ended: cut off, or started again. others: files of the next start that it did not go by."""
+    """A job that was left, not ended: cut off, or started again. others: files of the next start that it did not go
+    by."""
 
     path: str
     began_utc: str
