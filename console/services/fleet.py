@@ -12,6 +12,7 @@ import json
 import logging
 import pkgutil
 import signal
+import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
@@ -29,7 +30,9 @@ AHEAD = 4                       # tasks in the cluster for each of its threads: 
 MEMORY = "2GB"                  # of a local worker
 # Dask gives memory back at every 64 kB that are free. glibc then maps and unmaps each array above 128 kB anew, which
 # takes half of a diagnosis (mallopt(3): "dynamic mmap threshold"). None: as it was set outside, else glibc's own.
-ENVIRONMENT = {"distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None}
+ENVIRONMENT: dict[str, Any] = {
+    "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
+    "distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}      # nobody asks them
 MOST_LOOKED_AT = 100            # folders of which every worker reads a log's first bytes
 CONNECT_S, JOIN_S = 10.0, 30.0  # how long a scheduler, and the first of its workers, are waited for
 LOOK_S = 2.0                    # how often it is looked whether a worker is left
@@ -73,12 +76,18 @@ class Asked:
 
 @contextlib.contextmanager
 def cluster(scheduler: str | None, workers: int) -> Iterator[Any]:
-    """A Dask client: of the scheduler at an address, else of workers on this computer. Raises NoDask, OSError."""
+    """A Dask client: of the scheduler at an address, else of workers on this computer. Raises NoDask, OSError.
+
+    Whoever reaches a Dask scheduler runs code as its user. So our own takes only who has a certificate of an authority
+    that was made for this run and is kept in memory; what its workers put on the disk lies in a folder of this user's.
+    """
     try:
+        import cryptography  # noqa: F401
         import dask
-        from distributed import Client, LocalCluster
+        from distributed import Client, LocalCluster, Security
     except ImportError:
-        raise NoDask(f"a fleet needs Dask, and it is not installed: {install_line('fleet')}") from None
+        raise NoDask(f"a fleet needs Dask and cryptography, and they are not installed: {install_line('fleet')}"
+                     ) from None
     for name in logging.root.manager.loggerDict:
         if name.startswith(LOUD):
             logging.getLogger(name).setLevel(logging.CRITICAL)
@@ -86,14 +95,16 @@ def cluster(scheduler: str | None, workers: int) -> Iterator[Any]:
         with _of(scheduler, Client) as client:
             yield client
         return
-    try:
-        with _deaf(), dask.config.set(ENVIRONMENT):
-            local = LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, memory_limit=MEMORY,
-                                 dashboard_address=None)
-    except RuntimeError as error:
-        raise OSError(f"the workers of this computer did not start: {error}") from None
-    with local, Client(local, set_as_default=False) as client:
-        yield client
+    with tempfile.TemporaryDirectory(prefix="topdress-fleet-", ignore_cleanup_errors=True) as room:
+        try:
+            with _deaf(), dask.config.set(ENVIRONMENT):
+                local = LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, memory_limit=MEMORY,
+                                     dashboard_address=None, host="127.0.0.1", protocol="tls://",
+                                     security=Security.temporary(), local_directory=room)
+        except RuntimeError as error:
+            raise OSError(f"the workers of this computer did not start: {error}") from None
+        with local, Client(local, set_as_default=False) as client:
+            yield client
 
 
 @contextlib.contextmanager

@@ -3,6 +3,8 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -311,6 +313,37 @@ def test_workers_of_this_computer_keep_the_memory_of_arrays_as_any_process_does(
     outside = os.environ.get(name)          # Dask sets it here too
     with fleet.cluster(None, 1) as client:
         assert list(client.run(os.getenv, name).values()) == [outside]
+
+
+STRANGER = """
+import logging, os, sys
+logging.disable(50)
+from distributed import Client, Security
+keys = {"none": None, "his own": Security.temporary()}[sys.argv[2]]
+try:
+    with Client(sys.argv[1], security=keys, set_as_default=False, timeout=4) as client:
+        print("ran as", client.run_on_scheduler(os.getpid))
+except (OSError, TypeError) as error:
+    print("refused", type(error).__name__)
+"""
+
+
+def test_nobody_else_on_this_computer_reaches_the_workers() -> None:
+    """Who reaches a Dask scheduler, or one of its workers, runs code as its user: any program on loopback did."""
+    pytest.importorskip("distributed", reason="the extra `fleet` is not installed")
+    with fleet.cluster(None, 1) as client:
+        assert client.submit(sum, [1, 2]).result() == 3
+        doors = [client.scheduler.address, *client.nthreads()]
+        rooms = {Path(said) for said in client.run(lambda dask_worker: dask_worker.local_directory).values()}
+        assert all(door.startswith("tls://127.0.0.1:") for door in doors)
+        for door in doors:
+            for address, keys in ((door.replace("tls://", "tcp://"), "none"), (door, "none"), (door, "his own")):
+                said = subprocess.run([sys.executable, "-c", STRANGER, address, keys], capture_output=True, text=True,
+                                      timeout=60.0).stdout
+                assert said.startswith("refused"), (address, keys, said)
+        if os.name == "posix":
+            assert all(any(parent.stat().st_mode & 0o077 == 0 and parent.stat().st_uid == os.getuid()
+                           for parent in room.parents) for room in rooms)
 
 
 def bare(path: str, unit: str, time_d: float, model: str = "one", **shared: str) -> dict[str, Any]:
