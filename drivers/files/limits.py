@@ -34,6 +34,11 @@ LINE = Limit("line of a text table", 128 << 10, "bytes")
 JSON = Limit("GeoJSON", 256 * MB, "bytes")
 DIGITS = Limit("whole number in JSON", 300, "digits")
 XML = Limit("task file of ISO 11783 (TASKDATA.XML and each file that it names)", 64 * MB, "bytes")
+KML = Limit("KML, in a KMZ too", 64 * MB, "bytes")
+TAGS = Limit("XML of any kind", 2_000_000, "tags")
+GEOPACKAGE = Limit("GeoPackage; what one of its layers gives", 256 * MB, "bytes")
+RASTER = Limit("GeoTIFF", 256 * MB, "bytes")
+RASTER_CELLS = Limit("cells of a GeoTIFF in all its bands, those without a value included", 10_000_000, "cells")
 REFERENCES = Limit("files that a task file names, each once", 1_000, "files")
 SHAPES = Limit("shapefile: each of .shp, .shx, .dbf", 512 * MB, "bytes")
 SIDE = Limit("side file of a shapefile (.prj, .cpg and the like)", 1 * MB, "bytes")
@@ -44,15 +49,16 @@ CELLS = Limit("cells of a sheet, empty ones between others included", 16_777_216
 RESUME = Limit("what is kept of a job next to its log (.resume.json)", 128 * MB, "bytes")
 OTHER = Limit("any other file (Parquet, recordings of devices, ...)", 1024 * MB, "bytes")
 
-LIMITS = (CONFIG, TEXT, COLUMNS, LINE, JSON, DIGITS, XML, REFERENCES, SHAPES, SIDE, ENTRIES, UNPACKED, WORKBOOK, CELLS,
-          RESUME, OTHER)
+LIMITS = (CONFIG, TEXT, COLUMNS, LINE, JSON, DIGITS, XML, KML, TAGS, GEOPACKAGE, RASTER, RASTER_CELLS,
+          REFERENCES, SHAPES, SIDE, ENTRIES, UNPACKED, WORKBOOK, CELLS, RESUME, OTHER)
 
 _OF_SUFFIX = {
-    ".csv": TEXT, ".txt": TEXT, ".tsv": TEXT, ".geojson": JSON, ".json": JSON, ".xml": XML, ".yaml": CONFIG,
-    ".yml": CONFIG, ".shp": SHAPES, ".shx": SHAPES, ".dbf": SHAPES, ".prj": SIDE, ".cpg": SIDE, ".qpj": SIDE,
+    ".csv": TEXT, ".txt": TEXT, ".tsv": TEXT, ".geojson": JSON, ".json": JSON, ".xml": XML, ".kml": KML,
+    ".gpkg": GEOPACKAGE, ".tif": RASTER, ".tiff": RASTER, ".yaml": CONFIG, ".yml": CONFIG,
+    ".shp": SHAPES, ".shx": SHAPES, ".dbf": SHAPES, ".prj": SIDE, ".cpg": SIDE, ".qpj": SIDE,
     ".xlsx": WORKBOOK, ".xlsm": WORKBOOK, ".xls": WORKBOOK, ".xlsb": WORKBOOK, ".ods": WORKBOOK}
 _SIDES = (".shx", ".dbf", ".prj", ".cpg")
-_ZIPPED = (".zip", ".xlsx", ".xlsm", ".xlsb", ".ods")
+_ZIPPED = (".zip", ".kmz", ".xlsx", ".xlsm", ".xlsb", ".ods")
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _ENCRYPTED = 0x1
 _QUOTED = re.compile(rb'"[^"]*"')                   # a cell of a text: what stands in it parts no columns
@@ -127,7 +133,7 @@ def read_json(path: Path) -> Any:
 
 def _check_zip(path: Path) -> None:
     """By the zip's own directory: its readers unpack no more of an entry than that says."""
-    whole = UNPACKED if path.suffix.lower() == ".zip" else WORKBOOK
+    whole = UNPACKED if path.suffix.lower() in (".zip", ".kmz") else WORKBOOK
     try:
         with zipfile.ZipFile(path) as archive:
             entries = archive.infolist()

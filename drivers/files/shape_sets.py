@@ -2,16 +2,14 @@
 from __future__ import annotations
 
 import io
-import json
 import re
 import struct
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any, NamedTuple
-from xml.etree import ElementTree
+from typing import Any
 
 import shapefile
 
@@ -19,6 +17,7 @@ from drivers.files.archives import ArchiveError, Files, Folder, files_at
 from drivers.files.imports.dialect import encoding_of
 from drivers.files.imports.trouble import ImportTrouble
 from drivers.files.limits import DAMAGED_ZIP
+from drivers.files.stated_units import Unit, side_units
 from drivers.plain_text import OneLine, Refused
 
 # Byte 29 of a .dbf: the language driver, as dBase, FoxPro and Esri number them.
@@ -30,14 +29,6 @@ SPELLED = {"utf8": "utf-8", "65001": "utf-8", "gbk": "gb18030", "gb2312": "gb180
            "54936": "gb18030", "big5": "cp950", "950": "cp950", "latin1": "cp1252", "88591": "cp1252",
            "iso88591": "cp1252", "1252": "cp1252", "ansi1252": "cp1252", "1250": "cp1250", "1251": "cp1251",
            "932": "cp932", "sjis": "cp932", "949": "cp949"}
-METADATA = ("-deere-metadata.json", "-metadata.json")
-
-
-class Unit(NamedTuple):
-    """`text`: as the maker writes it, with a slash. `source`: the file that says so."""
-
-    text: str
-    source: str
 
 
 @dataclass(frozen=True)
@@ -86,17 +77,9 @@ class ShapeSet:
                 return name
         return encoding_of(b" ".join(texts))
 
-    def units(self) -> dict[str, Unit]:
-        """Column in small letters -> its unit, as the files of a maker next to it say."""
-        found: dict[str, Unit] = {}
-        stem = self.name[:-len(".shp")].casefold()
-        for name in self.files.names():
-            plain = name.casefold()
-            if plain in [stem + ending for ending in METADATA]:
-                found |= _deere(self.files.read(name), PurePosixPath(name).name)
-            elif plain in (f"{stem}.shp.xml", f"{stem}.xml"):
-                found |= _esri(self.files.read(name), PurePosixPath(name).name)
-        return found
+    def units(self, columns: Collection[str]) -> dict[str, Unit]:
+        """Column in small letters -> its unit, as the files of makers and programs next to it say."""
+        return side_units(self.files, self.name, columns)
 
 
 @contextmanager
@@ -173,31 +156,3 @@ def _texts_of(dbf: bytes) -> list[bytes]:
         begin = header + row * width
         texts += [dbf[begin + start:begin + start + length].rstrip(b" \0") for start, length in fields]
     return [text for text in texts if text]
-
-
-def _deere(data: bytes, source: str) -> dict[str, Unit]:
-    """`DataAttributes` of the metadata that John Deere puts next to a shapefile: units such as lb1ac-1."""
-    try:
-        root = json.loads(data)
-    except (ValueError, RecursionError):
-        return {}
-    rows = root.get("DataAttributes") if isinstance(root, Mapping) else None
-    found = [(str(row["Name"]).casefold(), row.get("Unit")) for row in rows or ()
-             if isinstance(row, Mapping) and row.get("Name")]
-    return {name: Unit(_with_slash(unit), source) for name, unit in found if isinstance(unit, str) and unit.strip()}
-
-
-def _with_slash(unit: str) -> str:
-    """`lb1ac-1` is lb/ac, `g1[m2]-1` is g/m2."""
-    found = re.fullmatch(r"([A-Za-z]+)1?\[?([A-Za-z]+\d?)\]?-1", unit.strip())
-    return f"{found[1]}/{found[2]}" if found else unit.strip()
-
-
-def _esri(data: bytes, source: str) -> dict[str, Unit]:
-    """`attrunit` of the metadata that Esri's programs put next to a shapefile (FGDC)."""
-    try:
-        root = ElementTree.fromstring(data)
-    except ElementTree.ParseError:
-        return {}
-    pairs = ((row.findtext("attrlabl"), row.findtext(".//attrunit")) for row in root.iter("attr"))
-    return {label.strip().casefold(): Unit(unit.strip(), source) for label, unit in pairs if label and unit}

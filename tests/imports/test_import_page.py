@@ -52,5 +52,5 @@ def test_the_shipped_import_file_is_the_guess_with_two_lines_by_hand(topdress: C
 def test_the_page_names_every_unit_that_a_column_can_be_in() -> None:
     listed = PAGE[PAGE.index("Units: "):PAGE.index("Usual other spellings")]
     for unit in UNITS:
-        if unit.quantity not in ("other", "time"):
+        if unit.quantity not in ("other", "time", "nitrogen", "count"):         # no column of a log is in those
             assert re.search(rf"(?<![\w/]){re.escape(unit.name)}(?![\w/])", listed), unit.name

@@ -45,7 +45,8 @@ def write_geojson(applied: AsApplied, path: Path, polygons: bool = False) -> Non
 
 def write_gpkg(applied: AsApplied, path: Path, polygons: bool = False) -> None:
     """A GeoPackage with one layer, `as_applied`, by pyogrio (extra gis). Raises ExportError, OSError."""
-    from drivers.files.ogr import ShapesError, write_layer
+    from drivers.files.layers import ShapesError
+    from drivers.files.ogr import write_layer
     s = applied.stretches
     shapes = [shapely.Polygon(ring[:, ::-1]) for ring in s.corners_deg] if polygons else \
         list(shapely.points(s.lon_deg, s.lat_deg))

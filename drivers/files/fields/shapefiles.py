@@ -9,7 +9,7 @@ import shapely
 
 from drivers.files.archives import ArchiveError
 from drivers.files.fields.field_data import FieldError
-from drivers.files.ogr import name_of
+from drivers.files.layers import name_of
 from drivers.files.prescriptions.projected import TransverseMercator
 from drivers.files.prescriptions.shapefiles import projection_in
 from drivers.files.prescriptions.words import PrescriptionError

@@ -14,8 +14,9 @@ from control.targets.rate_map import Floats
 from drivers.files.atomic import write_atomically
 from drivers.files.fields.field_data import FieldData, FieldError, Line
 from drivers.files.fields.shapefiles import is_shapefile, read_named
+from drivers.files.layers import ShapesError, name_of, read_layers
 from drivers.files.limits import BeyondLimits, check_file, read_json
-from drivers.files.ogr import FORMATS, ShapesError, name_of, read_layers, write_layer
+from drivers.files.ogr import FORMATS, write_layer
 
 GEOJSON = (".geojson", ".json")
 INSIDE = 0.999              # of its area, that a polygon lies in another one

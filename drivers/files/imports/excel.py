@@ -85,7 +85,8 @@ def _table(path: Path, said: Source, sheet: str, rows: list[list[Any]], layout: 
     frame = pl.DataFrame([_series(name, values) for name, values in zip(names, columns, strict=True)])
     source = said.model_copy(update={"kind": "excel", "sheet": sheet, "title_rows": max(layout.header, 0),
                                      "unit_row": layout.units is not None})
-    return RawTable(path, frame, source, units, layout.body + 1, findings)
+    above = tuple(" ".join(filter(None, map(_as_text, row))) for row in rows[:max(layout.header, 0)])
+    return RawTable(path, frame, source, units, layout.body + 1, findings, above)
 
 
 def _series(name: str, values: tuple[Any, ...]) -> pl.Series:

@@ -100,7 +100,7 @@ def _of_points(path: Path, shapes: ShapeSet, said: Source) -> RawTable:
     by_column = zip(*(records[k] for k in there), strict=True)
     columns = [_column(name, list(values)) for name, values in zip(names, by_column, strict=True)]
     source = said.model_copy(update={"kind": "shapefile"})
-    side_units = shapes.units()
+    side_units = shapes.units(names)
     units = {name: side_units[name.casefold()].text for name in names if name.casefold() in side_units}
     return _with_places(path, columns, lat, lon, source, tuple(findings), units)
 

@@ -27,6 +27,7 @@ class RawTable:
     units: Mapping[str, str] = field(default_factory=dict)
     first_row: int = 1
     findings: tuple[Finding, ...] = ()
+    above: tuple[str, ...] = ()             # what stands above the header, line by line
     width_m: float | None = None            # working width, where the file says one
 
     @property

@@ -1,6 +1,7 @@
 """A file of any kind as a raw table."""
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
 from drivers.files.archives import ArchiveError, files_at
@@ -8,7 +9,13 @@ from drivers.files.imports.header import named
 from drivers.files.imports.mapping import Source, SourceKind
 from drivers.files.imports.raw import RawTable
 from drivers.files.imports.trouble import ImportTrouble
+from drivers.files.imports.words import folded, subject_of
 from drivers.files.limits import BeyondLimits, check_file
+from drivers.files.prescriptions.cells import cell_of
+from drivers.files.prescriptions.unit_columns import MOST_UNITS, unit_columns
+from drivers.files.stated_units import ANY, of_texts, together
+
+LOOKED_ROWS = 1000          # for the first text of a column
 
 _SUFFIXES: dict[str, SourceKind] = {
     ".xlsx": "excel", ".xlsm": "excel", ".xls": "excel", ".xlsb": "excel", ".ods": "excel", ".geojson": "geojson",
@@ -26,7 +33,7 @@ def read_raw(path: Path, said: Source | None = None) -> RawTable:
         raise ImportTrouble.of(error) from None
     import polars as pl
     try:
-        return _read(path, said)
+        return _with_stated(_read(path, said))
     except pl.exceptions.PolarsError as error:
         raise ImportTrouble(path, f"not readable as a table: {str(error).splitlines()[0]}") from None
 
@@ -52,6 +59,21 @@ def _read(path: Path, said: Source) -> RawTable:
         return _parquet(path, said)
     from drivers.files.imports.text import read_text
     return read_text(path, said)
+
+
+def _with_stated(raw: RawTable) -> RawTable:
+    """With units of a column of their own, or of a line above the header."""
+    import polars as pl
+    texts: dict[str, list[str]] = {}
+    for name in raw.names:
+        column = raw.frame[name]
+        if column.dtype == pl.String and (first := next(filter(None, column.head(LOOKED_ROWS)), "")) \
+                and cell_of(first) is None:
+            texts[name] = column.drop_nulls().unique().head(MOST_UNITS + 1).to_list()
+    stated = together(of_texts(ANY, raw.above, "the lines above the header"), unit_columns(texts))
+    units = {name: stated.get(name.casefold(), stated.get(ANY)) for name in raw.names if name not in raw.units
+             and (subject := subject_of(folded(name), None)) is not None and subject.id == "rate"}
+    return replace(raw, units={**raw.units, **{name: unit.text for name, unit in units.items() if unit is not None}})
 
 
 def _kind(path: Path) -> SourceKind:

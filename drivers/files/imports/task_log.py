@@ -91,7 +91,7 @@ def _read(path: Path, found: TaskLogs, said: Source) -> RawTable:
         "kind": "isoxml", "task": said.task or (logs[0].task if several and not said.task_log else None),
         "task_log": said.task_log})
     return RawTable(path, frame, source, {name: unit for name, unit in units.items() if unit}, 1, tuple(findings),
-                    _width(found, logs, logged))
+                    width_m=_width(found, logs, logged))
 
 
 def _chosen(path: Path, found: TaskLogs, said: Source) -> list[TimeLog]:

@@ -54,7 +54,8 @@ def read_text(path: Path, said: Source) -> RawTable:
         "kind": "text", "encoding": dialect.encoding, "delimiter": dialect.delimiter,
         "decimal": "," if dialect.decimal_comma else ".", "title_rows": max(dialect.layout.header, 0) if not said.names
         else dialect.layout.body, "unit_row": dialect.layout.units is not None})
-    return RawTable(path, frame, found, units, dialect.layout.body + 1, tuple(findings))
+    above = tuple(" ".join(cells) for cells in dialect.rows[:max(dialect.layout.header, 0)])
+    return RawTable(path, frame, found, units, dialect.layout.body + 1, tuple(findings), above)
 
 
 def _utf8(path: Path, data: bytes, encoding: str) -> bytes:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS
 from control.recordings.speeds import KMH_PER_MPS, MILE_M, NAUTICAL_MILE_M
-from drivers.files.prescriptions.words import MASS_UNITS, VOLUME_UNITS
+from drivers.files.prescriptions.words import MASS_UNITS, NITROGEN_UNITS, VOLUME_UNITS
 
 SLOPE = "slope %"           # 100 m up in 100 m along: no factor, an arc tangent
 
@@ -51,12 +51,9 @@ UNITS = (
     Unit("g", "mass", 0.001, ("gram", "克")),
     Unit("t", "mass", 1000.0, ("to", "ton", "tons", "tonne", "吨")),
     Unit("lb", "mass", _POUND_KG, ("lbs", "pound", "pounds")),
-    *(Unit(name, "rate", factor, {
-        "kg/ha": ("kg_ha", "kgha", "kg ha-1", "kg/hm2", "kg·ha-1", "公斤/公顷"), "t/ha": ("t_ha",),
-        "g/m2": ("g_m2", "克/平方米"), "mg/m2": (), 
-        "lb/ac": ("lbs/ac", "lb/acre", "lbs/acre", "lb_ac", "lbac", "pounds/acre"),
-        "kg/mu": ("kg_mu", "公斤/亩", "千克/亩", "kg/亩")}[name])
+    *(Unit(name, "rate", factor, {"kg/ha": ("kgha",), "lb/ac": ("lbac",)}.get(name, ()))
       for name, factor in MASS_UNITS.items()),
+    *(Unit(name, "nitrogen", factor) for name, factor in NITROGEN_UNITS.items()),
     Unit("kg/s", "flow", 1.0, ("kg_s",)),
     Unit("kg/min", "flow", 1.0 / 60.0, ("kg_min", "公斤/分")),
     Unit("kg/h", "flow", 1.0 / 3600.0, ("kg/hr", "kg_h")),
@@ -65,9 +62,9 @@ UNITS = (
     Unit("mg/s", "flow", 1e-6),
     Unit("t/h", "flow", 1000.0 / 3600.0),
     Unit("lb/min", "flow", _POUND_KG / 60.0, ("lbs/min",)),
-    *(Unit(name, "volume", factor, {"l/ha": ("l_ha", "lha", "liter/ha", "litre/ha", "升/公顷"),
-                                    "gal/ac": ("gpa", "gal_ac", "gal/acre")}.get(name, ()))
+    *(Unit(name, "volume", factor, {"l/ha": ("lha",), "gal/ac": ("gpa",)}.get(name, ()))
       for name, factor in VOLUME_UNITS.items()),
+    *(Unit(name, "count", 1.0) for name in ("seeds/ha", "seeds/ac", "seeds/m2")),
     Unit("deg", "angle", 1.0, ("°", "degree", "degrees", "grad", "度", "degrés")),
     Unit("rad", "angle", 180.0 / math.pi, ("radian", "radians", "弧度")),
     Unit(SLOPE, "angle", math.nan, ("% slope", "%坡度")),
@@ -85,9 +82,24 @@ UNITS = (
         ("psi", ()), ("MPa", ()), ("degC", ("°c", "℃", "celsius")), ("degF", ("°f", "℉")),
         ("A", ("amp", "ampere", "安")), ("mA", ()), ("W", ()), ("kW", ()), ("Hz", ()), ("kHz", ()),
         ("l/h", ("lph",)), ("l/min", ()),
-        ("ha", ("hectare", "公顷")), ("ac", ("acre", "acres")), ("m2", ()), ("km", ()), ("l", ()),
-        ("counts", ("count", "cnt")), ("mg", ()), ("seeds/ha", ()), ("seeds/ac", ()))),
+        ("ha", ("hectare", "公顷")), ("ac", ("acre", "acres")), ("m2", ()), ("km", ()),
+        ("l", ("liter", "litre", "liters", "litres", "升")), ("ml", ()), ("gal", ("gallon", "gallons")),
+        ("oz", ("ounce", "ounces", "fl oz")),
+        ("counts", ("count", "cnt")), ("mg", ()))),
 )
+
+# Of a rate: what is spread, and over which ground. In words of one kind each, the ratio of any two.
+_AMOUNTS = {spelling: name for name, spellings in {
+    "kg": "kg kgs kilo kilos kilogram kilograms kilogramm 公斤 千克", "g": "g gram grams gramm 克", "mg": "mg",
+    "t": "t tonne tonnes 吨", "lb": "lb lbs pound pounds #", "l": "l lt ltr liter litre liters litres 升",
+    "gal": "gal gals gallon gallons usgal", "m3": "m3 cbm", "mm3": "mm3", "kg N": "kgn", "lb N": "lbn lbsn",
+    "seeds": "seed seeds sds plants kernels körner"}.items() for spelling in spellings.split()}
+_GROUNDS = {spelling: name for name, spellings in {
+    "ha": "ha hectare hectares hektar hm2 公顷", "ac": "ac acre acres", "m2": "m2 sqm 平方米", "mu": "mu 亩",
+    }.items() for spelling in spellings.split()}
+_RATIO = re.compile(rf"({'|'.join(sorted(_AMOUNTS, key=len, reverse=True))})(?:/|_|·|⋅| |p(?=ha|ac))"
+                    rf"({'|'.join(sorted(_GROUNDS, key=len, reverse=True))})(?:-1)?")
+OF_A_RATE = ("rate", "volume", "nitrogen", "count")         # quantities
 
 _BY_NAME = {unit.name: unit for unit in UNITS}
 _SPELLINGS = {unit.name: unit for unit in UNITS} | {
@@ -104,7 +116,19 @@ _PER_METRE = 0.001           # lengths are in mm but for the one column in metre
 def unit_named(text: str) -> Unit | None:
     """The unit that a text names in any known spelling; None: no unit."""
     plain = _plain(text)
-    return _BY_NAME.get(plain) or _SPELLINGS.get(plain) or _SPELLINGS.get(plain.lower())
+    return _BY_NAME.get(plain) or _SPELLINGS.get(plain) or _SPELLINGS.get(plain.lower()) or _ratio(plain.lower())
+
+
+def _ratio(plain: str) -> Unit | None:
+    """`pounds per acre`, `l ha-1`, `kg N/ha`: an amount over a ground."""
+    found = _RATIO.fullmatch(re.sub(r"(?<=[a-z]) n(?=\W)|-n(?=\W)", "n", plain.replace("us gal", "usgal")))
+    return None if found is None else _BY_NAME.get(f"{_AMOUNTS[found[1]]}/{_GROUNDS[found[2]]}")
+
+
+def of_a_rate(text: str) -> bool:
+    """Whether a text names a unit of what is spread on ground."""
+    found = unit_named(text)
+    return found is not None and found.quantity in OF_A_RATE
 
 
 def names_of(quantity: str) -> tuple[str, ...]:

@@ -10,9 +10,11 @@ import shapely
 from control.recordings.finding import Finding, many
 from control.targets.rate_map import Floats
 from drivers.files.imports.dialect import encoding_of
+from drivers.files.imports.header import is_unit_row
 from drivers.files.limits import BeyondLimits, check_file
 from drivers.files.prescriptions.features import Feature, imported, ring
 from drivers.files.prescriptions.words import Choice, Imported, PrescriptionError
+from drivers.files.stated_units import Unit
 from drivers.plain_text import Where
 
 LOOKED_BYTES = 65_536
@@ -52,6 +54,10 @@ def read_csv_zones(path: Path, choice: Choice) -> Imported:
         raise PrescriptionError(path, "no column of polygons (WKT) is in it", ": e.g. POLYGON ((lon lat, ...))")
     findings: list[Finding] = []
     features, others = [], 0
+    units: dict[str, Unit] = {}
+    if numbered and is_unit_row(numbered[0][1]):
+        units = {name.casefold(): Unit(cell.strip("()[] "), "the file's row of units")
+                 for name, cell in zip(names, numbered.pop(0)[1], strict=False) if cell.strip("()[]- ")}
     for number, row in numbered:
         if len(row) != len(names):
             raise PrescriptionError(_row(path, number), "{cells} cells: allowed {header_cells}, as in the header",
@@ -64,7 +70,7 @@ def read_csv_zones(path: Path, choice: Choice) -> Imported:
     if others:
         text = f"{many(others, 'row')} without a polygon left out"
         findings.append(Finding("not_polygons", text, names[where], others))
-    return imported(path, "csv", features, choice, findings, title=path.stem)
+    return imported(path, "csv", features, choice, findings, title=path.stem, units=units)
 
 
 def _row(path: Path, number: int) -> Where:

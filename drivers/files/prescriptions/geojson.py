@@ -11,6 +11,7 @@ from control.targets.rate_map import Floats
 from drivers.files.limits import read_json
 from drivers.files.prescriptions.features import Feature, imported, ring
 from drivers.files.prescriptions.words import Choice, Imported, NotAMap, PrescriptionError, checked_rate
+from drivers.files.stated_units import of_json
 from drivers.plain_text import Where
 
 OURS = "topdress"            # foreign member with what GeoJSON has no place for
@@ -43,9 +44,11 @@ def read_geojson(path: Path, choice: Choice) -> Imported:
         text = f"{many(others, 'feature')} that are no polygons left out"
         findings.append(Finding("not_polygons", text, rows=others))
     ours = root.get(OURS)
+    units = of_json({key: value for key, value in root.items() if key != "features"},
+                    {name for feature in features for name in feature.attributes}, path.name)
     fallbacks, fields = _ours(ours, path) if isinstance(ours, dict) else (NO_FALLBACKS, ())
     return imported(path, "geojson", features, choice, findings, fallbacks=fallbacks, fields_deg=fields,
-                    title=str(root.get("name", "")),
+                    title=str(root.get("name", "")), units=units,
                     product=str(ours.get("product", "")) if isinstance(ours, dict) else "")
 
 

@@ -10,10 +10,12 @@ import numpy as np
 from control.recordings.finding import Finding, many
 from control.targets.prescription import Fallbacks, GridDeg, MapData, Zone
 from control.targets.rate_map import Floats
+from drivers.files.imports.units import unit_named
 from drivers.files.prescriptions.features import sorted_rings
 from drivers.files.prescriptions.task_files import TaskFiles, task_tree
 from drivers.files.prescriptions.words import (
     HIGHEST_KG_HA,
+    UNITS,
     Choice,
     Imported,
     PrescriptionError,
@@ -26,8 +28,6 @@ from drivers.plain_text import Reason, Where
 
 # ISO 11783-11: what one step of the number is worth
 SETPOINTS = {1: ("mm3/m2", 0.01), 6: ("mg/m2", 1.0)}
-PRESENTED = {"kg/ha": "kg/ha", "l/ha": "l/ha", "L/ha": "l/ha", "t/ha": "t/ha", "g/m2": "g/m2", "g/m²": "g/m2",
-             "mg/m2": "mg/m2", "mg/m²": "mg/m2", "lb/ac": "lb/ac", "gal/ac": "gal/ac"}
 EXTERIOR, INTERIOR = "1", "2"
 
 
@@ -107,25 +107,25 @@ def _meaning(root: Element, layer: _Layer, where: Where, choice: Choice) -> tupl
     unit, step = SETPOINTS[layer.ddi]
     by_ddi = factor_kg_ha(choice, unit, where) * step
     for presentation in _presentations(root, layer):
-        shown_unit = PRESENTED.get(presentation.get("E", "").strip())
-        if shown_unit is None:
+        shown = unit_named(presentation.get("E", ""))
+        if shown is None or shown.name not in UNITS:
             continue
         scale = _float(presentation, "C", where)
         offset = _float(presentation, "B", where) if presentation.get("B") else 0.0
-        by_shown = factor_kg_ha(choice, shown_unit, where) * scale
+        by_shown = factor_kg_ha(choice, shown.name, where) * scale
         if abs(by_shown - by_ddi) <= 0.01 * by_ddi and offset == 0.0:
             continue
-        shown = Reason(
+        differs = Reason(
             "100 is {by_ddi:g} kg/ha by DDI {ddi} but, an offset of {offset:g} added, {shown:g} kg/ha as presented "
             "({presentation})" if offset else
             "100 is {by_ddi:g} kg/ha by DDI {ddi} but {shown:g} kg/ha as presented ({presentation})",
             {"by_ddi": 100 * by_ddi / choice.scale, "ddi": f"{layer.ddi:04X}", "offset": offset,
              "shown": (100 + offset) * by_shown / choice.scale, "presentation": presentation.get("A")})
         if choice.rate_from is None:
-            raise RateQuestion(where, "{shown}: rate source not chosen: allowed ddi, presentation", shown=shown)
-        taken = Finding("presentation", f"{where}: {shown}: taken by {choice.rate_from}")
+            raise RateQuestion(where, "{shown}: rate source not chosen: allowed ddi, presentation", shown=differs)
+        taken = Finding("presentation", f"{where}: {differs}: taken by {choice.rate_from}")
         if choice.rate_from == "presentation":
-            return shown_unit, by_shown, offset, [taken]
+            return shown.name, by_shown, offset, [taken]
         return unit, by_ddi, 0.0, [taken]
     return unit, by_ddi, 0.0, []
 

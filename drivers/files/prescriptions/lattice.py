@@ -22,12 +22,11 @@ from drivers.files.imports.numbers import numbers
 from drivers.files.imports.raw import RawTable
 from drivers.files.imports.read import read_raw
 from drivers.files.imports.trouble import ImportTrouble
-from drivers.files.imports.units import unit_named
 from drivers.files.imports.words import NO_TIME, TIME, folded, says, subject_of
 from drivers.files.point_files import TABLES
 from drivers.files.prescriptions.features import Feature, imported
-from drivers.files.prescriptions.words import MASS_UNITS, Choice, Imported, NotAMap, PrescriptionError, not_degrees
-from drivers.files.shape_sets import Unit
+from drivers.files.prescriptions.words import Choice, Imported, NotAMap, PrescriptionError, not_degrees
+from drivers.files.stated_units import Unit
 from drivers.files.table import TableError, header_of
 from drivers.plain_text import Reason
 
@@ -108,8 +107,8 @@ def read_lattice(path: Path, choice: Choice, title: str = "") -> Imported:
     findings = [*raw.findings, Finding("lattice", lattice)]
     if not known.all():
         findings.append(Finding("no_place", f"{many(int((~known).sum()), 'point')} without a place left out"))
-    units = {name.casefold(): Unit(unit, "the file's row of units") for name, unit in raw.units.items()
-             if (stated := unit_named(unit)) is not None and stated.name in MASS_UNITS and unit not in name}
+    units = {name.casefold(): Unit(unit, "the file, besides its name") for name, unit in raw.units.items()
+             if unit not in name}
     return imported(path, "points", features, choice, findings, title=title or path.stem, units=units)
 
 

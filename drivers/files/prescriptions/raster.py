@@ -1,6 +1,7 @@
 """Rasters (GeoTIFF, Cloud Optimized GeoTIFF) as prescriptions: each cell with a value is a zone. Extra raster."""
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +10,14 @@ import numpy as np
 from control.recordings.finding import Finding, many
 from control.targets.rate_map import Floats
 from drivers.files.extras import install_line
+from drivers.files.limits import RASTER_CELLS, held_to
 from drivers.files.prescriptions.features import Feature, imported
 from drivers.files.prescriptions.projected import TransverseMercator, projection_of
 from drivers.files.prescriptions.words import Choice, Imported, NotAMap, PrescriptionError
+from drivers.files.stated_units import Unit, of_json, together
+from drivers.plain_text import Where
 
+MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")      # TIFF 6.0, and BigTIFF
 MOST_CELLS = 100_000        # with a value: a zone each; a field of 100 ha in cells of 3 m
 
 
@@ -23,8 +28,12 @@ def read_raster(path: Path, choice: Choice) -> Imported:
     except ImportError:
         raise PrescriptionError(path, "this is a GeoTIFF, a raster: install the extra raster",
                                 f": {install_line('raster')}") from None
+    data = path.read_bytes()
+    if data[:4] not in MAGIC:
+        raise NotAMap(path, "not readable as GeoTIFF: its first bytes are not those of a TIFF")
     try:
-        with rasterio.open(path) as file:
+        # Its bytes and this driver alone: GDAL opens what lies next to a file (.msk, .ovr) as whatever it is.
+        with rasterio.MemoryFile(data) as kept, kept.open(driver="GTiff") as file:
             return _read(path, file, choice)
     except rasterio.errors.RasterioError as error:
         raise NotAMap(path, "not readable as GeoTIFF: {why}", why=str(error).splitlines()[0][:150]) from None
@@ -32,20 +41,20 @@ def read_raster(path: Path, choice: Choice) -> Imported:
 
 def _read(path: Path, file: Any, choice: Choice) -> Imported:
     projection = _projection(path, file)
-    if file.width * file.height > 100 * MOST_CELLS:
-        raise _too_fine(path, file.width * file.height)
+    held_to(RASTER_CELLS, file.width * file.height * file.count, path)
+    held_to(RASTER_CELLS, max(high * wide for high, wide in file.block_shapes), Where(str(path)).at("a tile"))
     names = [stated or f"band {k}" for k, stated in enumerate(file.descriptions, start=1)]
-    bands = [np.where(np.ma.getmaskarray(one), np.nan, np.ma.getdata(one).astype(np.float64))
-             for one in (file.read(k, masked=True) for k in range(1, file.count + 1))]
-    scaled = [band * scale + offset for band, scale, offset in zip(bands, file.scales, file.offsets, strict=True)]
-    known = np.isfinite(np.array(scaled)).any(axis=0)
+    bands = [_band(file, k) for k in range(1, file.count + 1)]
+    known = np.zeros((file.height, file.width), dtype=bool)
+    for band in bands:
+        known |= np.isfinite(band)
     rows, columns = np.nonzero(known)
     if not len(rows):
         raise PrescriptionError(path, "no cell has a value")
     if len(rows) > MOST_CELLS:
         raise _too_fine(path, len(rows))
     corners = _corners(file.transform, rows, columns, projection)
-    features = [Feature(k + 1, {name: float(band[row, column]) for name, band in zip(names, scaled, strict=True)},
+    features = [Feature(k + 1, {name: float(band[row, column]) for name, band in zip(names, bands, strict=True)},
                         [(corners[k],)]) for k, (row, column) in enumerate(zip(rows.tolist(), columns.tolist(),
                                                                                strict=True))]
     wide, high = np.hypot(file.transform.a, file.transform.d), np.hypot(file.transform.b, file.transform.e)
@@ -53,7 +62,23 @@ def _read(path: Path, file: Any, choice: Choice) -> Imported:
     findings = [Finding("raster", f"{many(len(rows), 'cell')} of {wide:g} x {high:g} {unit}")]
     if projection is not None:
         findings.append(Finding("projected", f"coordinates in {projection.name} taken to degrees"))
-    return imported(path, "raster", features, choice, findings, title=path.stem)
+    return imported(path, "raster", features, choice, findings, title=path.stem, units=_units(path, file, names))
+
+
+def _band(file: Any, number: int) -> Floats:
+    """(height, width), NaN where there is no value, by the band's own scale and offset."""
+    read = file.read(number, masked=True)
+    values: Floats = np.ma.filled(read.astype(np.float64), np.nan)
+    return np.asarray(values * file.scales[number - 1] + file.offsets[number - 1])
+
+
+def _units(path: Path, file: Any, names: list[str]) -> Mapping[str, Unit]:
+    """Of the bands: their own unit, or what their or the file's tags say."""
+    found = [of_json(file.tags(), names, path.name)]
+    for k, name in enumerate(names, start=1):
+        found.append({name.casefold(): Unit(unit, path.name)} if (unit := file.units[k - 1]) else {})
+        found.append(of_json({"name": name, **file.tags(k)}, [name], path.name))
+    return together(*found)
 
 
 def _too_fine(path: Path, cells: int) -> PrescriptionError:

@@ -28,8 +28,13 @@ def read_prescription(path: str | Path, choice: Choice | None = None) -> Importe
         raise PrescriptionError(path, "not there", f": allowed is {KNOWN}")
     try:
         check_file(path)
+        return _read(path, choice)
     except BeyondLimits as error:
         raise PrescriptionError.of(error) from None
+
+
+def _read(path: Path, choice: Choice) -> Imported:
+    """Raises BeyondLimits too."""
     suffix = "" if path.is_dir() else path.suffix.lower()
     if suffix in (".geojson", ".json"):
         from drivers.files.prescriptions.geojson import read_geojson

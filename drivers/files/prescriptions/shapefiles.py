@@ -13,6 +13,7 @@ from drivers.files.prescriptions.features import Feature, imported, ring, sorted
 from drivers.files.prescriptions.projected import TransverseMercator, projection_of
 from drivers.files.prescriptions.words import Choice, Imported, NoPolygons, PrescriptionError
 from drivers.files.shape_sets import ShapeSet, column_names, damage_said
+from drivers.files.stated_units import NO_UNITS
 from drivers.plain_text import Where
 
 POLYGONS = (shapefile.POLYGON, shapefile.POLYGONZ, shapefile.POLYGONM)
@@ -26,8 +27,9 @@ def read_shapefile(shapes: ShapeSet, choice: Choice, findings: list[Finding]) ->
         with shapes.reader() as reader:
             if reader.shapeType not in POLYGONS:
                 raise NoPolygons(path, "shapes of type {kind}: allowed POLYGON", kind=reader.shapeTypeName)
-            features, empty = _features(path, reader, column_names(reader))
-        units = shapes.units()
+            names = column_names(reader)
+            features, empty = _features(path, reader, names)
+        units = NO_UNITS if Path(path).is_file() else shapes.units(names)
     if projection is not None:
         features = _in_degrees(features, projection)
         findings.append(Finding("projected", f"coordinates in {projection.name} taken to degrees"))

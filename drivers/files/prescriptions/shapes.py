@@ -1,4 +1,4 @@
-"""Prescriptions as polygons with attributes in formats that GDAL reads: GeoPackage, KML, KMZ; out too."""
+"""Prescriptions as polygons with attributes in GeoPackage, KML, KMZ; out too."""
 from __future__ import annotations
 
 from pathlib import Path
@@ -8,7 +8,8 @@ import shapely
 from control.recordings.finding import Finding, many
 from control.targets.prescription import MapData
 from drivers.files.imports.trouble import listed
-from drivers.files.ogr import Layer, ShapesError, name_of, read_layers, stated, write_layer
+from drivers.files.layers import Layer, ShapesError, name_of, read_layers, stated
+from drivers.files.ogr import write_layer
 from drivers.files.prescriptions.features import Feature, imported, ring
 from drivers.files.prescriptions.words import Choice, Imported, NoPolygons, PrescriptionError, RateQuestion
 
@@ -31,11 +32,11 @@ def read_shapes(path: Path, choice: Choice) -> Imported:
         raise NoPolygons(path, "no layer of polygons: allowed is at least one polygon" if choice.inside is None else
                          "no layer of polygons named {name}: allowed is at least one polygon", name=choice.inside)
     layer = held[0]
-    findings = [Finding("projected", layer.said)] if layer.said else []
+    findings = list(layer.findings)
     features = _features(layer)
     if others := len(layer.shapes) - len(features):
         findings.append(Finding("not_polygons", f"{many(others, 'shape')} that are no polygons left out", rows=others))
-    return imported(path, path.suffix[1:].lower(), features, choice, findings, title=path.stem)
+    return imported(path, path.suffix[1:].lower(), features, choice, findings, title=path.stem, units=layer.units)
 
 
 def _is_area(shape: shapely.Geometry | None) -> bool:

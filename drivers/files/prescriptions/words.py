@@ -12,12 +12,14 @@ from control.targets.prescription import Fallbacks, MapData
 from drivers.plain_text import Refused, Where
 
 HIGHEST_KG_HA = 20_000.0
-LB_AC_KG_HA = 0.45359237 / 0.40468564224        # kg/ha
-GAL_AC_L_HA = 3.785411784 / 0.40468564224       # l/ha
+ACRE_HA = 0.40468564224                         # the international acre
+LB_AC_KG_HA = 0.45359237 / ACRE_HA              # kg/ha
+GAL_AC_L_HA = 3.785411784 / ACRE_HA             # l/ha
 
 MASS_UNITS: dict[str, float] = {"kg/ha": 1.0, "t/ha": 1000.0, "g/m2": 10.0, "mg/m2": 0.01, "lb/ac": LB_AC_KG_HA,
-                                "kg/mu": 15.0}      # a mu is a fifteenth of a hectare
-VOLUME_UNITS: dict[str, float] = {"l/ha": 1.0, "mm3/m2": 0.01, "m3/ha": 1000.0, "gal/ac": GAL_AC_L_HA}
+                                "kg/ac": 1.0 / ACRE_HA, "kg/mu": 15.0}      # a mu is a fifteenth of a hectare
+VOLUME_UNITS: dict[str, float] = {"l/ha": 1.0, "mm3/m2": 0.01, "m3/ha": 1000.0, "gal/ac": GAL_AC_L_HA,
+                                  "l/ac": 1.0 / ACRE_HA}
 NITROGEN_UNITS: dict[str, float] = {"kg N/ha": 1.0, "lb N/ac": LB_AC_KG_HA}
 UNITS = (*MASS_UNITS, *VOLUME_UNITS, *NITROGEN_UNITS)
 

@@ -1,0 +1,114 @@
+"""KML (OGC 12-007r2) and KMZ: placemarks with polygons, lines and attributes; nothing that it links to is fetched."""
+from __future__ import annotations
+
+import re
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import numpy as np
+import shapely
+
+from control.recordings.finding import Finding, many
+from drivers.files.layers import Layer, ShapesError, in_degrees
+from drivers.files.limits import DAMAGED_ZIP
+from drivers.files.stated_units import of_element
+from drivers.files.xml_text import XmlError, local, xml_root
+from drivers.plain_text import Where
+
+CONTAINERS = ("kml", "Document", "Folder")
+
+
+def read_kml(path: Path) -> list[Layer]:
+    """A layer for each document or folder that has placemarks. Raises ShapesError, BeyondLimits, OSError."""
+    data = path.read_bytes() if path.suffix.lower() == ".kml" else _of_kmz(path)
+    try:
+        root = xml_root(data, path)
+    except XmlError as error:
+        raise ShapesError(path, "not readable as KML: {why}", why=error) from None
+    if local(root) not in CONTAINERS:
+        raise ShapesError(path, "not readable as KML: root element {tag}: allowed kml", tag=local(root))
+    return [_layer(path, root, container, placemarks) for container in root.iter()
+            if local(container) in CONTAINERS and (placemarks := _children(container, "Placemark"))]
+
+
+def _of_kmz(path: Path) -> bytes:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            inside = next((name for name in archive.namelist() if name.lower().endswith(".kml")), None)
+            if inside is not None:
+                return archive.read(inside)
+    except DAMAGED_ZIP as error:
+        raise ShapesError(path, "not readable as a zip: {why}", why=error) from None
+    raise ShapesError(path, "no .kml in it")
+
+
+def _layer(path: Path, root: Element, container: Element, placemarks: list[Element]) -> Layer:
+    name = _text(container, "name") or path.stem
+    rows, shapes, closed = [], [], 0
+    for number, placemark in enumerate(placemarks, start=1):
+        where = Where(str(path)).at("layer {layer}", layer=name).at("placemark {number}", number=number)
+        parts, unclosed = _parts(placemark, where)
+        closed += unclosed
+        shapes.append(parts[0] if len(parts) == 1 else _together(parts))
+        rows.append({"Name": _text(placemark, "name"), "description": _text(placemark, "description"),
+                     **dict(_attributes(placemark))})
+    degrees, _ = in_degrees(path, name, np.array(shapes, dtype=object), None)
+    units = of_element(root, [column for row in rows for column in row], path.name)
+    said = Finding("closed_rings", f"{many(closed, 'ring')} without its closing corner closed", rows=closed)
+    return Layer(name, tuple(rows), degrees, (said,) if closed else (), units)
+
+
+def _attributes(placemark: Element) -> Iterator[tuple[str, str]]:
+    """`Data` with a `value`, and `SimpleData` of a schema."""
+    for extended in _children(placemark, "ExtendedData"):
+        for inner in extended.iter():
+            if local(inner) in ("Data", "SimpleData") and inner.get("name"):
+                text = _text(inner, "value") if local(inner) == "Data" else inner.text or ""
+                yield inner.get("name", ""), text.strip()
+
+
+def _parts(placemark: Element, where: Where) -> tuple[list[shapely.Geometry], int]:
+    """Shapes in longitude and latitude, and how many of their rings were not closed."""
+    found, unclosed = [], 0
+    for one in placemark.iter():
+        kind = local(one)
+        if kind == "Polygon":
+            rings = [places for side in ("outerBoundaryIs", "innerBoundaryIs") for edge in _children(one, side)
+                     for ring in _children(edge, "LinearRing") if len(places := _places(ring, where))]
+            if any(len(places) < 3 for places in rings):
+                raise ShapesError(where, "a ring of less than 3 corners: allowed 3 or more")
+            if rings:
+                unclosed += sum(bool((places[0] != places[-1]).any()) for places in rings)
+                found.append(shapely.Polygon(rings[0], rings[1:]))
+        elif kind in ("LineString", "Point") and len(places := _places(one, where)):
+            found.append(shapely.LineString(places) if len(places) > 1 else shapely.Point(places[0]))
+    return found, unclosed
+
+
+def _together(parts: list[shapely.Geometry]) -> shapely.Geometry | None:
+    if not parts:
+        return None
+    areas = all(part.geom_type == "Polygon" for part in parts)
+    return shapely.multipolygons(parts) if areas else shapely.geometrycollections(parts)
+
+
+def _places(element: Element, where: Where) -> np.ndarray:
+    """(n, 2) longitude and latitude. Raises ShapesError."""
+    text = re.sub(r"\s*,\s*", ",", _text(element, "coordinates"))
+    try:
+        places = np.array([[float(part) for part in place.split(",")[:2]] for place in text.split()]).reshape(-1, 2)
+    except ValueError:
+        places = np.array([[np.nan, np.nan]])
+    if not np.isfinite(places).all():
+        raise ShapesError(where, "coordinates are not pairs of numbers: allowed lon,lat[,height] parted by blanks")
+    return places
+
+
+def _children(element: Element, name: str) -> list[Element]:
+    return [child for child in element if local(child) == name]
+
+
+def _text(element: Element, name: str) -> str:
+    return next(((child.text or "").strip() for child in element if local(child) == name), "")

@@ -1,0 +1,173 @@
+"""Units that a file states elsewhere than in a column's name or its cells: metadata of makers and programs.
+
+Which keys and tags name a unit is the same for all of them (`unit`, `UnitType`, `attrunit`, `rate_unit`, ...). Of a
+column that is named any text counts: what is not known is asked. Of nothing in particular only units of a rate do:
+other metadata have the metres of their coordinates.
+"""
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from pathlib import PurePosixPath
+from typing import Any, NamedTuple
+from xml.etree.ElementTree import Element
+
+from drivers.files.archives import ArchiveError, Files
+from drivers.files.imports.header import named
+from drivers.files.imports.units import of_a_rate, unit_named
+from drivers.files.imports.words import folded
+from drivers.files.limits import SIDE
+from drivers.files.xml_text import XmlError, local, xml_root
+
+ANY = ""                    # of the rate, whichever column that is
+SIDES = ("-deere-metadata.json", "-metadata.json", ".xml", ".aux.xml", ".qml", ".qmd")      # behind the stem
+SHORTEST = 10               # letters that a shapefile leaves of a name
+LEVELS = 3                  # below what names a column, that its unit may stand: Esri's attr/attrdomv/rdom/attrunit
+UNIT_WORDS = frozenset("""unit units uom einheit einheiten masseinheit mengeneinheit unite unites unidad unidades unita
+    eenheid eenheden jednostka 单位 单位名称 计量单位 единица""".split())
+_SAID = re.compile(r"^\s*#?\s*(?P<key>[^:=]{1,40})[:=]\s*(?P<unit>\S.{0,30}?)\s*$")
+
+
+class Unit(NamedTuple):
+    """`text`: as it is written. `source`: which file or part of it says so."""
+
+    text: str
+    source: str
+
+
+NO_UNITS: Mapping[str, Unit] = {}
+
+
+class Stated(dict[str, Unit]):
+    """By column in small letters, or ANY. Two that differ are kept as what they are: none that is known."""
+
+    def add(self, column: str, text: str, source: str, sure: bool = False) -> None:
+        """sure: it stands in the table itself, so that it is of the rate, known or not."""
+        if not text.strip() or (column == ANY and not sure and not of_a_rate(text)):
+            return
+        before = self.get(column)
+        if before is None:
+            self[column] = Unit(text.strip(), source)
+        elif _known(before.text) != _known(text):
+            self[column] = Unit(f"{before.text}, {text.strip()}", source)
+
+
+def together(*several: Mapping[str, Unit]) -> dict[str, Unit]:
+    """All of them."""
+    found = Stated()
+    for one in several:
+        for column, unit in one.items():
+            found.add(column, unit.text, unit.source, sure=True)
+    return dict(found)
+
+
+def _known(text: str) -> str:
+    found = unit_named(text)
+    return text.strip() if found is None else found.name
+
+
+def names_unit(key: str) -> bool:
+    """Whether a key, tag or column says that a unit stands there."""
+    plain = folded(key)
+    return bool(UNIT_WORDS & set(plain.split("_"))) or plain.endswith(("unit", "units", "_uom"))
+
+
+def side_units(files: Files, name: str, columns: Collection[str]) -> dict[str, Unit]:
+    """What the files say that programs put next to `name`. Raises ArchiveError, OSError."""
+    plain = name.casefold()
+    stem = plain.removesuffix(PurePosixPath(plain).suffix)
+    found: dict[str, Unit] = {}
+    for there in files.names():
+        if there.casefold() in {start + ending for start in (stem, plain) for ending in SIDES}:
+            data = files.read(there)
+            if len(data) > SIDE.most:
+                raise ArchiveError(files.label(there), "{found} bytes: allowed up to {most}", found=len(data),
+                                   most=SIDE.most)
+            found |= of_markup(data, columns, PurePosixPath(there).name)
+    return found
+
+
+def of_markup(data: bytes | str, columns: Collection[str], source: str) -> dict[str, Unit]:
+    """Of JSON or XML; nothing of what is neither."""
+    text = data.encode() if isinstance(data, str) else data
+    try:
+        if text.lstrip(b"\xef\xbb\xbf \r\n\t").startswith((b"{", b"[")):
+            return of_json(json.loads(text.decode("utf-8-sig")), columns, source)
+        return of_element(xml_root(text, source), columns, source)
+    except (XmlError, ValueError, RecursionError):
+        return {}
+
+
+def of_json(root: Any, columns: Collection[str], source: str) -> dict[str, Unit]:
+    """A record that names a column, a key that does, or a list of units by column."""
+    found = Stated()
+    left: list[tuple[Any, str]] = [(root, ANY)]
+    while left:
+        node, about = left.pop()
+        if isinstance(node, list):
+            left += [(one, about) for one in node]
+        if not isinstance(node, Mapping):
+            continue
+        texts = [value for value in node.values() if isinstance(value, str)]
+        about = next(filter(None, (_column(text, columns) for text in texts)), about)
+        for key, value in node.items():
+            if names_unit(key) and isinstance(value, str):
+                found.add(about, _with_slash(value), source)
+            elif names_unit(key) and isinstance(value, Mapping):
+                for name, unit in value.items():
+                    if isinstance(unit, str) and (column := _column(name, columns)):
+                        found.add(column, _with_slash(unit), source)
+            else:
+                left.append((value, _column(key, columns) or about))
+    return dict(found)
+
+
+def of_element(root: Element, columns: Collection[str], source: str) -> dict[str, Unit]:
+    """An element that names a column, in an attribute or a child's text: the unit in it, or in another name of it."""
+    found = Stated()
+    for element in root.iter():
+        texts = [*element.attrib.values(), *(child.text for child in element if not len(child) and child.text)]
+        column = next(filter(None, (_column(text, columns) for text in texts)), ANY)
+        if column:
+            for text in texts:
+                if (unit := named(text)[1]) is not None and of_a_rate(unit) and not _column(text, columns):
+                    found.add(column, unit, source)
+        for inner in _below(element, LEVELS) if column else (element,):
+            if names_unit(local(inner)) or any(map(names_unit, inner.attrib.values())):
+                found.add(column, _with_slash(inner.text or ""), source)
+            for key, value in inner.attrib.items():
+                if names_unit(key):
+                    found.add(column, _with_slash(value), source)
+    return dict(found)
+
+
+def of_texts(column: str, texts: Iterable[str], source: str) -> dict[str, Unit]:
+    """Lines and cells in words: `unit: l/ha`, `Target rate (l/ha)`. column: ANY where they are of nothing in
+    particular."""
+    found = Stated()
+    for text in texts:
+        said = _SAID.match(text)
+        unit = said["unit"] if said is not None and names_unit(said["key"]) else named(text)[1]
+        if unit is not None and of_a_rate(unit):
+            found.add(column.casefold(), unit, source)
+    return dict(found)
+
+
+def _column(text: str, columns: Collection[str]) -> str:
+    """The column that a text names, in small letters; a shapefile has cut it. Empty: none."""
+    plain = text.strip().casefold()
+    return next((name for column in columns if (name := column.casefold()) == plain
+                 or (len(name) == SHORTEST and plain.startswith(name))), "") if plain else ""
+
+
+def _below(element: Element, levels: int) -> Iterator[Element]:
+    yield element
+    for child in element if levels else ():
+        yield from _below(child, levels - 1)
+
+
+def _with_slash(unit: str) -> str:
+    """`lb1ac-1` is lb/ac, `g1[m2]-1` is g/m2: as John Deere writes them."""
+    found = re.fullmatch(r"([A-Za-z]+)1?\[?([A-Za-z]+\d?)\]?-1", unit.strip())
+    return f"{found[1]}/{found[2]}" if found else unit.strip()
