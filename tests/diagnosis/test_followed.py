@@ -74,3 +74,38 @@ def test_by_chance_as_often_as_it_says() -> None:
     assert by_chance_together(line + 0.3 * rng.standard_normal(600), rng.standard_normal(600)) > 0.01
     white = rng.standard_normal(600)
     assert by_chance_together(white, np.exp(white) + rng.standard_normal(600)) < 1e-6
+
+
+def _commands(rng: np.random.Generator, rows: int, held: int) -> np.ndarray:
+    return np.repeat(rng.uniform(100.0, 950.0, rows // held + 1), held)[:rows].round()
+
+
+@pytest.mark.parametrize("noise_rpm", [10.0, 30.0])
+def test_a_converter_that_overshoots_is_no_coarse_encoder(noise_rpm: float) -> None:
+    """Of second order, a third beyond each command, read in steps of 8: what it leaves comes after its moves."""
+    rng, step_s, fine = np.random.default_rng(5), 0.02, 20
+    command = _commands(rng, 3000, 50)
+    speed, slope, read = command[0], 0.0, []
+    for asked in command:
+        read.append(speed)
+        for _ in range(fine):
+            slope += ((2.0 * np.pi / 0.25) ** 2 * (asked - speed) - 0.66 * 2.0 * np.pi / 0.25 * slope) * step_s / fine
+            speed += slope * step_s / fine
+    reading = 8.0 * np.round((np.array(read) + 2.0 * rng.standard_normal(3000)) / 8.0)
+    machine = _machine(0.05)
+    machine = machine.model_copy(update={"noise": machine.noise.model_copy(update={"shaft_rpm": noise_rpm})})
+    found = diagnose_run({"time_s": step_s * np.arange(3000), "shaft_rpm_cmd": command, "shaft_rpm": reading}, machine)
+    assert found.verdict == "unexplained"
+    assert [one.variable for one in found.unexplained] == ["shaft_rpm"]
+
+
+@pytest.mark.parametrize("times", [1.0, 3.0])
+def test_a_noise_that_the_file_does_not_allow_is_said(times: float) -> None:
+    rng, rows = np.random.default_rng(6), 2000
+    command = _commands(rng, rows, 20)
+    before = np.concatenate((command[:1], command[:-1]))
+    reading = before + times * NOISE_RPM * rng.standard_normal(rows)
+    found = diagnose_run({"time_s": 0.5 * np.arange(rows), "shaft_rpm_cmd": command, "shaft_rpm": reading},
+                         _machine(0.01))
+    assert found.verdict == "none"
+    assert any("times the machine file's noise" in text for text in found.findings) is (times > 1.0)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import log_ndtr, stdtr
+from scipy.special import fdtrc, log_ndtr, stdtr
 from scipy.stats import rankdata
 
 from .noise import Noise, NoisePrior, Segments, start, strengths
@@ -17,6 +17,7 @@ from .noise import Noise, NoisePrior, Segments, start, strengths
 Array = npt.NDArray[np.float64]
 
 LEVEL = 0.002               # of a false alarm, of one check of one channel: one healthy log in some hundred
+FILE_SD = 0.3               # of the logarithm of a machine file's noise: of some seven readings (GUM, table E.1)
 FEWEST_PAIRS = 10           # of two series that are held against each other
 MIN_PERIODS = 5.0           # of a frequency within the log: what comes round less often is drift
 
@@ -24,9 +25,21 @@ MIN_PERIODS = 5.0           # of a frequency within the log: what comes round le
 def is_loud(noise: Noise, prior: NoisePrior, left: Array | None = None) -> bool:
     """Whether the fast noise, or all that is left (banded coefficients (m,)), is stronger than the machine file's noise
     can be: in a short log a noise of long memory need not be strong to be large."""
+    return _beyond(_strongest(noise, prior, left), prior.spread[0])
+
+
+def times_louder(noise: Noise, prior: NoisePrior, left: Array) -> float:
+    """How many times the machine file's noise what is left (m,) is, where that is more than the file's figure can be
+    off by itself; else 0. A sensor may be so loud, but somebody has to say so: a drive may, too."""
+    off = _strongest(noise, prior, left)
+    return float(np.exp(off)) if _beyond(off, FILE_SD) else 0.0
+
+
+def _strongest(noise: Noise, prior: NoisePrior, left: Array | None) -> float:
+    """Logarithm of the fast noise, or of all that is left if that is more, over the machine file's."""
     beyond = float(np.mean(left ** 2)) - prior.floor_sd ** 2 if left is not None and len(left) else 0.0
     strongest = max(noise.theta[0], 0.5 * float(np.log(beyond)) if beyond > 0.0 else -np.inf)
-    return _beyond(strongest - start(prior).theta[0], prior.spread[0])
+    return float(strongest - start(prior).theta[0])
 
 
 def drifts(noise: Noise, prior: NoisePrior) -> bool:
@@ -67,6 +80,18 @@ def _memory(series: Array) -> Array:
     power = np.abs(np.fft.rfft(series, 2 * len(series))) ** 2
     by_lag = np.fft.irfft(power)[:len(series)]
     return np.asarray(by_lag / max(by_lag[0], 1e-300))
+
+
+def by_chance_taken(left: Array, columns: Array) -> float:
+    """Probability that columns (k, n) that have nothing to do with a white series (n,) take as much off it (F)."""
+    basis, strength, _ = np.linalg.svd(columns.T, full_matrices=False)
+    basis = basis[:, strength > 1e-6 * strength.max(initial=1e-300)]
+    free = len(left) - basis.shape[1]
+    if not basis.shape[1] or free < FEWEST_PAIRS:
+        return 1.0
+    taken, whole = float(np.sum((basis.T @ left) ** 2)), float(left @ left)
+    ratio = taken / basis.shape[1] / max(1e-300, (whole - taken) / free)
+    return float(fdtrc(basis.shape[1], free, ratio))
 
 
 def line_s(left: Array, noise: Noise, prior: NoisePrior, cut: Segments, step_s: float) -> float | None:

@@ -55,7 +55,7 @@ from .settle import looked_for_to
 from .stages import RunData
 from .term_seen import marginal, means_along
 from .terms import FittedTerm
-from .verdict import Remains, remains, unknown_share
+from .verdict import Remains, louder, remains, unknown_share
 
 Array = npt.NDArray[np.float64]
 MOST_LOG_ODDS = 700.0       # whose exponential a computer can hold
@@ -195,7 +195,8 @@ def report(data: RunData, machine: Machine, judged: Sequence[GroupResult], read_
     verdict = _verdict([row for row in rows if row.channel not in open_], causes, unexplained)
     findings = (*findings, *(sentence for name in open_ if (sentence := _cannot_tell(
         name, absent, {c.id for c in causes}, {one.channel for one in unexplained}))))
-    findings = (*findings, *(sentence for one in judged for sentence in _answers(one)))
+    findings = (*findings, *(sentence for one in judged for sentence in (
+        *_answers(one), *louder(one, {each.channel for each in unexplained}))))
     excited = {word: (float(np.percentile(series, 1.0)), float(np.percentile(series, 99.0)))
                for word, series in data.variables.items()}
     return Diagnosis(

@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.effects import ROWS
-from control.diagnosis.judgement.checks import drifts, is_loud, line_s
+from control.diagnosis.judgement.checks import drifts, is_loud, line_s, times_louder
 from control.diagnosis.judgement.evidence import problem, solved, taken_off
 
 from .channels import QUICK_S, ChannelSeries
-from .followed import followed
+from .followed import OWN, followed, follows_moves
 from .selection import GroupResult
 
 Array = npt.NDArray[np.float64]
@@ -73,11 +73,28 @@ def remains(one: GroupResult, read_off: Collection[str] = ()) -> list[Remains]:
             found.append(Remains(name, "line", "", period_s, left, expected))
         if not one.found.parts and not one.terms:
             variable = followed(channel, left, noise, one.search.model.data)
+            if not variable and follows_moves(channel, left, noise, one.search.model.data):
+                variable = OWN[name]
             if found and found[-1].channel == name:
                 found[-1] = found[-1]._replace(variable=variable)
             elif variable:
                 found.append(Remains(name, "follows", "", None, left, expected, variable))
     return found
+
+
+def louder(one: GroupResult, known: Collection[str]) -> list[str]:
+    """Said of channels whose rest is more than the machine file's noise, though it looks like noise. known : those of
+    which it is said that their rest is none."""
+    said, rest = list[str](), _rest(one)
+    for channel in (channel for channel in one.search.model.channels if channel.name not in known):
+        noise = (one.terms[-1].noise if one.terms else one.found.noise)[channel.name]
+        times = 0.0 if channel.copies > 1 or channel.prior.walk_sd > 0.0 else times_louder(
+            noise, channel.prior, rest[channel.name])
+        if times:
+            said.append(f"{channel.name}: what is left is {times:.2g} times the machine file's noise "
+                        f"({channel.prior.fast_sd:.3g} {channel.unit}), more than such a figure is off by itself: "
+                        "where the sensor is so loud, the machine file should say so")
+    return said
 
 
 def _rest(one: GroupResult) -> dict[str, Array]:
