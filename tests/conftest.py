@@ -20,6 +20,16 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+EXAM_S = 1800.0             # of a test of the exam, some of which run for minutes; of the others: pyproject.toml
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """No test runs for ever: one that a fault makes loop fails, and the rest still says what it has to say."""
+    if item.get_closest_marker("exam") and not item.get_closest_marker("timeout"):
+        item.add_marker(pytest.mark.timeout(EXAM_S))
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Each room's files are spread over the whole run, those of many tests first: files that compute (diagnosis, the

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import datetime as dt
 import json
+import math
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from control.simulation.assembly import control_loop, point_source, simulated_ma
 from control.simulation.closed_loop import simulated_run
 from control.simulation.dose_watch import DoseErrors, DoseWatch
 from control.targets.plants import PlantList
-from control.targets.point_source import PointSource
+from control.targets.point_source import Due, Given, PointSource
 from drivers.files.setup import Setup, load_setup
 
 TICK_S = 0.05
@@ -85,6 +86,26 @@ def test_doses_fall_at_the_plants_of_a_list_and_none_outside_the_field(bench: Se
     missed = events(ticks)["dose_missed no_flow"]
     assert missed >= 5, "the plants before the field's edge"
     assert found.missed <= missed
+
+
+@pytest.mark.parametrize(("asked", "sent"), [
+    (DoseOrder(120.0, 60.0), DoseOrder(120.0, 60.0)), (DoseOrder(9e9, 9e9), DoseOrder(3600.0, 201.0)),
+    (DoseOrder(math.nan, 60.0), None), (DoseOrder(120.0, math.inf), None), (DoseOrder(-5.0, 60.0), None)])
+def test_a_dose_passes_the_last_gate_or_is_not_commanded_whatever_asks_for_it(
+        bench: Setup, monkeypatch: pytest.MonkeyPatch, asked: DoseOrder, sent: DoseOrder | None) -> None:
+    """Plants that are due in every tick, also where no flow is allowed, of an angle and a speed that no drive has."""
+    def always(points: PointSource, time_s: float, track_m: float, *_: Any) -> Due:
+        points.given.append(Given(time_s, track_m, 0.0, 0.0, time_s))
+        return Due(asked, ())
+
+    monkeypatch.setattr(PointSource, "tick", always)
+    _, ticks = driven(bench, job_of(bench, {"passes": 1}), 20.0, [
+        (2.0, Order(Do.READY)), (4.0, Order(Do.START)), (12.0, Order(Do.HOLD)), (15.0, Order(Do.START)),
+        (17.0, Order(Do.STOP))])
+    stopped = [tick for tick in ticks if tick.why_no_flow]
+    assert {tick.row.state for tick in stopped} == {"off", "ready", "working", "held"}
+    assert {tick.command.dose for tick in stopped} == {None}
+    assert {tick.command.dose for tick in ticks if not tick.why_no_flow} == {sent}
 
 
 @pytest.mark.parametrize("no_double", [True, False])
