@@ -54,6 +54,7 @@ from console.running import WorkerFailed
 from console.sweeps import Sweeps
 from console.worker.resume_alarms import AlarmBook
 from control.orders import Answer, Do, Order
+from drivers import day_clock
 from drivers.files.settings import Rates
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ Connect = Callable[[], Awaitable[FrameSource]]
 
 def local_offset_s() -> float:
     """Local time minus UTC now, in s."""
-    return float(time.localtime().tm_gmtoff or 0)
+    return day_clock.offset_s()
 
 
 def _ordered(order: Order, source: FrameSource) -> Awaitable[Answer]:

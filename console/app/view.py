@@ -141,10 +141,10 @@ def wall_clock(utc: str | None, offset_s: float, back_s: float = 0.0) -> str:
     if not utc:
         return ""
     try:
-        moment = datetime.fromisoformat(utc.replace("Z", "+00:00"))
-    except ValueError:
+        moment = datetime.fromisoformat(utc.replace("Z", "+00:00")) + timedelta(seconds=offset_s - back_s)
+    except (ValueError, OverflowError):
         return ""
-    return (moment + timedelta(seconds=offset_s - back_s)).strftime("%H:%M:%S")
+    return moment.strftime("%H:%M:%S")
 
 
 def look(frame: Frame | None, age_s: float, units: Units, utc_offset_s: float = 0.0,

@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import dataclasses
-import datetime as dt
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from console.cli.plain_errors import NOT_JUDGED, CommandError
+from drivers import day_clock
 
 if TYPE_CHECKING:
     from control.diagnosis.result import Cause, Diagnosis
@@ -61,7 +61,7 @@ def adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path, picke
     _say_terms(found)
     if not kept and not adoptable_terms(found) and found.fitted is None:
         raise _nothing(found, out, bool(taken.refused))
-    extended = extend(machine, taken.found, sha256=sha256_of(data[0]), date=dt.date.today().isoformat())
+    extended = extend(machine, taken.found, sha256=sha256_of(data[0]), date=day_clock.today().isoformat())
     save(out, extended, MACHINE, _said(kept, picked))
     typer.echo(f"{out}, before -> after (topdress history {shlex.quote(str(out))} --undo --out FILE takes "
                "it back):", err=True)

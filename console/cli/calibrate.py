@@ -12,6 +12,7 @@ import typer
 from console.cli.inputs import RUN_LOG, TABLE, need_ending, refuse_bench_table, refuse_other, refuse_run_log
 from console.cli.outputs import Force, Output, log_files, named, refuse_collisions
 from console.cli.plain_errors import CommandError
+from drivers import day_clock
 
 if TYPE_CHECKING:
     from control.calibration.flow_fit import FlowFit
@@ -64,7 +65,7 @@ def catch(
 
 def _day(text: str | None) -> dt.date:
     try:
-        return dt.date.today() if text is None else dt.date.fromisoformat(text)
+        return day_clock.today() if text is None else dt.date.fromisoformat(text)
     except ValueError:
         raise CommandError(f"--date {text}: allowed is a day such as 2026-03-18") from None
 

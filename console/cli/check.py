@@ -9,6 +9,7 @@ import typer
 
 from console.cli.outputs import Force, Output, marked, refuse_collisions
 from console.cli.plain_errors import CommandError
+from drivers import day_clock
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -152,13 +153,12 @@ def _map_of(loaded: Any) -> list[str]:
 
 def _notes_of(loaded: Any) -> list[str]:
     """What is to be known of a job before work: strips that are missing or doubtful, the crop's stage."""
-    import datetime as dt
 
     from control.agronomy.strips import doubt, measured_index
     from drivers.files.config_error import ConfigError
     from drivers.files.setup import growth_note, load_setup
     try:
-        setup = load_setup("huanghai", loaded.path, dt.date.today())
+        setup = load_setup("huanghai", loaded.path, day_clock.today())
     except ConfigError:                     # reported with the crop, or when the job is started
         return []
     found = [growth_note(setup.growth)]

@@ -1,7 +1,6 @@
 """`topdress diagnose`: what the machine model gets wrong on measured data, why, and what putting it right gains."""
 from __future__ import annotations
 
-import datetime as dt
 import json
 import sys
 from collections.abc import Iterable
@@ -16,6 +15,7 @@ from console.cli.inputs import LOG, need_ending, refuse_other
 from console.cli.outputs import Force, Output, log_files, marked, named, refuse_collisions
 from console.cli.plain_errors import NOT_JUDGED, CommandError
 from console.cli.progress_line import ProgressLine
+from drivers import day_clock
 
 if TYPE_CHECKING:
     from control.diagnosis.result import Diagnosis
@@ -194,7 +194,7 @@ def _progress() -> Any:
 def _setup(machine: str, job: str) -> Setup:
     from control.orders import TargetSource
     from drivers.files.setup import load_setup
-    setup = load_setup(machine, job, dt.date.today())
+    setup = load_setup(machine, job, day_clock.today())
     if setup.job.target.source not in (TargetSource.CANOPY, TargetSource.MANUAL):
         raise CommandError(f"--job {job}: target {setup.job.target.source.value}: --closed-loop simulates jobs of "
                            "target canopy or manual")
@@ -244,5 +244,5 @@ def _write(found: Diagnosis, several: Several | None, as_json: Path | None, repo
             write_atomically(as_json, json.dumps(plain, indent=1) + "\n")
     if report is not None:
         from console.reports.diagnosis_html import diagnosis_page
-        write_atomically(report, diagnosis_page(found, tools | {"date": dt.date.today().isoformat()}))
+        write_atomically(report, diagnosis_page(found, tools | {"date": day_clock.today().isoformat()}))
         typer.echo(f"report: {report}", err=True)

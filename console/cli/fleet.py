@@ -15,6 +15,7 @@ import typer
 from console.cli.outputs import Force, marked, named, refuse_collisions
 from console.cli.plain_errors import CANCELLED, CommandError
 from console.cli.progress_line import ProgressLine
+from drivers import day_clock
 
 REPORT = "report.html"
 EVERY_S = 30.0                  # between two lines of progress where there is no terminal
@@ -113,7 +114,7 @@ def _print_season(found: object, out: Path, price: float | None, currency: str) 
         typer.echo(line, err=True)
     for path, why in found.broken:
         typer.echo(f"broken: {why}" if path in why else f"broken: {path}: {why}", err=True)
-    whole = season(found.records, found.broken, time.time() / 86_400.0)
+    whole = season(found.records, found.broken, day_clock.epoch_s() / 86_400.0)
     write_tables(out, whole, found.records)
     page = fleet_page(whole.machines, whole.fit, low=whole.low, units=whole.units, broken=whole.broken, price=price,
                       currency=currency, software=f"topdress {software_version()}", aside=whole.aside,

@@ -1,7 +1,6 @@
 """`topdress history`: what diagnoses changed in a machine file, side by side; the last of it taken back."""
 from __future__ import annotations
 
-import datetime as dt
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +9,7 @@ import typer
 from console.cli.inputs import need_ending
 from console.cli.outputs import Force, Output, named, refuse_collisions
 from console.cli.plain_errors import CommandError
+from drivers import day_clock
 
 
 def history(
@@ -32,7 +32,7 @@ def history(
         refuse_collisions([named(machine, MACHINE.folder)], [Output((out,))], force)
         last = last_change(loaded)
         try:
-            save(out, undone(loaded, date=dt.date.today().isoformat()), MACHINE)
+            save(out, undone(loaded, date=day_clock.today().isoformat()), MACHINE)
         except ValueError as error:
             raise CommandError(str(error)) from None
         assert last is not None

@@ -1,7 +1,6 @@
 """`topdress calibrate lag --rig URL`: the lag test on real bytes, to a lag bench table."""
 from __future__ import annotations
 
-import datetime as dt
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -17,6 +16,7 @@ from console.cli.plain_errors import CommandError
 from console.frame import Frame, LagTestView
 from control.log_row import LogRow
 from control.orders import Answer, Do, Order, State
+from drivers import day_clock
 
 if TYPE_CHECKING:
     from console.worker.host import Host
@@ -83,7 +83,7 @@ def _host(rig: str, board: str, gnss: str | None, machine: str, clock: Any, betw
     from control.safety import SafetyLimits
     from drivers.cab import Cab, CabConfig
     from drivers.files.setup import load_setup
-    setup = load_setup(machine, "demo", dt.date.today())
+    setup = load_setup(machine, "demo", day_clock.today())
     limits = setup.machine.limits
     devices: dict[str, Any] = {
         "lag_rig": {"port": rig},

@@ -10,6 +10,7 @@ import typer
 from console.cli.inputs import MAP, refuse_other
 from console.cli.outputs import Force, Output, log_files, marked, named, refuse_collisions
 from console.cli.plain_errors import CommandError
+from drivers import day_clock
 
 if TYPE_CHECKING:
     from drivers.files.exports.as_applied import AsApplied
@@ -120,12 +121,11 @@ def _source(text: str | None) -> Literal["ddi", "presentation"] | None:
 
 def _by_rule(source: Path, choice: Choice, job: str) -> Imported:
     """A map of an index, as rates by the rule of a job's crop."""
-    import datetime as dt
 
     from drivers.files.prescriptions.by_rule import by_rule, index_choice
     from drivers.files.prescriptions.read import read_prescription
     from drivers.files.setup import load_setup
-    rule = load_setup("huanghai", job, dt.date.today()).rule
+    rule = load_setup("huanghai", job, day_clock.today()).rule
     return by_rule(read_prescription(source, index_choice(choice, rule, job)), rule)
 
 

@@ -1,7 +1,6 @@
 """From the command line to the screens: start or attach to a worker, open a log."""
 from __future__ import annotations
 
-import datetime as dt
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +11,7 @@ import platformdirs
 from console import quick_start
 from console.cli.plain_errors import CommandError, has_terminal, need_terminal
 from console.locale import _
+from drivers import day_clock
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -113,7 +113,7 @@ def _setup_of_running(theirs: tuple[str, ...], ours: tuple[str, ...]) -> tuple[S
     for config in (theirs, ours, ()):
         try:
             found = by_kind(config)
-            return setup_of(found, dt.date.today()), found
+            return setup_of(found, day_clock.today()), found
         except ConfigError:
             if not config:
                 raise
@@ -135,7 +135,7 @@ def _setup(config: tuple[str, ...], coming: Future[Where] | None) -> tuple[Setup
     from drivers.files.setup import by_kind, setup_of
     try:
         found = by_kind(config)
-        return setup_of(found, dt.date.today()), found
+        return setup_of(found, day_clock.today()), found
     except ConfigError:
         if coming is not None:
             wait((coming,))

@@ -1,7 +1,6 @@
 """`topdress serve-machine`: the virtual machine for the real drivers to connect to."""
 from __future__ import annotations
 
-import datetime as dt
 import signal
 import time
 from pathlib import Path
@@ -11,6 +10,7 @@ import typer
 
 from console.cli.outputs import Force, Output, refuse_collisions
 from console.cli.plain_errors import CommandError
+from drivers import day_clock
 
 if TYPE_CHECKING:
     from control.field.job import Job
@@ -50,7 +50,7 @@ def serve_machine(
     from drivers.files.setup import load_setup
     from drivers.virtual.served import Serve, ServedMachine
     from drivers.virtual.timeline import parse_fault
-    setup = load_setup(machine, job, dt.date.today())
+    setup = load_setup(machine, job, day_clock.today())
     field = with_simulated_field(_standing(setup.job) if lag_rig else setup.job, setup.machine)
     plant = simulated_machine(setup.machine, field, seed, PLANT_STEP_S, [parse_planted(text) for text in effect or ()])
     plain = Serve(host=host, first_port=port, heads=setup.machine.geometry.heads,

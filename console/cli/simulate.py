@@ -1,7 +1,6 @@
 """`topdress simulate`: a closed-loop run on the machine model, as fast as it goes."""
 from __future__ import annotations
 
-import datetime as dt
 import json
 import sys
 import time
@@ -19,6 +18,7 @@ from console.cli.terms import parse_terms
 from console.cli.whole_log import log_output, whole_log
 from console.quick_start import seldom
 from control.orders import Strategy
+from drivers import day_clock
 
 if TYPE_CHECKING:
     from control.field.job import Job
@@ -75,7 +75,7 @@ def simulate(
     from drivers.files.prescriptions.for_job import check_of_job, placed_of_job
     from drivers.files.setup import index_disagreements, load_setup
 
-    setup = load_setup(machine, job, dt.date.today())
+    setup = load_setup(machine, job, day_clock.today())
     changes: dict[str, object] = {}
     if strategy is not None:
         changes["strategy"] = strategy

@@ -1,7 +1,6 @@
 """One page for the owner of machines: worst first by kilograms and money, time lines, what to do at next service."""
 from __future__ import annotations
 
-import datetime as dt
 from collections.abc import Iterator, Mapping, Sequence
 
 from console.locale import N_, _
@@ -13,6 +12,7 @@ from control.diagnosis.season.courses import Course, Fit, Same, Shared, wears
 from control.diagnosis.season.mixed import MACHINE, Alternative
 from control.diagnosis.season.owner import Low, MachineSeason, still_there
 from control.machine.machine import CATALOGUE
+from drivers import day_clock
 
 SHOWN = 40                  # machines with pictures
 MOST_DATES = 7              # along a picture
@@ -209,10 +209,10 @@ def _time_line(course: Course, unit: str, name: str) -> Picture:
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
     said = course_words(course, unit)
     with drawn(7.2, 2.2) as (drawing, axes):
-        plot, days = axes[0][0], [dt.datetime.fromtimestamp(one * 86_400.0, dt.UTC) for one in course.times_d]
+        plot, days = axes[0][0], [day_clock.moment(one * 86_400.0) for one in course.times_d]
         plot.errorbar(days, course.sizes, course.half, fmt="o", color=BEFORE, ecolor=DIM, markersize=3.0, linewidth=0.8)
         for piece in course.pieces:
-            ends = [dt.datetime.fromtimestamp(one * 86_400.0, dt.UTC) for one in (piece.begin_d, piece.end_d)]
+            ends = [day_clock.moment(one * 86_400.0) for one in (piece.begin_d, piece.end_d)]
             plot.plot(ends, [piece.begin, piece.end], color=AFTER, linewidth=2.0)
         plot.axhline(0.0, color=DIM, linewidth=0.8)
         dates = AutoDateLocator(minticks=2, maxticks=MOST_DATES)
@@ -224,4 +224,4 @@ def _time_line(course: Course, unit: str, name: str) -> Picture:
 
 
 def _date(time_d: float) -> str:
-    return dt.datetime.fromtimestamp(time_d * 86_400.0, dt.UTC).date().isoformat()
+    return day_clock.moment(time_d * 86_400.0).date().isoformat()

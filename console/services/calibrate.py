@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import csv
-import datetime as dt
 import io
 import math
 from collections.abc import Sequence
@@ -16,6 +15,7 @@ from console.app.pages.calibrate.job import CalibrateJob, CurvePoint, Estimate, 
 from console.app.pages.calibrate.wheel import WheelSample
 from control.machine.flow import grams_per_rev
 from control.machine.machine import Machine
+from drivers import day_clock
 
 if TYPE_CHECKING:
     from control.calibration.bench_table import BenchTable
@@ -207,7 +207,7 @@ def _wheel(machine: Machine, counted_m: float, samples: Sequence[WheelSample],
 
 def free_name(machine: Machine, kind: str, folder: Path) -> str:
     """`huanghai-catch-20260318`, with a number where that is taken."""
-    base = f"{machine.id}-{kind}-{dt.date.today():%Y%m%d}"
+    base = f"{machine.id}-{kind}-{day_clock.today():%Y%m%d}"
     names = (base, *(f"{base}-{number}" for number in range(2, 1000)))
     return next((name for name in names if not (folder / f"{name}.yaml").exists()), base)
 
@@ -230,7 +230,7 @@ def save(machine: Machine, fitted: Fitted, name: str, folder: Path, counted_m: f
         if taken.exists():
             raise ValueError(f"{taken}: exists already: nothing is overwritten")
     folder.mkdir(parents=True, exist_ok=True)
-    today = dt.date.today().isoformat()
+    today = day_clock.today().isoformat()
     if fitted.kind == "wheel":
         new, _fit = _wheel(machine, counted_m, fitted.source, today)
     elif fitted.kind == "lag":

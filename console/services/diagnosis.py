@@ -3,7 +3,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import datetime as dt
 import json
 import os
 import subprocess
@@ -32,6 +31,7 @@ from console.app.pages.diagnosis.data import (
 from console.services.diagnosis_job import REPORT, RESULT, VIEW, Order
 from console.services.foreign_files import is_listed, may_be_brought_in
 from console.threads import ONE_THREAD
+from drivers import day_clock
 from drivers.files.atomic import free_path
 
 if TYPE_CHECKING:
@@ -181,7 +181,7 @@ class DiagnosisFiles:
         if not offer.file:
             raise ValueError("; ".join(offer.refused) or "a machine file with it would be as it is")
         return _kept(Path(found.folder) / offer.file, self.own / "machines",
-                     f"{found.machine}-{dt.date.today().isoformat()}", ".yaml", _said_by(found, chosen))
+                     f"{found.machine}-{day_clock.today().isoformat()}", ".yaml", _said_by(found, chosen))
 
     def last_change(self, machine: str | None) -> tuple[str, ...]:
         from console.reports.term_words import side_by_side
@@ -193,7 +193,7 @@ class DiagnosisFiles:
         from control.machine.history import undone
         from drivers.files.config import save
         from drivers.files.kinds import MACHINE
-        today = dt.date.today().isoformat()
+        today = day_clock.today().isoformat()
         back = undone(self._machine(machine), date=today)
         path = free_path(self.own / "machines", f"{back.id}-{today}", ".yaml")
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -240,7 +240,7 @@ def _source(path: Path) -> Source:
         kind = IMPORT
     if kind is None:
         raise ValueError(f"{path}: neither a run log (column time_s), a bench table nor a log that import reads")
-    changed = dt.datetime.fromtimestamp(status.st_mtime).strftime("%Y-%m-%d %H:%M")
+    changed = day_clock.said_of_file(status.st_mtime)
     return Source(str(path), path.name, kind, changed, _size(status.st_size), bytes=status.st_size)
 
 

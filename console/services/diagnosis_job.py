@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import datetime as dt
 import json
 import os
 import sys
@@ -18,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from console.app.pages.diagnosis.data import IMPORT, Offer, OpenQuestions
+from drivers import day_clock
 
 if TYPE_CHECKING:
     from control.diagnosis.result import Diagnosis
@@ -119,7 +119,7 @@ def drive(order: Order, machine: Machine, out: Path, tell: Tell) -> None:
     from drivers.files.run_meta import run_meta
     from drivers.files.setup import load_setup
     dt_s = 0.05
-    setup = load_setup(order.default_machine, "demo", dt.date.today())
+    setup = load_setup(order.default_machine, "demo", day_clock.today())
     wanted = drive_of(order.manoeuvre, setup.job, machine)
     job = with_simulated_field(wanted.job, machine)
     plant = simulated_machine(machine, job, order.seed, dt_s, [parse_planted(text) for text in order.planted])
@@ -178,7 +178,7 @@ def _report(found: Diagnosis, tools: dict[str, Any], path: Path) -> None:
     from console.reports.figure import NoPictures
     from drivers.files.atomic import write_atomically
     try:
-        write_atomically(path, diagnosis_page(found, tools | {"date": dt.date.today().isoformat()}))
+        write_atomically(path, diagnosis_page(found, tools | {"date": day_clock.today().isoformat()}))
     except NoPictures:
         path.unlink(missing_ok=True)
 
@@ -196,7 +196,7 @@ def _offer(found: Diagnosis, ids: tuple[str, ...], machine: Machine, data: Path,
     taken = adoptable_of(dataclasses.replace(found, fitted=fitted), ids)
     refused = tuple(f"{name}: {why}" for name, why in taken.refused)
     kept = dataclasses.replace(taken.found, terms=tuple(one for one in found.terms if one.term["id"] in ids))
-    extended = extend(machine, kept, date=dt.date.today().isoformat(), sha256=sha256_of(data))
+    extended = extend(machine, kept, date=day_clock.today().isoformat(), sha256=sha256_of(data))
     if extended == machine:
         return Offer(ids, "", (), refused)
     left = {name for name, _ in taken.refused}

@@ -1,7 +1,6 @@
 """The records of a fleet put together: courses, what is shared, what it cost."""
 from __future__ import annotations
 
-import datetime as dt
 import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -11,6 +10,7 @@ from control.diagnosis.season.courses import Fit, fitted
 from control.diagnosis.season.evidence import Form, Worked
 from control.diagnosis.season.forms import OneLog
 from control.diagnosis.season.owner import Low, MachineSeason, OwnersLog, low_hoppers, machines
+from drivers import day_clock
 
 FIRST_DAY, DAY_AHEAD = 10_957.0, 1.0        # days since 1970: 2000-01-01; how far ahead of here a clock may be
 
@@ -91,7 +91,7 @@ def _plain(name: str) -> str:
 def _date(time_d: float) -> str:
     """The day, or its number where no calendar reaches it."""
     try:
-        return dt.datetime.fromtimestamp(time_d * 86_400.0, dt.UTC).date().isoformat()
+        return day_clock.moment(time_d * 86_400.0).date().isoformat()
     except (ValueError, OverflowError, OSError):
         return f"day {time_d:.0f}"
 

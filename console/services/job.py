@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import contextlib
-import datetime as dt
 import shutil
 import tempfile
 from collections.abc import Callable, Sequence
@@ -31,6 +30,7 @@ from console.services.at_work import earlier
 from console.services.launcher import Launcher, data_folder, others_than
 from console.worker import resume
 from control.orders import BY_MAP, TargetSource
+from drivers import day_clock
 from drivers.files.config import Loaded, load, save, shipped
 from drivers.files.config_error import ConfigError
 from drivers.files.kinds import CAB, CROP, JOB, MACHINE, PRODUCT
@@ -68,7 +68,7 @@ class JobFiles:
         from drivers.files.setup import setup_of
         try:
             found = self._found()
-            setup = setup_of(found, dt.date.today())
+            setup = setup_of(found, day_clock.today())
             job_path, machine_path = _path_of(found, JOB.format, "demo"), _path_of(found, MACHINE.format, "huanghai")
             crop = load(setup.job.crop, CROP, base=setup.folder)
         except ConfigError as error:
@@ -171,7 +171,7 @@ class JobFiles:
         """Raises ValueError."""
         from drivers.files.setup import by_kind, setup_of
         try:
-            setup_of(by_kind(recent.files), dt.date.today())
+            setup_of(by_kind(recent.files), day_clock.today())
         except ConfigError as error:
             raise ValueError(error.lines[0]) from None
         self._next = recent.files
@@ -228,7 +228,7 @@ class JobFiles:
         kept = Path(self._scratch.name) / f"{Path(path).stem}.geojson"
         write_prescription(read.data, kept)
         found = self._found()
-        setup = setup_of(found, dt.date.today())
+        setup = setup_of(found, day_clock.today())
         shares = statistics(read.data)
         doubtful = implausible([share.rate_kg_ha for share in shares], setup.crop.max_rate_kg_ha)
         if read.unit_from == UNIT_NOT_NAMED and doubtful:
@@ -297,7 +297,7 @@ class JobFiles:
         folder = path.parent
         crop = _from(folder, job.crop)
         product_file = None if job.product_file is None else _from(folder, job.product_file)
-        name = f"{job.id.split('-')[0]}-{dt.datetime.now():%Y%m%d-%H%M%S}"
+        name = f"{job.id.split('-')[0]}-{day_clock.local_now():%Y%m%d-%H%M%S}"
         new = job.model_copy(update={"crop": crop, "product_file": product_file, "id": name} | changes).with_files(
             lambda named: str((folder / named).resolve()))
         place = self._folder / "jobs" / f"{name}.yaml"
@@ -313,7 +313,7 @@ class JobFiles:
     def _check(self, kind: str, value: str) -> None:
         """The new set of files together. Raises ConfigError."""
         from drivers.files.setup import by_kind, setup_of
-        setup_of(by_kind(self._with(kind, value)), dt.date.today())
+        setup_of(by_kind(self._with(kind, value)), day_clock.today())
 
     def _replace(self, kind: str, value: str) -> None:
         self._check(kind, value)
@@ -435,12 +435,12 @@ class JobFiles:
         of all. Raises ValueError."""
         from console.worker.resume_field import OpenJob, jobs_here
         from drivers.files.setup import by_kind, setup_of
-        now, config = dt.datetime.now(dt.UTC), self._next or self._launcher.config
+        now, config = day_clock.utc_now(), self._next or self._launcher.config
         if not config:
             return [OpenJob(*one, 1.0) for one in resume.open_jobs(self._launcher.logs, now)][:1]
         try:
             found = by_kind(config)
-            setup = setup_of(found, dt.date.today())
+            setup = setup_of(found, day_clock.today())
         except ConfigError as error:
             raise ValueError(error.lines[0]) from None
         return jobs_here(self._launcher.logs, _on_its_ground(setup.job, setup.machine, found), _is_simulated(found),

@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import dataclasses
-import datetime as dt
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from control.field.job import Job, rule_of
 from control.loop import Tick
 from control.orders import Do, Order, State, Strategy
 from control.simulation.assembly import control_loop
+from drivers import day_clock
 from drivers.files.config import validated
 from drivers.files.kinds import CROP, JOB, MACHINE
 from drivers.files.prescriptions.for_job import placed_of_job
@@ -80,7 +80,7 @@ def _folder(recorded: RunLog, job: Job) -> Path:
 def setup_of(recorded: RunLog, machine: str | None, job: str | None, strategy: Strategy | None) -> Setup:
     """Machine, crop and job: as given, else as the log's yaml has them, else the shipped ones."""
     meta = recorded.meta
-    setup = load_setup(machine or "huanghai", job or "demo", dt.date.today())
+    setup = load_setup(machine or "huanghai", job or "demo", day_clock.today())
     label = str(recorded.path.with_suffix(".yaml"))
     if meta is not None and machine is None and meta.machine is not None:
         setup = dataclasses.replace(setup, machine=validated(meta.machine, MACHINE, label))

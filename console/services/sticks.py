@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import contextlib
-import datetime as dt
 import os
 import string
 import sys
@@ -11,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from console.app.pages.job.service import MapFile
+from drivers import day_clock
 
 ENDINGS = (".shp", ".geojson", ".json", ".zip", ".csv")
 LOOKED_INTO = 4096          # bytes of a file that tell whether it may be a map at all
@@ -42,7 +42,7 @@ def maps_in(looked_at: tuple[tuple[Path, str], ...]) -> tuple[MapFile, ...]:
             with contextlib.suppress(OSError):
                 found.setdefault(path.resolve(), (path.stat().st_mtime, name))
     listed = sorted(found.items(), key=lambda one: -one[1][0])[:MOST_FILES]
-    return tuple(MapFile(str(path), path.name, where, dt.datetime.fromtimestamp(changed).strftime("%Y-%m-%d %H:%M"))
+    return tuple(MapFile(str(path), path.name, where, day_clock.said_of_file(changed))
                  for path, (changed, where) in listed)
 
 
@@ -114,4 +114,4 @@ def entries(folder: Path) -> tuple[MapFile, ...]:
 
 
 def _changed(path: Path) -> str:
-    return dt.datetime.fromtimestamp(path.stat().st_mtime).strftime("%Y-%m-%d %H:%M")
+    return day_clock.said_of_file(path.stat().st_mtime)

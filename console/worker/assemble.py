@@ -20,6 +20,7 @@ from control.machine.machine import Machine
 from control.machine.planting import parse_planted
 from control.orders import TargetSource
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
+from drivers import day_clock
 from drivers.cab import BoardConfig, Cab, CabConfig
 from drivers.cab_config import MODULE_STOPS_S
 from drivers.devices.board_frames import SILENT_HOST_S
@@ -91,7 +92,7 @@ def _configured(options: Options) -> tuple[Loaded[Any] | None, Setup]:
     try:
         found = by_kind(options.config)
         cab = found.get(CAB.format)
-        setup = setup_of(found, dt.date.today())
+        setup = setup_of(found, day_clock.today())
         lines = index_disagreements(cab, setup.crop, setup.job)
         if cab is not None:
             named = found[MACHINE.format].path if MACHINE.format in found else "the shipped machine huanghai"
@@ -159,4 +160,4 @@ def _log_path(wanted: str | None) -> Path:
 
 
 def _utc_now() -> dt.datetime:
-    return dt.datetime.now(dt.UTC)
+    return day_clock.utc_now()

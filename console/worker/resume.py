@@ -19,6 +19,7 @@ from drivers.files.atomic import write_atomically
 from drivers.files.limits import RESUME, held_to
 
 WORTH_HA = 0.001            # less done than this: nothing to go on with
+CLOCK_SET = datetime(2020, 1, 1, tzinfo=UTC)        # before there was a topdress: of a clock that nobody has set
 OPEN_DAYS = 14              # a pass over a field takes no longer; the next dressing comes later
 
 Place = tuple[float, float]
@@ -130,10 +131,10 @@ def open_jobs(folder: Path, now: datetime) -> Iterator[tuple[Path, Snapshot]]:
     for path in newest_first(folder):
         try:
             snapshot = read(path)
-            left = datetime.fromisoformat(snapshot.saved_utc) if snapshot.saved_utc else now
-        except (ValueError, OSError):
+            left = datetime.fromisoformat(snapshot.saved_utc).astimezone(UTC) if snapshot.saved_utc else now
+        except (ValueError, OSError, OverflowError):
             continue
         if Path(snapshot.log_path).name not in gone_on:
             gone_on.update(Path(one).name for one in snapshot.logs_before)
-            if snapshot.worth_going_on and now - left.astimezone(UTC) <= timedelta(days=OPEN_DAYS):
+            if snapshot.worth_going_on and (left < CLOCK_SET or now - left <= timedelta(days=OPEN_DAYS)):
                 yield path, snapshot

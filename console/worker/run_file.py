@@ -13,12 +13,12 @@ import os
 import threading
 import time
 from collections.abc import Iterator
-from datetime import UTC, datetime
 from pathlib import Path
 
 from console.knock import still_runs
 from console.worker.limits import LOCK_S
 from console.worker.system import private_folder, write_private
+from drivers import day_clock
 from drivers.files.lock import stands, take_lock
 
 AGAIN_S = 0.02
@@ -96,7 +96,7 @@ class RunFile(threading.Thread):
 
     def __init__(self, right: Right, port: int, token: str, log_path: str) -> None:
         super().__init__(name="run file", daemon=True)
-        started = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+        started = day_clock.utc_now().isoformat(timespec="milliseconds").replace("+00:00", "Z")
         say = {"port": port, "token": token, "pid": os.getpid(), "parent": os.getppid(), "started": started,
                "log_path": log_path}
         self._right = right
@@ -142,7 +142,7 @@ def _lock(path: Path) -> io.FileIO:
 def _young(lock: io.FileIO) -> bool:
     """Whether a worker under which the lock's file was removed may not have locked this one yet: a console that looked
     makes it anew. A file of the future, as the computer's clock has it, is young."""
-    return time.time() - os.fstat(lock.fileno()).st_ctime < YOUNG_S
+    return day_clock.epoch_s() - os.fstat(lock.fileno()).st_ctime < YOUNG_S
 
 
 def _refuse_second(path: Path) -> None:

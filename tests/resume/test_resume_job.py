@@ -227,9 +227,10 @@ def test_jobs_that_were_left_are_found_the_newest_first(tmp_path):
     keep(4, "east_1")
     keep(5, "east_2", logs_before=(str(tmp_path / "east_1.csv"),), finished=True)
     keep(6, "stood", ha=0.0)
+    keep(6.5, "no_clock", saved_utc="1970-01-01T00:00:00.000+00:00")
     keep(7, "south", saved_utc=(now - dt.timedelta(days=13)).isoformat(), quit=True)
     found = [path.name.partition(".")[0] for path, _kept in resume.open_jobs(tmp_path, now)]
-    assert found == ["south", "north", "west"]
+    assert found == ["south", "no_clock", "north", "west"]
 
 
 def test_a_cut_in_the_first_second_of_work_leaves_something_to_go_on_with(tmp_path):

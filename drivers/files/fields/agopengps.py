@@ -5,7 +5,6 @@ longitude is as long as at the place itself. Files are read by version 4 to 6 al
 """
 from __future__ import annotations
 
-import datetime as dt
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,6 +15,7 @@ import shapely
 
 from control.recordings.finding import Finding
 from control.targets.rate_map import Floats
+from drivers import day_clock
 from drivers.files.atomic import write_atomically
 from drivers.files.fields.field_data import EVEN_M, FieldData, FieldError, Line, headland_width_m
 
@@ -202,7 +202,7 @@ def write_agopengps(data: FieldData, folder: Path) -> None:
     """The files that AgOpenGPS asks for when it opens a field. Raises OSError."""
     origin = data.plane()
     plane = _Plane(origin.lat_deg, origin.lon_deg)
-    today = f"{dt.datetime.now():%Y-%B-%d %I:%M:%S %p}"
+    today = f"{day_clock.local_now():%Y-%B-%d %I:%M:%S %p}"
     files = {"Field.txt": [today, "$FieldDir", folder.name, "$Offsets", "0,0", "Convergence", "0", "StartFix",
                            f"{plane.lat_deg:.7f},{plane.lon_deg:.7f}"],
              "Boundary.txt": ["$Boundary"], "TrackLines.txt": ["$TrackLines"], "Headland.txt": ["$Headland"],

@@ -1,7 +1,6 @@
 """The time logs of an ISO 11783-10 task set as one table: which of them are meant, how their columns are called."""
 from __future__ import annotations
 
-import datetime as dt
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -13,6 +12,7 @@ import polars as pl
 
 from control.log_row import LOG_BEGINS
 from control.recordings.finding import Finding, many
+from drivers import day_clock
 from drivers.files.imports.devices import Meaning, Part, parts_of, width_m
 from drivers.files.imports.mapping import EVENTS, Source
 from drivers.files.imports.raw import RawTable, unique
@@ -139,7 +139,7 @@ def _line(log: TimeLog, found: TaskLogs) -> str:
 
 
 def _moment(us: int) -> str:
-    return f"{dt.datetime.fromtimestamp(us / 1e6, dt.UTC):%Y-%m-%d %H:%M:%S}"
+    return f"{day_clock.moment(us / 1e6):%Y-%m-%d %H:%M:%S}"
 
 
 def _check_apart(path: Path, found: TaskLogs, logs: Sequence[TimeLog]) -> None:
