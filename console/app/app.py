@@ -24,19 +24,23 @@ from console.app.alarms import Bell
 from console.app.company import CompanyView, arrival_words, company_view, list_words, news
 from console.app.dialogs import Choice, ChoiceDialog, TextDialog
 from console.app.fields import FieldPictures
-from console.app.first_question import ask_first
+from console.app.first_question import MAY_CHANGE, ask_first, start_with
 from console.app.guide_line import GuideLine
 from console.app.history import History
 from console.app.joined import Joined, joined_words
 from console.app.kept_lines import KeptLines, guide_record
 from console.app.keys import ACTIONS
+from console.app.name_dialog import NameDialog
 from console.app.pace import NUMBERS_S
 from console.app.pages.all import Pages
 from console.app.pages.job.day import file_name
+from console.app.pages.job.service import Recent
 from console.app.pages.page import Page
 from console.app.plain_lines import PlainLines
 from console.app.replay_job import ReplayJob
+from console.app.screens.alarm_list import AlarmList
 from console.app.screens.gone import GoneScreen
+from console.app.screens.help import HelpScreen
 from console.app.services import Services
 from console.app.settings import apply, limit_rates, theme_of
 from console.app.source import Arrival, FrameSource
@@ -63,6 +67,7 @@ if TYPE_CHECKING:
     from console.app.pages.map.page import MapScreen
     from console.app.pages.replay.page import ReplayScreen
 
+NOTES = (TextDialog, HelpScreen, AlarmList)     # nothing is asked in them
 NOTICE_S = 4.0
 STROKE_S = 0.35                # between two strokes of the bell: closer ones are one on some terminals
 FIRST_S = 0.02                 # how often the first frame is looked for
@@ -161,6 +166,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.set_keymap(dict(keys))
         actions.remap(keys)
         self.bound_keys = {where: actions.bound_at(where, keys) for where in {one.where for one in actions.ACTIONS}}
+        self._page_keys = {key: one.id for one in actions.pages() for key in actions.keys_of(one, keys)}
         self._hold_keys = frozenset(actions.keys_of(actions.BY_ID["hold"], keys))
         self._urgent_keys = self._hold_keys.union(actions.keys_of(actions.BY_ID["stop"], keys))
 
@@ -215,21 +221,12 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.call_after_refresh(self.tick)
 
     async def on_event(self, event: events.Event) -> None:
-        """A key as it is meant. F12, and Ctrl with the key of hold, come first even where a text field has the focus,
-        which takes what can be printed; a click on hold and STOP in sight works also while a dialog is open."""
+        """A key as it is meant; a click on hold and STOP in sight works also while a dialog is open."""
         if isinstance(event, events.Key) and not event.is_forwarded and self.screen_stack:
-            key = pressed.meant(event.key, self.bound_keys[self.page.where], self._urgent_keys)
-            typing = isinstance(self.focused, Input)
-            if key == pressed.ALWAYS_STOP or (typing and key in self._hold_keys and not event.is_printable):
-                await self.action_do("stop" if key == pressed.ALWAYS_STOP else "hold")
+            if await self._is_done(event):
                 return
-            if self.screen is self.page:
-                self.asked_by = key
-            if key not in self._urgent_keys and self.screen is self.page and self.stray.swallows(key, self.clock()):
-                return
-            if key == "enter" and self.live and self.held_enter.repeats(self.screen, self.clock()):
-                return
-            if key != event.key and not typing:
+            key = self._meant(event)
+            if key != event.key and not isinstance(self.focused, Input):
                 event = events.Key(key, key if len(key) == 1 else None)
         elif isinstance(event, events.MouseDown | events.MouseUp) and not event.is_forwarded and self.screen_stack:
             name = self._urgent_under(event)
@@ -238,6 +235,28 @@ class TopdressApp(App[None], inherit_bindings=False):
                     await self.action_do(name)
                 return
         await super().on_event(event)
+
+    def _meant(self, event: events.Key) -> str:
+        return pressed.meant(event.key, self.bound_keys[self.page.where], self._urgent_keys)
+
+    async def _is_done(self, event: events.Key) -> bool:
+        """A key that goes no further. F12, and Ctrl with the key of hold, come first even where a text field has the
+        focus, which takes what can be printed; a note that is read gives way to a page."""
+        key, typing = self._meant(event), isinstance(self.focused, Input)
+        if isinstance(self.screen, NameDialog) and self.screen.types_early(event):
+            return True
+        if key == pressed.ALWAYS_STOP or (typing and key in self._hold_keys and not event.is_printable):
+            await self.action_do("stop" if key == pressed.ALWAYS_STOP else "hold")
+            return True
+        if self.screen is self.page:
+            self.asked_by = key
+            if key not in self._urgent_keys and self.stray.swallows(key, self.clock()):
+                return True
+        elif isinstance(self.screen, NOTES) and key in self._page_keys and not (typing and event.is_printable):
+            self.screen.dismiss(None)
+            await self.action_do(self._page_keys[key])
+            return True
+        return key == "enter" and self.live and self.held_enter.repeats(self.screen, self.clock())
 
     def _urgent_under(self, event: events.MouseEvent) -> str:
         """hold or stop where a dialog leaves it in sight at this place; "" elsewhere and without a dialog."""
@@ -334,10 +353,32 @@ class TopdressApp(App[None], inherit_bindings=False):
         found = " ".join(arrival_words(frame, self.own_name, self.utc_offset_s))
         joined, self._to_say = self._to_say, None
         if joined is not None:
-            self.push_screen(TextDialog(_("A machine runs already: this console has joined it"),
-                                        f"{joined_words(joined, self.utc_offset_s)}\n{found}".rstrip()))
+            self._say_joined(joined, found, frame)
         elif found:
             self.notice(found)
+
+    def _say_joined(self, joined: Joined, found: str, frame: Frame) -> None:
+        """With files of its own on the command line this console may take the machine's place."""
+        heading = _("A machine runs already: this console has joined it")
+        text = f"{joined_words(joined, self.utc_offset_s)}\n{found}".rstrip()
+        if not (joined.unused and joined.named) or self.services.job is None:
+            self.push_screen(TextDialog(heading, text))
+            return
+
+        def answer(which: str | None) -> None:
+            if which == "mine":
+                self._use_named(joined)
+
+        works = frame.row.state not in MAY_CHANGE
+        mine = _("end that machine and use {files}").format(files=", ".join(map(file_name, joined.named)))
+        self.push_screen(ChoiceDialog(heading, (
+            Choice("theirs", _("go on with that machine")),
+            Choice("mine", mine, _("it works: hold or stop it first") if works else "")), "", text), answer)
+
+    def _use_named(self, joined: Joined) -> None:
+        if self.services.job is not None:
+            self.joined = None
+            start_with(self, self.services.job, Recent(joined.named, ""))
 
     def _note_alarms(self, frame: Frame, now_s: float) -> None:
         if frame.log_path != self._earlier_of:
@@ -501,6 +542,9 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.push_screen(GoneScreen(why, self.start is not None, self.attach is not None), self._reconnect)
 
     def _reconnect(self, how: str | None) -> None:
+        if how == "start" and self.joined is not None and self.joined.unused and self.joined.named:
+            self._use_named(self.joined)
+            return
         if how == "start" and self.services.job is not None:
             self.ask_to_go_on(self.services.job)
             return
@@ -685,7 +729,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         elif self.source is None and (self.start or self.attach):
             self._show_gone(_("no machine is connected"))
         else:
-            self.notice(_("the control worker is connected"))
+            self.notice(_("no machine is connected") if self.source is None else _("the control worker is connected"))
 
     def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
         yield SystemCommand(_("who is at this machine"), _("All consoles and tablets, and who ordered what."),

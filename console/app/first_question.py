@@ -25,18 +25,22 @@ def ask_first(app: TopdressApp, service: JobService) -> None:
 
     def answer(number: str | None, found: tuple[Recent, ...]) -> None:
         if number is not None:
-            one = found[int(number)]
-            app.with_files(lambda: service.take_recent(one), lambda _nothing: begin(), app.notice)
+            start_with(app, service, found[int(number)])
 
+    app.list_files(service.recent, listed)
+
+
+def start_with(app: TopdressApp, service: JobService, files: Recent) -> None:
+    """The machine that runs is ended and starts anew with these, unless it works."""
     def begin() -> None:
         frame = app.arrival.frame
-        if frame is not None and frame.row.state not in MAY_CHANGE:
+        if frame is not None and not app.gone and frame.row.state not in MAY_CHANGE:
             service.drop()
             app.notice(_("the machine works: stop it first, then choose again to start with it"))
         else:
             app.with_files(service.offer, lambda left: _start(app, service, left), app.notice)
 
-    app.list_files(service.recent, listed)
+    app.with_files(lambda: service.take_recent(files), lambda _nothing: begin(), app.notice)
 
 
 def _start(app: TopdressApp, service: JobService, left: Offer | None) -> None:

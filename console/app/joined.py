@@ -11,13 +11,14 @@ from console.locale import _
 class Joined(NamedTuple):
     """started_utc: of the control worker. files: that it runs with, empty: those that are shipped. unused: named on
     this command line, and not what runs. known: whether that could be read; else `unused` is all that was named here,
-    used or not."""
+    used or not. named: all that was."""
 
     started_utc: str = ""
     log_path: str = ""
     files: tuple[str, ...] = ()
     unused: tuple[str, ...] = ()
     known: bool = True
+    named: tuple[str, ...] = ()
 
 
 def joined_words(joined: Joined, utc_offset_s: float) -> str:

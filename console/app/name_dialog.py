@@ -4,6 +4,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import ClassVar
 
+from textual import events
 from textual.app import ComposeResult
 from textual.binding import Binding
 from textual.widgets import Input, Static
@@ -22,6 +23,15 @@ class NameDialog(Dialog[str | None]):
     def __init__(self, title: str, begin: str, text: str = "", wrong: Callable[[str], str] = lambda text: "") -> None:
         super().__init__(title, text)
         self.begin, self.wrong = begin, wrong
+        self._up = False                # the field has the focus, or had it
+
+    def types_early(self, event: events.Key) -> bool:
+        """A character that is typed before the field is up is part of the name, not hold or a letter's action; F12 and
+        Ctrl+Space are none."""
+        if self._up or event.key == "escape" or not (event.is_printable or event.key == "enter"):
+            return False
+        self.begin += event.character if event.is_printable and event.character else ""
+        return True
 
     def body(self) -> ComposeResult:
         yield Input(self.begin, id="name-input", classes="name-input", compact=True, select_on_focus=False)
@@ -30,6 +40,9 @@ class NameDialog(Dialog[str | None]):
 
     def on_mount(self) -> None:
         self.query_one("#name-wrong", Static).display = False
+        field = self.query_one("#name-input", Input)
+        field.value, field.cursor_position, self._up = self.begin, len(self.begin), True
+        self.set_focus(field)
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         event.stop()

@@ -213,6 +213,12 @@ def without_worker(view: RunView) -> RunView:
         "The control worker is gone: state and alarms are not known. C on the Run page connects.")))
 
 
+def without_machine(view: RunView) -> RunView:
+    """What there is to see where nothing is connected: no first value comes by waiting for it."""
+    status = view.status._replace(silent=_("no machine is connected"))
+    return view._replace(status=status, alarms=AlarmsView((), _("C on the Run page connects a machine."), urgent=True))
+
+
 def _gone(alarm: Alarm, frame: Frame, utc_offset_s: float) -> str:
     if alarm.gone_s is None:
         return ""

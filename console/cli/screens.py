@@ -99,10 +99,11 @@ def own_job(name: str) -> str:
 def _join(launcher: Launcher, running: Where) -> Joined:
     """Go by the files of the worker that runs."""
     from console.app.joined import Joined
+    named = launcher.config
     unused = launcher.adopt(running.log_path)
     if unused is None:
-        return Joined(running.started, running.log_path, (), launcher.config, known=False)
-    return Joined(running.started, running.log_path, launcher.config, unused)
+        return Joined(running.started, running.log_path, (), named, known=False, named=named)
+    return Joined(running.started, running.log_path, launcher.config, unused, named=named)
 
 
 def _setup_of_running(theirs: tuple[str, ...], ours: tuple[str, ...]) -> tuple[Setup, dict[str, Loaded[BaseModel]]]:

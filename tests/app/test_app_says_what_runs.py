@@ -173,7 +173,8 @@ async def test_files_that_cannot_be_read_are_not_said_to_be_those_of_this_consol
     app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(job=SampleJobService()),
                       joined=joined)
     async with app.run_test(size=size) as pilot:
-        text = " ".join(" ".join(shown(app)).replace("┃", " ").split())
+        text = app.screen.text
+        assert "go on with that machine" in "\n".join(shown(app))
         assert "By which files it goes cannot be read" in text and "It goes by" not in text
         assert "Named on this command line, and perhaps NOT used: ours.yaml." in text
         await pilot.press("escape")

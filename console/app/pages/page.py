@@ -15,7 +15,7 @@ from textual.screen import Screen
 from console.app.action import ANYWHERE, DIAGNOSIS, REPLAY, RUN, Action
 from console.app.company import CompanyView
 from console.app.pace import MAPS_S, NUMBERS_S, PLOTS_S, Pace
-from console.app.view import AlarmsView, RunView, look, without_worker
+from console.app.view import AlarmsView, RunView, look, without_machine, without_worker
 from console.app.widgets.alarm_bar import AlarmBar, rows_needed
 from console.app.widgets.canvas import Canvas
 from console.app.widgets.key_bar import KeyBar, KeysView
@@ -141,7 +141,10 @@ class Page(Screen[None]):
 
     def view_at(self, now_s: float) -> RunView:
         """What is known now: a page never says less, or other, than the one before it, also not while it is made."""
-        view = self.seen_view(*self.seen(now_s))
+        frame, age_s = self.seen(now_s)
+        view = self.seen_view(frame, age_s)
+        if frame is None and self.app.source is None and self.where != REPLAY:
+            return without_machine(view)
         return without_worker(view) if self.app.gone else view
 
     def seen(self, now_s: float) -> tuple[Frame | None, float]:
