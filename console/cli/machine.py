@@ -14,6 +14,8 @@ from console.cli.plain_errors import CommandError
 if TYPE_CHECKING:
     from control.calibration.first_machine import Suggested
 
+USUAL_TAU_S = 0.05          # of a small drive, where neither the log nor anybody says
+TIME_SHARE = 0.05           # of times that a log shows: to some rows, or to how far the drive is of first order
 HEAD = "Made by topdress machine from"      # of the comment on top, by which an earlier output is known
 
 
@@ -61,10 +63,13 @@ def machine(
                                                    "too.")] = None,
     noise: Annotated[float | None, typer.Option(metavar="RPM", min=1e-6, max=1e4, help="Noise of its speed sensor, "
                                                 "1 s.d., r/min.")] = None,
+    time_constant: Annotated[float | None, typer.Option(metavar="S", min=1e-4, max=3600.0, help="Its time constant, s, "
+                                                        "where the log does not show it.")] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Ask nothing: what the log suggests is taken.")] = False,
     force: Force = False,
 ) -> None:
-    """Write a first machine file of one stage from a log, asking full speed, rows, direction and sensor noise."""
+    """Write a first machine file of one stage from a log, asking full speed, rows, direction and sensor noise, and the
+    time constant where the log does not show it."""
     from control.calibration.first_machine import NoColumn, suggested
     from drivers.files.any_log import open_log
     from drivers.files.atomic import write_atomically
@@ -84,16 +89,16 @@ def machine(
     except ValueError as error:
         raise CommandError(f"{log}: {error}") from None
     answers = Answers(not yes)
-    made = _asked(found, answers, full_speed, settled, both_ways, noise)
+    made = _asked(found, answers, full_speed, settled, both_ways, noise, time_constant)
     text = machine_text(made, kind, f"{HEAD} {log.name}")
     write_atomically(out, text)
     load(str(out), MACHINE)                 # what is written is what is read
-    typer.echo(f"{out}: a {kind.value}, {made.full_rpm:g} r/min; {answers.count} questions; next: topdress diagnose "
-               f"{log} --machine {out}")
+    typer.echo(f"{out}: a {kind.value}, {made.full_rpm:g} r/min{_times(found, made)}; {answers.count} questions; next: "
+               f"topdress diagnose {log} --machine {out}")
 
 
 def _asked(found: Suggested, answers: Answers, full_speed: float | None, settled: bool | None, both_ways: bool | None,
-           noise: float | None) -> Suggested:
+           noise: float | None, time_constant: float | None) -> Suggested:
     full = answers.number(full_speed, "Speed at the full command, by its data sheet, r/min", found.full_rpm)
     rows = answers.yes(settled, "Does a row hold a command with what it settled at (no: the drive while it runs)",
                        found.settled)
@@ -101,14 +106,29 @@ def _asked(found: Suggested, answers: Answers, full_speed: float | None, settled
     if both_ways is None and not answers.ask:
         both = True             # a log that goes one way does not say that the drive cannot go back
     sd = answers.number(noise, "Noise of its speed sensor, 1 s.d., r/min", found.noise_rpm)
-    return found._replace(full_rpm=full, settled=rows, both_ways=both, noise_rpm=sd)
+    tau_s = 0.0 if rows else found.tau_s if time_constant is None else time_constant
+    if tau_s is None:
+        tau_s = answers.number(None, "Time constant of the drive, s (this log does not show it)", USUAL_TAU_S)
+    return found._replace(full_rpm=full, settled=rows, both_ways=both, noise_rpm=sd, dead_s=found.dead_s or 0.0,
+                          tau_s=tau_s)
+
+
+def _times(found: Suggested, made: Suggested) -> str:
+    """Where its times come from."""
+    if made.settled or made.tau_s is None:
+        return ""
+    if made.tau_s != found.tau_s:
+        return f", time constant {made.tau_s:.3g} s as answered: the log does not show it" if found.tau_s is None else \
+            f", time constant {made.tau_s:.3g} s as given, {found.tau_s:.3g} s by the log"
+    return f", time constant {made.tau_s:.3g} s and dead time {made.dead_s:.3g} s as the log shows them"
 
 
 def machine_text(made: Suggested, kind: Driven, head: str) -> str:
     """The file: what it is, what it has, what it can, what is read of it. Neutral figures are left out."""
+    dead_s, tau_s = made.dead_s or 0.0, made.tau_s or 0.0
     shaft = [f"full_rpm: {made.full_rpm:g}", "acceleration_rpm_s: 1.0e+6"]
     if not made.settled:
-        shaft += [f"dead_time_s: {made.dead_s:.3g}", f"time_constant_s: {max(made.tau_s, 1e-3):.3g}"]
+        shaft += [f"dead_time_s: {dead_s:.3g}", f"time_constant_s: {max(tau_s, 1e-3):.3g}"]
     else:
         shaft += ["dead_time_s: 0", "time_constant_s: 0.001"]
     if not made.both_ways:
@@ -119,5 +139,6 @@ def machine_text(made: Suggested, kind: Driven, head: str) -> str:
              "format: topdress-machine/1", f"id: {kind.value}", "stages: [shaft]",
              f"shaft: {{{', '.join(shaft)}}}", f"limits: {{shaft_low_rpm: 0, shaft_high_rpm: {made.full_rpm:g}}}",
              f"noise: {{shaft_rpm: {made.noise_rpm:.3g}}}",
-             "tolerance: {shaft_percent: 0.5, dead_time_s: 0.01, time_constant_s: 0.015}     # of a first file"]
+             f"tolerance: {{shaft_percent: 0.5, dead_time_s: {max(0.01, TIME_SHARE * dead_s):.3g}, "
+             f"time_constant_s: {max(0.015, TIME_SHARE * tau_s):.3g}}}     # of a first file"]
     return "\n".join(lines) + "\n"

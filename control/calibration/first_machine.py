@@ -21,8 +21,8 @@ SETTLED_S = 0.5             # ... and rows at least so far apart
 ON_ITS_WAY = 0.5            # of an answer, that comes after the first row of its command: the drive had not settled
 ROUND_TO = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 6.5, 7.0, 8.0, 10.0)      # what full speeds begin with
 LEAST_NOISE = 1e-3          # of full speed, where a log shows none at all
-TAUS_S = np.concatenate(([0.0], np.geomspace(0.005, 5.0, 25)))
-DEADS_S = np.concatenate(([0.0], np.geomspace(0.005, 2.0, 17)))
+FIRST_S, TAU_RATIO, DEAD_RATIO = 0.005, 1.334, 1.454      # times that are tried: 0, the first, each so much longer ...
+TAU_SHARE, DEAD_SHARE = 0.5, 0.1        # ... up to so much of the log: what takes longer is not seen to settle in it
 FINER = 9                   # places between two neighbours of a grid ...
 ROUNDS = 2                  # ... and again: 1 / 16 of a step of the first one
 MOST_ROWS = 4000            # of the log, that the times are read off
@@ -35,14 +35,15 @@ class NoColumn(ValueError):
 class Suggested(NamedTuple):
     """What a log suggests. full_rpm : r/min at the full command. settled : a row holds a command's settled answer.
     both_ways : it turns backwards too. noise_rpm : 1 s.d. of a reading, r/min. dead_s, tau_s : dead time and time
-    constant, s; 0 of settled answers. supply_v : median, None where the log has none."""
+    constant, s; 0 of settled answers, None where the log does not show them. supply_v : median, None where there is
+    none."""
 
     full_rpm: float
     settled: bool
     both_ways: bool
     noise_rpm: float
-    dead_s: float
-    tau_s: float
+    dead_s: float | None
+    tau_s: float | None
     supply_v: float | None
 
 
@@ -58,7 +59,7 @@ def suggested(columns: Mapping[str, npt.NDArray[Any]]) -> Suggested:
     most = float(np.max(np.abs(np.concatenate((command, reading)))))
     supply = np.asarray(columns.get("supply_v", np.empty(0)), np.float64)
     supply = supply[np.isfinite(supply)]
-    dead_s, tau_s = (0.0, 0.0) if settled else times_of(time_s, command, reading)
+    dead_s, tau_s = (0.0, 0.0) if settled else times_of(time_s, command, reading) or (None, None)
     return Suggested(rounded_up(most), settled, bool(np.any(command < 0.0)),
                      max(noise_of(command, reading), LEAST_NOISE * most), dead_s, tau_s,
                      float(np.median(supply)) if len(supply) else None)
@@ -119,17 +120,29 @@ def noise_of(command: Array, reading: Array) -> float:
     return float(max(spread, step / np.sqrt(12.0)))
 
 
-def times_of(time_s: Array, command: Array, reading: Array) -> tuple[float, float]:
+def times_of(time_s: Array, command: Array, reading: Array) -> tuple[float, float] | None:
     """Dead time and time constant, s, with which the reading follows its command best, whatever its gain and zone are:
     least squares of the reading over the delayed, lagged command, its size, a constant and the speed that it began
-    with, on a grid and finer ones between the neighbours of the best."""
+    with, on a grid and finer ones between the neighbours of the best. None where the command never moves, or where the
+    best time constant is the longest: the log does not show it."""
     time_s, command, reading = time_s[:MOST_ROWS], command[:MOST_ROWS], reading[:MOST_ROWS]
-    deads_s, taus_s = DEADS_S, TAUS_S
+    if np.ptp(command) == 0.0:
+        return None
+    lasts_s = float(time_s[-1] - time_s[0])
+    deads_s, taus_s = _tried(DEAD_RATIO, DEAD_SHARE * lasts_s), _tried(TAU_RATIO, TAU_SHARE * lasts_s)
     dead_s, tau_s = _best_of(deads_s, taus_s, time_s, command, reading)
+    if tau_s == taus_s[-1]:
+        return None
     for _ in range(ROUNDS):
         deads_s, taus_s = _about(dead_s, deads_s), _about(tau_s, taus_s)
         dead_s, tau_s = _best_of(deads_s, taus_s, time_s, command, reading)
     return dead_s, tau_s
+
+
+def _tried(ratio: float, longest_s: float) -> Array:
+    """0, and times each `ratio` longer than the one before, up to the longest."""
+    count = max(1, int(np.log(max(1.0, longest_s / FIRST_S)) / np.log(ratio)))
+    return np.concatenate(([0.0], FIRST_S * ratio ** np.arange(count)))
 
 
 def _about(best: float, grid: Array) -> Array:

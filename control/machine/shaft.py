@@ -22,8 +22,8 @@ HALVINGS = 50               # of the time at which the acceleration limit is rea
 
 
 class Shaft(NamedTuple):
-    dead_time_s: Annotated[float, Field(ge=0, le=5)] = 0.373
-    time_constant_s: Annotated[float, Field(ge=1e-4, le=5)] = 0.05
+    dead_time_s: Annotated[float, Field(ge=0, le=600)] = 0.373
+    time_constant_s: Annotated[float, Field(ge=1e-4, le=3600)] = 0.05
     acceleration_rpm_s: Annotated[float, Field(ge=0.1, le=1e7)] = 200.0
     nominal_supply_v: Annotated[float, Field(ge=1, le=60)] = 13.5
     full_opening_mm: Annotated[float, Field(ge=0.1, le=500)] = 60.0

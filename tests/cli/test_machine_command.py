@@ -72,6 +72,38 @@ def test_what_it_cannot_be_made_of_is_refused(tmp_path: Path) -> None:
     assert done.exit_code == 2 and "column shaft_rpm_cmd: missing" in done.output and not out.exists()
 
 
+def test_a_time_constant_that_the_log_does_not_show_is_asked_for(tmp_path: Path) -> None:
+    """At one command all along nothing answers: no figure of the grid is written as if it had been seen."""
+    rng, log, out = np.random.default_rng(8), tmp_path / "held-log.csv", tmp_path / "held.yaml"
+    log.write_text("time_s,shaft_rpm_cmd,shaft_rpm\n" + "".join(
+        f"{0.1 * k:.1f},900,{860 - 0.2 * k * (k > 300) + 5 * rng.standard_normal():.1f}\n" for k in range(600)))
+    words = ["machine", "--from", str(log), "--out", str(out), "--running"]
+    asked = RUNNER.invoke(app, words, input="\n\n\n0.3\n")
+    assert asked.exit_code == 0 and "this log does not show it" in asked.output
+    assert load(str(out), MACHINE).model.shaft.time_constant_s == 0.3
+    for more, tau_s in (([], 0.05), (["--time-constant", "2"], 2.0)):
+        said = RUNNER.invoke(app, [*words, "--yes", "--force", *more]).output
+        assert f"time constant {tau_s:g} s as answered: the log does not show it" in said
+        assert load(str(out), MACHINE).model.shaft.time_constant_s == tau_s
+
+
+def test_a_heater_has_a_time_constant_of_minutes(tmp_path: Path) -> None:
+    """150 s and 15 s of dead time, rows of a second, 21 degrees where nothing heats."""
+    rng, log, out = np.random.default_rng(9), tmp_path / "heater-log.csv", tmp_path / "heater.yaml"
+    command = np.repeat([0.0, 60.0, 20.0, 80.0, 0.0, 50.0], 200)
+    warm, rows = 0.0, []
+    for k, duty in enumerate(command):
+        rows.append(f"{k},{duty:g},{21.0 + warm + 0.1 * rng.standard_normal():.2f}\n")
+        warm += (0.6 * command[max(0, k - 15)] - warm) * -np.expm1(-1.0 / 150.0)
+    log.write_text("time_s,shaft_rpm_cmd,shaft_rpm\n" + "".join(rows))
+    done = RUNNER.invoke(app, ["machine", "--from", str(log), "--out", str(out), "--yes", "--running"])
+    assert "as the log shows them" in done.output
+    made = load(str(out), MACHINE).model
+    assert made.shaft.time_constant_s == pytest.approx(150.0, rel=0.1)
+    assert made.shaft.dead_time_s == pytest.approx(15.0, abs=4.0)
+    assert made.tolerance.time_constant_s == pytest.approx(0.05 * made.shaft.time_constant_s, rel=0.01)
+
+
 def test_settled_answers_have_no_times() -> None:
     steps = np.arange(0.0, 60.0)
     found = suggested({"time_s": 1.1 * steps, "shaft_rpm_cmd": 10.0 * steps, "shaft_rpm": 11.0 * steps})
