@@ -152,6 +152,7 @@ class JobFiles:
 
     def take(self, kind: str, value: str) -> None:
         """Raises ValueError."""
+        value = _typed(value)
         try:
             if kind == "crop":
                 load(Path(value), CROP)
@@ -192,14 +193,14 @@ class JobFiles:
         from console.services.sticks import maps_in, places
         return maps_in(places())
 
-    def map_folder(self, folder: str) -> tuple[MapFile, ...]:
+    def map_folder(self, folder: str, kind: str = "map") -> tuple[MapFile, ...]:
         """Raises ValueError."""
         from console.services.sticks import entries, places
         if not folder:
             return (*(MapFile(str(path), f"{name}/", "", "") for path, name in places()),
                     MapFile(str(Path.home()), "~/", "", ""), MapFile(Path.home().anchor, Path.home().anchor, "", ""))
         try:
-            return entries(Path(folder))
+            return entries(Path(folder), kind)
         except OSError as error:
             raise ValueError(f"{error.strerror or error}: {folder}") from None
 
@@ -214,7 +215,7 @@ class JobFiles:
         from drivers.files.prescriptions.write import write_prescription
         from drivers.files.setup import setup_of
         choice = Choice(column=reading.column or None, unit=reading.unit or None)
-        path = str(Path(path.strip().strip("'\"")).expanduser())          # as a file manager pastes it
+        path = _typed(path)
         try:
             read = read_prescription(path, choice)
         except RateQuestion as question:
@@ -457,6 +458,11 @@ class JobFiles:
     async def anew(self, offer: Offer) -> Link:
         """Raises WorkerFailed, ValueError, OSError."""
         return await self._begin(self._left(), True)
+
+
+def _typed(path: str) -> str:
+    """A path as it is typed, or as a file manager pastes it."""
+    return str(Path(path.strip().strip("'\"")).expanduser())
 
 
 FAR_ABOVE, FAR_BELOW_KG_HA = 2.0, 10.0              # times the crop's limit; less than any dressing

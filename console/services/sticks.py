@@ -6,7 +6,7 @@ import os
 import string
 import sys
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from console.app.pages.job.service import MapFile
@@ -96,11 +96,26 @@ def may_be_map(path: Path) -> bool:
     return '"FeatureCollection"' in head or '"Feature"' in head
 
 
-def entries(folder: Path) -> tuple[MapFile, ...]:
-    """Of one folder: the folder above, folders and maps by name. Raises OSError."""
+def may_be(kind: str) -> Callable[[Path], bool]:
+    """Of a map, or of a job, crop or machine file: by its ending and its first bytes."""
+    if kind == "map":
+        return may_be_map
+
+    def is_configuration(path: Path) -> bool:
+        if path.suffix.lower() not in (".yaml", ".yml"):
+            return False
+        with path.open("rb") as file:
+            return f"topdress-{kind}/".encode() in file.read(LOOKED_INTO)
+
+    return is_configuration
+
+
+def entries(folder: Path, kind: str = "map") -> tuple[MapFile, ...]:
+    """Of one folder: the folder above, folders and files of a kind by name. Raises OSError."""
+    wanted = may_be(kind)
     found = [MapFile(str(folder.parent), "..", "", "")] if folder.parent != folder else []
     here = sorted((one for one in folder.iterdir() if not one.name.startswith(".")), key=lambda one: one.name.lower())
-    if any(one.name.lower() == TASK for one in here):
+    if kind == "map" and any(one.name.lower() == TASK for one in here):
         found.append(MapFile(str(folder), folder.name, folder.name, _changed(folder)))
     for one in here[:MOST_LOOKED_AT]:
         with contextlib.suppress(OSError):
@@ -108,7 +123,7 @@ def entries(folder: Path) -> tuple[MapFile, ...]:
                 found.append(MapFile(str(one), f"{one.name}/", "", ""))
     for one in here[:MOST_LOOKED_AT]:
         with contextlib.suppress(OSError):
-            if one.is_file() and may_be_map(one):
+            if one.is_file() and wanted(one):
                 found.append(MapFile(str(one), one.name, folder.name, _changed(one)))
     return tuple(found)
 

@@ -13,6 +13,7 @@ from console.app.stray import PAUSE_S
 from console.app.widgets.choice_list import ChoiceList
 from console.services.job import JobFiles
 from console.services.launcher import Launcher
+from console.services.sticks import entries
 from control.orders import Do, Order
 
 SIZES = ((120, 40), (80, 24), (60, 20))
@@ -125,3 +126,47 @@ async def test_a_dialog_offers_its_keys_where_the_list_is_short(full):
     async with full.run_test(size=(80, 24)) as pilot:
         dialog, _answers = await asked(full, pilot, names(3), "value 2")
         assert dialog.at == 1 and {one.id for one in dialog.query(Button)} == {"yes", "cancel"}
+
+
+@pytest.mark.parametrize("key, kind", [(("j",), "job"), (("q", "1", "enter"), "crop"),
+                                       (("q", "2", "enter"), "machine")])
+async def test_a_job_s_files_are_walked_to_or_typed_as_a_map_is(full, source, key, kind):
+    """Only those of two folders could be taken."""
+    desk = full.services.job
+    async with full.run_test(size=(100, 30)) as pilot:
+        await pilot.press("f10")
+        await settled(full, pilot)
+        await pilot.press(*key)
+        await settled(full, pilot)
+        assert [one.label for one in full.screen.choices][-2:] == ["look in folders ...", "type or paste a path ..."]
+        await pilot.press("end", "up", "enter")
+        await settled(full, pilot)
+        await pilot.press("enter")                          # the stick
+        await settled(full, pilot)
+        assert [one.label for one in full.screen.choices] == ["..", "2026-03-18  north.yaml"]
+        await pilot.press("2", "enter")
+        await settled(full, pilot)
+        assert ("take", kind, "/media/STICK/north.yaml") in desk.asked
+        await pilot.press("escape")
+        await pilot.press(*key)
+        await settled(full, pilot)
+        await pilot.press("end", "enter", *"own", "enter")
+        await settled(full, pilot)
+        assert ("take", kind, "own") in desk.asked
+
+
+async def settled(app, pilot):
+    for _again in range(3):
+        for worker in [one for one in app.workers if one.group == "files" or one.group.startswith("job")]:
+            await worker.wait()
+        await pilot.pause()
+
+
+def test_a_folder_lists_files_of_the_kind_that_is_wanted(tmp_path):
+    for kind in ("job", "crop", "machine"):
+        (tmp_path / f"a-{kind}.yaml").write_text(f"# own\nformat: topdress-{kind}/1\n", encoding="utf-8")
+    (tmp_path / "zones.geojson").write_text('{"type": "FeatureCollection", "features": []}', encoding="utf-8")
+    (tmp_path / "sub").mkdir()
+    for kind, name in (("job", "a-job.yaml"), ("crop", "a-crop.yaml"), ("machine", "a-machine.yaml"),
+                       ("map", "zones.geojson")):
+        assert [one.name for one in entries(tmp_path, kind)] == ["..", "sub/", name]

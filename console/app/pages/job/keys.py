@@ -136,17 +136,15 @@ def _ask_file(page: JobScreen, service: JobService, kind: Kind) -> None:
 def _choose_file(page: JobScreen, service: JobService, kind: Kind, choices: list[Choice], now: str) -> None:
     title = {"job": _("Job"), "crop": _("Crop"), "machine": _("Machine")}[kind]
 
-    def answer(value: str | None) -> None:
-        if value is None or value == now:
-            return
-
+    def chosen(value: str) -> None:
         def take() -> str:
             service.take(kind, value)
             return value
 
-        page.take(take)
+        if value != now:
+            page.take(take)
 
-    page.app.push_screen(ChoiceDialog(title, choices, now), answer)
+    page.ask_path(title, choices, kind, chosen, now)
 
 
 def _drawn(file: File, service: JobService) -> str:

@@ -1,7 +1,7 @@
 """The Job screen: a list before work, the files of the job, the N-rich strip, refills, totals, and the end."""
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
 from textual.app import ComposeResult
@@ -285,40 +285,43 @@ class JobScreen(Page):
         self._bring(service.maps, self._list_maps)
 
     def _list_maps(self, found: tuple[MapFile, ...]) -> None:
-        def answer(path: str | None) -> None:
-            if path == FOLDERS:
-                self._walk("")
-            elif path == TYPED:
-                self.app.push_screen(NameDialog(_("Path of a prescription map"), "", _("Typed or pasted.")), typed)
-            elif path is not None:
-                self._read_map(path, Reading())
-
-        def typed(path: str | None) -> None:
-            if path is not None:
-                self._read_map(path, Reading())
-
         none = "" if found else _("no prescription map was found: on sticks, in Downloads or in this folder")
         choices = [Choice(one.path, f"{one.changed}  {one.name}  ({one.where})") for one in found]
-        more = Choice(FOLDERS, _("look in folders ...")), Choice(TYPED, _("type or paste a path ..."))
-        self.app.push_screen(ChoiceDialog(_("Which prescription?"), [*choices, *more], "", none), answer)
+        self.ask_path(_("Which prescription?"), choices, "map", lambda path: self._read_map(path, Reading()), text=none)
 
-    def _walk(self, folder: str) -> None:
-        """Folders up and down until a map is chosen."""
+    def ask_path(self, title: str, choices: Sequence[Choice], kind: str, take: Callable[[str], None], now: str = "",
+                 text: str = "") -> None:
+        """One of a list, or a file of this kind that lies elsewhere: walked to, typed or pasted. take: is given its
+        path."""
+        def answer(path: str | None) -> None:
+            if path == FOLDERS:
+                self._walk("", kind, take)
+            elif path == TYPED:
+                self.app.push_screen(NameDialog(title, "", _("A path, typed or pasted.")), answer)
+            elif path is not None:
+                take(path)
+
+        more = Choice(FOLDERS, _("look in folders ...")), Choice(TYPED, _("type or paste a path ..."))
+        self.app.push_screen(ChoiceDialog(title, [*choices, *more], now, text), answer)
+
+    def _walk(self, folder: str, kind: str, take: Callable[[str], None]) -> None:
+        """Folders up and down until a file is chosen."""
         service = self.service
         if service is not None:
-            self._bring(lambda: service.map_folder(folder), lambda found: self._list_folder(folder, found))
+            self._bring(lambda: service.map_folder(folder, kind),
+                        lambda found: self._list_folder(folder, found, kind, take))
 
-    def _list_folder(self, folder: str, found: tuple[MapFile, ...]) -> None:
+    def _list_folder(self, folder: str, found: tuple[MapFile, ...], kind: str, take: Callable[[str], None]) -> None:
         def answer(path: str | None) -> None:
             if path is None:
                 return
             if any(one.path == path and (one.name.endswith(("/", "\\")) or one.name == "..") for one in found):
-                self._walk(path)
+                self._walk(path, kind, take)
             else:
-                self._read_map(path, Reading())
+                take(path)
 
         choices = [Choice(one.path, f"{one.changed}  {one.name}".strip()) for one in found]
-        nothing = "" if any(one.changed for one in found) or not folder else _("no prescription map lies here")
+        nothing = "" if any(one.changed for one in found) or not folder else _("nothing of the kind lies here")
         self.app.push_screen(ChoiceDialog(folder or _("Where does it lie?"), choices, "", nothing), answer)
 
     def _read_map(self, path: str, reading: Reading) -> None:

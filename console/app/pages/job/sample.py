@@ -94,9 +94,12 @@ class SampleJobService:
         self.asked.append(("maps",))
         return MAPS
 
-    def map_folder(self, folder: str) -> tuple[MapFile, ...]:
+    def map_folder(self, folder: str, kind: str = "map") -> tuple[MapFile, ...]:
         if not folder:
             return (MapFile("/media/STICK", "STICK/", "", ""),)
+        if kind != "map":
+            north = MapFile(f"{folder}/north.yaml", "north.yaml", "STICK", "2026-03-18")
+            return (MapFile("/media", "..", "", ""), north)
         return (MapFile("/media", "..", "", ""), *self.maps())
 
     def preview(self, path: str, reading: Reading) -> MapPreview:

@@ -175,8 +175,9 @@ class JobService(Protocol):
     def maps(self) -> tuple[MapFile, ...]:
         """What may be a prescription, on sticks, among downloads and the user's own files; the newest first."""
 
-    def map_folder(self, folder: str) -> tuple[MapFile, ...]:
-        """Folders, whose names end in a slash, then maps; "": the places where one may begin to look."""
+    def map_folder(self, folder: str, kind: str = "map") -> tuple[MapFile, ...]:
+        """Folders, whose names end in a slash, then maps, or files of another kind (job, crop, machine); "": the places
+        where one may begin to look."""
 
     def preview(self, path: str, reading: Reading) -> MapPreview:
         """Reads a prescription for the job; nothing of the job changes."""
