@@ -109,7 +109,7 @@ def board_status(chance: random.Random) -> bytes:
 
 def board_command(chance: random.Random) -> bytes:
     return encode_command(CommandFrame(whole(chance), chance.uniform(0, 100), chance.uniform(0, 60),
-                                       chance.random() < 0.5))
+                                       chance.random() < 0.5, word=chance.choice((None, chance.randrange(2**32)))))
 
 
 def lag_line(chance: random.Random) -> bytes:

@@ -126,16 +126,16 @@ def test_pure_noise_gives_nothing(make, pieces):
 
 
 @SHORT
-@given(seed=st.integers(0, 2**32))
-def test_the_board_obeys_only_what_was_sent(seed):
+@given(seed=st.integers(0, 2**32), word=st.sampled_from([None, 0, 2**32 - 1]))
+def test_the_board_obeys_only_what_was_sent(seed, word):
     """Bit flips and cuts in the command stream: the drives never get a set-point that nobody sent."""
     chance = random.Random(seed)
-    board = VirtualBoard(20.0)
+    board = VirtualBoard(20.0, lambda: word)
     sent = {0.0}
     for tick in range(60):
         rpm = float(chance.randrange(10, 100))
         sent.add(rpm)
-        line = bytearray(encode_command(CommandFrame(tick, rpm if tick else 0.0, 20.0, tick > 0)))
+        line = bytearray(encode_command(CommandFrame(tick, rpm if tick else 0.0, 20.0, tick > 0, word=word)))
         for _ in range(chance.randrange(3)):
             line[chance.randrange(len(line))] ^= 1 << chance.randrange(8)
         board.feed(bytes(line[:chance.randrange(5, len(line) + 1)] if chance.random() < 0.2 else line), tick * 0.05)
