@@ -79,7 +79,7 @@ def cluster(scheduler: str | None, workers: int) -> Iterator[Any]:
     """A Dask client: of the scheduler at an address, else of workers on this computer. Raises NoDask, OSError.
 
     Whoever reaches a Dask scheduler runs code as its user. So our own takes only who has a certificate of an authority
-    that was made for this run and is kept in memory; what its workers put on the disk lies in a folder of this user's.
+    that was made for this run; what its workers put on the disk lies in a folder of this user's.
     """
     try:
         import cryptography  # noqa: F401
