@@ -12,12 +12,15 @@ from console.reports.figure import AFTER, BEFORE, DIM, PAPER, THIRD
 Array = npt.NDArray[np.float64]
 
 NOMINAL, EXTENDED, MEASURED = "nominal machine", "with the causes", "measured"
+OTHERS = "with the other causes"     # in place of the nominal machine, where there are several: each shows its own
 HALF_WAVES = 4              # of a smooth nameless dependence, as in the machine model's own tables
 
 
-def residual_panel(axes: Any, axis: Axis, before: Binned, after: Binned | None, unit: str) -> None:
-    """Means before (hollow, dashed) and after (filled) over an axis, with bands of 90 %; None: nothing is named."""
-    series = [(before, BEFORE, "o", "--", NOMINAL, -1.0)]
+def residual_panel(axes: Any, axis: Axis, before: Binned, after: Binned | None, unit: str,
+                   first: str = NOMINAL) -> None:
+    """Means before (hollow, dashed; `first` says of what) and after (filled) over an axis, with bands of 90 %; None:
+    nothing is named."""
+    series = [(before, BEFORE, "o", "--", first, -1.0)]
     if after is not None:
         series.append((after, AFTER, "s", "-", EXTENDED, 1.0))
     zero_line(axes)

@@ -14,6 +14,7 @@ from console.reports.panels import (
     EXTENDED,
     MEASURED,
     NOMINAL,
+    OTHERS,
     legend_below,
     residual_panel,
     smooth_line,
@@ -42,25 +43,29 @@ def cause_pictures(views: Sequence[View], parts: Sequence[EffectInstance], part:
     if found is None:
         return []
     view, effect = found
-    before, after = view.residual(()), view.residual(parts)
+    others = tuple(one for one in view.own(parts) if one != part)
+    first = OTHERS if others else NOMINAL
+    before, after = view.residual(others), view.residual(parts)
     axis = view.axis_of(part, effect)
     panels = _panels(view, axis, shown_share(axis, effect), part)
     with drawn(6.4 if panels == ["means"] else 9.4, 3.4, columns=len(panels)) as (figure, grid):
         for axes, panel in zip(grid[0], panels, strict=True):
             if panel == "means":
                 memory = view.memory(after)
-                residual_panel(axes, axis, view.means(axis, before, memory), view.means(axis, after, memory), view.unit)
+                residual_panel(axes, axis, view.means(axis, before, memory), view.means(axis, after, memory), view.unit,
+                               first)
                 axes.set_title("residual: measured less predicted")
             else:
-                _stretch(axes, view, view.own(parts), effect, part)
+                _stretch(axes, view, others, effect, part)
         legend_below(figure, grid)
         said = f"{CATALOGUE[part.id].effect.title}: {view.title}, before and after"
         text = svg(figure, name, escape(said))
     sentences = []
     if "means" in panels:
         where = axis.label or " / ".join(axis.names)
-        sentences.append(f"{_sentence(view.title)}, against {where}, with the nominal machine and with the causes in "
-                         f"it. {BAND}")
+        nominal = "with the nominal machine and with the causes in it" if not others else \
+            "with the other causes in the machine and with this one, too"
+        sentences.append(f"{_sentence(view.title)}, against {where}, {nominal}. {BAND}")
     if "stretch" in panels:
         sentences.append("The stretch is the one in which the effect does most." if part.onset_s is None else
                     "The stretch is the one about the onset.")
@@ -90,7 +95,7 @@ def _view_of(views: Sequence[View], parts: Sequence[EffectInstance], part: Effec
     return None if best is None else (best[1], best[2])
 
 
-def _stretch(axes: Any, view: View, own: tuple[EffectInstance, ...], effect: Array, part: EffectInstance) -> None:
+def _stretch(axes: Any, view: View, others: tuple[EffectInstance, ...], effect: Array, part: EffectInstance) -> None:
     wide = STRETCH_S[view.name]
     step = float(np.median(np.diff(view.time_s)))
     count = min(len(effect), max(8, int(round(wide / step))))
@@ -103,8 +108,9 @@ def _stretch(axes: Any, view: View, own: tuple[EffectInstance, ...], effect: Arr
     at = view.time_s[rows]
     axes.plot(at, view.measured[rows], linestyle="none", marker=".", markersize=3.5, color=INK, alpha=0.55,
            label=MEASURED)
-    axes.plot(at, view.predict(())[rows], color=BEFORE, linestyle="--", linewidth=1.5, label=NOMINAL)
-    axes.plot(at, view.predict(own)[rows], color=AFTER, linewidth=1.5, label=EXTENDED)
+    axes.plot(at, view.predict(others)[rows], color=BEFORE, linestyle="--", linewidth=1.5,
+              label=OTHERS if others else NOMINAL)
+    axes.plot(at, view.predict((*others, part))[rows], color=AFTER, linewidth=1.5, label=EXTENDED)
     axes.set_xlabel("time, s")
     axes.set_ylabel(f"{view.quantity}, {view.unit}")
     axes.set_title("a stretch of the log")

@@ -88,7 +88,8 @@ class View(NamedTuple):
         own = self.axes.get(OWN_AXIS.get(part.id, ""))
         if own is not None:
             return own
-        best = telling([axis for name, axis in self.axes.items() if name not in RUN_WITH_TIME], effect)
+        best = telling([axis for name, axis in self.axes.items() if name not in RUN_WITH_TIME]
+                       or list(self.axes.values()), effect)     # at one command all along, time alone moves
         late = telling([self.axes[name] for name in RUN_WITH_TIME if name in self.axes], effect)
         more = 0.0 if part.onset_s is not None else TIME_MORE
         return late if shown_share(late, effect) > shown_share(best, effect) + more else best

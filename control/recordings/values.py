@@ -23,7 +23,8 @@ HELD_P = 0.01               # chance that equal readings in a row are as many by
 LONE_WITHIN = 5             # cells whose median a reading of one row or two does not move ...
 LONE_AMONG = 15             # ... and cells around it, that say how far readings there are off theirs
 LONE_SD = 10.0              # s.d. of that: those of a normal reach 6 of their own, once in a thousand million
-MAD_SD = 1.4826             # of a normal, over its median absolute deviation
+MAD_SD = 1.4826             # of a normal, over its median absolute deviation: for the cells around ...
+NINE_IN_TEN_SD = 1.645      # ... and for the column, within which nine in ten are: what jumps more often is no stray
 NDVI = (*HEAD_COLUMNS, "ndvi")
 
 # Left out where they stand outside: vegetation indices by their definition, places by theirs.
@@ -72,7 +73,7 @@ def without_lone(name: str, values: Floats, findings: list[Finding]) -> Floats:
     seen = values[rows]
     off = np.abs(seen - median_filter(seen, LONE_WITHIN, mode="nearest"))
     steps = np.diff(np.unique(seen))
-    scale = np.maximum(MAD_SD * median_filter(off, LONE_AMONG), MAD_SD * np.median(off))
+    scale = np.maximum(MAD_SD * median_filter(off, LONE_AMONG), np.percentile(off, 90.0) / NINE_IN_TEN_SD)
     far = rows[off > LONE_SD * np.maximum(scale, float(np.percentile(steps, 5.0)) if len(steps) else np.inf)]
     if not len(far):
         return values

@@ -93,3 +93,21 @@ def test_times_in_another_unit_than_the_header_says(topdress: Callable[..., Resu
     log = written(tmp_path / "us.csv", "time_us,pwm,w\n" + "".join(f"{t / 40:.5f},{u},{y}\n" for t, u, y in ROWS))
     said = topdress("import", log, "--guess", "--mapping", tmp_path / "g.yaml")
     assert "are the times in another unit?" in said.output and "sort the log" not in said.output
+
+
+def test_a_command_that_is_not_seen_is_no_sure_guess(topdress: Callable[..., Result], tmp_path: Path) -> None:
+    """A setpoint in turns a second is read as nothing known; the g of an acceleration is no gram; u and y are asked."""
+    rows = range(60)
+    brake, shaken, plain = (tmp_path / f"{name}.csv" for name in ("brake", "shaken", "plain"))
+    brake.write_text("time [s],velocity setpoint [Hz],velocity measured [Hz],load cell weight [g]\n" + "".join(
+        f"{0.1 * k:.1f},{15 + k % 3},{14.2 + k % 3},{5 * k}\n" for k in rows))
+    shaken.write_text("time [s],acceleration x [g],acceleration y [g]\n" + "".join(
+        f"{0.1 * k:.1f},{0.01 * (k % 7):.2f},{1 + 0.01 * (k % 5):.2f}\n" for k in rows))
+    plain.write_text("t,u,y\n" + "".join(f"{0.02 * k:.2f},{(k * 7) % 5},{40 - k % 11}\n" for k in rows))
+    said = topdress("import", brake, "--guess", "--mapping", tmp_path / "b.yaml").output
+    assert "nothing is unsure" not in said and "velocity setpoint [Hz]" in said
+    assert topdress("import", shaken, "--guess", "--mapping", tmp_path / "s.yaml").exit_code == 0
+    assert "hopper_kg" not in yaml.safe_load((tmp_path / "s.yaml").read_text(encoding="utf-8"))["columns"]
+    said = topdress("import", plain, "--guess", "--mapping", tmp_path / "p.yaml").output
+    assert "y follows u: is that the command of a drive and this its reading?" in said
+    assert '# shaft_rpm_cmd: {from: "u", scale: }' in (tmp_path / "p.yaml").read_text(encoding="utf-8")

@@ -215,6 +215,30 @@ def test_sentences(cause_of: Callable[..., Cause], found_of: Callable[..., Diagn
     assert cost(FieldCost(2.04, -0.3)) == "2.0 % too much is spread; material lands 0.30 m short of its place"
 
 
+def test_each_of_two_causes_has_a_picture_of_its_own(views: tuple[View, ...], cause_of: Callable[..., Cause]) -> None:
+    """What each takes away from what the other leaves: both on one axis, they were one picture twice."""
+    parts = parts_of([cause_of("shaft.gain"), cause_of("shaft.voltage_sag")])
+    one, other = (cause_pictures(views, parts, part, "same")[0] for part in parts)
+    assert one.svg != other.svg
+    for picture in (one, other):
+        said = harmless(picture.svg).said()
+        assert "with the other causes" in said and "nominal machine" not in said
+
+
+def test_a_log_of_one_command_has_a_report(tmp_path: Path) -> None:
+    """Nothing in it moves but time."""
+    rng, log = np.random.default_rng(1), tmp_path / "held-log.csv"
+    log.write_text("time_s,shaft_rpm_cmd,shaft_rpm\n" + "".join(
+        f"{0.1 * k:.1f},900,{860 + 5 * rng.standard_normal():.2f}\n" for k in range(600)))
+    machine, out = tmp_path / "m.yaml", tmp_path / "r.html"
+    machine.write_text("format: topdress-machine/1\nid: held\nstages: [shaft]\nshaft: {full_rpm: 1000, "
+                       "acceleration_rpm_s: 1.0e+6, dead_time_s: 0, time_constant_s: 0.05}\n"
+                       "limits: {shaft_low_rpm: 0, shaft_high_rpm: 1000}\nnoise: {shaft_rpm: 5}\n")
+    done = CliRunner().invoke(app, ["diagnose", str(log), "--machine", str(machine), "--report", str(out)])
+    assert done.exit_code in (0, 1) and out.exists(), done.output
+    assert "shaft" in harmless(out.read_text(encoding="utf-8")).said()
+
+
 def test_command_writes_the_report(tmp_path: Path) -> None:
     data, out = tmp_path / "a <b>.csv", tmp_path / "r.html"
     rows = [f"{rpm},{2.2118 - 0.0083 * rpm + 0.4 + 0.01 * ((3 * k) % 5 - 2):.3f}"

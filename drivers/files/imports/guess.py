@@ -9,6 +9,7 @@ from drivers.files.imports.guess_columns import (
     candidates_of,
     chosen_of,
     column_of,
+    commands_unseen,
     extras_with_sentinels,
     unnamed_drive,
 )
@@ -45,6 +46,9 @@ def guess(raw: RawTable, full: Mapping[str, float] | None = None) -> Guess:
                              width_m=_width(columns, raw))
     check(raw, out, chosen)
     unnamed_drive(raw, out, used)
+    if unseen := commands_unseen(raw, out, used):
+        out.doubts.append(Doubt(("columns",), f"{listed(unseen, 4)}: by the name a command, and taken for nothing: say "
+                                "which drive's it is (shaft_rpm_cmd, opening_mm_cmd), and which column is its reading"))
     if not any(name in COLUMNS for name in out.mapping.columns) and "shaft_rpm_cmd" not in out.open:
         out.doubts.append(Doubt(("columns",), "no column was recognised: say which column of the file is which"))
     return out

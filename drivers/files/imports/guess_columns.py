@@ -235,8 +235,11 @@ def unnamed_drive(raw: RawTable, out: Guess, used: Iterable[str | None]) -> None
     if not named_so and any(name in COLUMNS for name in (*out.mapping.columns, *out.open)):
         return
     held = sorted(values, key=lambda name: float(np.mean(np.diff(values[name]) != 0.0)))
-    for command in [*named_so, *held[:1]]:
-        followers = [name for name in values if name != command and _follows(values[command], values[name])]
+    by_custom = {folded(named(name)[0]): name for name in values}
+    customary = [by_custom[INPUT]] if {INPUT, OUTPUT} <= by_custom.keys() else []
+    for command in [*named_so, *customary, *held[:1]]:
+        followers = [name for name in values if name != command and (_follows(values[command], values[name])
+                     or (command in customary and name == by_custom[OUTPUT]))]
         if followers:
             out.doubts.append(Doubt(("columns",), f"{', '.join(followers[:6])} follow{'s' * (len(followers) == 1)} "
                                     f"{command}: is that the command of a drive and this its reading?"))
@@ -247,6 +250,17 @@ def unnamed_drive(raw: RawTable, out: Guess, used: Iterable[str | None]) -> None
             return
 
 
+def commands_unseen(raw: RawTable, out: Guess, used: Iterable[str | None]) -> list[str]:
+    """Columns of numbers that say that they are commands, of a file in which no drive has one."""
+    known = {*out.mapping.columns, *out.open}
+    if any(command in known for command, _ in PAIRS):
+        return []
+    taken = {column.source for column in out.mapping.columns.values()} | set(used)
+    return [name for name in raw.names if name not in taken and says(folded(named(name)[0]), COMMAND)
+            and np.isfinite(_values(raw, name)).any()]
+
+
+INPUT, OUTPUT = "u", "y"    # of a system, as books on control and recordings of experiments call them
 FOLLOWS = 0.8               # correlation of a reading with the command that moves it, or of their ranks: curves bend
 FULL_COUNTS = (1.0, 100.0, 255.0, 1000.0, 1023.0, 4095.0, 10_000.0, 32_767.0, 65_535.0)    # of drives' duty cycles
 

@@ -57,7 +57,8 @@ SUBJECTS = (
             quantities=("voltage",)),
     Subject("hopper", (_words("hopper =tank =bin behalter gewicht weight 料箱 肥箱 料仓 重量 waage fullstand poids "
                               "tremie"),), "hopper_kg", never=_words(
-        "temp pressure druck applied target yield ertrag crop total =n =rate ^rate apprate"), quantities=("mass",)),
+        "temp pressure druck applied target yield ertrag crop total =n =rate ^rate apprate accel =acc ^beschl 加速"),
+            quantities=("mass",)),      # the g of an acceleration is no gram
     Subject("gate", (_words("opening =gate schieber offnung 开度 闸门 =flap klappe slide aperture ouverture"),),
             "opening_mm", "opening_mm_cmd", never=_words("time zeit")),
     Subject("rate", (_words("=rate ^rate targetrat tgtrat controlrat appliedrat applrat =apprate =rt ausbring =dose "
