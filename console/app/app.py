@@ -37,6 +37,7 @@ from console.app.pages.job.day import file_name
 from console.app.pages.job.service import Recent
 from console.app.pages.page import Page
 from console.app.plain_lines import PlainLines
+from console.app.reasons import key_first
 from console.app.replay_job import ReplayJob
 from console.app.screens.alarm_list import AlarmList
 from console.app.screens.gone import GoneScreen
@@ -57,7 +58,7 @@ from console.locale import _, use
 from console.running import WorkerFailed
 from console.sweeps import Sweeps
 from console.worker.resume_alarms import AlarmBook
-from control.orders import Answer, Do, Order
+from control.orders import Answer, Do, Order, State
 from drivers import day_clock
 from drivers.files.settings import Rates
 
@@ -67,6 +68,7 @@ if TYPE_CHECKING:
     from console.app.pages.map.page import MapScreen
     from console.app.pages.replay.page import ReplayScreen
 
+LEADS_TO = {Do.START: State.WORKING, Do.CALIBRATE: State.CALIBRATING, Do.READY: State.READY}
 NOTES = (TextDialog, HelpScreen, AlarmList)     # nothing is asked in them
 NOTICE_S = 4.0
 STROKE_S = 0.35                # between two strokes of the bell: closer ones are one on some terminals
@@ -166,6 +168,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.set_keymap(dict(keys))
         actions.remap(keys)
         self.bound_keys = {where: actions.bound_at(where, keys) for where in {one.where for one in actions.ACTIONS}}
+        self.bound_by = {one.id: actions.keys_of(one, keys) for one in actions.ACTIONS}
         self._page_keys = {key: one.id for one in actions.pages() for key in actions.keys_of(one, keys)}
         self._hold_keys = frozenset(actions.keys_of(actions.BY_ID["hold"], keys))
         self._urgent_keys = self._hold_keys.union(actions.keys_of(actions.BY_ID["stop"], keys))
@@ -252,11 +255,25 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.asked_by = key
             if key not in self._urgent_keys and self.stray.swallows(key, self.clock()):
                 return True
+            if key.isalpha() and len(key) == 1 and key not in self.bound_keys[self.page.where]:
+                self._say_where(key)
         elif isinstance(self.screen, NOTES) and key in self._page_keys and not (typing and event.is_printable):
             self.screen.dismiss(None)
             await self.action_do(self._page_keys[key])
             return True
         return key == "enter" and self.live and self.held_enter.repeats(self.screen, self.clock())
+
+    def _say_where(self, key: str) -> None:
+        """A letter that means something on other pages alone; START, asked, has a key of every page."""
+        pages = {one.id.removesuffix("_screen"): one for one in self.page_actions}
+        there = [one for one in actions.ACTIONS if one.where in pages and key in self.bound_by.get(one.id, ())]
+        if there:
+            places = ", ".join(_("{action} on {page} ({open})").format(
+                action=_(one.label), page=_(pages[one.where].label), open=self.shown_key(pages[one.where].id))
+                for one in there)
+            here = _("; {key} starts from here").format(key=self.shown_key("start_anywhere"))
+            start = any(one.id == "start" for one in there)
+            self.notice(f"{self.shown_key(there[0].id)}: {places}{here if start else ''}")
 
     def _urgent_under(self, event: events.MouseEvent) -> str:
         """hold or stop where a dialog leaves it in sight at this place; "" elsewhere and without a dialog."""
@@ -641,7 +658,7 @@ class TopdressApp(App[None], inherit_bindings=False):
     async def _give(self, orders: tuple[Order, ...], before: Frame | None, also_back: Callable[[], None]) -> None:
         followed: list[Order] = []
         for order in orders:
-            if not (await self.asked(partial(_ordered, order))).accepted:
+            if not (await self.asked(partial(_ordered, order), do=order.do)).accepted:
                 break
             followed.append(order)
         back = orders_back(followed, before)
@@ -652,8 +669,10 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.run_worker(self._give(back, None, also_back), group="orders", exit_on_error=False)
         also_back()
 
-    async def asked(self, ask: Callable[[FrameSource], Awaitable[Answer]], quiet: bool = False) -> Answer:
-        """Ask something of the source; a refusal or a missing answer is said in the key bar unless `quiet`.
+    async def asked(self, ask: Callable[[FrameSource], Awaitable[Answer]], quiet: bool = False,
+                    do: Do | None = None) -> Answer:
+        """Ask something of the source; a refusal or a missing answer is said in the key bar unless `quiet`. do: what
+        was ordered: where its state is wrong, the key that comes first is said.
 
         `why` of the answer is then as from the worker, or gone, no_answer, no_machine.
         """
@@ -666,14 +685,23 @@ class TopdressApp(App[None], inherit_bindings=False):
             return Answer(False, "gone")
         except (TimeoutError, OSError):
             return self._refused(Answer(False, "no_answer"), quiet)
-        return answer if answer.accepted else self._refused(answer, quiet)
+        return answer if answer.accepted else self._refused(answer, quiet, do)
 
-    def _refused(self, answer: Answer, quiet: bool) -> Answer:
+    def _refused(self, answer: Answer, quiet: bool, do: Do | None = None) -> Answer:
         if not quiet:
             frame = self.arrival.frame
             said = words.answer_words(answer.why, frame.alarms if frame is not None else ())
+            wanted = None if do is None else LEADS_TO.get(do)
+            name, _mark, state = answer.why.partition(";state=")
+            first = key_first(self, wanted, state) if wanted is not None and name == "not_from_state" else ""
+            if first:
+                said = f"{said} {_('Press {key} first.').format(key=first)}"
             self.notice(said if answer.why == "no_answer" else _("refused: {why}").format(why=said))
         return answer
+
+    def shown_key(self, name: str) -> str:
+        """The key of an action as the key bar shows it."""
+        return actions.shown_key(actions.BY_ID[name])
 
     # --- actions ------------------------------------------------------------------------------------------------
 

@@ -10,7 +10,8 @@ import unicodedata
 from collections.abc import Set
 
 ALWAYS_STOP = "f12"            # whatever the keymap says, also where a text field has the focus
-_SAME = {"f24": "f12", "ideographic_space": "space", "no_break_space": "space", "@": "space"}    # ctrl+@: Ctrl+Space
+_SAME = {"less_than_sign": "left", "greater_than_sign": "right",       # as the arrow keys are shown
+         "f24": "f12", "ideographic_space": "space", "no_break_space": "space", "@": "space"}    # ctrl+@: Ctrl+Space
 # Letters on the key of X: Russian and Ukrainian, Serbian and Macedonian, Greek, Hebrew, Arabic, Georgian, Thai, Korean,
 # Japanese kana, Bopomofo; and the Cyrillic and Greek letters that look like X.
 _ON_THE_KEY_OF_X = frozenset("чџχסءხปㅌさㄌх")
@@ -25,6 +26,8 @@ def meant(key: str, bound: Set[str], urgent: Set[str]) -> str:
         return last
     if key in bound:
         return key
+    if last in ("left", "right") and "+".join((*held, last)) in bound:
+        return "+".join((*held, last))
     letter = _narrow(last).lower() if len(last) == 1 else last
     bare = "x" if {letter, last} & _ON_THE_KEY_OF_X else letter
     if bare in urgent:

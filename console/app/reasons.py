@@ -46,5 +46,15 @@ def _why_no_state(app: TopdressApp, from_: tuple[State, ...], already: State) ->
     now = state_word(frame.row.state)
     if frame.row.state == already:
         return _("the machine is {state} already").format(state=now)
+    first = key_first(app, already, frame.row.state)
+    if first:
+        return _("the machine is {state}: press {key} first").format(state=now, key=first)
     return _("the machine is {state}; this begins from {states}").format(
         state=now, states=", ".join(state_word(one.value) for one in from_))
+
+
+def key_first(app: TopdressApp, wanted: State, state: str | None) -> str:
+    """The key, as it is shown, that leads on from this state towards the one that is wanted; empty where none does."""
+    if wanted is State.READY:
+        return app.shown_key("hold") if state == State.WORKING else ""
+    return app.shown_key("ready") if state in (State.OFF, State.FAULT, State.HELD) else ""

@@ -9,7 +9,7 @@ from console.frame import Frame, Tally
 from control.agronomy.strips import Strips
 from control.field.totals import Totals
 from control.log_row import LogRow
-from control.orders import Alarm, Answer, Order, SectionState
+from control.orders import Alarm, Answer, Order, SectionState, TargetSource
 from control.readings import DriveCommand, Measurements
 from control.safety import Allowances, BenchRun
 from drivers.cab_line import DeviceLine
@@ -81,6 +81,8 @@ class Tick(Protocol):
     def sections(self) -> tuple[SectionState, ...]: ...
     @property
     def strips(self) -> Strips: ...
+    @property
+    def sources(self) -> tuple[TargetSource, ...]: ...
     @property
     def ordered_source(self) -> str: ...
     @property

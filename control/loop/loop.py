@@ -458,7 +458,7 @@ class ControlLoop:
             bench=self._bench_run(command) if verdict.state is State.CALIBRATING else None,
             threshold_m=None if threshold is None else threshold.at(moment.speed_mps),
             sections=self._ahead.sections.states(command.valves, choices.sections_off),
-            strips=heads.decisions.rule.strips)
+            strips=heads.decisions.rule.strips, sources=self._operator.sources)
 
     # -- parts of the steps ----------------------------------------------------------------------------------------
 

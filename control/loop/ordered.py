@@ -47,8 +47,8 @@ class Operator:
         self._sections = sections
         self._hopper_kg = hopper_kg
         placed = (*((source, has_map) for source in BY_MAP), (TargetSource.POINT, points is not None))
-        self._sources = (TargetSource.CANOPY, TargetSource.MANUAL, TargetSource.FALLBACK,
-                         *(source for source, there in placed if there))
+        self.sources = (TargetSource.CANOPY, TargetSource.MANUAL, TargetSource.FALLBACK,
+                        *(source for source, there in placed if there))
 
     def order(self, order: Order, now_s: float) -> tuple[Answer, str]:
         """Obey or refuse; the answer, and the row's event, empty where there is none."""
@@ -69,7 +69,7 @@ class Operator:
 
     def _source(self, order: Order, now_s: float) -> Answer:
         """Map and point only where the job has them."""
-        if order.value not in self._sources:
+        if order.value not in self.sources:
             return Answer(False, "source_not_ready")
         self.choices = self.choices._replace(source=TargetSource(str(order.value)))
         return YES

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from control.agronomy.strips import Strips
 from control.log_row import LogRow
 from control.loop.moment import Choices
-from control.orders import Alarm, SectionState
+from control.orders import Alarm, SectionState, TargetSource
 from control.readings import DriveCommand
 from control.safety import POWERED, Allowances, BenchRun, Verdict
 from control.sensing import Sensed
@@ -34,6 +34,7 @@ class Tick(NamedTuple):
     threshold_m: float | None               # of point mode, as learned, at this speed
     sections: tuple[SectionState, ...]      # left to right; empty where the machine has no valves
     strips: Strips                          # N-rich and farmer check, as they count now
+    sources: tuple[TargetSource, ...]       # of the target, that the job has
 
     @property
     def enabled(self) -> bool:

@@ -54,6 +54,7 @@ class FakeTick:
     threshold_m: float | None = -0.12
     sections: tuple[SectionState, ...] = (SectionState(True), SectionState(False, "done"))
     strips: Strips = field(default_factory=lambda: Strips(0.66, None))
+    sources: tuple[str, ...] = ("canopy", "manual")
     ordered_source: str = "map"
     manual_rate_kg_ha: float = 90.0
 

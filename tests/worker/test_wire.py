@@ -30,6 +30,7 @@ def test_a_frame_comes_back_as_it_was():
                              "x.lag.1.csv"),
         why_no_flow=("low_speed", "reversing"), why_state="standstill", allow=Allowances(outside=True),
         no_double=False, threshold_m=0.04, strips=Strips(0.66, None), ordered_source="map", manual_rate_kg_ha=90.0,
+        sources=("canopy", "map"),
         totals=Totals(1.0, 300.0, 138.0, 310.0, 600.0, 300.0, 4.0, 96.0, None), head_ndvi=(0.5, None, 0.6),
         bench=BenchRun(50.0, 25.0, 3.2, 116.8))
     assert from_json(json.loads(wire.framed(frame))) == frame

@@ -61,8 +61,13 @@ def strategy(page: RunScreen) -> None:
 def source(page: RunScreen) -> None:
     frame = page.app.arrival.frame
     picture = page.app.fields.of(frame)
+    has = frame.sources if frame is not None else ()
     no_map = "" if picture is None or picture.planned is not None else _("this job has no map; F10, P takes one")
-    choices = [Choice(one.value, words.source_word(one.value), no_map if one in BY_MAP else "")
+    lacks = {one: no_map for one in BY_MAP}
+    if has:
+        lacks = {one: _("this job has no map; F10, P takes one") for one in BY_MAP if one not in has}
+        lacks |= {} if TargetSource.POINT in has else {TargetSource.POINT: _("this job has no plants")}
+    choices = [Choice(one.value, words.source_word(one.value), lacks.get(one, ""))
                for one in TargetSource if one not in (TargetSource.NONE, TargetSource.INDEX_MAP)]
     _ask_choice(page, _("Target from"), choices, ordered_source(frame), Do.SOURCE)
 
