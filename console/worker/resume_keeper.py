@@ -21,6 +21,7 @@ from control.geodesy import TangentPlane
 from control.log_row import LogRow
 from control.machine.machine import Machine
 from control.orders import Alarm, State
+from drivers.files.run_log import MAX_WAITING_ROWS
 
 SAVE_S = 5.0                # the snapshot is this old at most, and the disk's own time
 BELIEVED_KG = 2.0           # a scale that lost or gained more since the cut tells of a refill, or of a repair
@@ -89,7 +90,8 @@ class Keeper:
         sums = None
         if seen.row.time_s - self._taken_s >= SUMS_S:
             self._taken_s, sums = seen.row.time_s, self._loop.sums
-        self._handed.put(_Handed(seen, sums, self._loop.flow_trim, self._loop.plane))
+        if self._handed.qsize() < MAX_WAITING_ROWS:         # as many as the log lets wait for a disk that hangs
+            self._handed.put(_Handed(seen, sums, self._loop.flow_trim, self._loop.plane))
 
     def quit(self) -> None:
         """The worker was asked to end: nothing is cut off. Before the last `work`."""

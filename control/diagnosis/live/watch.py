@@ -8,6 +8,7 @@ whoever calls decides when.
 """
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -30,7 +31,8 @@ LOOK_S = 30.0               # of the log, between two looks
 QUARTER_S = 900.0           # between two full diagnoses, and what each is about
 FIRST_S = 300.0             # of the log, before which nothing can be said
 BEFORE_S = 600.0            # of a beginning, that its diagnosis sees
-MOST_S = 1800.0             # of a stretch that is diagnosed: what is kept of the log
+MOST_S = 1800.0             # of a stretch that is diagnosed: what is kept of the log, and a quarter of an hour more
+MOST_ROWS = 120_000         # kept at most, 50 MB: so much at up to 44 rows a second, whatever their times say
 AGAIN_S = 1.5 * LOOK_S      # what a diagnosis did not bear out or name is diagnosed again at every second look
 
 _GROUP_OF = {channel: group for group, names in GROUPS.items() for channel in names} | {"flow": "metering"}
@@ -51,7 +53,8 @@ class LiveCheck:
         self._machine, self._test, self._diagnose = machine, test or Rolling(machine), diagnose
         self._asked: dict[str, float] = {}          # when a beginning was diagnosed last, by group ...
         self._nameless: dict[str, float] = {}       # ... and when one that has no name
-        self._rows: list[dict[str, Array]] = []     # pieces as they came
+        self._rows: deque[dict[str, Array]] = deque()       # pieces as they came
+        self._kept = 0                                      # rows in them
         self._begin_s: float | None = None
         self._looked_s = self._diagnosed_s = self._reported_s = 0.0
         self._last: Departure | _Stretch | None = None      # of the quarter before
@@ -69,9 +72,11 @@ class LiveCheck:
             return
         if self._begin_s is None:
             self._begin_s = self._looked_s = self._diagnosed_s = float(rows["time_s"][0])
-        self._rows.append({name: np.asarray(array) for name, array in rows.items()})
-        while self._rows[0]["time_s"][-1] < self.now_s - MOST_S - QUARTER_S:
-            self._rows.pop(0)
+        # copies: what comes is a piece of a reader's larger tables, which would be kept with it
+        self._rows.append({name: np.array(array[-MOST_ROWS:]) for name, array in rows.items()})
+        self._kept += len(self._rows[-1]["time_s"])
+        while self._rows[0]["time_s"][-1] < self.now_s - MOST_S - QUARTER_S or self._kept > MOST_ROWS:
+            self._kept -= len(self._rows.popleft()["time_s"])
 
     @property
     def due(self) -> bool:
@@ -156,7 +161,7 @@ class LiveCheck:
     def _since(self, begin_s: float, end_s: float = np.inf) -> dict[str, Array]:
         """Columns of the rows from a time to another."""
         pieces = [piece for piece in self._rows if piece["time_s"][-1] >= begin_s and piece["time_s"][0] <= end_s]
-        rows = _joined(pieces or self._rows[-1:])
+        rows = _joined(pieces or [self._rows[-1]])
         inside = (rows["time_s"] >= begin_s) & (rows["time_s"] <= end_s)
         return rows if inside.all() else {name: array[inside] for name, array in rows.items()}
 

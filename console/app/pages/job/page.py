@@ -171,12 +171,12 @@ class JobScreen(Page):
 
     def say(self, text: str) -> None:
         """A line that stays."""
-        self.said.append(text)
+        self.said[:] = [*self.said, text][-NOTES_KEPT:]
         self.hurry()
 
     def say_of_run(self, text: str) -> None:
         """A line that stays until another run begins."""
-        self.said_of_run.append(text)
+        self.said_of_run[:] = [*self.said_of_run, text][-NOTES_KEPT:]
         self.hurry()
 
     # --- actions ------------------------------------------------------------------------------------------------
