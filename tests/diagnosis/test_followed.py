@@ -109,3 +109,20 @@ def test_a_noise_that_the_file_does_not_allow_is_said(times: float) -> None:
                          _machine(0.01))
     assert found.verdict == "none"
     assert any("times the machine file's noise" in text for text in found.findings) is (times > 1.0)
+
+
+@pytest.mark.parametrize(("gear", "doubted"), [(25.0, True), (0.04, True), (1.3, False), (0.8, False)])
+def test_a_wheel_behind_a_gear_raises_a_doubt_of_units(gear: float, doubted: bool) -> None:
+    """Commands of the motor up to 950 r/min and the speed of the wheel: no fault of the drive is sure."""
+    rng, rows = np.random.default_rng(7), 1500
+    command = _commands(rng, rows, 15)
+    before = np.concatenate((command[:1], command[:-1]))
+    reading = before / gear * (1.0 + 0.01 * rng.standard_normal(rows))
+    machine = _machine(0.01)
+    machine = machine.model_copy(update={"noise": machine.noise.model_copy(update={"shaft_rpm": 10.0 / gear})})
+    found = diagnose_run({"time_s": 0.5 * np.arange(rows), "shaft_rpm_cmd": command, "shaft_rpm": reading}, machine)
+    assert any("are both in r/min" in text for text in found.findings) is doubted
+    if doubted:
+        assert found.verdict != "named" and all(one.probability < 0.2 for one in found.causes)
+    else:
+        assert found.verdict == "named" and {one.id for one in found.causes} & {"shaft.gain", "shaft.saturation"}

@@ -9,7 +9,7 @@ begins or ends: any time of the log alike.
 """
 from __future__ import annotations
 
-from math import inf, log, log1p, sqrt
+from math import inf, log, log1p, pi, sqrt
 
 from control.machine.forms import Form
 from control.machine.terms import Acts
@@ -17,6 +17,8 @@ from control.machine.terms import Acts
 FAULTY = 0.3                # a group of a machine that is looked at has something wrong: about one in three
 COURSE = {                  # of what is wrong, how it runs: most was there before the log began
     "steady": 0.7, "begins": 0.15, "grows": 0.075, "ends": 0.075}
+MISTAKEN_UNIT = 0.03        # a column is in another unit than its file says, or of the other side of a gear ...
+UNIT_FACTORS = log(2.0), log(1000.0)        # ... by a factor between these (gears 2 up, turns a second 60), either way
 WRONG_SIGN = 0.02           # what is lost, or comes late, is less than the machine file has of it: one in fifty
 UNKNOWN = 0.03              # ... or something that no effect describes, shared over quantities, variables and forms
 LOCAL = 0.1                 # an effect holds in one label or table only, though others could show it: one in ten
@@ -61,6 +63,18 @@ def sd_of_size(size: float, usual: float) -> float:
 def log_of_size(size: float, usual: float) -> float:
     """Logarithm of the weight of that normal."""
     return log(usual / sd_of_size(size, usual))
+
+
+def log_odds_of_unit(ratio: float, usual: float, names: int) -> float:
+    """Log odds that a reading is `ratio` times what its command asks because one of them is in another unit, against an
+    effect of `names` that makes it so much larger or smaller, steadily, its size with the tails of a Cauchy
+    distribution of scale `usual` (both of %)."""
+    low, high = UNIT_FACTORS
+    if not low < abs(log(ratio)) < high:
+        return -inf
+    percent = 100.0 * (ratio - 1.0)
+    by_effect = usual / (pi * (usual ** 2 + percent ** 2)) * 100.0 * ratio      # per unit of the ratio's logarithm
+    return log(MISTAKEN_UNIT / (2.0 * (high - low))) - log(by_effect) - log_odds("steady", names)
 
 
 def log_odds_of_form(quantities: int, variables: int, places: int, temporary: bool = False) -> float:

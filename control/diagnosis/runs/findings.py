@@ -4,20 +4,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.special import expit
 
-from control.diagnosis.effects import ROWS
+from control.diagnosis.effects import ROWS, SHAFT_SATURATION, FoundBy
+from control.diagnosis.judgement.prior import NAMED, log_odds_of_unit
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
 from .channels import drive_channel
-from .drives import against_the_way, whole_drives
+from .drives import Drive, against_the_way, whole_drives
 from .grid import looked_at
-from .hypothesis import schedule
+from .hypothesis import EffectInstance, schedule
 from .inputs import FINE_LOG_S
-from .log import Clean
+from .log import MIN_SETTLED, Clean
 from .selection import GroupResult
 from .stages import RunData
 
+MUCH = 0.2                  # of the most that is asked, or read: below, dead zones and noise decide the ratio
 TICK_S = 0.05               # control's usual tick
 LOST_SHARE = 0.01           # of the rows
 
@@ -61,6 +64,44 @@ def turned_back(log: Clean, machine: Machine, counted: bool = False) -> list[str
                 + ("counted as errors of the file" if counted else "left out")]
     return [f"stage shaft: {back} of {known} commands are below 0: it turned backwards"] if back and \
         machine.shaft.one_way <= 0.0 else []
+
+
+def answers_by(drive: Drive | None) -> float:
+    """How many times its command a drive turns or opens, in the middle of the rows that ask and answer for much; 1 of
+    one that does not answer."""
+    if drive is None:
+        return 1.0
+    asked, answered = np.abs(drive.command), np.abs(drive.measured)
+    much = (asked > MUCH * float(np.nanmax(asked, initial=0.0))) & (answered > MUCH * float(
+        np.nanmax(answered, initial=0.0)))
+    return float(np.nanmedian(answered[much] / asked[much])) if np.sum(much) >= MIN_SETTLED // 2 else 1.0
+
+
+def mistaken_unit(drive: Drive | None, machine: Machine) -> float:
+    """Probability that a shaft answers so much slower or faster than it is asked because command and reading are not in
+    one unit: rather than by the steady effect that would do it with the widest prior."""
+    ratio = answers_by(drive)
+    if ratio <= 0.0 or ratio == 1.0:
+        return 0.0
+    names = sum(row.stage == "shaft" for row in ROWS.values())
+    return float(expit(log_odds_of_unit(ratio, SHAFT_SATURATION.on(machine).usual, names)))
+
+
+def is_steady(part: EffectInstance) -> bool:
+    """Whether a part scales or shifts all that its drive does, all along, as a mistaken unit does."""
+    row = ROWS[part.id]
+    return part.onset_s is None and not row.move_shaped and row.found_by is FoundBy.SCAN
+
+
+def units_doubted(data: RunData, machine: Machine) -> list[str]:
+    """Said of a shaft whose command and reading are hardly in one unit."""
+    if data.shaft is None or mistaken_unit(data.shaft, machine) < NAMED:
+        return []
+    ratio = answers_by(data.shaft)
+    return [f"stage shaft: it turns {ratio:.2g} times what its commands ask (up to "
+            f"{float(np.nanmax(np.abs(data.shaft.command))):.4g} r/min asked, "
+            f"{float(np.nanmax(np.abs(data.shaft.measured))):.4g} read): are both in r/min, of one side of a gear? "
+            "The import file's scale puts that right; no steady fault of the drive is sure until then"]
 
 
 def unsure_drives(log: Clean, data: RunData) -> list[str]:

@@ -43,6 +43,7 @@ from control.machine.shaft import swing
 
 from .as_a_whole import as_a_whole
 from .cost import field_cost
+from .findings import is_steady, mistaken_unit
 from .gain import measure_gain
 from .hypothesis import schedule
 from .intermittent import ReadOff
@@ -179,7 +180,9 @@ def report(data: RunData, machine: Machine, judged: Sequence[GroupResult], read_
     fitted: Fitted | None = None
     for one in judged:
         rest = remains(one, {ROWS[each.part.id].channels[0] for each in read_off})
-        named = [_cause(one, k, machine, data, unknown_share(one, k, rest)) for k in range(len(one.found.parts))]
+        doubt = mistaken_unit(data.shaft, machine) if "shaft" in one.search.model.names else 0.0
+        named = [_cause(one, k, machine, data, max(unknown_share(one, k, rest), doubt * is_steady(part)))
+                 for k, part in enumerate(one.found.parts)]
         named = [cause for cause in named if cause.probability > LISTED or not rest]
         causes += named
         unexplained += _unexplained(one, rest, rows, bool(named))
