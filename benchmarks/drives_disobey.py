@@ -8,14 +8,18 @@ from __future__ import annotations
 
 import datetime as dt
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 from verdict import exit_code
 
+from control.field.job import Simulated
 from control.loop.tick import Tick
+from control.machine.planting import parse_planted
 from control.orders import Do, Order, State, TargetSource
+from control.readings import DriveCommand
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
+from control.simulation.plant import Plant, Sensed
 from drivers.cab_config import BoardConfig
 from drivers.files.setup import load_setup
 from drivers.virtual.machine import virtual_cab
@@ -24,20 +28,37 @@ from drivers.virtual.runaway import RUNAWAY_MM, RUNAWAY_RPM, Runaway, VirtualRun
 DT_S = 0.05
 LASTS_S = 30.0
 SETTLED_S = 5.0             # after the shaft has come to a stand again
-SHAFT_SAID_S, GATE_SAID_S, VALVE_SAID_S = 3.0, 2.0, 5.0     # at the latest
+SHAFT_SAID_S, GATE_SAID_S, VALVE_SAID_S = 1.2, 2.0, 5.0     # at the latest
 APART_SHARE = 0.02          # counted against plant
 
 
-class Machine:
-    """The whole way from the loop to the plant and back. `runaway` may be set at any time."""
+class Lying:
+    """The plant as the bytes have it: its sensors through `lie`."""
 
-    def __init__(self, machine: str = "huanghai", job: str = "demo", seed: int = 1) -> None:
+    dt_s = DT_S
+
+    def __init__(self, plant: Plant, lie: Callable[[Sensed], Sensed]) -> None:
+        self._plant, self._lie = plant, lie
+
+    def step(self, command: DriveCommand, enabled: bool) -> Sensed:
+        return self._lie(self._plant.step(command, enabled))
+
+
+class Machine:
+    """The whole way from the loop to the plant and back. `runaway` may be set at any time. lie: what the sensors make
+    of what they sense; effects: of the plant, as `topdress simulate --effect` has them; sim: of the job's simulation,
+    where it differs."""
+
+    def __init__(self, machine: str = "huanghai", job: str = "demo", seed: int = 1, *,
+                 lie: Callable[[Sensed], Sensed] = lambda sensed: sensed, effects: Iterable[str] = (),
+                 **sim: Any) -> None:
         setup = load_setup(machine, job, dt.date(2026, 4, 1))
-        self.job = with_simulated_field(setup.job, setup.machine)
+        simulated = Simulated.model_validate(setup.job.simulated.model_dump() | sim)
+        self.job = with_simulated_field(setup.job.model_copy(update={"simulated": simulated}), setup.machine)
         self.now_s, self.runaway, self.switch_up = 0.0, Runaway(), False
-        self.plant = simulated_machine(setup.machine, self.job, seed, DT_S)
+        self.plant = simulated_machine(setup.machine, self.job, seed, DT_S, [parse_planted(text) for text in effects])
         self.cab, self.virtual = virtual_cab(
-            self.plant, lambda: self.now_s, heads=setup.machine.geometry.heads, board=BoardConfig(port=""),
+            Lying(self.plant, lie), lambda: self.now_s, heads=setup.machine.geometry.heads, board=BoardConfig(port=""),
             opening_mm=setup.machine.set_points.opening_mm, extras=[VirtualRunaway(lambda at_s: self.runaway, 0.0)])
         self.loop = control_loop(setup.machine, setup.crop, setup.rule, self.job)
         self.ticks: list[Tick] = []

@@ -387,8 +387,9 @@ def rate_red(folder: Path) -> Found:
         rig.at_work()
         rig.until(lambda: rig.now_s >= begins_s - 1e-6, 5.0)
         measured_s = rig.until(rig.alarm("rate_far_off"), 10.0)
-        return Found("rate off by 20 % for 2 s", "red (shaft 45 % slow)", 2.6, measured_s, f"rate_far_off; {rig.state}",
-                     rig.state == "working")
+        return Found("rate off by 20 % for 2 s", "red; of a shaft that does not follow (45 % slow): fault", 2.6,
+                     measured_s, f"{', '.join(rig.alarms)}; {rig.state}",
+                     rig.state == "fault" and "shaft_far_off" in rig.alarms)
 
 
 def bridging(folder: Path) -> Found:

@@ -23,11 +23,13 @@ from verdict import exit_code
 
 from control.geodesy import TangentPlane
 from control.readings import GnssFix, Measurements, Reading
-from control.sensing import Sensing
+from control.safety import SafetyLimits
+from control.sensing import Refused, Sensed, Sensing
 from drivers.devices.gnss import GnssDecoder
 
 PLANE = TangentPlane(48.0, 11.0)
 TICK_S = 0.05
+ANTENNA_M, WHEEL_RIGHT_M = 1.0, 0.8        # ahead of the axle; of the wheel to the right of its middle
 DRIFTS_MPS = (0.1, 0.25, 0.5, 3.0, 10.0, 30.0)
 SEEN_FROM_MPS = {4: 0.25, 5: 0.5, 2: 0.5, 1: 1.0}      # by fix quality, within a minute: docs/safety.md
 BEFORE_S, LOOKED_S = 60.0, 90.0
@@ -69,6 +71,7 @@ class Moving(NamedTuple):
     speed_mps: float
     course_deg: float
     wheel_mps: float
+    spins: bool = False
 
 
 def straight(seconds: float, speed_mps: float = 1.25) -> Iterator[Moving]:
@@ -77,25 +80,30 @@ def straight(seconds: float, speed_mps: float = 1.25) -> Iterator[Moving]:
 
 
 def worked(seconds: float, rng: np.random.Generator) -> Iterator[Moving]:
-    """Passes of 150 to 350 m and turns; stops, backing up; the wheel slips 0 to 9 %, more uphill, now and then it spins
-    for some seconds, and it is calibrated up to 4 % wrongly."""
+    """Passes of 150 to 350 m and turns, in which the antenna swings out and the wheel at one side rolls another way;
+    stops, backing up; the wheel slips 0 to 10 %, in bursts 20 %, now and then it
+    spins for some seconds, and it is calibrated up to 4 % wrongly."""
     east = north = course = 0.0
     wrong, speed = 1.0 + rng.uniform(-0.04, 0.04), 0.0
     plan = _plan(rng)
     wanted, turn, left_s, spins = next(plan)
-    slip = 0.0
+    slip = burst_s = 0.0
     for _ in range(round(seconds / TICK_S)):
         left_s -= TICK_S
         if left_s <= 0.0:
             wanted, turn, left_s, spins = next(plan)
         speed += max(-0.8 * TICK_S, min(0.5 * TICK_S, wanted - speed))
-        slip += (rng.uniform(0.0, 0.09) - slip) * TICK_S / 5.0
+        burst_s = rng.uniform(1.0, 6.0) if rng.random() < TICK_S / 60.0 else burst_s - TICK_S
+        slip += (0.2 - slip) * TICK_S / 0.5 if burst_s > 0.0 else (rng.uniform(0.0, 0.10) - slip) * TICK_S / 5.0
         course += turn * TICK_S * (1.0 if speed >= 0.0 else -1.0)
         east += speed * sin(radians(course)) * TICK_S
         north += speed * cos(radians(course)) * TICK_S
-        over_ground = course if speed >= 0.0 else course + 180.0
-        wheel = abs(speed) * (1.0 + slip) * wrong + (1.5 if spins else 0.0)
-        yield Moving(east, north, abs(speed), over_ground % 360.0, wheel)
+        ahead, right = (sin(radians(course)), cos(radians(course))), (cos(radians(course)), -sin(radians(course)))
+        turned = radians(turn) * (1.0 if speed >= 0.0 else -1.0) if speed else 0.0
+        east_mps, north_mps = (speed * a + ANTENNA_M * turned * r for a, r in zip(ahead, right, strict=True))
+        wheel = abs(speed + WHEEL_RIGHT_M * -turned) * (1.0 + slip) * wrong + (1.5 if spins else 0.0)
+        yield Moving(east + ANTENNA_M * ahead[0], north + ANTENNA_M * ahead[1], hypot(east_mps, north_mps),
+                     float(np.degrees(np.arctan2(east_mps, north_mps))) % 360.0, wheel, spins)
 
 
 def _plan(rng: np.random.Generator) -> Iterator[tuple[float, float, float, bool]]:
@@ -164,6 +172,13 @@ class Believed(NamedTuple):
     said_s: float | None    # after the drift began
 
 
+def held_by(sensed: Sensed) -> bool:
+    """Whether safety holds work because nothing says which speed is wrong."""
+    doubt = sensed.doubt
+    return (doubt is not None and doubt.refused is Refused.EITHER
+            and doubt.differed_s - doubt.since_s >= SafetyLimits().speeds_differ_s)
+
+
 def drifting(receiver: Receiver, drift_mps: float, with_it: bool, seed: int = 1) -> Believed:
     reports, sensing = Reports(receiver, np.random.default_rng(seed)), Sensing(0.0, PLANE)
     fix, far_m, said_s = None, 0.0, None
@@ -175,9 +190,10 @@ def drifting(receiver: Receiver, drift_mps: float, with_it: bool, seed: int = 1)
         sensed = sensing.update(Measurements(now_s, gnss=fix, wheel_speed_mps=Reading(at.wheel_mps, now_s)))
         if since_s <= 0.0 or sensed.east_m is None or sensed.north_m is None:
             continue
-        if said_s is None and sensed.refused_m is not None:
+        held = held_by(sensed)
+        if said_s is None and (sensed.refused_m is not None or held):
             said_s = since_s
-        if said_s is None or sensed.position_ok:
+        if said_s is None or (sensed.position_ok and not held):
             far_m = max(far_m, hypot(sensed.east_m - at.east_m, sensed.north_m - at.north_m))
     return Believed(far_m, said_s)
 
@@ -187,15 +203,28 @@ class Heard(NamedTuple):
     refused: int            # by one epoch, as before
     walks: int              # spells
     walk_epochs: int
+    doubts: frozenset[tuple[Refused, float]]    # which speed was not believed, from when on
+    spun_s: tuple[float, ...] = ()      # when the wheel spun
+
+    def doubted(self, refused: Refused) -> list[float]:
+        return [from_s for one, from_s in self.doubts if one is refused]
+
+    @property
+    def wheel_unspun(self) -> int:
+        """Times that the wheel was not believed though it had not spun in the five seconds before."""
+        return sum(not any(from_s - 5.0 < at_s <= from_s for at_s in self.spun_s)
+                   for from_s in self.doubted(Refused.WHEEL))
 
 
 def heard(fixes: Iterator[tuple[float, GnssFix, Reading | None]]) -> Heard:
     """What becomes of fixes, each with the time at which it was heard."""
     sensing = Sensing(0.0, None)
     epochs = refused = walks = walk_epochs = 0
-    before, seen_s = False, None
+    before, seen_s, doubts = False, None, set()
     for now_s, fix, wheel in fixes:
         sensed = sensing.update(Measurements(now_s, gnss=fix, wheel_speed_mps=wheel))
+        if sensed.doubt is not None and (sensed.doubt.refused is not Refused.EITHER or held_by(sensed)):
+            doubts.add((sensed.doubt.refused, sensed.doubt.since_s))
         if fix.time_s == seen_s:
             continue
         seen_s = fix.time_s
@@ -204,7 +233,7 @@ def heard(fixes: Iterator[tuple[float, GnssFix, Reading | None]]) -> Heard:
         walk_epochs += sensed.walks
         walks += sensed.walks and not before
         before = sensed.walks
-    return Heard(epochs, refused, walks, walk_epochs)
+    return Heard(epochs, refused, walks, walk_epochs, frozenset(doubts))
 
 
 def recorded(path: Path, hz: float = 1.0) -> Iterator[tuple[float, GnssFix, Reading | None]]:
@@ -222,7 +251,7 @@ def recorded(path: Path, hz: float = 1.0) -> Iterator[tuple[float, GnssFix, Read
 
 def hour(receiver: Receiver, seconds: float, seed: int) -> Heard:
     """A stretch of work, with gaps of 0.3 to 20 s every few minutes, in which the wheel goes on."""
-    rng = np.random.default_rng(seed)
+    rng, spun_s = np.random.default_rng(seed), []
 
     def fixes() -> Iterator[tuple[float, GnssFix, Reading | None]]:
         reports, fix, gap_from_s = Reports(receiver, rng), None, 60.0
@@ -230,13 +259,15 @@ def hour(receiver: Receiver, seconds: float, seed: int) -> Heard:
         for k, at in enumerate(worked(seconds, rng)):
             now_s = k * TICK_S
             new = reports.fix(now_s, at)
+            if at.spins:
+                spun_s.append(now_s)
             if now_s >= gap_from_s + gap_s:
                 gap_from_s, gap_s = now_s + rng.uniform(60.0, 400.0), rng.uniform(0.3, 20.0)
             if new is not None and not gap_from_s <= now_s < gap_from_s + gap_s:
                 fix = new
             if fix is not None:
                 yield now_s, fix, Reading(at.wheel_mps, now_s)
-    return heard(fixes())
+    return heard(fixes())._replace(spun_s=tuple(spun_s))
 
 
 def main() -> int:
@@ -266,8 +297,12 @@ def main() -> int:
         seconds = 3600.0 * asked.hours / len(RECEIVERS)
         was = hour(receiver, seconds, 10 + number)
         print(f"{receiver.name}: {seconds / 3600.0:.2f} h, {was.epochs} epochs, {was.refused} refused, {was.walks} "
-              f"walks ({was.walk_epochs} epochs)", flush=True)
+              f"walks ({was.walk_epochs} epochs); not believed: the wheel {len(was.doubted(Refused.WHEEL))} times, "
+              f"{was.wheel_unspun} of them though it did not spin; GNSS's speed {len(was.doubted(Refused.GNSS))}; open "
+              f"{len(was.doubted(Refused.EITHER))}", flush=True)
         promises[f"{receiver.name}: {was.walks} walks: none"] = was.walks == 0
+        promises[f"{receiver.name}: a wheel that did not spin, or GNSS's speed, accused, or work held: never"] = (
+            not was.wheel_unspun and {one for one, _ in was.doubts} <= {Refused.WHEEL})
     return exit_code(promises)
 
 

@@ -428,7 +428,7 @@ class ControlLoop:
         self._totals.add_stopped(stopped_kg)
         if event is not None:
             self._events.add(event)
-        self._stopped.command(now, command, verdict, self._expected.pair.shaft_rpm)
+        self._stopped.command(now, command, verdict, self._expected.pair)
 
     def _hold_mean(self, moment: Moment, decision: Decision, given_kg_ha: float) -> None:
         """Ground of the canopy counts to its mean: no headland with a rate of its own, nothing a second time."""

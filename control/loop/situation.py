@@ -18,7 +18,7 @@ def situation(moment: Moment, decision: Decision, metered: Metered, choices: Cho
     return Situation(
         measurements=m, speed_used_mps=sensed.speed_mps, gnss_period_s=sensed.gnss_period_s,
         wheel_standstill=sensed.wheel_standstill, target_source=choices.source, position_ok=sensed.position_ok,
-        course_awaited=sensed.course_awaited,
+        course_awaited=sensed.course_awaited, speed_doubt=sensed.doubt,
         landing_inside=decision.inside,
         valid_heads=heads.valid if needs_heads else None, by_index_map=needs_heads and heads.by_map,
         ndvi_age_s=sensed.time_s - max(heard) if heard else None,

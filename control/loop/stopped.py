@@ -11,6 +11,7 @@ from math import inf, isfinite
 
 from control.machine.machine import Machine
 from control.machine.sections import Strip
+from control.metering.strategies import Pair
 from control.orders import State
 from control.readings import DriveCommand, Measurements, is_fresh
 from control.safety import POWERED, Commanded, SafetyLimits, Verdict
@@ -47,6 +48,7 @@ class Stopped:
         self.commanded = Commanded(turn=not obeyed, flow=not obeyed, enabled=False,
                                    opening_mm=machine.set_points.opening_mm)
         self._shaft, self._stands_rpm, self._obeyed = machine.shaft, limits.shaft_stands_rpm, obeyed
+        self._offset_mm = machine.gate.offset_mm        # of its sensor: what the gate reads is so much more
         self._dose_until_s = -inf
         self._spell_kg = 0.0            # released since it was commanded to stop
         self._to_tray = False           # since a calibrating run: what runs down falls into its tray
@@ -62,8 +64,8 @@ class Stopped:
         counted_kg = 0.0 if worked else self._counted_kg(kg, verdict)
         return counted_kg, self._event(m.time_s, counted_kg)
 
-    def command(self, now_s: float, command: DriveCommand, verdict: Verdict, expected_rpm: float) -> None:
-        """What the drives are commanded from now on. expected_rpm: of the shaft by now, by the machine model."""
+    def command(self, now_s: float, command: DriveCommand, verdict: Verdict, expected: Pair) -> None:
+        """What the drives are commanded from now on. expected: shaft and opening by now, by the machine model."""
         if not self._obeyed:
             return
         if command.dose is not None:
@@ -72,7 +74,8 @@ class Stopped:
             self._dose_until_s = max(self._dose_until_s, now_s) + answers_s + turns_s
         turn = command.shaft_rpm > 0.0 or now_s < self._dose_until_s
         self.commanded = Commanded(turn, verdict.flow_allowed, verdict.state in POWERED, command.opening_mm,
-                                   command.valves, expected_rpm, self._spell_kg)
+                                   command.valves, expected.shaft_rpm, self._spell_kg,
+                                   expected.opening_mm + self._offset_mm, command.shaft_rpm)
 
     def _released_kg(self, m: Measurements, dt_s: float, flow_kg_s: float | None) -> float:
         """By the measured shaft; 0 unless it is commanded to stop, and turns."""

@@ -45,6 +45,14 @@ _KINDS = (
     AlarmKind("drive_stopped", _RED, N_("The drive board stopped by itself: it missed the console, or its power."),
               N_("Look at the machine, then make it ready again. If it comes back, check cable and supply."),
               N_("drive board"), State.FAULT),
+    AlarmKind("shaft_far_off", _RED, N_("The shaft does not follow: it turns at {shaft_rpm} r/min, commanded "
+                                        "{told_rpm} r/min."),
+              N_("Look for what jams or drags the shaft, at its gear and encoder, at battery and motor driver. If it "
+                 "turns on, use the hard-wired stop."), N_("metering shaft"), State.FAULT),
+    AlarmKind("gate_far_off", _RED, N_("The gate does not follow: it stands at {opening_mm} mm and should be at "
+                                       "{told_mm} mm."),
+              N_("Look for what jams the gate, at its sensor, its motor and its driver; home it anew."),
+              N_("gate"), State.FAULT),
     AlarmKind("calibration_moved", _RED, N_("The machine moved while calibrating ({speed_mps} m/s)."),
               N_("Secure the machine against rolling, then begin again."), N_("machine"), State.FAULT),
     AlarmKind("flow_missing", _RED, N_("The hopper loses less than {percent} % of what it should."),
@@ -55,6 +63,10 @@ _KINDS = (
               N_("Check the opening and the travel speed before going on."), N_("metering"), State.HELD),
     AlarmKind("speed_silent", _RED, N_("No travel speed: GNSS and wheel are both silent."),
               N_("Check the wheel sensor and the GNSS receiver."), N_("speed"), State.HELD),
+    AlarmKind("speeds_differ", _RED, N_("Wheel ({wheel_mps} m/s) and GNSS ({gnss_mps} m/s) disagree, and nothing says "
+                                        "which one is wrong."),
+              N_("Look at both. Drive on without flow: once they have agreed for 2 s, or the way between GNSS's places "
+                 "says which is wrong, start again."), N_("speed"), State.HELD),
     AlarmKind("console_silent", _RED, N_("The console was not heard for {limit_s} s."),
               N_("Look at the machine, then start again."), N_("console"), State.HELD),
     AlarmKind("control_failed", _RED, N_("The control program failed in a tick; the drives were stopped."),
@@ -74,6 +86,22 @@ _KINDS = (
               N_("Check the map's rates and their unit, the nudge, and the crop's limit."), N_("target")),
     AlarmKind("rate_off", _AMBER, N_("The rate is off by {error_percent} %."),
               N_("Watch it; slow down if the machine is at its limit."), N_("metering")),
+    AlarmKind("wheel_too_much", _AMBER, N_("The wheel sensor counts too much, or is stuck: {wheel_mps} m/s; GNSS's "
+                                           "speed and places say {gnss_mps} m/s. GNSS gives the speed."),
+              N_("Check slip, the wheel sensor and its cable. It counts again after 8 s that agree; before that flow "
+                 "does not begin from standstill."), N_("wheel sensor")),
+    AlarmKind("wheel_too_little", _AMBER, N_("The wheel sensor counts too little: {wheel_mps} m/s; GNSS's speed and "
+                                             "places say {gnss_mps} m/s. GNSS gives the speed."),
+              N_("Check the wheel sensor, its gap and its magnets. It counts again after 8 s that agree; before that "
+                 "flow does not begin from standstill."), N_("wheel sensor")),
+    AlarmKind("gnss_speed_wrong", _AMBER, N_("GNSS tells a wrong speed: {gnss_mps} m/s; the wheel says {wheel_mps} "
+                                             "m/s, and so does the way between GNSS's places. The wheel gives the "
+                                             "speed."),
+              N_("Check the receiver's settings: unit and smoothing of its speed. It counts again after a minute that "
+                 "agrees; before that flow does not begin from standstill."), N_("GNSS")),
+    AlarmKind("gate_off", _AMBER, N_("The gate stands at {opening_mm} mm and should be at {told_mm} mm; the rate is "
+                                     "off by as much."),
+              N_("Look for what holds the gate; home it anew."), N_("gate")),
     AlarmKind("gnss_silent", _AMBER, N_("GNSS is silent or has no fix."),
               N_("Check the antenna and the receiver. The wheel gives the speed."), N_("GNSS")),
     AlarmKind("position_jumped", _AMBER, N_("GNSS tells a place {off_m} m from where the machine can be; it is not "

@@ -30,6 +30,7 @@ class SafetyLimits:
     wheel_silent_s: float = 0.8             # a wheel reading older than this says nothing
     wheel_fault_speed_mps: float = 0.5      # GNSS above this while the wheel stands: wheel fault ...
     wheel_fault_s: float = 0.5              # ... once it lasts this long (a GNSS speed comes up to 1 s late)
+    speeds_differ_s: float = 6.0            # wheel or GNSS is wrong, nothing says which: held. Wheels spin for 1 to 4 s
     reverse_flip_deg: float = 120.0         # course change across a standstill that means reversing
     course_speed_mps: float = 0.2           # GNSS speed from which its course is believed
     # devices
@@ -46,11 +47,16 @@ class SafetyLimits:
     console_off_s: float = 60.0
     # commanded to stop (`stand_watch`)
     shaft_stands_rpm: float = 2.0           # slower: standing. Six s.d. of the nominal encoder's 0.3 r/min
-    stand_settle_s: float = 1.0             # the machine model says that it stands so long, and it does not slow down
+    stand_settle_s: float = 0.15            # the machine model says that it stands so long: a drive may be late by this
     run_down_max_s: float = 5.0             # after this also a shaft that slows down turns on
-    stand_confirm_s: float = 0.5            # the reading goes on so long, without a break
+    stand_confirm_s: float = 0.5            # the reading goes on so long, without a break and without slowing down
     gate_stands_mm: float = 3.0             # a gate within this of where it was stands; 30 times the sensor's noise
     valve_closes_s: float = 3.0             # commanded to close: 2 s is most of a machine file, and the board's line
+    # following their set-points at work (`follow_watch`)
+    drive_far_percent: float = 20.0         # off the model by more, of the set-point: beyond what trims take up ...
+    drive_far_s: float = 2.0                # ... for so long: a fault. Slow motors (0.5 s) are there by then
+    gate_off_mm: float = 1.5                # 15 s.d. of its sensor, more than the half of usual play (2 mm) ...
+    gate_off_s: float = 2.0                 # ... for so long: said. The trim brings back 3 mm in 3.5 s
     # rate
     rate_floor_kg_ha: float = 50.0          # errors are relative to the larger of target and this
     rate_amber_percent: float = 10.0

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from control.orders import State
 from control.safety.alarms import Live
+from control.safety.follow_watch import FollowWatch
 from control.safety.hopper_watch import HopperWatch
 from control.safety.motion import Motion
 from control.safety.rate_watch import RateWatch
@@ -35,6 +36,7 @@ class Memory(NamedTuple):
     rate: RateWatch = RateWatch()
     hopper: HopperWatch = HopperWatch()
     stand: Stand = Stand()
+    follow: FollowWatch = FollowWatch()
     scale_heard: bool = False
     heads_full_since_s: float | None = None
     live: tuple[Live, ...] = ()

@@ -7,10 +7,11 @@ from typing import NamedTuple
 from control.readings import AHEAD_S, Reading, is_fresh
 from control.safety.limits import SafetyLimits
 from control.safety.words import Situation
+from control.sensing import Refused
 
 
 class Senses(NamedTuple):
-    """Values at this tick; None: silent, missing or not a number."""
+    """Values at this tick; None: silent, missing or not a number; of a speed also: not believed."""
 
     gnss_ok: bool                       # an epoch with a fix, not older than its limit
     gnss_speed_mps: float | None
@@ -45,8 +46,11 @@ def senses(now_s: float, s: Situation, limits: SafetyLimits) -> Senses:
         gnss_ok = is_fresh(epoch, now_s, silent_s) and fix.fix_quality > 0
         if gnss_ok:
             gnss_speed, course = _number(fix.speed_mps), _number(fix.heading_deg)
-    wheel = m.wheel_speed_mps
-    wheel_speed = 0.0 if s.wheel_standstill else _fresh(wheel, now_s, limits.wheel_silent_s)
+    wheel, refused = m.wheel_speed_mps, None if s.speed_doubt is None else s.speed_doubt.refused
+    if refused in (Refused.GNSS, Refused.EITHER):
+        gnss_speed = None
+    wheel_speed = 0.0 if s.wheel_standstill else None if refused in (
+        Refused.WHEEL, Refused.EITHER) else _fresh(wheel, now_s, limits.wheel_silent_s)
     heard_s = epoch if fix is not None and _number(fix.speed_mps) is not None else None
     if heard_s is not None and not heard_s <= now_s + AHEAD_S:
         heard_s = None

@@ -68,7 +68,8 @@ def _shaft(before: ShaftStand, now_s: float, s: Situation, seen: Senses, limits:
         lowest, slowed_s = rpm, now_s
     settled = since(before.settled_since_s, now_s, s.commanded.expected_rpm < limits.shaft_stands_rpm)
     turning_since = since(before.turning_since_s, now_s, turning)
-    runs_down = not lasted(slowed_s, now_s, limits.stand_settle_s) and not lasted(settled, now_s, limits.run_down_max_s)
+    runs_down = (not lasted(slowed_s, now_s, limits.stand_confirm_s)
+                 and not lasted(settled, now_s, limits.run_down_max_s))
     return ShaftStand(
         now_s if before.commanded_since_s is None else before.commanded_since_s, settled, lowest, slowed_s,
         turning_since,

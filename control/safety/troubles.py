@@ -4,6 +4,7 @@ from __future__ import annotations
 from math import isfinite
 
 from control.orders import BY_CANOPY, BY_PLACE, State
+from control.safety.follow_watch import FollowWatch
 from control.safety.hopper_watch import HopperWatch
 from control.safety.limits import SafetyLimits
 from control.safety.memory import Memory
@@ -12,13 +13,15 @@ from control.safety.rate_watch import RateWatch
 from control.safety.senses import Senses, lasted
 from control.safety.stand_watch import Stand
 from control.safety.words import Details, Situation
+from control.sensing import Refused, SpeedDoubt
 
 _LOOKING = (State.READY, State.WORKING, State.HELD, State.FAULT)
 _UNKNOWN = "?"
 
 
 def troubles(m: Memory, now_s: float, s: Situation, *, seen: Senses, motion: Motion, rate: RateWatch,
-             hopper: HopperWatch, stand: Stand, scale_heard: bool, limits: SafetyLimits) -> dict[str, Details]:
+             hopper: HopperWatch, stand: Stand, follow: FollowWatch, scale_heard: bool,
+             limits: SafetyLimits) -> dict[str, Details]:
     """Alarm id -> details, for each alarm of the list whose cause is there in the state of the tick before."""
     found: dict[str, Details] = {}
     if not s.log_ok:
@@ -39,10 +42,12 @@ def troubles(m: Memory, now_s: float, s: Situation, *, seen: Senses, motion: Mot
         _calibrating(found, seen, limits)
     if m.state in _LOOKING:
         _sensors(found, m, now_s, s=s, seen=seen, motion=motion, scale_heard=scale_heard, limits=limits)
+        _speeds(found, s.speed_doubt, limits)
         _hopper_low(found, s, seen, hopper)
     if m.state is State.WORKING:
         _working(found, now_s, s, seen, motion, limits)
         _rate(found, now_s, s, rate, limits)
+        _follow(found, now_s, s, follow, limits)
         _hopper_stopped(found, now_s, seen, hopper, limits)
     return found
 
@@ -105,6 +110,19 @@ def _sensors(found: dict[str, Details], m: Memory, now_s: float, *, s: Situation
         found["lead_short"] = (("usable_speed_mps", _rounded(s.usable_speed_mps, 1)),)
 
 
+def _speeds(found: dict[str, Details], doubt: SpeedDoubt | None, limits: SafetyLimits) -> None:
+    """Named once it is known which one is wrong; where it stays open, after `speeds_differ_s`."""
+    if doubt is None:
+        return
+    read = (("wheel_mps", _rounded(doubt.wheel_mps, 2)), ("gnss_mps", _rounded(doubt.gnss_mps, 2)))
+    if doubt.refused is Refused.GNSS:
+        found["gnss_speed_wrong"] = read
+    elif doubt.refused is Refused.WHEEL:
+        found["wheel_too_much" if doubt.wheel_mps > doubt.gnss_mps else "wheel_too_little"] = read
+    elif lasted(doubt.since_s, doubt.differed_s, limits.speeds_differ_s):
+        found["speeds_differ"] = read
+
+
 def _hopper_low(found: dict[str, Details], s: Situation, seen: Senses, hopper: HopperWatch) -> None:
     if hopper.low and seen.hopper_kg is not None:
         found["hopper_low"] = (("hopper_kg", round(seen.hopper_kg)), ("metres_left", _tens(s.metres_left_m)))
@@ -133,6 +151,18 @@ def _rate(found: dict[str, Details], now_s: float, s: Situation, rate: RateWatch
     if lasted(rate.above_since_s, now_s, limits.rate_max_s):
         found["rate_above_limit"] = (("applied_kg_ha", _rounded(s.applied_rate_kg_ha)),
                                      ("limit_kg_ha", limits.rate_max_kg_ha))
+
+
+def _follow(found: dict[str, Details], now_s: float, s: Situation, follow: FollowWatch, limits: SafetyLimits) -> None:
+    if lasted(follow.shaft_far_since_s, now_s, limits.drive_far_s):
+        found["shaft_far_off"] = (("shaft_rpm", _rounded(s.commanded.expected_rpm + follow.shaft_off_rpm)),
+                                  ("told_rpm", _rounded(s.commanded.shaft_rpm)))
+    gate = (("opening_mm", _rounded(s.commanded.expected_mm + follow.gate_off_mm, 1)),
+            ("told_mm", _rounded(s.commanded.expected_mm, 1)))
+    if lasted(follow.gate_far_since_s, now_s, limits.drive_far_s):
+        found["gate_far_off"] = gate
+    elif lasted(follow.gate_off_since_s, now_s, limits.gate_off_s):
+        found["gate_off"] = gate
 
 
 def _hopper_stopped(found: dict[str, Details], now_s: float, seen: Senses, hopper: HopperWatch,

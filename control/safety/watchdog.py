@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from control.orders import Answer, Order, State
 from control.safety.alarms import booked
+from control.safety.follow_watch import followed
 from control.safety.hopper_watch import watched
 from control.safety.interlocks import forbidding
 from control.safety.limits import SafetyLimits
@@ -55,14 +56,16 @@ class Safety:
         seen = senses(now_s, s, limits)
         start_held = m.state is State.WORKING and self.start_is_held(now_s)
         motion = moved(m.motion, now_s, s, seen, m.allow.reverse, limits, start_held)
-        rate = rated(m.rate, now_s, s, m.flowing and m.state is State.WORKING, limits)
+        at_work = m.flowing and m.state is State.WORKING
+        rate = rated(m.rate, now_s, s, at_work, limits)
+        follow = followed(m.follow, now_s, s, seen, at_work, limits)
         hopper = watched(m.hopper, now_s, seen.hopper_kg, s.expected_flow_kg_s, m.state is State.WORKING, limits)
         stand = stood(m.stand, now_s, s, seen, limits)
         scale_heard = m.scale_heard or seen.hopper_kg is not None
         heads_full = since(m.heads_full_since_s, now_s, seen.heads_full)
         if heads_full != m.heads_full_since_s:
             m = m._replace(heads_full_since_s=heads_full)
-        found = troubles(m, now_s, s, seen=seen, motion=motion, rate=rate, hopper=hopper, stand=stand,
+        found = troubles(m, now_s, s, seen=seen, motion=motion, rate=rate, hopper=hopper, stand=stand, follow=follow,
                          scale_heard=scale_heard, limits=limits)
         state, why = after_tick(m, now_s, s, motion, found, limits)
         allow = m.allow._replace(unlogged=False) if s.log_ok and m.allow.unlogged else m.allow
@@ -73,9 +76,9 @@ class Safety:
         self._memory = Memory(
             state=state, why_state=why, entered_s=m.entered_s if state is m.state else now_s, left_off_s=m.left_off_s,
             calibrate_s=m.calibrate_s, calibrate_until_s=m.calibrate_until_s, start_held_s=m.start_held_s, allow=allow,
-            flowing=not forbidden, motion=motion, rate=rate, hopper=hopper, stand=stand, scale_heard=scale_heard,
-            heads_full_since_s=heads_full, live=live, checked_s=now_s, still=_still(seen, limits),
-            fault_cause=leading_to(found, State.FAULT), log_ok=s.log_ok)
+            flowing=not forbidden, motion=motion, rate=rate, hopper=hopper, stand=stand, follow=follow,
+            scale_heard=scale_heard, heads_full_since_s=heads_full, live=live, checked_s=now_s,
+            still=_still(seen, limits), fault_cause=leading_to(found, State.FAULT), log_ok=s.log_ok)
         return Verdict(state, not forbidden, forbidden, tuple([entry.alarm for entry in live]), why)
 
 

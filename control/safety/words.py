@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from control.orders import Alarm, State, TargetSource
 from control.readings import Measurements
+from control.sensing import SpeedDoubt
 
 Details = tuple[tuple[str, str | float], ...]
 
@@ -28,6 +29,8 @@ class Commanded(NamedTuple):
     valves: tuple[bool, ...] = ()       # of the sections, left to right; none: no valves
     expected_rpm: float = 0.0           # of the shaft by now, by the machine model
     stopped_kg: float = 0.0             # released in this stop so far, by the measured shaft
+    expected_mm: float = 0.0            # what the gate should read by now, by the machine model
+    shaft_rpm: float = 0.0              # set-point; 0: to stop, in a dose, or not judged
 
 
 class Situation(NamedTuple):
@@ -57,6 +60,7 @@ class Situation(NamedTuple):
     map_elsewhere: bool = False         # the map does not lie where work was started
     by_index_map: bool = False          # the index map stands in for silent heads
     course_awaited: bool = False                # the position is known, but it never moved: where it points is not
+    speed_doubt: SpeedDoubt | None = None       # wheel and GNSS do not tell one speed: which is not believed
 
 
 class Verdict(NamedTuple):

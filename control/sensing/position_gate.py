@@ -20,7 +20,8 @@ from control.sensing.walk_watch import WINDOWS_S, Mark, Reckoned, Velocity, Walk
 
 GATE = 27.6                     # chi-square, 2 degrees of freedom: exceeded by one sound epoch in a million
 SPREAD_M = {2: 1.5, 4: 0.5, 5: 1.0}     # 1 s.d. of a place by its fix quality. Wide: the antenna sways, errors persist
-PLAIN_SPREAD_M = 3.0            # all other qualities; times HDOP. From plain to RTK a place may jump 16 m
+PLAIN_SPREAD_M = 2.2            # all other qualities; times HDOP: 2.5 m CEP, as data sheets of receivers have it, is
+                                # 2.1 m an axis. From plain to RTK a place may jump 12 m
 HDOP_MOST = 10.0
 TIMING_S = 0.1                  # epochs come late by uneven times
 WAY_SHARE = 0.25                # of the way since: speed, slip, and the course in a turn, which is filtered
@@ -86,13 +87,22 @@ class PositionGate:
         self._watch.restart()
         self._before_walk = None
 
+    @property
+    def walks(self) -> bool:
+        """Its places have walked off, and do not agree again yet."""
+        return self._before_walk is not None
+
+    def speed_refused(self) -> None:
+        """The receiver's speed was wrong: what places were held against says nothing of them."""
+        self._watch.restart()
+
     def judge(self, place: Place, quality: int, hdop: float | None, speed_mps: float | None, time_s: float,
               velocity: Velocity | None = None) -> Judged:
         """Whether a new epoch's place (east, north on one plane, m) is taken. velocity: by the receiver's own speed and
         course; None: it tells none."""
         if not (isfinite(place[0]) and isfinite(place[1])):
             return Judged(False, float("inf"))
-        mark = self._watch.epoch(time_s, place, _spread_m(quality, hdop), velocity,
+        mark = self._watch.epoch(time_s, place, spread_m(quality, hdop), velocity,
                                  Reckoned(self._east_m, self._north_m, self._way_m, self._lost))
         timing_m = TIMING_S * (speed_mps or 0.0)
         if self._before_walk is not None:
@@ -132,7 +142,7 @@ class PositionGate:
 
     def _by_epoch(self, place: Place, quality: int, hdop: float | None, timing_m: float, time_s: float) -> Judged:
         """By this epoch and the last one taken alone."""
-        now = _Mark(place, _spread_m(quality, hdop), time_s, self._way_m, self._east_m, self._north_m, self._lost)
+        now = _Mark(place, spread_m(quality, hdop), time_s, self._way_m, self._east_m, self._north_m, self._lost)
         if self._taken is None:
             return self._take(now, 0.0)
         off_m = _off_m(self._taken, now)
@@ -168,7 +178,8 @@ def _passes(off_m: float, before: _Mark, now: _Mark, timing_m: float) -> bool:
     return off_m * off_m <= GATE * variance
 
 
-def _spread_m(quality: int, hdop: float | None) -> float:
+def spread_m(quality: int, hdop: float | None) -> float:
+    """1 s.d. of a place, m an axis."""
     known = SPREAD_M.get(quality)
     if known is not None:
         return known

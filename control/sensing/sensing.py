@@ -6,12 +6,13 @@ ratio, drives the filter `speed_used`; either alone serves when the other is sil
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, exp, hypot, isfinite, radians, sin
+from math import cos, exp, hypot, inf, isfinite, radians, sin
 from typing import NamedTuple
 
-from control.geodesy import TangentPlane
+from control.geodesy import Place, TangentPlane
 from control.readings import AHEAD_S, GnssFix, Measurements, Reading, is_fresh
-from control.sensing.position_gate import FASTEST_MPS, Judged, PositionGate
+from control.sensing.position_gate import FASTEST_MPS, Judged, PositionGate, spread_m
+from control.sensing.speed_check import SLIP, Refused, SpeedCheck, SpeedDoubt
 from control.sensing.speed_filter import QUICK_TAU_S, Moving
 from control.sensing.walk_watch import Velocity
 
@@ -50,6 +51,7 @@ class Sensed(NamedTuple):
     walks: bool = False                 # the refused epoch has walked off from the receiver's own speed and course
     quick: Moving = Moving()            # filter `quick`; as `speed_used` where only GNSS speaks
     course_awaited: bool = False        # a place is known, and it never moved: where it points is not
+    doubt: SpeedDoubt | None = None     # wheel and GNSS do not tell one speed: which is not believed
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,7 @@ class Sensing:
         self._moving = Moving()                     # filter `speed_used`
         self._quick = Moving()                      # filter `quick`
         self._filtered_s: float | None = None       # time of the sample last taken in
+        self._source = "none"                       # of the speed, when one was last heard
         self._ratio = 1.0
         self._track_m = 0.0
         self._fix_s: float | None = None
@@ -83,6 +86,7 @@ class Sensing:
         self._turned_s: float | None = None         # newest time that the wheel reported anything
         self._direction = _Direction()
         self._gate = PositionGate()
+        self._check = SpeedCheck()
         self._placed_s: float | None = None         # epoch of the place last taken
         self._refused_m: float | None = None
         self._walks = False
@@ -105,8 +109,13 @@ class Sensing:
         wheel = m.wheel_speed_mps
         wheel_ok = wheel is not None and is_fresh(wheel.time_s, now, WHEEL_HOLDS_S)
         standstill = self._wheel_stands(wheel, now)
+        self._check.moved(wheel.value if wheel is not None and wheel_ok and not standstill else None, self._heading,
+                          self._direction.backwards, self._ratio, dt)
+        if not self._gnss_speed_serves(gnss_speed, wheel if wheel_ok else None):
+            gnss_speed = None
         wheel_faulty = standstill and gnss_speed is not None and gnss_speed > 0.5
-        source = self._take_speed(m, now, dt, gnss_speed, wheel_ok and not wheel_faulty, fix_new)
+        wheel_ok = wheel_ok and not wheel_faulty and self._wheel_serves(gnss_speed)
+        source = self._take_speed(m, now, dt, gnss_speed, wheel_ok, fix_new)
         speed = self._moving.speed_mps if source != "none" else None
         self._track_m += self._direction.moved_m(
             (speed or 0.0) * dt, standstill or (speed or 0.0) < STOOD_BELOW_MPS, m.gnss if fix_new else None)
@@ -120,7 +129,8 @@ class Sensing:
         east, north = self._outlet()
         return Sensed(now, speed, self._moving.acceleration_mps2, source, self._track_m, east, north, self._heading,
                       self._turn, position_ok, gnss_age, self._period_s, standstill, self._direction.backwards,
-                      self._refused_m, moved_m, self._walks, self._quick, placed and not position_ok)
+                      self._refused_m, moved_m, self._walks, self._quick, placed and not position_ok,
+                      self._check.doubt)
 
     def _wheel_stands(self, wheel: Reading | None, now: float) -> bool:
         """Whether the wheel says 0, or has said nothing for so long. One that was heard once is fitted: it stands also
@@ -131,6 +141,18 @@ class Sensing:
                 return True
         return self._turned_s is not None and now - self._turned_s > STANDSTILL_S
 
+    def _gnss_speed_serves(self, gnss_mps: float | None, wheel: Reading | None) -> bool:
+        """While it is not known which one is wrong, the slower one serves: too little can be made up for."""
+        doubt = self._check.doubt
+        if doubt is None or doubt.refused is Refused.WHEEL or gnss_mps is None:
+            return True
+        return doubt.refused is Refused.EITHER and (wheel is None or gnss_mps < wheel.value * self._ratio)
+
+    def _wheel_serves(self, gnss_mps: float | None) -> bool:
+        """gnss_mps: where it serves."""
+        doubt = self._check.doubt
+        return doubt is None or (doubt.refused is not Refused.WHEEL and gnss_mps is None)
+
     def _take_speed(self, m: Measurements, now: float, dt: float, gnss_mps: float | None, wheel_ok: bool,
                     fix_new: bool) -> str:
         sample: float | None = None
@@ -139,7 +161,7 @@ class Sensing:
         if wheel_ok and wheel is not None:
             if gnss_mps is not None and fix_new and wheel.value > 0.5 and gnss_mps > 0.5:
                 share = 1.0 - exp(-self._period_s / RATIO_TAU_S)
-                self._ratio += share * (min(1.3, max(0.7, gnss_mps / wheel.value)) - self._ratio)
+                self._ratio += share * (_within_slip(gnss_mps / wheel.value) - self._ratio)
             if wheel.time_s != self._wheel_s:
                 sample = wheel.value * self._ratio
                 self._wheel_s = wheel.time_s
@@ -153,6 +175,11 @@ class Sensing:
             self._moving = self._quick = self._moving._replace(acceleration_mps2=0.0)
             return "none"
         self._heard_s = now
+        if source != self._source and self._check.doubt is not None:        # what the refused one said is no movement
+            believed = gnss_mps if wheel is None or source == "gnss" else wheel.value * self._ratio
+            self._moving, self._filtered_s = Moving(believed or 0.0), now
+            self._quick, sample = self._moving, None
+        self._source = source
         self._moving, self._quick = self._moving.on(dt), self._quick.on(dt)
         if sample is not None:
             gap = 0.0 if self._filtered_s is None else now - self._filtered_s
@@ -207,9 +234,13 @@ class Sensing:
         if self.plane is None:
             self.plane, self._own_epochs = TangentPlane(fix.lat_deg, fix.lon_deg), 0
         place = self.plane.to_m(fix.lat_deg, fix.lon_deg)
-        judged = self._gate.judge(place, fix.fix_quality, fix.hdop, speed, fix.time_s, _velocity(fix))
+        believes_speed = self._check_speed(fix, place)
+        judged = self._gate.judge(place, fix.fix_quality, fix.hdop, speed, fix.time_s,
+                                  _velocity(fix) if believes_speed else None)
         if not judged.taken:
             return judged
+        if judged.anew:
+            self._check.restart()
         if judged.anew and self._own_epochs is not None and self._own_epochs <= FIRST_EPOCHS:
             self.plane, self._own_epochs = TangentPlane(fix.lat_deg, fix.lon_deg), 0
             place = (0.0, 0.0)
@@ -219,6 +250,20 @@ class Sensing:
         self._east, self._north = place
         self._placed_s = fix.time_s
         return judged
+
+    def _check_speed(self, fix: GnssFix, place: Place) -> bool:
+        """Whether the receiver's speed is believed with this epoch."""
+        of_place_m = inf if self._gate.walks else spread_m(fix.fix_quality, fix.hdop)
+        changed = self._check.epoch(fix.time_s, place, of_place_m, _velocity(fix))
+        doubt = self._check.doubt
+        if changed and doubt is not None:
+            self._ratio = doubt.ratio
+            if doubt.refused is not Refused.WHEEL:
+                self._gate.speed_refused()
+        if doubt is not None and doubt.refused is Refused.GNSS:
+            ratio = self._check.corrected_ratio()
+            self._ratio = self._ratio if ratio is None else _within_slip(ratio)
+        return doubt is None or doubt.refused is Refused.WHEEL
 
     def _take_heading(self, course: float) -> None:
         if self._heading is None:
@@ -237,6 +282,10 @@ class Sensing:
             return self._east, self._north
         angle = radians(self._heading)
         return self._east - self._antenna_m * sin(angle), self._north - self._antenna_m * cos(angle)
+
+
+def _within_slip(ratio: float) -> float:
+    return min(SLIP[1], max(SLIP[0], ratio))
 
 
 def _velocity(fix: GnssFix) -> Velocity | None:

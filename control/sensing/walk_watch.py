@@ -12,12 +12,13 @@ missing all of it.
 The wheel is not asked here, so that one that slips, spins or is calibrated wrongly accuses nobody.
 
 So a steady walk is seen from 5.25 (the gate's root) times what grows with time on: 0.2 m/s at 1.25 m/s, over a minute.
-What walks more slowly is not seen. Nor is a receiver whose speed and course walk with its place, unless the place goes
-farther than the wheel can have rolled (`WHEEL_SHARE`): slipping and spinning wheels roll farther than the machine goes.
+What walks more slowly is not seen. Nor is a receiver whose speed and course walk with its place: that, and whether it
+is the speed that is wrong, `speed_check` says by the wheel.
 """
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from math import hypot, inf
 from typing import NamedTuple
 
@@ -33,18 +34,20 @@ CREEP_MPS = 0.05        # reported as standing: receivers cut speeds below some 
 STANDS_MPS = 0.2
 GAP_S = 2.0             # epochs farther apart: the course in between is not known, nor where the way led
 GAP_SHARE = 0.25        # of the way reckoned where epochs tell no speed, as `position_gate.WAY_SHARE`
-WHEEL_SHARE = 0.15      # of the way reckoned: a wheel that counts too little, beyond the 30 % that GNSS corrects
 
 Velocity = tuple[float, float]      # east, north, m/s
 
 
 class Reckoned(NamedTuple):
-    """The way as wheel and heading have it, since the beginning; `lost`: ticks whose heading or speed was unknown."""
+    """The way as wheel and heading have it, since the beginning; `lost`: ticks whose heading or speed was unknown.
+    `ratio`, `mps`: of a wheel that is not corrected (`speed_check`), by what it would be, and what it reads."""
 
     east_m: float
     north_m: float
     way_m: float
     lost: int
+    ratio: float = 1.0
+    mps: float = 0.0
 
 
 class Mark(NamedTuple):
@@ -77,6 +80,16 @@ class WalkWatch:
     def __init__(self) -> None:
         self._marks: deque[Mark] = deque()
         self._last: Mark | None = None          # of the newest epoch, taken or not
+
+    @property
+    def marks(self) -> Sequence[Mark]:
+        """Of the last minute, oldest first."""
+        return self._marks
+
+    @property
+    def newest_s(self) -> float:
+        """Of the newest epoch; before the first, never."""
+        return -inf if self._last is None else self._last.time_s
 
     @property
     def started_s(self) -> float:
@@ -119,8 +132,8 @@ class WalkWatch:
 
 
 def walk_between(before: Mark, now: Mark, gate: float, timing_m: float) -> Walk | None:
-    """How far the place has walked off between two epochs: from where the receiver's own speed leads, or farther than
-    the wheel can have rolled; None where that is within the gate (chi-square)."""
+    """How far the place has walked off between two epochs from where the receiver's own speed leads; None where that is
+    within the gate (chi-square)."""
     (east1, north1), (east0, north0) = now.place, before.place
     east, north = east1 - east0, north1 - north0
     over_s, places = now.time_s - before.time_s, before.spread_m ** 2 + now.spread_m ** 2 + timing_m ** 2
@@ -132,11 +145,6 @@ def walk_between(before: Mark, now: Mark, gate: float, timing_m: float) -> Walk 
     off_m = hypot(east - moved_east, north - moved_north)
     if off_m * off_m > gate * variance:
         return Walk(off_m, over_s, before, (east0 + moved_east, north0 + moved_north))
-    rolled_m = now.reckoned.way_m - before.reckoned.way_m
-    too_far_m = hypot(east, north) - rolled_m
-    if too_far_m > 0.0 and too_far_m ** 2 > gate * (places + (WHEEL_SHARE * rolled_m) ** 2 + late_m ** 2):
-        return Walk(too_far_m, over_s, before, (east0 + now.reckoned.east_m - before.reckoned.east_m,
-                                                north0 + now.reckoned.north_m - before.reckoned.north_m))
     return None
 
 

@@ -115,6 +115,23 @@ def test_the_log_tells_it_and_so_does_the_export(bench, tmp_path):
     assert len(events) > 10
 
 
+# --- Two sensors that disagree, drives that do not follow: over the same bytes ---------------------------------------
+
+PAIRS = ("wheel x 2", "shaft turns 36 % too fast", "gate stuck 3 mm too wide, of 18 mm")
+
+
+@pytest.mark.parametrize("name", [
+    name if name in PAIRS else pytest.param(name, marks=pytest.mark.exam) for name in (
+        *PAIRS, "wheel x 0.5", "wheel stuck at 5 m/s", "GNSS speed x 0.5", "GNSS speed x 2", "shaft jams",
+        "gate stuck 3 mm too wide, of 9 mm")])
+def test_what_disagrees_is_said_and_costs_little(benchmark_module, name):
+    """All of them, and with a plain fix: python -m benchmarks sensors_disagree."""
+    m = benchmark_module("sensors_disagree")
+    case = next(one for one in m.CASES if one.name == name)
+    found = m.found(case, plain=False)
+    assert all(m.promised(case, False, found).values()), found
+
+
 # --- Manoeuvres stay as good as they are, and strategies are compared in the same units ------------------------------
 
 @pytest.mark.parametrize(("name", "rate_percent", "place_m"), [

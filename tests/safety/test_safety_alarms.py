@@ -10,15 +10,26 @@ import pytest
 
 from control.orders import Do, Severity, State, TargetSource
 from control.safety import ALARMS, INTERLOCKS, REFUSALS, STATE_REASONS, Commanded
+from control.sensing import Refused, SpeedDoubt
 
 MAP, POINT, MANUAL = TargetSource.MAP, TargetSource.POINT, TargetSource.MANUAL
 
 # alarm, what brings it about, seconds before which it is not there, seconds by which it is, state then
 STANDS = Commanded(turn=False, flow=False, opening_mm=15.0)
+TURNS = Commanded(shaft_rpm=70.0, expected_rpm=70.0, opening_mm=15.0, expected_mm=15.0)
+DOUBT = SpeedDoubt(Refused.WHEEL, 100.0, 100.0, 2.5, 1.25, 1.0)
+OPEN = DOUBT._replace(refused=Refused.EITHER)
 SHUT = STANDS._replace(valves=(False, False))
 RAISED = [
-    ("shaft_turns", {"commanded": STANDS}, 0.9, 1.2, State.FAULT),
-    ("shaft_turns", {"commanded": STANDS, "shaft_rpm": 2.5}, 0.9, 1.2, State.FAULT),
+    ("shaft_turns", {"commanded": STANDS}, 0.45, 0.6, State.FAULT),
+    ("shaft_turns", {"commanded": STANDS, "shaft_rpm": 2.5}, 0.45, 0.6, State.FAULT),
+    ("shaft_far_off", {"commanded": TURNS, "shaft_rpm": 85.0}, 1.9, 2.1, State.FAULT),
+    ("shaft_far_off", {"commanded": TURNS, "shaft_rpm": 0.0}, 1.9, 2.1, State.FAULT),
+    ("shaft_far_off", {"commanded": TURNS._replace(shaft_rpm=20.0), "shaft_rpm": 100.0}, 1.9, 2.1, State.FAULT),
+    ("gate_far_off", {"commanded": TURNS, "opening_mm": 18.5}, 1.9, 2.1, State.FAULT),
+    ("gate_far_off", {"commanded": TURNS, "opening_mm": 0.0}, 1.9, 2.1, State.FAULT),
+    ("gate_off", {"commanded": TURNS, "opening_mm": 17.0}, 1.9, 2.1, State.WORKING),
+    ("gate_off", {"commanded": TURNS, "opening_mm": 13.0}, 1.9, 2.1, State.WORKING),
     ("valve_open", {"commanded": SHUT, "shaft_rpm": 0.0, "valves": (False, True)}, 3.4, 3.6, State.HELD),
     ("heads_full", {"ndvi": 0.99}, 1.9, 2.1, State.WORKING),
     ("shaft_silent", {"shaft_age_s": 0.51}, 0.0, 0.05, State.FAULT),
@@ -45,6 +56,10 @@ RAISED = [
     ("rate_off", {"applied_rate_kg_ha": 335.0}, 2.9, 3.1, State.WORKING),
     ("rate_off", {"applied_rate_kg_ha": 26.0, "expected_rate_kg_ha": 20.0, "target_rate_kg_ha": 20.0},
      2.9, 3.1, State.WORKING),
+    ("wheel_too_much", {"speed_doubt": DOUBT}, 0.0, 0.05, State.WORKING),
+    ("wheel_too_little", {"speed_doubt": DOUBT._replace(wheel_mps=0.6)}, 0.0, 0.05, State.WORKING),
+    ("gnss_speed_wrong", {"speed_doubt": DOUBT._replace(refused=Refused.GNSS)}, 0.0, 0.05, State.WORKING),
+    ("speeds_differ", {"speed_doubt": OPEN._replace(differed_s=106.0)}, 0.0, 0.05, State.HELD),
     ("gnss_silent", {"gnss_age_s": 0.55}, 0.0, 0.05, State.WORKING),
     ("gnss_silent", {"gnss_age_s": 2.6, "gnss_period_s": 1.0}, 0.0, 0.05, State.WORKING),
     ("gnss_silent", {"fix_quality": 0}, 0.0, 0.05, State.WORKING),
@@ -75,6 +90,15 @@ SILENT = [
     ("gate_opens", {"commanded": STANDS, "shaft_rpm": 0.0, "opening_mm": 17.9}),
     ("gate_opens", {"commanded": STANDS._replace(flow=True), "shaft_rpm": 0.0, "opening_mm": 40.0}),
     ("gate_opens", {"commanded": STANDS._replace(opening_mm=40.0), "shaft_rpm": 0.0, "opening_mm": 40.0}),
+    ("speeds_differ", {"speed_doubt": OPEN._replace(differed_s=105.9)}),
+    ("wheel_fault", {"speed_doubt": DOUBT._replace(refused=Refused.GNSS), "wheel_mps": 0.0, "gnss_mps": 0.9}),
+    ("shaft_far_off", {"commanded": TURNS, "shaft_rpm": 83.0}),
+    ("shaft_far_off", {"commanded": TURNS, "shaft_rpm": 57.0}),
+    ("shaft_far_off", {"commanded": TURNS._replace(shaft_rpm=20.0), "shaft_rpm": 65.0}),        # it slows down
+    ("shaft_far_off", {"commanded": TURNS._replace(shaft_rpm=0.0), "shaft_rpm": 0.0}),          # a dose, or a stop
+    ("gate_far_off", {"commanded": TURNS, "opening_mm": 17.9}),
+    ("gate_off", {"commanded": TURNS, "opening_mm": 16.4}),
+    ("gate_off", {"commanded": TURNS._replace(shaft_rpm=0.0), "opening_mm": 25.0}),
     ("valve_open", {"commanded": STANDS._replace(valves=(False, True)), "shaft_rpm": 0.0, "valves": (False, True)}),
     ("heads_full", {"ndvi": 0.93}),
     ("hopper_empty", {"hopper_kg": 0.6}), ("console_silent", {"console_age_s": None}),

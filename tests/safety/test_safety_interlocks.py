@@ -7,6 +7,7 @@ import pytest
 
 from control.orders import Do, State, TargetSource
 from control.safety import INTERLOCKS
+from control.sensing import Refused, SpeedDoubt
 
 FORBIDDEN = [
     ("speed_silent", {"speed_used_mps": None}),
@@ -55,6 +56,15 @@ def test_position_is_needed_in_map_and_point_mode_only(working, source):
 
 def test_no_known_field_forbids_nothing(working):
     assert working().tick(landing_inside=None).flow_allowed
+
+
+@pytest.mark.parametrize("refused", Refused)
+def test_a_speed_that_is_not_believed_goes_on_with_flow_and_begins_none(working, refused):
+    run, doubt = working(), {"speed_doubt": SpeedDoubt(refused, 100.0, 100.0, 5.0, 1.25, 1.0)}
+    assert run.tick(2.0, **doubt).flow_allowed
+    run.tick(1.0, speed_mps=0.0, wheel_mps=5.0, **doubt)
+    assert run.tick(3.0, wheel_mps=5.0, **doubt).why_no_flow in (("low_speed",), ("course_unknown",))
+    assert run.tick(1.0).flow_allowed
 
 
 def test_a_fitted_work_switch_that_is_silent_counts_as_up(working, new_run):

@@ -8,8 +8,10 @@ import pytest
 from control.orders import Do
 from control.readings import DriveCommand
 from control.safety import Commanded, DriveLimits, SafetyLimits, limited
+from control.sensing import Refused, SpeedDoubt
 
 STANDS = Commanded(turn=False, flow=False, opening_mm=15.0)
+TURNS = Commanded(shaft_rpm=70.0, expected_rpm=70.0, opening_mm=15.0, expected_mm=15.0)
 
 
 def flow(seconds=0.05, **changes):
@@ -148,6 +150,7 @@ CHANGES = [
     ("wheel_silent_s", 2.0, start_again(wheel_age_s=1.5)),
     ("wheel_fault_speed_mps", 1.0, alarms(1.0, wheel_mps=0.0, gnss_mps=0.8)),
     ("wheel_fault_s", 2.0, alarms(1.0, wheel_mps=0.0, gnss_mps=0.8)),
+    ("speeds_differ_s", 3.0, state(speed_doubt=SpeedDoubt(Refused.EITHER, 100.0, 104.0, 2.5, 1.25, 1.0))),
     ("reverse_flip_deg", 170.0, reverse(course_deg=240.0)),
     ("course_speed_mps", 0.5, creep_backwards),
     ("drive_silent_s", 1.0, state(shaft_age_s=0.8)),
@@ -164,6 +167,10 @@ CHANGES = [
     ("stand_confirm_s", 4.0, alarms(3.0, commanded=STANDS)),
     ("gate_stands_mm", 9.0, gate_opens_by(5.0)),
     ("valve_closes_s", 9.0, alarms(5.0, commanded=STANDS._replace(valves=(False,)), shaft_rpm=0.0, valves=(True,))),
+    ("drive_far_percent", 40.0, alarms(3.0, commanded=TURNS, shaft_rpm=90.0)),
+    ("drive_far_s", 5.0, alarms(3.0, commanded=TURNS, shaft_rpm=90.0)),
+    ("gate_off_mm", 3.0, alarms(3.0, commanded=TURNS, opening_mm=17.0)),
+    ("gate_off_s", 5.0, alarms(3.0, commanded=TURNS, opening_mm=17.0)),
     ("scale_silent_s", 5.0, alarms(scale_age_s=3.0)),
     ("console_hold_s", 5.0, state(console_age_s=3.0)),
     ("console_off_s", 90.0, state(console_age_s=70.0)),
