@@ -112,7 +112,7 @@ class Frame:
     threshold_m: float | None = None              # of point mode, as learned, at the present speed
     sections: tuple[SectionState, ...] = ()       # left to right; none: the machine has no valves
     strips: Strips = field(default_factory=Strips)      # N-rich and farmer check, as they count now
-    sources: tuple[str, ...] = ()                 # of the target, that the job has; empty: not told
+    sources: tuple[str, ...] = ()                 # of the target, that the job has; empty: none
     ordered_source: str = ""                      # of the target, as ordered; what stands in for it is in the row
     manual_rate_kg_ha: float | None = None        # as ordered, also while another source holds
     consoles: int = 0                             # that keep the machine working now; 0: not given
