@@ -44,8 +44,10 @@ def key_name(key: str) -> str:
 
 def at(where: str) -> tuple[Action, ...]:
     """The actions of one screen: its own and those of every screen."""
-    found = (action for action in ACTIONS if action.where in (ANYWHERE, where))
-    return tuple(action._replace(shown=shown_key(action)) for action in found if action.id != "menu" or menu(where))
+    found = [action for action in ACTIONS if action.where in (ANYWHERE, where)]
+    own_start = any(action.id in ("start", "job_start") for action in found)       # then ^S is not needed on the bar
+    return tuple(action._replace(shown=shown_key(action), bar=0 if own_start and action.id == "start_anywhere" else
+                                 action.bar) for action in found if action.id != "menu" or menu(where))
 
 
 def shown_key(action: Action) -> str:

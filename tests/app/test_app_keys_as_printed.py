@@ -94,3 +94,13 @@ async def test_a_source_that_the_job_has_not_is_marked_as_a_map_is(full, source)
         why = {one.value: one.why for one in full.screen.choices}
         assert why["point"] == "this job has no plants" and "no map" in why["map"] == why["map_and_canopy"]
         assert not why["canopy"] and not why["manual"] and not why["fallback"]
+
+
+@pytest.mark.parametrize("size", [(120, 40), (80, 24)])
+async def test_the_key_that_starts_stands_on_every_page(full, shown, turned, size):
+    """`^S` stood in no key bar."""
+    async with full.run_test(size=size) as pilot:
+        for where in full.pages:
+            await turned(full, pilot, where)
+            said = shown(full)[-1]
+            assert ("S start" if where in ("run", "job") else "^S start, asked") in said, (where, said)
