@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 from console.app import keys as common
 from console.app.action import ANYWHERE, Action
@@ -45,9 +46,11 @@ def key_name(key: str) -> str:
 def at(where: str) -> tuple[Action, ...]:
     """The actions of one screen: its own and those of every screen."""
     found = [action for action in ACTIONS if action.where in (ANYWHERE, where)]
-    own_start = any(action.id in ("start", "job_start") for action in found)       # then ^S is not needed on the bar
-    return tuple(action._replace(shown=shown_key(action), bar=0 if own_start and action.id == "start_anywhere" else
-                                 action.bar) for action in found if action.id != "menu" or menu(where))
+    own_start = any(action.id in ("start", "job_start") for action in found)
+    as_here: dict[str, dict[str, Any]] = {       # where the page has an S of its own ^S is not on the bar
+        "start_anywhere": {"bar": 0} if own_start else {"label": BY_ID["start"].label}}
+    return tuple(action._replace(shown=shown_key(action), **as_here.get(action.id, {})) for action in found
+                 if action.id != "menu" or menu(where))
 
 
 def shown_key(action: Action) -> str:
