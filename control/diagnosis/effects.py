@@ -139,6 +139,9 @@ SHAFT_SECOND_ORDER = Row("shaft.second_order", 0.1, trial_sizes=(0.01, 0.04, 0.1
                          unties=("shaft.slow",),    # of two orders the first is no data sheet's time constant
                          seen_in_steps=False, move_shaped=True, may_begin=False,    # a setting, a coupling
                          costs=Costs.PLACE, only_adds=True)
+SHAFT_RAMP = Row("shaft.ramp", 0.5, trial_sizes=(0.05, 0.2, 1.0, 4.0), siblings=("shaft.slow",), seen_in_steps=False,
+                 move_shaped=True, open_loop=True, may_begin=False,      # a setting; else the machine file's own limit
+                 costs=Costs.PLACE, only_adds=True)
 SHAFT_DEAD_BAND = Row("shaft.dead_band", 20.0, trial_sizes=(11.0, 13.0, 16.0, 20.0, 25.0, 31.0, 40.0), threshold=True)
 SHAFT_DEAD_ZONE = Row("shaft.dead_zone", 10.0, trial_sizes=(2.0, 8.0, 20.0, 40.0), form_over="shaft_rpm",
                       only_adds=True, open_loop=True)

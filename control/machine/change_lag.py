@@ -8,7 +8,7 @@ import numpy as np
 from .fall import drop_s
 from .landing import falls_s
 from .machine import Machine
-from .shaft import dead_s, follows, lag_s
+from .shaft import dead_s, fastest_rpm_s, follows, lag_s
 
 
 class Settled(NamedTuple):
@@ -91,7 +91,7 @@ def _landed_half_way_s(machine: Machine, before: Settled, after: Settled, rising
     tau = lag_s(shaft) + shaft.second_order_s
     slew = max(0.5, gate.slew_mm_s - gate.slow_mm_s)
     rpm, rate, opening = before.shaft_rpm, 0.0, before.opening_mm
-    lasts = max(dead_shaft + 3.0 * tau + abs(after.shaft_rpm - rpm) / shaft.acceleration_rpm_s,
+    lasts = max(dead_shaft + 3.0 * tau + abs(after.shaft_rpm - rpm) / fastest_rpm_s(shaft),
                 gate.dead_time_s + abs(after.opening_mm - opening) / slew) + SETTLE_S
     lead, drop = int(2.0 / STEP_S), drop_s(machine.fall, rpm)
     times = [k * STEP_S for k in range(-lead, int(lasts / STEP_S))]

@@ -90,6 +90,14 @@ class Shaft(NamedTuple):
         probes=(0.02, 0.3),
         says=("The shaft's speed follows through a second time constant of {size} s; beyond a quarter of the first it "
               "overshoots.",))] = 0.0
+    ramp_s: Annotated[float, Field(ge=0, le=600), Effect(
+        "shaft.ramp", "s to full speed", "Shaft changes its speed by a ramp, however large the step",
+        "A drive's ramp setting, or a motor that gives all its torque, limits how fast its speed changes.",
+        "frequency inverters and motor drivers: 0.5-30 s to full speed by their setting", ("run",),
+        "Shorten the ramp in the drive's settings, or adopt it: control then knows how long a change takes.",
+        "Small and large steps of the shaft command: by a ramp the large one takes longer.", probes=(0.05, 0.5),
+        says=("The shaft needs {size} s more from standstill to full speed, and as much of that for a part of "
+              "it.",))] = 0.0
     extra_dead_time_s: Annotated[float, Field(ge=-0.3, le=2), Effect(
         "shaft.dead_time", "s", "Shaft responds later than nominal",
         "Bus, drive or firmware hold a command back before the motor sees it.",
@@ -282,14 +290,19 @@ def swing(p: Shaft) -> Swing:
 def follows(p: Shaft, value: float, rate: float, wanted: float, dt_s: float) -> tuple[float, float]:
     """Speed and its slope `dt_s` later, of a shaft that is to turn at `wanted`."""
     if p.second_order_s <= 0.0:
-        return approach(value, wanted, lag_s(p), p.acceleration_rpm_s, dt_s), 0.0
+        return approach(value, wanted, lag_s(p), fastest_rpm_s(p), dt_s), 0.0
     least = 0.0 if p.one_way > 0.0 and value >= 0.0 and wanted >= 0.0 else NO_END
-    return swung(value, rate, wanted, lag_s(p), p.second_order_s, p.acceleration_rpm_s, least, dt_s)
+    return swung(value, rate, wanted, lag_s(p), p.second_order_s, fastest_rpm_s(p), least, dt_s)
 
 
 def lag_s(p: Shaft) -> float:
     """Time constant with which the shaft follows, s: a drive may be quicker than its data sheet, and never ahead."""
     return max(LEAST_LAG_S, p.time_constant_s + p.slow_s)
+
+
+def fastest_rpm_s(p: Shaft) -> float:
+    """How fast the shaft's speed can change, r/min a second: the times of limit and ramp to full speed add up."""
+    return 1.0 / (1.0 / p.acceleration_rpm_s + p.ramp_s / p.full_rpm)
 
 
 def dead_s(p: Shaft) -> float:

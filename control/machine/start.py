@@ -9,7 +9,7 @@ from control.machine.elements import Array
 from control.machine.fall import Fall, drop_s, start_drop_s
 from control.machine.landing import falls_s
 from control.machine.machine import Machine
-from control.machine.shaft import HALVINGS, Shaft, dead_s, follows, lag_s
+from control.machine.shaft import HALVINGS, Shaft, dead_s, fastest_rpm_s, follows, lag_s
 
 STEP_S = 0.002
 SETTLED_AT, SETTLED_ROUNDS = 7, 4       # shaft speeds and rounds of `with_carried_share`
@@ -63,7 +63,7 @@ def first_fall_s(machine: Machine, fall: Fall, shaft_rpm: float) -> float:
     shaft, share = machine.shaft, fall.carried_share
     rpm, rate = min(TURNS_RPM, 0.5 * shaft_rpm), 0.0
     speeds = []
-    lasts_s = shaft_rpm / shaft.acceleration_rpm_s + 8.0 * (lag_s(shaft) + shaft.second_order_s)
+    lasts_s = shaft_rpm / fastest_rpm_s(shaft) + 8.0 * (lag_s(shaft) + shaft.second_order_s)
     for _ in range(round(lasts_s / STEP_S)):
         speeds.append(rpm)
         rpm, rate = follows(shaft, rpm, rate, shaft_rpm, STEP_S)

@@ -24,7 +24,7 @@ from drivers.files.config import load, save
 from drivers.files.kinds import MACHINE
 
 PUBLISHED = """shaft.dead_zone shaft.saturation shaft.back_gain shaft.back_zone
-shaft.gain shaft.slow shaft.second_order shaft.dead_time shaft.dead_band shaft.voltage_sag shaft.load_droop
+shaft.gain shaft.slow shaft.second_order shaft.ramp shaft.dead_time shaft.dead_band shaft.voltage_sag shaft.load_droop
 shaft.coarse_encoder shaft.stall gate.offset gate.home_error gate.backlash gate.lost_steps gate.slow gate.stuck
 flow.gain flow.zero_offset flow.fill_falloff flow.hopper_head flow.moisture_drift flow.batch flow.blocked_outlet
 flow.outlet_uneven flow.bridging flow.leak flow.slope flow.pulsation speed.wheel_slip speed.wheel_radius

@@ -21,6 +21,7 @@ OF_HUANGHAI = {
     "shaft.gain": (-95, 1900, "%"),
     "shaft.slow": (-5, 5, "s"),
     "shaft.second_order": (0, 5, "s"),
+    "shaft.ramp": (0, 600, "s to full speed"),
     "shaft.dead_time": (-0.3, 2, "s"),
     "shaft.dead_band": (0, 60, "r/min"),
     "shaft.dead_zone": (0, 60, "r/min"),

@@ -10,6 +10,7 @@ from scipy.ndimage import maximum_filter1d
 from control.machine.compiled import term_run
 from control.machine.effect import OPENING_RANGE, SHAFT_RANGE
 from control.machine.machine import Machine, of_nominal
+from control.machine.shaft import fastest_rpm_s
 from control.machine.term_sums import over_log
 
 from .grid import SMOOTH_S, Grid, bridged, grid_of, smoothed, windows
@@ -70,7 +71,7 @@ def drives_of(log: Clean, every: Rows, machine: Machine, whole: bool) -> dict[st
         # A shaft that stands as it was commanded tells nothing, and its reading has none of the noise of a turning one.
         sure = ~still & _sure(every, every.command_rpm, of_nominal(machine, SHAFT_RANGE) * SAME_RPM,
                               machine.shaft.dead_time_s + ANSWERED * machine.shaft.time_constant_s,
-                              machine.shaft.acceleration_rpm_s)
+                              fastest_rpm_s(machine.shaft))
         sure &= ~against_the_way(every.time_s, every.command_rpm, c["shaft_rpm"], machine)
         settle_s = min(SETTLE_S, SETTLES * (machine.shaft.dead_time_s + machine.shaft.time_constant_s))
         settled = log.held and every.step_s > ANSWERED * (machine.shaft.dead_time_s + machine.shaft.time_constant_s)
