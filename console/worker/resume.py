@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from console.worker.resume_alarms import AlarmRecord
 from console.worker.resume_ground import NOTHING_DONE, AsBits, Spot, packed
@@ -105,17 +105,33 @@ def write(path: Path, snapshot: Snapshot) -> None:
 
 def read(path: Path) -> Snapshot:
     """Raises ValueError, one line that names the file, where it is no snapshot; OSError."""
-    from drivers.files.plain import typed  # pydantic: only where a job goes on
+    return _checked(path, _data(path))
+
+
+_NO_SNAPSHOT = (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError)
+
+
+def _data(path: Path) -> dict[str, Any]:
+    """As it stands in the file. Raises ValueError, OSError."""
     try:
         held_to(RESUME, path.stat().st_size, str(path))
         data = json.loads(path.read_bytes())
         if not isinstance(data, dict) or data.get("format") != FORMAT:
             raise ValueError(f"key format: allowed {FORMAT}")
+    except _NO_SNAPSHOT as error:
+        raise ValueError(f"{path}: not a job that can go on: {error}") from None
+    return data
+
+
+def _checked(path: Path, data: dict[str, Any]) -> Snapshot:
+    """Raises ValueError."""
+    from drivers.files.plain import typed  # pydantic: only where a job goes on
+    try:
         for name in ("began_utc", "saved_utc"):
             if data[name]:
                 datetime.fromisoformat(data[name])
         return typed(Snapshot, data)
-    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
+    except _NO_SNAPSHOT as error:
         raise ValueError(f"{path}: not a job that can go on: {error}") from None
 
 
@@ -130,11 +146,14 @@ def open_jobs(folder: Path, now: datetime) -> Iterator[tuple[Path, Snapshot]]:
     gone_on: set[str] = set()
     for path in newest_first(folder):
         try:
-            snapshot = read(path)
+            data = _data(path)
+            name = Path(data["log_path"]).name
+            gone_on.update(Path(one).name for one in data.get("logs_before", ()))
+            if name in gone_on or data.get("finished"):
+                continue                            # a season of these is not unpacked at every start
+            snapshot = _checked(path, data)
             left = datetime.fromisoformat(snapshot.saved_utc).astimezone(UTC) if snapshot.saved_utc else now
-        except (ValueError, OSError, OverflowError):
+        except (OSError, *_NO_SNAPSHOT):
             continue
-        if Path(snapshot.log_path).name not in gone_on:
-            gone_on.update(Path(one).name for one in snapshot.logs_before)
-            if snapshot.worth_going_on and (left < CLOCK_SET or now - left <= timedelta(days=OPEN_DAYS)):
-                yield path, snapshot
+        if snapshot.worth_going_on and (left < CLOCK_SET or now - left <= timedelta(days=OPEN_DAYS)):
+            yield path, snapshot
