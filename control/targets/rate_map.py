@@ -189,11 +189,17 @@ class ZoneMap:
 
 def polygons(rings: Sequence[Sequence[Floats]]) -> npt.NDArray[np.object_]:
     """Shapes (zones,) of outlines with holes; what crosses itself is put right by what it encloses."""
+    shapes = polygons_as_drawn(rings)
+    wrong = np.flatnonzero(~shapely.is_valid(shapes))
+    shapes[wrong] = shapely.make_valid(shapes[wrong])
+    return shapes
+
+
+def polygons_as_drawn(rings: Sequence[Sequence[Floats]]) -> npt.NDArray[np.object_]:
+    """The same, whether they cross themselves or not."""
     flat = [ring for zone in rings for ring in zone]
     if not flat:
         return np.zeros(0, dtype=object)
     lines = shapely.linearrings(np.concatenate(flat), indices=np.repeat(np.arange(len(flat)), [len(r) for r in flat]))
     shapes = shapely.polygons(lines, indices=np.repeat(np.arange(len(rings)), [len(zone) for zone in rings]))
-    wrong = np.flatnonzero(~shapely.is_valid(shapes))
-    shapes[wrong] = shapely.make_valid(shapes[wrong])
     return np.asarray(shapes, dtype=object)

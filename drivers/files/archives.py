@@ -4,6 +4,7 @@ from __future__ import annotations
 import os
 import zipfile
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Protocol
 
@@ -39,6 +40,10 @@ class Folder:
     deep: bool = True           # False: the folder's own files only
 
     def names(self) -> list[str]:
+        return self._names
+
+    @cached_property
+    def _names(self) -> list[str]:
         found = []
         for folder, folders, files in os.walk(self.path):
             place = Path(folder).relative_to(self.path)
@@ -58,21 +63,29 @@ class Folder:
 
 @dataclass(frozen=True)
 class Zip:
+    """Its directory is read once, however many of its files are."""
+
     path: Path
 
     def names(self) -> list[str]:
+        return self._names
+
+    @cached_property
+    def _archive(self) -> zipfile.ZipFile:
         try:
-            with zipfile.ZipFile(self.path) as archive:
-                found = [info.filename for info in archive.infolist() if info.filename and not info.is_dir()]
+            return zipfile.ZipFile(self.path)
         except DAMAGED_ZIP as error:
             raise ArchiveError(self.path, "not readable as a zip: {why}", why=error) from None
+
+    @cached_property
+    def _names(self) -> list[str]:
+        found = [info.filename for info in self._archive.infolist() if info.filename and not info.is_dir()]
         return sorted(name for name in found if _counts(name))
 
     def read(self, name: str) -> bytes:
         try:
-            with zipfile.ZipFile(self.path) as archive:
-                _check_size(self.label(name), archive.getinfo(name).file_size)
-                return archive.read(name)
+            _check_size(self.label(name), self._archive.getinfo(name).file_size)
+            return self._archive.read(name)
         except DAMAGED_ZIP as error:
             raise ArchiveError(self.label(name), "not readable: {why}", why=error) from None
 

@@ -33,12 +33,18 @@ COLUMNS = Limit("columns of a table", 2_000, "columns")
 LINE = Limit("line of a text table", 128 << 10, "bytes")
 JSON = Limit("GeoJSON", 256 * MB, "bytes")
 DIGITS = Limit("whole number in JSON", 300, "digits")
-XML = Limit("task file of ISO 11783 (TASKDATA.XML and each file that it names)", 64 * MB, "bytes")
+XML = Limit("task file of ISO 11783 (TASKDATA.XML and all that it names); all those of a zip", 64 * MB, "bytes")
 KML = Limit("KML, in a KMZ too", 64 * MB, "bytes")
 TAGS = Limit("XML of any kind", 2_000_000, "tags")
 GEOPACKAGE = Limit("GeoPackage; what one of its layers gives", 256 * MB, "bytes")
 RASTER = Limit("GeoTIFF", 256 * MB, "bytes")
 RASTER_CELLS = Limit("cells of a GeoTIFF in all its bands, those without a value included", 10_000_000, "cells")
+CROSSINGS = Limit("places where outlines of a map cross themselves", 1_000, "crossings")
+NEAR_EDGES = Limit("pairs of edges of a map's large outlines whose boxes meet", 2_000_000, "pairs")
+OVERLAPS = Limit("pairs of zones of a map that overlap", 5_000, "pairs")
+PARQUET_CELLS = Limit("cells of a Parquet file", 50_000_000, "cells")
+PARQUET_BYTES = Limit("Parquet, unpacked", 1024 * MB, "bytes")
+NODES = Limit("nodes of a YAML file, aliases each time that they are used", 100_000, "nodes")
 REFERENCES = Limit("files that a task file names, each once", 1_000, "files")
 SHAPES = Limit("shapefile: each of .shp, .shx, .dbf", 512 * MB, "bytes")
 SIDE = Limit("side file of a shapefile (.prj, .cpg and the like)", 1 * MB, "bytes")
@@ -50,7 +56,8 @@ RESUME = Limit("what is kept of a job next to its log (.resume.json)", 128 * MB,
 OTHER = Limit("any other file (Parquet, recordings of devices, ...)", 1024 * MB, "bytes")
 
 LIMITS = (CONFIG, TEXT, COLUMNS, LINE, JSON, DIGITS, XML, KML, TAGS, GEOPACKAGE, RASTER, RASTER_CELLS,
-          REFERENCES, SHAPES, SIDE, ENTRIES, UNPACKED, WORKBOOK, CELLS, RESUME, OTHER)
+          CROSSINGS, NEAR_EDGES, OVERLAPS, PARQUET_CELLS, PARQUET_BYTES, NODES, REFERENCES,
+          SHAPES, SIDE, ENTRIES, UNPACKED, WORKBOOK, CELLS, RESUME, OTHER)
 
 _OF_SUFFIX = {
     ".csv": TEXT, ".txt": TEXT, ".tsv": TEXT, ".geojson": JSON, ".json": JSON, ".xml": XML, ".kml": KML,
@@ -141,6 +148,8 @@ def _check_zip(path: Path) -> None:
         return                                  # no zip: the reader says so
     held_to(ENTRIES, len(entries), str(path))
     held_to(whole, sum(entry.file_size for entry in entries), Where(str(path)).at("unpacked"))
+    held_to(XML, sum(entry.file_size for entry in entries if entry.filename.lower().endswith(".xml"))
+            if whole is UNPACKED else 0, Where(str(path)).at("task files"))
     seen: set[str] = set()
     for entry in entries:
         label = f"{path}/{entry.filename}"

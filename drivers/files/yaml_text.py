@@ -9,11 +9,11 @@ from typing import Any
 
 import yaml
 
+from drivers.files.limits import NODES
 from drivers.plain_text import OneLine
 
 KeyPath = tuple[str | int, ...]
 
-MAX_NODES = 100_000      # aliases counted each time they are used
 MAX_DEPTH = 40
 
 
@@ -27,6 +27,16 @@ class YamlProblem(OneLine):
 
 
 class _Loader(yaml.SafeLoader):
+    """Counts nodes as they come: a text of 2 MB makes 900 000, which take 600 MB before anybody could count them."""
+
+    nodes = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        self.nodes += 1
+        if self.nodes > NODES.most:
+            raise YamlProblem(f"line {self.line + 1}: nested too deeply or too large")
+        return super().compose_node(parent, index)
+
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}
 
 
@@ -79,7 +89,7 @@ def _visit(node: yaml.Node, path: KeyPath, lines: dict[KeyPath, int], count: int
     if node.tag not in _TAGS:
         raise YamlProblem(f"line {node.start_mark.line + 1}: not YAML as read here: tag {node.tag}: "
                           "allowed is plain data without tags")
-    if count > MAX_NODES or len(path) > MAX_DEPTH:
+    if count > NODES.most or len(path) > MAX_DEPTH:
         raise YamlProblem(f"line {node.start_mark.line + 1}: nested too deeply or too large")
     lines.setdefault(path, node.start_mark.line + 1)
     if isinstance(node, yaml.SequenceNode):

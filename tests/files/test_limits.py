@@ -4,13 +4,19 @@ from __future__ import annotations
 import base64
 import io
 import json
+import os
+import re
+import resource
 import struct
+import subprocess
+import sys
 import warnings
 import zipfile
 import zlib
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 
 from console.worker import resume
@@ -283,5 +289,148 @@ def test_what_a_fuzzer_found_is_one_line_or_read(tmp_path: Path, data: bytes) ->
     path.write_bytes(data)
     try:
         read_raw(path)
-    except ValueError as said:
+    except Exception as said:
         assert "\n" not in str(said)
+
+
+# -- few bytes that grow: each in a process of its own, for its reader might end this one ------------------------------
+
+def grown(read: str, path: Path, seconds: float = 60.0, most_mb: int = 600) -> str:
+    """The refusal of a file in a process of at most 2 GB, and within time and memory.
+
+    The usual imports take some 250 MB of it; the time is for a busy machine.
+    """
+    code = (f"import resource, sys\nfrom pathlib import Path\n{read}\n"
+            "try:\n    read(Path(sys.argv[1]))\nexcept Exception as said:\n    print(said)\n"
+            "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10)")
+    ended = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, timeout=seconds,
+                           preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (2 << 30, 2 << 30)),
+                           env={**os.environ, "POLARS_MAX_THREADS": "2", "OPENBLAS_NUM_THREADS": "1"})
+    assert ended.returncode == 0, ended.stderr[-500:]
+    *said, mb = ended.stdout.splitlines()
+    assert int(mb) < most_mb
+    return "\n".join(said)
+
+
+MAP = "from drivers.files.prescriptions.read import read_prescription as read"
+RAW = "from drivers.files.imports.read import read_raw as read"
+
+
+@pytest.mark.parametrize(("shape", "said"), [
+    ({"width": 3000, "height": 3000, "count": 120, "blockxsize": 3008, "blockysize": 3008},
+     "1080000000 cells: allowed up to 10000000 cells"),
+    ({"width": 100, "height": 100, "count": 1, "blockxsize": 16_000, "blockysize": 16_000},
+     "a tile: 256000000 cells: allowed up to 10000000 cells")])
+def test_a_raster_is_held_to_its_cells_in_all_bands_and_to_its_tiles(tmp_path: Path, shape: dict[str, int],
+                                                                     said: str) -> None:
+    """1132 bytes asked for 4 GB."""
+    rasterio = pytest.importorskip("rasterio", reason="rasterio is not installed")
+    with rasterio.open(tmp_path / "x.tif", "w", driver="GTiff", dtype="uint8", crs="EPSG:4326", tiled=True, nodata=0,
+                       sparse_ok=True, transform=rasterio.transform.from_origin(9, 52, 1e-6, 1e-6), **shape):
+        pass
+    assert said in grown(MAP, tmp_path / "x.tif")
+
+
+def test_a_parquet_is_held_to_its_cells_before_it_is_unpacked(tmp_path: Path) -> None:
+    """400 million zeros in 0.8 MB ended the program."""
+    path = tmp_path / "x.parquet"
+    pl.DataFrame({"a": np.zeros(60_000_000, dtype=np.int8)}).write_parquet(path, compression="zstd")
+    assert "60000000 cells: allowed up to 50000000 cells" in grown(RAW, path)
+
+
+def _varying(number: int) -> bytes:
+    return bytes([number & 127 | 128]) + _varying(number >> 7) if number > 127 else bytes([number])
+
+
+def test_a_parquet_whose_pages_are_larger_than_its_footer_says_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "x.parquet"
+    pl.DataFrame({"a": np.arange(3000.0)}).write_parquet(path, compression="zstd")
+    data = path.read_bytes()
+    head = re.match(rb"PAR1\x15.\x15[\x80-\xff]*[\0-\x7f]", data, re.DOTALL)     # the first page: kind, unpacked size
+    assert head is not None
+    path.write_bytes(data[:7] + _varying(2 * (2 << 30)) + data[head.end():])         # zigzag
+    assert "2048 MB: allowed up to 1024 MB" in grown(RAW, path)
+
+
+@pytest.mark.parametrize("data", [b"", b"PAR1", b"PAR1" + b"\xff" * 100 + b"\x20\0\0\0PAR1",
+                                  b"PAR1" + b"\x1c" * 64 + b"\x40\0\0\0PAR1",
+                                  b"PAR1" + bytes(20) + b"\xff\xff\xff\x7fPAR1"])
+def test_a_footer_that_is_none_is_refused(tmp_path: Path, data: bytes) -> None:
+    path = tmp_path / "x.parquet"
+    path.write_bytes(data)
+    with pytest.raises(ValueError, match=r"Parquet|no rows"):
+        read_raw(path)
+
+
+def test_parquets_of_many_kinds_are_read_as_before(tmp_path: Path) -> None:
+    frame = pl.DataFrame({"time_s": np.arange(5000.0), "text": [f"t{k % 7}" for k in range(5000)],
+                          "k": np.arange(5000, dtype=np.int32), "flag": [k % 2 == 0 for k in range(5000)]})
+    for compression in ("zstd", "snappy", "uncompressed", "gzip", "lz4"):
+        for group in (100, 100_000):
+            frame.write_parquet(tmp_path / "x.parquet", compression=compression, row_group_size=group)
+            assert read_raw(tmp_path / "x.parquet").frame.height == 5000
+
+
+def test_a_zip_of_many_task_files_is_opened_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its directory was read for each of 999 files, and each time that one was looked for."""
+    opened = []
+    monkeypatch.setattr(zipfile, "ZipFile", lambda *words, real=zipfile.ZipFile, **named: opened.append(words) or real(
+        *words, **named))
+    entries = [("TASKDATA.XML", b"<ISO11783_TaskData>" + b"".join(b'<XFR A="TSK%05d"/>' % k for k in range(999))
+                + b"</ISO11783_TaskData>"), *((f"TSK{k:05d}.XML", b"<XFC><TSK/></XFC>") for k in range(999))]
+    path = zipped(tmp_path / "map.zip", entries)
+    opened.clear()
+    with pytest.raises(ValueError, match="no treatment zones"):
+        read_prescription(path)
+    assert len(opened) < 10
+
+
+@pytest.mark.parametrize(("entries", "said"), [
+    ([("TASKDATA.XML", b"<ISO11783_TaskData>" + b"<a/>" * 3_000_000 + b"</ISO11783_TaskData>")],
+     "allowed up to 2000000"),
+    ([("TASKDATA.XML", b"<ISO11783_TaskData>" + b"".join(b'<XFR A="TSK%05d"/>' % k for k in range(99))
+       + b"</ISO11783_TaskData>"), *((f"TSK{k:05d}.XML", b"<XFC>" + b"<a/>" * 30_000 + b"</XFC>") for k in range(99))],
+     "allowed up to 2000000"),
+    ([(f"{k}/TASKDATA.XML", b" " * (1 << 20)) for k in range(70)], "task files: 70 MB: allowed up to 64 MB")])
+def test_task_files_are_counted_together(tmp_path: Path, entries: list[tuple[str, bytes]], said: str) -> None:
+    assert said in grown(MAP, zipped(tmp_path / "map.zip", entries))
+
+
+@pytest.mark.parametrize("text", ["a: [" + "1," * 900_000 + "1]", "a:\n" + "- {k: 1}\n" * 200_000])
+def test_yaml_is_counted_as_it_is_read(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "job.yaml"
+    path.write_text(f"format: topdress-job/1\n{text}\n")
+    read = "from drivers.files.setup import by_kind\nread = lambda path: by_kind([str(path)])"
+    assert "nested too deeply or too large" in grown(read, path)
+
+
+def _map(path: Path, rings: list[np.ndarray]) -> Path:
+    features = [{"type": "Feature", "properties": {"rate_kg_ha": 100 + k}, "geometry": {
+        "type": "Polygon", "coordinates": [ring.tolist()]}} for k, ring in enumerate(rings)]
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    return path
+
+
+PLACES = np.random.default_rng(1).random((3000, 2)) * 0.01 + (9.0, 52.0)
+EDGES = np.column_stack((9.0 + 0.01 * (np.arange(20_000) % 2), 52.0 + 5e-7 * np.arange(20_000)))
+SLANTED = np.column_stack((EDGES[:, 0], EDGES[:, 1] + EDGES[:, 0]))
+LAID_OVER = [np.array([(9 + 1e-6 * k, 52), (9.01 + 1e-6 * k, 52), (9.01, 52.01), (9 + 1e-7 * k, 52.01)])
+             for k in range(500)]
+
+
+@pytest.mark.parametrize(("rings", "said"), [
+    ([PLACES], "crossings: allowed up to 1000|pairs: allowed up to 2000000"),
+    ([PLACES[60 * k:60 * k + 60] for k in range(50)], "crossings: allowed up to 1000"),
+    ([SLANTED], "pairs: allowed up to 2000000"), (LAID_OVER, "pairs: allowed up to 5000")],
+    ids=["one", "many small", "long edges", "zones"])
+def test_outlines_over_themselves_and_one_another_are_counted(tmp_path: Path, rings: list[np.ndarray],
+                                                              said: str) -> None:
+    """To put a ring of 3000 corners right took more than 200 s."""
+    assert re.search(said, grown(MAP, _map(tmp_path / "x.geojson", rings)))
+
+
+def test_an_outline_that_crosses_itself_a_few_times_is_read(tmp_path: Path) -> None:
+    angle = np.linspace(0.0, 2.0 * np.pi, 2000, endpoint=False)
+    ring = np.column_stack((9.0 + 0.01 * np.cos(angle), 52.0 + 0.01 * np.sin(angle)))
+    ring[::100] = ring[3::100]
+    assert read_prescription(_map(tmp_path / "x.geojson", [ring])).data.zones

@@ -11,6 +11,8 @@ from control.geodesy import TangentPlane
 from drivers.files.fields.agopengps import covered_triangles
 from drivers.files.fields.field_data import FieldError
 from drivers.files.fields.shapes import named_shapes
+from drivers.files.limits import BeyondLimits
+from drivers.files.outlines import check_outlines
 from drivers.files.what_it_is import what_is
 
 SECTIONS = "sections.txt"
@@ -44,4 +46,9 @@ def _shapes_deg(path: Path) -> np.ndarray:
              if part.geom_type == "Polygon" and not part.is_empty]
     if not parts:
         raise FieldError(f"{path}: no polygon in it: allowed is ground that is done")
+    try:
+        check_outlines([[shapely.get_coordinates(ring)[:-1] for ring in (one.exterior, *one.interiors)]
+                        for one in parts], path)
+    except BeyondLimits as error:
+        raise FieldError.of(error) from None
     return np.array(parts, dtype=object)

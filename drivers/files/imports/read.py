@@ -11,11 +11,13 @@ from drivers.files.imports.raw import RawTable
 from drivers.files.imports.trouble import ImportTrouble
 from drivers.files.imports.words import folded, subject_of
 from drivers.files.limits import BeyondLimits, check_file
+from drivers.files.parquet_limits import check_parquet
 from drivers.files.prescriptions.cells import cell_of
 from drivers.files.prescriptions.unit_columns import MOST_UNITS, unit_columns
 from drivers.files.stated_units import ANY, of_texts, together
 
 LOOKED_ROWS = 1000          # for the first text of a column
+LONGEST_UNIT = 60           # letters
 
 _SUFFIXES: dict[str, SourceKind] = {
     ".xlsx": "excel", ".xlsm": "excel", ".xls": "excel", ".xlsb": "excel", ".ods": "excel", ".geojson": "geojson",
@@ -34,6 +36,8 @@ def read_raw(path: Path, said: Source | None = None) -> RawTable:
     import polars as pl
     try:
         return _with_stated(_read(path, said))
+    except BeyondLimits as error:
+        raise ImportTrouble.of(error) from None
     except pl.exceptions.PolarsError as error:
         raise ImportTrouble(path, f"not readable as a table: {str(error).splitlines()[0]}") from None
 
@@ -67,8 +71,10 @@ def _with_stated(raw: RawTable) -> RawTable:
     texts: dict[str, list[str]] = {}
     for name in raw.names:
         column = raw.frame[name]
-        if column.dtype == pl.String and (first := next(filter(None, column.head(LOOKED_ROWS)), "")) \
-                and cell_of(first) is None:
+        if column.dtype != pl.String:
+            continue
+        column = column.str.slice(0, LONGEST_UNIT)
+        if (first := next(filter(None, column.head(LOOKED_ROWS)), "")) and cell_of(first) is None:
             texts[name] = column.drop_nulls().unique().head(MOST_UNITS + 1).to_list()
     stated = together(of_texts(ANY, raw.above, "the lines above the header"), unit_columns(texts))
     units = {name: stated.get(name.casefold(), stated.get(ANY)) for name in raw.names if name not in raw.units
@@ -91,6 +97,7 @@ def _kind(path: Path) -> SourceKind:
 def _parquet(path: Path, said: Source) -> RawTable:
     import polars as pl
     import polars.selectors as cs
+    check_parquet(path)
     try:
         frame = pl.read_parquet(path, use_pyarrow=False)
     except (pl.exceptions.PolarsError, OSError) as error:

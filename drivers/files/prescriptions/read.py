@@ -10,11 +10,13 @@ from control.recordings.finding import Finding
 from drivers.files.archives import ArchiveError, chosen, files_at
 from drivers.files.imports.trouble import listed
 from drivers.files.limits import BeyondLimits, check_file
+from drivers.files.outlines import check_zones
 from drivers.files.point_files import TABLES, holds_points
 from drivers.files.prescriptions.task_files import find_task_files
 from drivers.files.prescriptions.words import Choice, Imported, NoPolygons, NotAMap, PrescriptionError, RateQuestion
 from drivers.files.shape_sets import ShapeSet, shape_sets
 
+EVEN = ("raster", "points")     # formats of even cells: none over another
 SHAPES, RASTERS = (".gpkg", ".kml", ".kmz"), (".tif", ".tiff")
 KNOWN = ("an ISO 11783-10 task (TASKDATA.XML, its folder or zip), a shapefile (.shp or zip), GeoJSON (.geojson, "
          ".json), GeoPackage, KML, KMZ, GeoTIFF, CSV with polygons (WKT), a table of the middles of even cells "
@@ -28,7 +30,10 @@ def read_prescription(path: str | Path, choice: Choice | None = None) -> Importe
         raise PrescriptionError(path, "not there", f": allowed is {KNOWN}")
     try:
         check_file(path)
-        return _read(path, choice)
+        read = _read(path, choice)
+        if read.format not in EVEN and read.data.grid is None:
+            check_zones([zone.rings_deg for zone in read.data.zones], path)
+        return read
     except BeyondLimits as error:
         raise PrescriptionError.of(error) from None
 

@@ -2,13 +2,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Protocol
 from xml.etree import ElementTree
 
 from drivers.files.archives import ArchiveError, Files, Folder, chosen, files_at, parent
-from drivers.files.limits import REFERENCES, held_to
+from drivers.files.limits import REFERENCES, XML, held_to
 from drivers.files.prescriptions.words import PrescriptionError, RateQuestion
+from drivers.files.xml_text import Total, XmlError, xml_root
 
 
 class TaskFiles(Protocol):
@@ -31,14 +33,16 @@ class TaskSet:
     label: str
 
     def read(self, name: str) -> bytes | None:
-        wanted = (self.inside + name).casefold()
-        for there in self.files.names():
-            if there.casefold() == wanted:
-                try:
-                    return self.files.read(there)
-                except ArchiveError as error:
-                    raise PrescriptionError.of(error) from None
-        return None
+        there = self._by_name.get((self.inside + name).casefold())
+        try:
+            return None if there is None else self.files.read(there)
+        except ArchiveError as error:
+            raise PrescriptionError.of(error) from None
+
+    @cached_property
+    def _by_name(self) -> dict[str, str]:
+        """Names in small letters, the first of equal ones."""
+        return {name.casefold(): name for name in reversed(self.files.names())}
 
 
 def task_sets(path: Path) -> list[TaskSet]:
@@ -79,7 +83,8 @@ def task_tree(files: TaskFiles, own_name: str = "TASKDATA.XML") -> ElementTree.E
     data = files.read(own_name)
     if data is None:
         raise PrescriptionError(files.label, "{name} is not there", name=own_name)
-    root = _parsed(data, files.label)
+    total = Total(files.label)
+    root = _parsed(data, files.label, total)
     if root.tag != "ISO11783_TaskData":
         raise PrescriptionError(files.label, "root element {tag}: allowed ISO11783_TaskData", tag=root.tag)
     references = [f"{reference.get('A', '')}.XML" for reference in root.findall("XFR")]
@@ -88,12 +93,13 @@ def task_tree(files: TaskFiles, own_name: str = "TASKDATA.XML") -> ElementTree.E
         more = files.read(name)
         if more is None:
             raise PrescriptionError(files.label, "{name}, which XFR names, is not there", name=name)
-        root.extend(_parsed(more, name))
+        root.extend(_parsed(more, name, total))
     return root
 
 
-def _parsed(data: bytes, label: str) -> ElementTree.Element:
+def _parsed(data: bytes, label: str, total: Total) -> ElementTree.Element:
+    held_to(XML, total.add_bytes(len(data)), total.label)
     try:
-        return ElementTree.fromstring(data)
-    except ElementTree.ParseError as error:
+        return xml_root(data, label, total)
+    except XmlError as error:
         raise PrescriptionError(label, "not readable as XML: {why}", why=error) from None

@@ -1,0 +1,74 @@
+"""How much of a map's outlines lies over itself, counted before it is put right, which takes minutes of a few bytes.
+
+Counted in pieces and given up at the limit; pairs of edges are found by their boxes first (an STR tree).
+"""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from control.targets.rate_map import Floats, polygons, polygons_as_drawn
+from drivers.files.limits import CROSSINGS, NEAR_EDGES, OVERLAPS, held_to
+from drivers.plain_text import Where
+
+MANY = 500                  # corners of an outline; the edges of a smaller one make no more pairs than are allowed
+HOWS = ("overlaps", "contains", "within")
+SLIVER = 1e-3               # of the smaller of two zones: corners rounded to 1 cm, in cells of 10 m; no overlap
+MOST_STEP, PAIRS_AT_ONCE = 64, 100_000      # zones held against all others at once
+AT_ONCE, LEAST_STEP = 500_000, 16           # pairs of boxes, 8 MB; or so many shapes, against 400 000 others 100 MB
+
+
+def check_zones(zones: Sequence[Sequence[Floats]], label: Where | Path | str) -> None:
+    """Outlines that cross themselves, and zones that overlap. Zones as an outline and its holes, (k, 2) each. Raises
+    BeyondLimits."""
+    check_outlines(zones, label)
+    shapes = polygons(zones)
+    low, high = np.split(shapely.bounds(shapes), 2, axis=1)
+    less = 0.5 * SLIVER * (high - low)
+    if _meeting(shapely.box(*(low + less).T, *(high - less).T), OVERLAPS.most) <= OVERLAPS.most:
+        return                                                  # as cells do that lie next to one another
+    areas, tree, found = shapely.area(shapes), shapely.STRtree(shapes), 0
+    step = max(1, min(MOST_STEP, PAIRS_AT_ONCE // len(shapes)))
+    for begin in range(0, len(shapes), step):
+        asked = shapes[begin:begin + step]
+        later, earlier = np.concatenate([tree.query(asked, predicate=how) for how in HOWS], axis=1)
+        later += begin
+        later, earlier = later[later > earlier], earlier[later > earlier]
+        shared = shapely.area(shapely.intersection(shapes[later], shapes[earlier]))
+        found += int((shared > SLIVER * np.minimum(areas[later], areas[earlier])).sum())
+        held_to(OVERLAPS, found, label)
+
+
+def check_outlines(zones: Sequence[Sequence[Floats]], label: Where | Path | str) -> None:
+    """Zones as above. Raises BeyondLimits."""
+    large = np.array([sum(map(len, zone)) > MANY for zone in zones], dtype=bool)
+    near = crossings = 0
+    for k in np.flatnonzero(large).tolist():
+        near += _pairs(zones[k], NEAR_EDGES.most - near)
+        held_to(NEAR_EDGES, near, label)
+    for k in np.flatnonzero(~shapely.is_valid(polygons_as_drawn(zones))).tolist():
+        crossings += _pairs(zones[k], CROSSINGS.most - crossings, crossing=True)
+        held_to(CROSSINGS, crossings, label)
+
+
+def _pairs(zone: Sequence[Floats], most: int, crossing: bool = False) -> int:
+    """Pairs of a zone's edges whose boxes meet, or that cross, but for those that follow one another; not many more
+    than `most`."""
+    ends = np.concatenate([np.stack((ring, np.roll(ring, -1, axis=0)), axis=1) for ring in zone])
+    edges = shapely.linestrings(ends)
+    return _meeting(edges, most, "intersects" if crossing else None, followers=2)
+
+
+def _meeting(shapes: np.ndarray, most: int, how: str | None = None, followers: int = 0) -> int:
+    """Pairs whose boxes meet, or that do as `how` says; of each shape, itself and so many others are left out."""
+    tree, found = shapely.STRtree(shapes), 0
+    step = max(LEAST_STEP, AT_ONCE // len(shapes))
+    for begin in range(0, len(shapes), step):
+        asked = shapes[begin:begin + step]
+        found += len(tree.query(asked, predicate=how)[0]) - (1 + followers) * len(asked)
+        if found > 2 * most:
+            break
+    return max(0, found) // 2
