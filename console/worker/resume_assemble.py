@@ -77,12 +77,12 @@ def job_to_go_on(job: Job, machine: Machine, before: Snapshot, same_files: bool 
 
 
 def go_on(loop: ControlLoop, before: Before) -> None:
-    """Totals as they were; where something lies already the loop's guard against a second dose knows it. The trim is
-    that of files: with others it is found anew."""
+    """Totals as they were; where something lies already the loop's guard against a second dose knows it. The scale's
+    trim begins anew: nothing confirms what a scale said before the cut."""
     last = before.job
     if last is not None:
         plane = None if last.origin_deg is None else TangentPlane(*last.origin_deg)
-        loop.go_on(last.sums, last.flow_trim if before.same_files else 1.0, last.ground, plane, last.after_cut_kg)
+        loop.go_on(last.sums, last.ground, plane, last.after_cut_kg)
     for other in before.others:
         loop.spread_by_others(other.ground)
 

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from datetime import date
 from math import inf, isfinite
 
 from control.agronomy.crop import Crop
@@ -31,6 +32,7 @@ from control.loop.stopped import Stopped, open_share, standing_limits
 from control.loop.tick import Tick
 from control.machine.change_lag import ChangeLags, Lag
 from control.machine.machine import Machine
+from control.machine.of_product import newest_test_date
 from control.machine.steps import Steps
 from control.metering.flow_trim import FlowTrim
 from control.metering.inverse import Conditions, flow_kg_s
@@ -92,7 +94,10 @@ class ControlLoop:
         self._planner = Planner(machine, self._setting)
         self._forecaster = Forecaster()
         self._drive_trim = DriveTrim(TrimLimits(), still=1.0)
-        self._flow_trim = FlowTrim(machine.noise.scale_kg, machine.noise.scale_correlation_s)
+        self._flow_trim = FlowTrim(
+            machine.noise.scale_kg, machine.noise.scale_correlation_s, outlets=machine.geometry.outlets,
+            most_kg_s=flow_kg_s(machine, limits.shaft_high_rpm, limits.opening_high_mm))
+        self._catch_test = newest_test_date(machine)    # until a fix says how old it is
         self._expected = ExpectedDrives(machine, steps)
         self._terms = KnownTerms(machine)
         self._operator = Operator(job, crop, self.safety, self._setting, flow_trim=self._flow_trim, points=points,
@@ -149,12 +154,10 @@ class ControlLoop:
         """Of point mode, as learned."""
         return self._doses.threshold
 
-    def go_on(self, sums: Sums, flow_trim: float, done: Raster, plane: TangentPlane | None,
-              after_cut_kg: float = 0.0) -> None:
+    def go_on(self, sums: Sums, done: Raster, plane: TangentPlane | None, after_cut_kg: float = 0.0) -> None:
         """Before the first tick: go on with a job that was cut off. done: on `plane`, what its parts have spread.
         after_cut_kg: of the sums, what is thought to have been released after the last row; the first row says so."""
         self._totals = Totaliser(self.machine.geometry.working_width_m, self.crop.product_n_fraction, sums)
-        self._flow_trim.go_on(flow_trim)
         if self._ahead.hold is not None and sums.area_ha > 0.0:
             self._ahead.hold.go_on(sums.area_ha * 10_000.0 / self.machine.geometry.working_width_m,
                                    sums.kg / sums.area_ha)
@@ -194,6 +197,7 @@ class ControlLoop:
             self._events.add(f"growth_stage_outside {self._growth.text}")
             self._growth_reported_s = self._time_s or 0.0
         self._backing.forget()
+        self._flow_trim.started()
         self._near.started()
         self._ahead.overlap.started()
         self._ahead.sections.started()
@@ -218,7 +222,8 @@ class ControlLoop:
         between = decision.by_point and self._doses.may_turn(moment.m.time_s)
         verdict = self.safety.check(moment.m.time_s, situation(moment, decision, metered, choices,
             heads=self._ahead.heads, between_doses=between, console_age_s=console_age_s, log_ok=log_ok,
-            commanded=self._stopped.commanded, map_elsewhere=self._near.elsewhere_m is not None))
+            commanded=self._stopped.commanded, map_elsewhere=self._near.elsewhere_m is not None,
+            scale=self._flow_trim.says))
         command = self._command_of(moment, decision, verdict)
         self._follow(moment, decision, metered, verdict, command)
         return self._tick(moment, decision, metered, verdict, command)
@@ -397,11 +402,7 @@ class ControlLoop:
         if command.shaft_rpm > 0.0 and not calibrating:     # a stopped shaft: the gate stays, nothing to trim
             expected = self._expected.pair
             self._drive_trim.update(now, dt_s, expected.shaft_rpm, m.shaft_rpm, expected.opening_mm, self._opening(m))
-        if calibrating:
-            self._flow_trim.restart()               # what is caught may be put back
-        elif metered.flow_kg_s is not None and self._operator.choices.flow_trim_on:
-            self._flow_trim.update(now, dt_s, metered.flow_kg_s, 0.0 if m.shaft_rpm is None else m.shaft_rpm.value,
-                                   moment.conditions.pitch_deg, self._terms.weighed(m.hopper_kg))
+        self._weigh(moment, metered, calibrating and command.shaft_rpm > 0.0)
         bare = decision.pair if verdict.flow_allowed else Pair(0.0, decision.pair.opening_mm)
         turns = verdict.flow_allowed and not calibrating and not decision.by_point
         self._planner.made(now, decision.pair if turns else Pair(0.0, decision.pair.opening_mm))
@@ -410,6 +411,19 @@ class ControlLoop:
         self._count(moment, decision, metered, verdict, command)
         self._backing.note_landing(m.shaft_rpm, sensed)
         self._command = command
+
+    def _weigh(self, moment: Moment, metered: Metered, catching: bool) -> None:
+        """The scale against what the shaft takes by its reading. catching: what is caught may be put back."""
+        m, now = moment.m, moment.m.time_s
+        if self._catch_test is not None and m.gnss is not None and m.gnss.utc:
+            self._flow_trim.tested((date.fromisoformat(m.gnss.utc[:10]) - self._catch_test).days)
+            self._catch_test = None
+        rpm = self._stopped.turning_rpm(m)
+        if catching:
+            self._flow_trim.restart()
+        else:
+            self._flow_trim.update(now, moment.dt_s, metered.flow_kg_s or 0.0 if rpm > 0.0 else 0.0, rpm,
+                                   moment.conditions.pitch_deg, self._terms.weighed(m.hopper_kg))
 
     def _count(self, moment: Moment, decision: Decision, metered: Metered, verdict: Verdict,
                command: DriveCommand) -> None:
@@ -424,7 +438,8 @@ class ControlLoop:
         else:
             self._totals.rest()
         flow_kg_s = None if metered.flow_kg_s is None else metered.flow_kg_s * metered.trim
-        stopped_kg, event = self._stopped.update(m, moment.dt_s, flow_kg_s, verdict, worked)
+        stopped_kg, event = self._stopped.update(m, moment.dt_s, flow_kg_s, verdict, worked,
+                                                 self._flow_trim.take_unordered_kg())
         self._totals.add_stopped(stopped_kg)
         if event is not None:
             self._events.add(event)

@@ -91,6 +91,8 @@ class Operator:
     def _switch(self, order: Order, now_s: float) -> Answer:
         if not isinstance(order.value, bool):
             return Answer(False, "yes_or_no")
+        if order.do is Do.FLOW_TRIM:
+            self._flow_trim.forget()
         chosen: dict[str, Any] = {_SWITCHES[order.do]: order.value}
         self.choices = self.choices._replace(**chosen)
         return YES
@@ -151,7 +153,7 @@ class Operator:
             return answer
         if order.do is Do.REFILL:
             self.refilled = True
-            self._flow_trim.restart(another_lot=True)
+            self._flow_trim.refilled(_number(order) or 0.0)
         elif order.do is Do.CALIBRATE and before is not State.CALIBRATING:
             self.bench = BenchSetting()
         elif order.do is Do.START and not held_down:

@@ -3,13 +3,14 @@ from __future__ import annotations
 
 from control.loop.canopy_heads import CanopyHeads
 from control.loop.moment import Choices, Decision, Metered, Moment
+from control.metering.flow_trim import ScaleSays
 from control.orders import BY_CANOPY
 from control.safety import Commanded, Situation
 
 
 def situation(moment: Moment, decision: Decision, metered: Metered, choices: Choices, *, heads: CanopyHeads,
               between_doses: bool, console_age_s: float | None,
-              log_ok: bool, commanded: Commanded, map_elsewhere: bool) -> Situation:
+              log_ok: bool, commanded: Commanded, map_elsewhere: bool, scale: ScaleSays) -> Situation:
     """`between_doses`: a rate means nothing there, and is not given."""
     m, sensed = moment.m, moment.sensed
     needs_heads = choices.source in BY_CANOPY
@@ -24,10 +25,9 @@ def situation(moment: Moment, decision: Decision, metered: Metered, choices: Cho
         ndvi_age_s=sensed.time_s - max(heard) if heard else None,
         expected_rate_kg_ha=None if between_doses else metered.expected_rate_kg_ha,
         applied_rate_kg_ha=applied,
-        expected_flow_kg_s=0.0 if metered.flow_kg_s is None else metered.flow_kg_s * metered.trim,
         target_rate_kg_ha=decision.rate_kg_ha, metres_left_m=metered.metres_left_m,
         usable_speed_mps=decision.usable_mps if moment.speed_mps > decision.usable_mps else None,
         console_age_s=console_age_s, log_ok=log_ok, position_refused_m=sensed.refused_m,
         position_walks=sensed.walks,
         cut_from_kg_ha=decision.planned_kg_ha if decision.planned_kg_ha > decision.rate_kg_ha and not decision.by_point
-        else None, commanded=commanded, map_elsewhere=map_elsewhere)
+        else None, commanded=commanded, map_elsewhere=map_elsewhere, scale=scale)

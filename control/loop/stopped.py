@@ -56,12 +56,19 @@ class Stopped:
         self._owed_kg = 0.0             # to be entered in the log
         self._entered_s = -inf
 
+    def turning_rpm(self, m: Measurements) -> float:
+        """The measured shaft, 0 where it stands or is silent."""
+        read = m.shaft_rpm
+        known = read is not None and is_fresh(read.time_s, m.time_s, SHAFT_HOLDS_S)
+        return read.value if read is not None and known and read.value >= self._stands_rpm else 0.0
+
     def update(self, m: Measurements, dt_s: float, flow_kg_s: float | None, verdict: Verdict,
-               worked: bool) -> tuple[float, str | None]:
-        """Kilograms to be counted of this tick, and the row's event where one is due. worked: counted as work."""
+               worked: bool, unordered_kg: float = 0.0) -> tuple[float, str | None]:
+        """Kilograms to be counted of this tick, and the row's event where one is due. worked: counted as work.
+        unordered_kg: what left the hopper by its scale while the shaft reads that it stands."""
         kg = self._released_kg(m, dt_s, flow_kg_s)
         self._spell_kg = 0.0 if self.commanded.turn else self._spell_kg + kg
-        counted_kg = 0.0 if worked else self._counted_kg(kg, verdict)
+        counted_kg = (0.0 if worked else self._counted_kg(kg, verdict)) + unordered_kg
         return counted_kg, self._event(m.time_s, counted_kg)
 
     def command(self, now_s: float, command: DriveCommand, verdict: Verdict, expected: Pair) -> None:
@@ -79,11 +86,10 @@ class Stopped:
 
     def _released_kg(self, m: Measurements, dt_s: float, flow_kg_s: float | None) -> float:
         """By the measured shaft; 0 unless it is commanded to stop, and turns."""
-        if self.commanded.turn or flow_kg_s is None or m.shaft_rpm is None:
+        if self.commanded.turn or flow_kg_s is None:
             return 0.0
-        turns = m.shaft_rpm.value >= self._stands_rpm and is_fresh(m.shaft_rpm.time_s, m.time_s, SHAFT_HOLDS_S)
         kg = flow_kg_s * dt_s
-        return kg if turns and kg > 0.0 and isfinite(kg) else 0.0
+        return kg if self.turning_rpm(m) > 0.0 and kg > 0.0 and isfinite(kg) else 0.0
 
     def _counted_kg(self, kg: float, verdict: Verdict) -> float:
         """What runs down after a calibrating run lies in its tray; of a shaft that goes on, all counts."""

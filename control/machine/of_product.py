@@ -1,11 +1,27 @@
 """A machine as it meters a product: by the flow of that product's newest catch test with it."""
 from __future__ import annotations
 
+import datetime as dt
+
 from control.agronomy.product import Product
 
 from .machine import Adopted, Machine
 
 REPLACED = ("flow.grams_per_rev_mm", "flow.gain", "flow.zero_offset", "flow.fill_falloff")     # what a catch test tells
+
+
+def newest_test_date(machine: Machine) -> dt.date | None:
+    """The day of the newest catch test that the machine's flow is from; None: no test, or no day is known."""
+    days = [one.date for one in machine.adopted if one.id == REPLACED[0] and _is_date(one.date)]
+    return max(map(dt.date.fromisoformat, days), default=None)
+
+
+def _is_date(text: str) -> bool:
+    try:
+        dt.date.fromisoformat(text)
+    except ValueError:
+        return False
+    return True
 
 
 def with_product(machine: Machine, product: Product) -> Machine:

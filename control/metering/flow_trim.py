@@ -1,20 +1,31 @@
-"""The scale against the flow model: a recursive estimate of how far the flow is off, with its uncertainty.
+"""The hopper scale against what shaft and opening should have taken: the trim of the flow, and what no trim hides.
 
-Filter `flow_trim`. A Kalman filter once a block of `BLOCK_S`; its state is the mass in the hopper and three effects
-that a scale can tell while working: the gain (density, product, head of the hopper, moisture: a slow random walk), what
-flows more a revolution whatever the opening, and what a degree of pitch does. The first stands out at once, the second
-where the opening changes, the third on a slope. Nothing else shows on a scale: what goes on in the tube does not.
+One series of blocks of `BLOCK_S`: what the model says has gone by then, and what the scale read. Filter `flow_trim` is
+a Kalman filter on it; its state is the mass in the hopper and three effects that a scale can tell while working: the
+gain (density, product, head of the hopper, moisture: a slow random walk), what flows more a revolution whatever the
+opening, and what a degree of pitch does. It never goes faster than its evidence: where the estimate is x standard
+deviations from what is trimmed, the trim goes 1 - (DOUBT_SD / x)^2 of the way, and does not move below `DOUBT_SD`. The
+estimate is kept within `most_percent`; of it as much is believed as the flow's own prior (by the age of its catch test)
+is wider than the scale's.
 
-It never goes faster than its evidence: where the estimate is x standard deviations from what is trimmed, the trim goes
-1 - (DOUBT_SD / x)^2 of the way, and does not move below `DOUBT_SD`. At 0.09 kg/s, with the shipped scale (0.15 kg,
-correlated over 1 s), 80 % of an error of 6 % is taken back after some 80 s; a healthy machine is trimmed by 0.1 %.
+The watch asks what the filter of 2, 4, ... 120 blocks ago would read now. Where the scale is more than `CHANGED_SD`
+from that:
+
+- nothing turns, and the scale falls: material leaves that nobody ordered (`unordered_kg`); it rises: it is filled;
+- material flows: the trim goes back to what it was then, and rests. A straight line through the blocks since then says
+  which share of the model's flow really left; its standard deviation comes from its own residuals, so that a scale
+  that sways says nothing. From `DECIDED_S` of flow on it is `share` (too far off), `outlets` (that give nothing),
+  `beyond_percent` (more than is trimmed: the trim is 1), or a change that may be trimmed. The same line through the
+  last two minutes finds what was wrong from the start.
 
 Inputs: measured shaft and opening through the model, `hopper_kg`, `pitch_deg`; output: `flow_trim`. All are logged.
 """
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
-from math import exp, sqrt
+from math import exp, inf, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,59 +37,116 @@ from control.readings import Reading
 class FlowTrimLimits:
     """Standard deviations unless it says otherwise."""
 
-    most_share: float = 0.25            # of the flow, that is trimmed at most
+    most_percent: float = 10.0          # of the flow, that is trimmed at most: a flow that is farther off is asked for
     gain_percent: float = 5.0           # what a product is off before its catch test: 5-50 %
+    scale_percent: float = 1.0          # the scale's own gain; 0.5-5 % are usual (effect scale.gain)
     offset_g_rev: float = 4.0           # an offset near 8 g per revolution is published
     slope_percent_per_deg: float = 0.5  # 0.3-1 % per degree are published
     wanders_percent: float = 1.0        # the gain, in the square root of an hour: head 1-3 % an hopper, moisture
     another_lot_percent: float = 1.5    # the gain, at a refill: with 3 every refill was a minute of noise trimmed
-    changed_percent: float = 10.0       # the gain, where the scale runs away from it: an outlet of six is 17 %
+    changed_percent: float = 10.0       # the gain, where the flow has changed by itself
     level_kg: float = 100.0             # the mass in the hopper, before the first weighing
+    low_share: float = 0.5              # of the believed flow, less of which left: nothing decides between ...
+    high_share: float = 1.5             # ... shaft and scale; so does more than this
+    refill_percent: float = 5.0         # bags are within 1-2 % of their print: a rise farther off is the scale's gain
 
 
-BLOCK_S = 2.0               # weighings are averaged over this: two correlation times of the scale's noise
+BLOCK_S = 1.0               # weighings are averaged over this
 DOUBT_SD = 1.5              # an estimate nearer to what is trimmed moves nothing
 REFILL_KG = 2.0             # the scale rising this much from one weighing to the next is a refill
-OUTLIER_SD = 4.5            # a block further off: something stands on the hopper, or was taken off it
-RUNS_AWAY_SD = 4.5          # the mean of what blocks were off, by `KEEPS`: the flow has changed
-KEEPS = 0.9
+CHANGED_SD = 5.0            # the scale is as far from where it should be: 7 questions a second, none wrong in months
+WINDOWS = (2, 4, 8, 16, 32, 64, 120)    # blocks; a quarter of them is averaged at the end
+DECIDED_S = 24.0            # of flow: a scale that sways by 1 kg in 30 s is a straight line for less than this
+DECIDED_SD = 4.0            # beyond a limit, by the residuals
+GOES_ON_SHARE = 0.75        # of what is off, in the last third: of a scale that sways it goes back
+FAR_SD = 2.0                # beyond `low_share` or `high_share`, which is far enough from a sound flow
+SWAYS_KG = 1.0              # more is allowed to a scale that stands, until it has shown for ...
+SWAY_BLOCKS = 30            # ... so long what it does; and material has left where it reads less than in all of these
+KNOWN_SD = 0.03             # a share as well known as this, within its limits, is a flow that changed
 NOISE_RATE = 0.02           # how quickly the scale is believed to be noisier than its file says ...
-NOISE_BLOCKS = 4.0          # ... and sooner at first, as if so many blocks had said that it is not
+NOISE_BLOCKS = 2.0          # ... and sooner at first, as if so many blocks had said ...
+NOISE_FIRST = 20.0          # ... that it sways by 1 kg: a scale has to show that it is calm
 NOISE_MOST = 100.0          # times the variance
 STALE_S = 1.0               # an older weighing says nothing
 LEAST_G_REV = 1.0           # of the model, to say what an offset is worth
+LEAST_KG_S = 0.005          # a smaller flow is no evidence
+ENDED_BLOCKS = 8            # without a further fall: nothing leaves any more
+FASTER = 1.5                # times the machine's largest flow: no flow, something was taken off the hopper
+TEST_PERCENT = 1.5          # what a catch test of today leaves open ...
+TEST_WANDERS_PERCENT = 0.5  # ... and what store and weather add in the square root of a day: 5 % after three months
 
 H, GAIN, OFFSET, SLOPE = range(4)
+
+
+class ScaleSays(NamedTuple):
+    """What the scale says that is no trim, now; neutral values: nothing."""
+
+    unordered_kg: float = 0.0           # left while nothing turned
+    off_kg: float = 0.0                 # left more (less: negative) than is believed, and why is not decided yet
+    share: float | None = None          # of the believed flow, that left: outside `low_share` to `high_share`
+    outlets: int = 0                    # that give nothing ...
+    of_outlets: int = 0                 # ... of so many
+    beyond_percent: float | None = None     # the flow is so far off by the scale, which is more than is trimmed
+    trimmed_percent: float = 0.0        # the flow is moved so far
+    refill_percent: float | None = None     # the scale's rise at the last refill is so far off the order's kg
+
+
+NOTHING_SAID = ScaleSays()
+
+
+class _Block(NamedTuple):
+    sums: Array             # expected kg, 1000 revolutions, kg x degrees: so far
+    kg: float               # mean of the scale
+    flows: bool             # material flowed in it, by the model
+    state: Array            # after it
+    spread: Array
+    trimmed: Array
 
 
 class FlowTrim:
     """One of a run. `update` once a tick; `at` is what the model's flow is multiplied by."""
 
-    def __init__(self, scale_kg: float = 0.15, correlation_s: float = 1.0,
-                 limits: FlowTrimLimits = FlowTrimLimits()) -> None:
-        """scale_kg, correlation_s: the scale's noise, as the machine file has it."""
-        self._limits = limits
-        self._block_kg2 = scale_kg ** 2 * min(1.0, 2.0 * correlation_s / BLOCK_S)
-        self._state = np.zeros(4)
-        self._spread = np.diag([limits.level_kg, limits.gain_percent, limits.offset_g_rev,
-                                limits.slope_percent_per_deg]) ** 2
-        self._trimmed = np.zeros(3)             # of the state without the level: as far as it is believed
-        self._noise = 1.0                       # times the file's variance
+    def __init__(self, scale_kg: float = 0.15, correlation_s: float = 1.0, limits: FlowTrimLimits = FlowTrimLimits(),
+                 *, outlets: int = 6, most_kg_s: float = inf) -> None:
+        """scale_kg, correlation_s: the scale's noise, as the machine file has it. most_kg_s: the machine's largest
+        flow."""
+        self._limits, self._outlets, self._most_kg = limits, outlets, FASTER * most_kg_s * BLOCK_S
+        self._scale_kg2, self._correlation_s = scale_kg ** 2, correlation_s
+        self._block_kg2 = self._scale_kg2 * min(4.0, 2.0 * correlation_s / BLOCK_S)     # as if blocks were independent
+        self._gain_percent = limits.gain_percent
+        self._noise = NOISE_FIRST               # times the file's variance
         self._judged = 0                        # blocks that spoke of the noise
-        self._off = 0.0                         # kept mean of what blocks were off, in their standard deviations
-        self._sums = np.zeros(3)                # expected kg, 1000 revolutions, kg x degrees: so far
+        self._refill_percent: float | None = None
+        self._sums = np.zeros(3)
         self._block: list[tuple[Array, float]] = []
         self._since_s = 0.0
-        self._before: Array | None = None       # sums in the middle of the block before
-        self._before_s = 0.0
         self._last_kg: float | None = None
         self._weighed_s: float | None = None
+        self._filled_kg, self._lowest_kg = 0.0, inf         # ordered in this rest; read in it
+        self._unordered_kg = self._told_kg = 0.0
         self.grams_per_rev, self.pitch_deg = 100.0, 0.0     # of the newest tick
+        self.forget()
+
+    def forget(self) -> None:
+        """Back to the model's own calibration, as before the first weighing; what the scale's noise is stays."""
+        limits = self._limits
+        self._state = np.zeros(4)
+        self._spread = np.diag([limits.level_kg, self._gain_percent, limits.offset_g_rev,
+                                limits.slope_percent_per_deg]) ** 2
+        self._trimmed = np.zeros(3)             # of the state without the level: as far as it is believed
+        self._said = NOTHING_SAID
+        self._rests = False                     # the trim, while what the scale says is no trim, or not decided
+        self.restart()
 
     @property
     def value(self) -> float:
         """What the flow of now is multiplied by."""
         return self.at(self.grams_per_rev, self.pitch_deg)
+
+    @property
+    def says(self) -> ScaleSays:
+        return self._said._replace(trimmed_percent=100.0 * (self.value - 1.0), unordered_kg=self._unordered_kg,
+                                   refill_percent=self._refill_percent)
 
     @property
     def sd_percent(self) -> float:
@@ -88,24 +156,51 @@ class FlowTrim:
 
     def at(self, grams_per_rev: float, pitch_deg: float) -> float:
         """What the model's flow is multiplied by, where a revolution gives so much by the model."""
-        most, trimmed = self._limits.most_share, 0.01 * float(self._trimmed @ _shows(grams_per_rev, pitch_deg))
-        return 1.0 + min(most, max(-most, trimmed))
-
-    def go_on(self, value: float) -> None:
-        """With what a part of the job before has learnt."""
-        self._state[GAIN] = self._trimmed[GAIN - 1] = 100.0 * (value - 1.0)
-        if value != 1.0:
-            self._spread[GAIN, GAIN] = self._spread[OFFSET, OFFSET] = 1.0
+        if self._refill_percent is not None:
+            return 1.0
+        most, trimmed = self._limits.most_percent, float(self._trimmed @ _shows(grams_per_rev, pitch_deg))
+        own = self._gain_percent ** 2
+        believed = own / (own + self._limits.scale_percent ** 2)
+        return 1.0 + 0.01 * believed * min(most, max(-most, trimmed))
 
     def restart(self, another_lot: bool = False) -> None:
         """After a pause, a tare or a refill the level is another one; after a refill the lot may be."""
         self._block.clear()
-        self._before = None
-        self._off = 0.0
+        self._blocks: deque[_Block] = deque(maxlen=WINDOWS[-1] + 1)
+        self._flow: deque[_Block] = deque(maxlen=WINDOWS[-1])   # of them, those with flow; since it changed, if it did
+        self._standing_kg: deque[float] = deque(maxlen=SWAY_BLOCKS)     # since it stands
+        self._left: _Block | None = None                # the last one before material left that nobody ordered
+        self._unordered_kg = self._told_kg = 0.0
+        self._quiet = 0                                 # blocks in which nothing more left
         self._spread[H, :] = self._spread[:, H] = 0.0
         self._spread[H, H] = self._limits.level_kg ** 2
         if another_lot:
             self._spread[GAIN, GAIN] += self._limits.another_lot_percent ** 2
+
+    def tested(self, age_days: float) -> None:
+        """The product's catch test is so old: a fresh one is believed rather than the scale. Before work begins."""
+        self._gain_percent = min(self._limits.gain_percent,
+                                 sqrt(TEST_PERCENT ** 2 + TEST_WANDERS_PERCENT ** 2 * max(0.0, age_days)))
+        self.forget()
+
+    def started(self) -> None:
+        """Work begins, or begins again: what was wrong may have been put right, and is judged anew."""
+        self._flow.clear()
+        if self._said.share is not None:
+            self._said = NOTHING_SAID
+
+    def refilled(self, kg: float) -> None:
+        """Ordered. Where the scale rises by another amount before work goes on, its gain is wrong."""
+        self._filled_kg += kg
+        lowest_kg = self._lowest_kg
+        self.restart(another_lot=True)
+        self._lowest_kg = lowest_kg
+
+    def take_unordered_kg(self) -> float:
+        """What left since it was asked last."""
+        kg = max(0.0, self._unordered_kg - self._told_kg)
+        self._told_kg += kg
+        return kg
 
     def update(self, now_s: float, dt_s: float, model_flow_kg_s: float, shaft_rpm: float, pitch_deg: float,
                scale: Reading | None) -> None:
@@ -125,36 +220,62 @@ class FlowTrim:
         if not self._block:
             self._since_s = now_s
         self._block.append((self._sums, scale.value))
-        if now_s - self._since_s >= BLOCK_S:
-            self._take_block(now_s)
+        if now_s - self._since_s + dt_s > BLOCK_S - 1e-6:
+            self._take_block()
 
-    def _take_block(self, now_s: float) -> None:
+    # -- blocks ----------------------------------------------------------------------------------------------------
+
+    def _take_block(self) -> None:
         sums = np.mean([one for one, _ in self._block], axis=0)
-        weighed = float(np.mean([kg for _, kg in self._block]))
+        kg = float(np.mean([kg for _, kg in self._block]))
         self._block.clear()
-        if self._before is None:
-            self._level(weighed)
+        if not self._blocks:
+            self._level(kg)
+            self._keep(sums, kg, False)
+            return
+        before = self._blocks[-1]
+        gone = sums - before.sums
+        flows = bool(gone[0] >= LEAST_KG_S * BLOCK_S)
+        if abs(kg - before.kg + gone[0]) > self._most_kg + CHANGED_SD * sqrt(2.0 * self._mean_kg2(1)):
+            self.restart()                      # stood on, or taken off
+            self._level(kg)
+            self._keep(sums, kg, flows)
+            return
+        if flows:
+            self._check_refill(before.kg)
+        elif before.flows:
+            self._lowest_kg = kg
+        self._lowest_kg = min(self._lowest_kg, kg)
+        if self._rests and flows:
+            self._level(kg)                     # the filter rests; what is read is what a standstill begins with
+        elif self._left is None:
+            self._gone(gone)
+            if not flows:                       # what the level does now says nothing of the flow
+                self._spread[H, GAIN:] = self._spread[GAIN:, H] = 0.0
+                self._spread[H, H] = max(self._spread[H, H], 0.25 * self._noise * self._block_kg2)
+            self._weighed(kg)
+            if flows:
+                self._bound()
+        self._keep(sums, kg, flows)
+        if flows:
+            self._with_flow()
         else:
-            self._gone(sums - self._before, now_s - self._before_s)
-            self._weighed(weighed)
-            self._believe()
-        self._before, self._before_s = sums, now_s
+            self._standing()
 
-    def _gone(self, gone: Array, since_s: float) -> None:
+    def _keep(self, sums: Array, kg: float, flows: bool) -> None:
+        self._blocks.append(_Block(sums, kg, flows, self._state, self._spread, self._trimmed))
+
+    def _gone(self, gone: Array) -> None:
         """What left the hopper since the block before, by the model and what is believed of it."""
-        step = np.eye(4)
-        step[H, GAIN], step[H, OFFSET], step[H, SLOPE] = -0.01 * gone[0], -gone[1], -0.01 * gone[2]
+        step = _leaves(gone)
         self._state = step @ self._state
         self._state[H] -= gone[0]
         self._spread = step @ self._spread @ step.T
-        self._spread[GAIN, GAIN] += self._limits.wanders_percent ** 2 * since_s / 3600.0
+        self._spread[GAIN, GAIN] += self._limits.wanders_percent ** 2 * BLOCK_S / 3600.0
 
     def _weighed(self, weighed_kg: float) -> None:
         variance = float(self._spread[H, H]) + self._noise * self._block_kg2
         off = (weighed_kg - float(self._state[H])) / sqrt(variance)
-        if abs(off) > OUTLIER_SD:
-            self._level(weighed_kg)
-            return
         gain = self._spread[:, H] / variance
         self._state = self._state + gain * off * sqrt(variance)
         rest = np.eye(4)
@@ -163,14 +284,18 @@ class FlowTrim:
         self._judged += 1
         rate = max(NOISE_RATE, 1.0 / (NOISE_BLOCKS + self._judged))
         self._noise = min(NOISE_MOST, max(1.0, self._noise * exp(rate * (min(9.0, off * off) - 1.0))))
-        self._off = KEEPS * self._off + (1.0 - KEEPS) * off
-        if abs(self._off) > RUNS_AWAY_SD * sqrt((1.0 - KEEPS) / (1.0 + KEEPS)):
-            self._level(weighed_kg)
-            self._spread[GAIN, GAIN] += self._limits.changed_percent ** 2
-            self._off = 0.0
+
+    def _bound(self) -> None:
+        """The estimate projected into its bounds, along its own uncertainty."""
+        shows = np.concatenate([[0.0], _shows(self.grams_per_rev, self.pitch_deg)])
+        percent, most = float(shows @ self._state), self._limits.most_percent
+        over = percent - min(most, max(-most, percent))
+        along = self._spread @ shows
+        self._state = self._state - along * over / max(1e-12, float(shows @ along))
 
     def _level(self, weighed_kg: float) -> None:
         """The hopper holds what was just weighed, whatever was thought before."""
+        self._state = self._state.copy()
         self._state[H] = weighed_kg
         self._spread[H, :] = self._spread[:, H] = 0.0
         self._spread[H, H] = self._noise * self._block_kg2
@@ -181,6 +306,158 @@ class FlowTrim:
         percent, sd = float(apart @ _shows(self.grams_per_rev, self.pitch_deg)), self.sd_percent
         if abs(percent) > DOUBT_SD * sd:
             self._trimmed = self._trimmed + (1.0 - (DOUBT_SD * sd / percent) ** 2) * apart
+
+    def _check_refill(self, kg: float) -> None:
+        """When work goes on after a rest in which a refill was ordered."""
+        if self._filled_kg > 0.0 and self._lowest_kg < inf:
+            off_kg = kg - self._lowest_kg - self._filled_kg
+            allowed = 0.01 * self._limits.refill_percent * self._filled_kg + CHANGED_SD * sqrt(self._scale_kg2)
+            self._refill_percent = 100.0 * off_kg / self._filled_kg if abs(off_kg) > allowed else None
+        self._filled_kg, self._lowest_kg = 0.0, inf
+
+    # -- the watch -------------------------------------------------------------------------------------------------
+
+    def _mean_kg2(self, blocks: int) -> float:
+        """Variance of the scale's mean over so many blocks."""
+        t = blocks * BLOCK_S / self._correlation_s
+        return self._noise * self._scale_kg2 * 2.0 * (t - 1.0 + exp(-t)) / (t * t)
+
+    def _excess(self, since: _Block, blocks: int) -> tuple[float, float]:
+        """What left since a block more than the filter of then believes, kg, by the mean of the newest blocks, and its
+        standard deviation."""
+        newest = [self._blocks[-1 - k] for k in range(blocks)]
+        gone = sum((one.sums for one in newest), np.zeros(3)) / blocks - since.sums
+        step = _leaves(gone)
+        expected = float(step[H] @ since.state) - gone[0]
+        variance = float(step[H] @ since.spread @ step[H]) + self._mean_kg2(blocks)
+        return expected - sum(one.kg for one in newest) / blocks, sqrt(variance)
+
+    def _farthest(self, most: int) -> tuple[int, float, float]:
+        """(window, kg, sd) of that window of at most so many blocks over which the scale is farthest off."""
+        asked = [(window, *self._excess(self._blocks[-1 - window], max(1, window // 4)))
+                 for window in {*WINDOWS, most} if window <= min(most, len(self._blocks) - 1)]
+        return max(asked, key=lambda one: abs(one[1]) / one[2], default=(0, 0.0, 1.0))
+
+    def _standing(self) -> None:
+        """Nothing flows by what the shaft reads: what the scale does now, nobody ordered."""
+        if self._left is not None:
+            self._goes_on(self._left)
+            return
+        newest = self._blocks[-1]
+        self._standing_kg.append(newest.kg)
+        rest = next((k for k, one in enumerate(reversed(self._blocks)) if one.flows), len(self._blocks) - 1)
+        window, kg, sd = self._farthest(rest)
+        least_kg = CHANGED_SD * sd + (SWAYS_KG if self._judged < SWAY_BLOCKS else 0.0)
+        if kg < -least_kg:                      # it is being filled
+            self._back_to(self._blocks[-1 - window])
+            self._blocks.clear()
+            self._level(newest.kg)
+            self._keep(newest.sums, newest.kg, False)
+        elif kg > least_kg and min(list(self._standing_kg)[:-window], default=inf) - newest.kg > 0.5 * kg:
+            rested = list(self._blocks)[-1 - rest:-1]
+            self._left = max(rested, key=lambda one: self._excess(one, 1)[0])
+            self._back_to(self._left)
+            self._goes_on(self._left)
+
+    def _goes_on(self, since: _Block) -> None:
+        """Material leaves that nobody ordered, or has left."""
+        kg, sd = self._excess(since, min(ENDED_BLOCKS // 2, len(self._blocks) - 1))
+        self._quiet = 0 if kg > self._unordered_kg + sd else self._quiet + 1
+        self._unordered_kg = max(self._unordered_kg, kg)
+        if self._quiet >= ENDED_BLOCKS:
+            self.restart()
+
+    def _with_flow(self) -> None:
+        if self._left is not None:
+            self.restart()
+            return
+        self._standing_kg.clear()
+        self._flow.append(self._blocks[-1])
+        if not self._rests:
+            window, kg, sd = self._farthest(WINDOWS[-1])
+            if abs(kg) > CHANGED_SD * sd:
+                self._since_change(window)
+                self._said = ScaleSays(off_kg=kg)
+        if len(self._flow) * BLOCK_S >= DECIDED_S:
+            self._judge()
+        if not self._rests:
+            self._believe()
+
+    def _since_change(self, window: int) -> None:
+        """The trim goes back to what it was when the flow changed, and rests. That is the last block from which on nine
+        tenths are missing of what is missing over the window."""
+        averaged = max(1, window // 4)
+        off = [abs(self._excess(one, averaged)[0]) for one in list(self._blocks)[-1 - window:-averaged]]
+        latest = max(k for k, kg in enumerate(off) if kg >= 0.9 * off[0])
+        since = self._blocks[latest - window - 1]
+        flow = [one for one in self._flow if one.sums[0] >= since.sums[0]]
+        self._flow.clear()
+        self._flow.extend(flow)
+        self._back_to(since)
+        self._rests = True
+
+    def _back_to(self, since: _Block) -> None:
+        self._state, self._spread, self._trimmed = since.state.copy(), since.spread.copy(), since.trimmed
+
+    def _judge(self) -> None:
+        """By the share of the model's flow that left, since the flow changed, else in the last two minutes."""
+        limits, flow = self._limits, list(self._flow)
+        share, sd, noise_kg2 = self._share(flow)
+        off, lately = share - 1.0, self._share(flow[-len(flow) // 3:])[0] - 1.0
+        goes_on = off * lately > GOES_ON_SHARE * off * off
+        believed = 1.0 + 0.01 * float(self._trimmed @ _shows(self.grams_per_rev, self.pitch_deg))
+        silent, surely = self._silent(share / believed, sd)
+        if goes_on and not limits.low_share - FAR_SD * sd < share < limits.high_share + FAR_SD * sd:
+            self._no_trim(ScaleSays(share=share))
+        elif goes_on and self._rests and surely and self._said.beyond_percent is None:
+            self._said = ScaleSays(outlets=silent, of_outlets=self._outlets)
+        elif goes_on and 100.0 * (abs(off) - DECIDED_SD * sd) > limits.most_percent:
+            window, kg, kg_sd = self._farthest(WINDOWS[-1])
+            if not self._rests and abs(kg) > DECIDED_SD * kg_sd:
+                self._since_change(window)      # it was not so all along
+                return
+            self._no_trim(ScaleSays(beyond_percent=100.0 * off))
+        elif self._rests and ((sd < KNOWN_SD and 100.0 * abs(off) < limits.most_percent)
+                              or len(self._flow) == self._flow.maxlen):
+            self._said, self._rests = NOTHING_SAID, False
+            self._noise = max(self._noise, noise_kg2 / (self._mean_kg2(1) / self._noise))
+            newest = self._blocks[-1]
+            self._blocks.clear()
+            self._level(newest.kg)
+            self._spread[GAIN, GAIN] += limits.changed_percent ** 2
+            self._keep(newest.sums, newest.kg, True)
+
+    def _no_trim(self, said: ScaleSays) -> None:
+        self._said, self._rests, self._trimmed = said, True, np.zeros(3)
+
+    def _silent(self, share: float, sd: float) -> tuple[int, bool]:
+        """How many outlets that share of what was believed would be, and whether it is surely they."""
+        lost = (1.0 - share) * self._outlets
+        silent = round(lost)
+        few = 1 <= silent <= max(1, self._outlets // 3)
+        known = DECIDED_SD * max(sd, 0.01 * self.sd_percent) * self._outlets < 1.0
+        return silent, few and known and abs(lost - silent) < 0.4
+
+    def _share(self, flow: list[_Block]) -> tuple[float, float, float]:
+        """A straight line through what the scale read over what the model says has gone: the share that left, its
+        standard deviation by what the line leaves, and that, kg2."""
+        gone = np.array([one.sums[0] for one in flow])
+        kg = np.array([one.kg for one in flow])
+        gone, kg = gone - gone.mean(), kg - kg.mean()
+        across = max(1e-12, float(gone @ gone))
+        line = float(gone @ kg) / across
+        left = kg - line * gone
+        noise_kg2 = max(float(left @ left) / (len(kg) - 2), self._mean_kg2(1))
+        alike = min(0.99, max(0.0, float(left[1:] @ left[:-1]) / max(1e-12, float(left @ left))))
+        each_kg2 = noise_kg2 * max(self._noise * self._block_kg2 / self._mean_kg2(1), (1.0 + alike) / (1.0 - alike))
+        return -line, sqrt(each_kg2 / across), noise_kg2
+
+
+def _leaves(gone: Array) -> Array:
+    """How the state goes on where so much has gone by the model."""
+    step = np.eye(4)
+    step[H, GAIN], step[H, OFFSET], step[H, SLOPE] = -0.01 * gone[0], -gone[1], -0.01 * gone[2]
+    return step
 
 
 def _shows(grams_per_rev: float, pitch_deg: float) -> Array:

@@ -35,6 +35,9 @@ _KINDS = (
                                      "use the hard-wired stop."),
               N_("Use the hard-wired stop, then look at the valve, its air and its cable."), N_("section valves"),
               State.HELD),
+    AlarmKind("flow_unordered", _RED, N_("The hopper loses {kg} kg while nothing turns: use the hard-wired stop."),
+              N_("Keep away from the machine. Use the hard-wired stop, then look at the shaft, its sensor and the "
+                 "hopper's outlet."), N_("hopper"), State.FAULT),
     AlarmKind("shaft_silent", _RED, N_("The metering shaft does not answer."),
               N_("Stop. Check power and cable of the drive board."), N_("drive board"), State.FAULT),
     AlarmKind("gate_silent", _RED, N_("The opening does not answer."),
@@ -55,8 +58,11 @@ _KINDS = (
               N_("gate"), State.FAULT),
     AlarmKind("calibration_moved", _RED, N_("The machine moved while calibrating ({speed_mps} m/s)."),
               N_("Secure the machine against rolling, then begin again."), N_("machine"), State.FAULT),
-    AlarmKind("flow_missing", _RED, N_("The hopper loses less than {percent} % of what it should."),
+    AlarmKind("flow_missing", _RED, N_("The hopper loses {percent} % of what it should."),
               N_("Look for a bridge in the hopper and blocked outlets."), N_("hopper"), State.HELD),
+    AlarmKind("flow_above", _RED, N_("The hopper loses {percent} % of what shaft and opening say."),
+              N_("Look whether the shaft turns as it reads and the gate stands as it reads; check the scale."),
+              N_("metering"), State.HELD),
     AlarmKind("hopper_empty", _RED, N_("The hopper is empty ({hopper_kg} kg)."),
               N_("Refill."), N_("hopper"), State.HELD),
     AlarmKind("rate_above_limit", _RED, N_("{applied_kg_ha} kg/ha applied; the limit is {limit_kg_ha} kg/ha."),
@@ -81,6 +87,12 @@ _KINDS = (
               N_("Check crop, prescription and manual rate."), N_("target")),
     AlarmKind("rate_far_off", _RED, N_("The rate is off by {error_percent} %."),
               N_("Hold and check opening, shaft and hopper."), N_("metering")),
+    AlarmKind("outlet_blocked", _RED, N_("Flow fell at once: about {outlets} of {of} outlets give nothing."),
+              N_("Hold and look at the outlets. The others keep their rate: the scale does not raise it."),
+              N_("outlets")),
+    AlarmKind("flow_disagrees", _RED, N_("By the scale the flow is off by {percent} %, more than is trimmed; the "
+                                         "machine file's is used."),
+              N_("Do a catch test, or weigh a known load: which is right, machine file or scale?"), N_("hopper scale")),
     AlarmKind("target_cut", _AMBER, N_("{planned_kg_ha} kg/ha are wanted here; the crop's limit of {limit_kg_ha} kg/ha "
                                        "is applied."),
               N_("Check the map's rates and their unit, the nudge, and the crop's limit."), N_("target")),
@@ -102,6 +114,14 @@ _KINDS = (
     AlarmKind("gate_off", _AMBER, N_("The gate stands at {opening_mm} mm and should be at {told_mm} mm; the rate is "
                                      "off by as much."),
               N_("Look for what holds the gate; home it anew."), N_("gate")),
+    AlarmKind("flow_trimmed", _AMBER, N_("The scale moves the flow by {percent} %."),
+              N_("Do a catch test with this product; W switches the scale's trim off."), N_("hopper scale")),
+    AlarmKind("scale_unexplained", _AMBER, N_("The scale shows {kg} kg more or less than the flow explains."),
+              N_("Look at the outlets, the shaft and the hopper. It is judged after 24 s of flow."),
+              N_("hopper scale")),
+    AlarmKind("refill_disagrees", _AMBER, N_("The scale's rise at the refill is off by {percent} %: the scale's gain, "
+                                             "or the kg that were entered. It trims nothing."),
+              N_("Check what was filled in, then weigh a known load."), N_("hopper scale")),
     AlarmKind("gnss_silent", _AMBER, N_("GNSS is silent or has no fix."),
               N_("Check the antenna and the receiver. The wheel gives the speed."), N_("GNSS")),
     AlarmKind("position_jumped", _AMBER, N_("GNSS tells a place {off_m} m from where the machine can be; it is not "

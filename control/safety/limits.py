@@ -66,12 +66,7 @@ class SafetyLimits:
     rate_max_kg_ha: float = 1000.0          # the product's absolute limit
     rate_max_s: float = 1.0                 # applied above it this long: held
     # hopper
-    flow_low_percent: float = 50.0
-    flow_low_s: float = 20.0                # flow entirely gone is found after this
-    flow_low_kg: float = 1.5                # and not judged on less expected mass than this
-    flow_window_max_s: float = 120.0        # older scale readings say more about drift than about flow
-    flow_min_kg_s: float = 0.005            # expected flow below this is not judged
-    refill_rise_kg: float = 1.5             # the scale rising this much is a refill
+    trimmed_percent: float = 5.0            # the scale moves the flow by more: said
     hopper_empty_kg: float = 0.5
     hopper_low_kg: float = 30.0
     hopper_clear_kg: float = 1.0            # the low alarm goes this far above its limit
@@ -91,7 +86,6 @@ class SafetyLimits:
         _refuse_order(self, "calibrate_speed_mps", "calibrate_fault_speed_mps")
         _refuse_order(self, "rate_amber_percent", "rate_red_percent")
         _refuse_order(self, "console_hold_s", "console_off_s")
-        _refuse_order(self, "flow_low_s", "flow_window_max_s")
         _refuse_order(self, "stand_settle_s", "run_down_max_s")
 
 

@@ -6,7 +6,6 @@ from math import isfinite
 
 from control.orders import Answer, Do, Order, State
 from control.safety.alarms import acknowledged, unacknowledged_red
-from control.safety.hopper_watch import refilled
 from control.safety.limits import SafetyLimits
 from control.safety.memory import Allowances, Memory
 from control.safety.words import refusal
@@ -149,7 +148,7 @@ def _refill(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outc
     kg = None if order.value is None else _number(order.value)
     if kg is None or not kg > 0.0:
         return m, _no("refill_kg")
-    return m._replace(hopper=refilled(m.hopper)), YES
+    return m, YES
 
 
 def _number(value: str | float | bool) -> float | None:

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from math import isfinite
 
+from control.metering.flow_trim import ScaleSays
 from control.orders import BY_CANOPY, BY_PLACE, State
 from control.safety.follow_watch import FollowWatch
 from control.safety.hopper_watch import HopperWatch
@@ -48,7 +49,7 @@ def troubles(m: Memory, now_s: float, s: Situation, *, seen: Senses, motion: Mot
         _working(found, now_s, s, seen, motion, limits)
         _rate(found, now_s, s, rate, limits)
         _follow(found, now_s, s, follow, limits)
-        _hopper_stopped(found, now_s, seen, hopper, limits)
+        _scale(found, now_s, s.scale, seen, hopper, limits)
     return found
 
 
@@ -61,6 +62,8 @@ def _commanded_to_stop(found: dict[str, Details], s: Situation, seen: Senses, st
         found["gate_opens"] = (("opening_mm", _rounded(seen.opening_mm)), ("told_mm", _rounded(s.commanded.opening_mm)))
     if stand.valves.stuck:
         found["valve_open"] = (("sections", ", ".join(map(str, stand.valves.stuck))),)
+    if s.scale.unordered_kg > 0.0:
+        found["flow_unordered"] = (("kg", _rounded(s.scale.unordered_kg, 1)),)
 
 
 def _drives(found: dict[str, Details], m: Memory, now_s: float, s: Situation, seen: Senses,
@@ -126,6 +129,8 @@ def _speeds(found: dict[str, Details], doubt: SpeedDoubt | None, limits: SafetyL
 def _hopper_low(found: dict[str, Details], s: Situation, seen: Senses, hopper: HopperWatch) -> None:
     if hopper.low and seen.hopper_kg is not None:
         found["hopper_low"] = (("hopper_kg", round(seen.hopper_kg)), ("metres_left", _tens(s.metres_left_m)))
+    if s.scale.refill_percent is not None:
+        found["refill_disagrees"] = (("percent", _rounded(s.scale.refill_percent)),)
 
 
 def _working(found: dict[str, Details], now_s: float, s: Situation, seen: Senses, motion: Motion,
@@ -165,12 +170,21 @@ def _follow(found: dict[str, Details], now_s: float, s: Situation, follow: Follo
         found["gate_off"] = gate
 
 
-def _hopper_stopped(found: dict[str, Details], now_s: float, seen: Senses, hopper: HopperWatch,
-                    limits: SafetyLimits) -> None:
-    if hopper.missing:
-        found["flow_missing"] = (("percent", limits.flow_low_percent),)
+def _scale(found: dict[str, Details], now_s: float, says: ScaleSays, seen: Senses, hopper: HopperWatch,
+           limits: SafetyLimits) -> None:
+    """What the scale says of the flow, and that nothing is left."""
     if lasted(hopper.empty_since_s, now_s, limits.hopper_confirm_s):
         found["hopper_empty"] = (("hopper_kg", round(seen.hopper_kg or 0.0, 1)),)
+    if says.share is not None:
+        found["flow_missing" if says.share < 1.0 else "flow_above"] = (("percent", _rounded(100.0 * says.share)),)
+    if says.outlets:
+        found["outlet_blocked"] = (("outlets", says.outlets), ("of", says.of_outlets))
+    if says.beyond_percent is not None:
+        found["flow_disagrees"] = (("percent", _rounded(says.beyond_percent)),)
+    if says.off_kg != 0.0:
+        found["scale_unexplained"] = (("kg", _rounded(abs(says.off_kg), 1)),)
+    if abs(says.trimmed_percent) > limits.trimmed_percent:
+        found["flow_trimmed"] = (("percent", _rounded(says.trimmed_percent)),)
 
 
 def _rounded(value: float | None, digits: int | None = None) -> str | float:

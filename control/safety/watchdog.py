@@ -59,7 +59,7 @@ class Safety:
         at_work = m.flowing and m.state is State.WORKING
         rate = rated(m.rate, now_s, s, at_work, limits)
         follow = followed(m.follow, now_s, s, seen, at_work, limits)
-        hopper = watched(m.hopper, now_s, seen.hopper_kg, s.expected_flow_kg_s, m.state is State.WORKING, limits)
+        hopper = watched(m.hopper, now_s, seen.hopper_kg, limits)
         stand = stood(m.stand, now_s, s, seen, limits)
         scale_heard = m.scale_heard or seen.hopper_kg is not None
         heads_full = since(m.heads_full_since_s, now_s, seen.heads_full)

@@ -4,6 +4,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from control.metering.flow_trim import NOTHING_SAID, ScaleSays
 from control.orders import Alarm, State, TargetSource
 from control.readings import Measurements
 from control.sensing import SpeedDoubt
@@ -47,7 +48,6 @@ class Situation(NamedTuple):
     ndvi_age_s: float | None
     expected_rate_kg_ha: float | None   # target passed through the nominal response of the actuators
     applied_rate_kg_ha: float | None    # raw
-    expected_flow_kg_s: float           # from measured shaft and opening through the model
     target_rate_kg_ha: float
     metres_left_m: float | None
     usable_speed_mps: float | None      # highest speed whose lead the heads still cover; None: not short
@@ -57,6 +57,7 @@ class Situation(NamedTuple):
     position_walks: bool = False                # it has walked off, each epoch near the one before
     cut_from_kg_ha: float | None = None         # the rate that was wanted, where it is above the crop's limit
     commanded: Commanded = Commanded()
+    scale: ScaleSays = NOTHING_SAID     # what the hopper scale says of the flow, and of material that nobody ordered
     map_elsewhere: bool = False         # the map does not lie where work was started
     by_index_map: bool = False          # the index map stands in for silent heads
     course_awaited: bool = False                # the position is known, but it never moved: where it points is not

@@ -97,12 +97,12 @@ def test_nudge_and_manual_rate_are_what_is_spread(machine: Any) -> None:
     assert row.applied_rate_kg_ha == pytest.approx(264.0, rel=0.06)
 
 
-def test_a_refill_reaches_safety_and_the_flow_trim(machine: Any) -> None:
+def test_a_refill_reaches_the_flow_trim(machine: Any) -> None:
     m = machine().start()
     m.run(25.0)
-    assert m.loop.safety.memory.hopper.blocks
+    assert len(m.loop._flow_trim._blocks) > 10
     assert m.order(Do.REFILL, 100.0).accepted
-    assert not m.loop.safety.memory.hopper.blocks
+    assert not m.loop._flow_trim._blocks
 
 
 def outside_kg(m: Any) -> float:

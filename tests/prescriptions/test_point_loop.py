@@ -115,7 +115,7 @@ def test_plants_dosed_before_a_power_cut_are_passed_by(bench: Setup, no_double: 
     plants = PlantList([plane.to_deg(0.0, way) for way in np.arange(2.0, 40.0, 0.4)], plane)
     plant = simulated_machine(bench.machine, job, 1, TICK_S, plants=plants)
     loop = control_loop(bench.machine, bench.crop, bench.rule, job, plants=plants)
-    loop.go_on(NOTHING, 1.0, Raster(-3.0, 6.0, 0.25, np.ones((24, 24), dtype=np.bool_)), plane)
+    loop.go_on(NOTHING, Raster(-3.0, 6.0, 0.25, np.ones((24, 24), dtype=np.bool_)), plane)
     loop.order(Order(Do.NO_DOUBLE, no_double))
     dosed, missed, spread = [], [], 0
     for step in simulated_run(plant, loop, 45.0, [(4.0, Order(Do.READY)), (4.1, Order(Do.START))]):

@@ -47,7 +47,7 @@ def good_situation(now_s: float, **changes: Any) -> Situation:
             valves=seen, **faults),
         speed_used_mps=speed, gnss_period_s=0.2, wheel_standstill=wheel_mps == 0.0,
         target_source=TargetSource.CANOPY, position_ok=True, landing_inside=True, valid_heads=6, ndvi_age_s=0.1,
-        expected_rate_kg_ha=300.0, applied_rate_kg_ha=301.0, expected_flow_kg_s=0.1, target_rate_kg_ha=300.0,
+        expected_rate_kg_ha=300.0, applied_rate_kg_ha=301.0, target_rate_kg_ha=300.0,
         metres_left_m=1234.0, usable_speed_mps=None, console_age_s=0.1, log_ok=True)
     return s._replace(**changes)
 
@@ -72,11 +72,11 @@ class Run:
         return self.safety.order(Order(do, value), self.now_s)
 
     def tick(self, seconds: float = 0.0, **changes: Any) -> Verdict:
-        """One tick, or ticks for so many seconds; the hopper empties as expected unless told otherwise."""
+        """One tick, or ticks for so many seconds; the hopper empties unless told otherwise."""
         for _ in range(max(1, round(seconds / self.period_s))):
             self.ticks += 1
             situation = good_situation(self.now_s, **({"hopper_kg": self.hopper_kg} | changes))
-            self.hopper_kg -= situation.expected_flow_kg_s * self.period_s
+            self.hopper_kg -= 0.1 * self.period_s
             self.verdict = self.safety.check(self.now_s, situation)
         assert self.verdict is not None
         return self.verdict

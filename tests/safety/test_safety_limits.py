@@ -5,6 +5,7 @@ from dataclasses import fields, replace
 
 import pytest
 
+from control.metering.flow_trim import ScaleSays
 from control.orders import Do
 from control.readings import DriveCommand
 from control.safety import Commanded, DriveLimits, SafetyLimits, limited
@@ -80,29 +81,6 @@ def launch(seconds=0.3, every_s=0.2, **changes):
 
 def stand_without_wheel(run):
     return run.tick(12.0, speed_used_mps=0.15, wheel_mps=0.15, gnss_mps=0.15).state
-
-
-def stuck_hopper(seconds, **changes):
-    def observe(run):
-        run.tick(45.0, **changes)
-        stuck_kg = run.hopper_kg
-        return run.tick(seconds, hopper_kg=stuck_kg, **changes).state
-    return observe
-
-
-def slow_loss(run):
-    run.tick(25.0)
-    for _ in range(40):
-        run.hopper_kg += 0.06
-        run.tick(1.0)
-    return run.verdict.state
-
-
-def rise_between(run):
-    """The scale rises by 2 kg while working and nobody tells."""
-    run.tick(25.0)
-    run.hopper_kg += 2.0
-    return run.tick(20.0).state
 
 
 def low_then_a_little_more(run):
@@ -181,12 +159,7 @@ CHANGES = [
     ("rate_red_s", 5.0, alarms(4.0, applied_rate_kg_ha=375.0)),
     ("rate_max_kg_ha", 350.0, flow(target_rate_kg_ha=400.0)),
     ("rate_max_s", 3.0, state(2.0, applied_rate_kg_ha=1200.0)),
-    ("flow_low_percent", 20.0, slow_loss),
-    ("flow_low_s", 40.0, stuck_hopper(30.0)),
-    ("flow_low_kg", 3.5, stuck_hopper(25.0)),
-    ("flow_window_max_s", 20.0, stuck_hopper(60.0, expected_flow_kg_s=0.04)),
-    ("flow_min_kg_s", 0.2, stuck_hopper(30.0)),
-    ("refill_rise_kg", 5.0, rise_between),
+    ("trimmed_percent", 9.0, alarms(scale=ScaleSays(trimmed_percent=-7.0))),
     ("hopper_empty_kg", 1.0, state(2.0, hopper_kg=0.8)),
     ("hopper_low_kg", 50.0, alarms(2.0, hopper_kg=40.0)),
     ("hopper_clear_kg", 0.1, low_then_a_little_more),
@@ -224,7 +197,6 @@ def test_the_defaults_are_the_published_table():
     assert (limits.console_hold_s, limits.console_off_s) == (2.0, 60.0)
     assert (limits.rate_amber_percent, limits.rate_amber_s) == (10.0, 3.0)
     assert (limits.rate_red_percent, limits.rate_red_s, limits.rate_floor_kg_ha) == (20.0, 2.0, 50.0)
-    assert (limits.flow_low_percent, limits.flow_low_s) == (50.0, 20.0)
     assert (limits.calibrate_speed_mps, limits.calibrate_fault_speed_mps) == (0.1, 0.2)
     assert (limits.calibrate_max_s, limits.calibrate_confirm_s) == (120.0, 0.5)
     assert limits.reverse_flip_deg == 120.0

@@ -13,6 +13,7 @@ from hypothesis import HealthCheck, assume, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule, run_state_machine_as_test
 
+from control.metering.flow_trim import NOTHING_SAID, ScaleSays
 from control.orders import BY_PLACE, Do, Order, Severity, State, TargetSource
 from control.readings import DriveCommand
 from control.safety import (
@@ -32,6 +33,8 @@ AGES = (0.0, 0.1, 0.4, 0.6, 1.9, 2.2, 70.0, nan)
 SPEEDS = (0.0, 0.05, 0.15, 0.22, 0.25, 0.35, 0.45, 0.55, 1.25)
 YES_NO = (True, False)
 
+SAYS = (NOTHING_SAID, ScaleSays(unordered_kg=1.0), ScaleSays(share=0.2), ScaleSays(share=nan), ScaleSays(outlets=2),
+        ScaleSays(beyond_percent=inf), ScaleSays(trimmed_percent=nan), ScaleSays(off_kg=nan))
 DISTURBANCES = {
     "speed_mps": SPEEDS, "gnss_mps": (*SPEEDS, *ODD, None), "wheel_mps": (*SPEEDS, *ODD),
     "speed_used_mps": (*SPEEDS, *ODD, None), "course_deg": (0.0, 90.0, 180.0, 270.0, None, nan),
@@ -40,7 +43,7 @@ DISTURBANCES = {
     "hopper_kg": (0.0, 0.4, 20.0, 31.0, 200.0, nan), "work_switch": (True, False, None), "wheel_standstill": YES_NO,
     "target_source": tuple(TargetSource), "position_ok": YES_NO, "landing_inside": (True, False, None),
     "valid_heads": (None, 0, 3, 4, 6), "ndvi_age_s": (None, *AGES), "expected_rate_kg_ha": (None, 0.0, 300.0, *ODD),
-    "applied_rate_kg_ha": (None, 0.0, 335.0, 400.0, 2000.0, *ODD), "expected_flow_kg_s": (0.0, 0.1, *ODD),
+    "applied_rate_kg_ha": (None, 0.0, 335.0, 400.0, 2000.0, *ODD), "scale": SAYS,
     "target_rate_kg_ha": (0.0, 300.0, *ODD), "metres_left_m": (None, 55.0, *ODD), "usable_speed_mps": (None, 1.0, *ODD),
     "console_age_s": (None, 0.1, 1.9, 2.1, 59.0, 61.0, nan), "log_ok": YES_NO,
 }
