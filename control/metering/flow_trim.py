@@ -52,7 +52,7 @@ class FlowTrimLimits:
 
 
 BLOCK_S = 1.0               # weighings are averaged over this
-DOUBT_SD = 1.5              # an estimate nearer to what is trimmed moves nothing
+DOUBT_SD = 1.2              # an estimate nearer to what is trimmed moves nothing
 REFILL_KG = 2.0             # the scale rising this much from one weighing to the next is a refill
 CHANGED_SD = 5.0            # the scale is as far from where it should be: 7 questions a second, none wrong in months
 WINDOWS = (2, 4, 8, 16, 32, 64, 120)    # blocks; a quarter of them is averaged at the end
