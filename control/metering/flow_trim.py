@@ -123,7 +123,7 @@ class FlowTrim:
         self._last_kg: float | None = None
         self._weighed_s: float | None = None
         self._filled_kg, self._lowest_kg = 0.0, inf         # ordered in this rest; read in it
-        self._unordered_kg = self._told_kg = 0.0
+        self._unordered_kg = self._taken_kg = 0.0
         self.grams_per_rev, self.pitch_deg = 100.0, 0.0     # of the newest tick
         self.forget()
 
@@ -170,7 +170,7 @@ class FlowTrim:
         self._flow: deque[_Block] = deque(maxlen=WINDOWS[-1])   # of them, those with flow; since it changed, if it did
         self._standing_kg: deque[float] = deque(maxlen=SWAY_BLOCKS)     # since it stands
         self._left: _Block | None = None                # the last one before material left that nobody ordered
-        self._unordered_kg = self._told_kg = 0.0
+        self._unordered_kg = self._taken_kg = 0.0
         self._quiet = 0                                 # blocks in which nothing more left
         self._spread[H, :] = self._spread[:, H] = 0.0
         self._spread[H, H] = self._limits.level_kg ** 2
@@ -198,8 +198,8 @@ class FlowTrim:
 
     def take_unordered_kg(self) -> float:
         """What left since it was asked last."""
-        kg = max(0.0, self._unordered_kg - self._told_kg)
-        self._told_kg += kg
+        kg = max(0.0, self._unordered_kg - self._taken_kg)
+        self._taken_kg += kg
         return kg
 
     def update(self, now_s: float, dt_s: float, model_flow_kg_s: float, shaft_rpm: float, pitch_deg: float,

@@ -162,7 +162,7 @@ def test_a_fall_of_the_scale_while_nothing_turns_is_said_and_counted(from_work: 
 def test_what_else_a_scale_does_while_it_stands_is_no_flow(reads: Callable[[float, float], float]) -> None:
     for seed in range(4):
         run = told(100.0, flows=lambda s: s > 80.0, reads=reads, seed=seed)
-        assert run.first_s(red) == float("inf") and np.abs(run.trims - 1.0).max() < 0.02
+        assert run.first_s(red) == float("inf") and np.abs(run.trims - 1.0).max() < 0.03
 
 
 @pytest.mark.parametrize("flow_kg_s", [0.05, pytest.param(0.02, marks=pytest.mark.exam),
