@@ -2,6 +2,7 @@
 is, and slip, turns, stops and gaps accuse nobody. Minutes of work of six receivers: `test_position_jumps`."""
 from __future__ import annotations
 
+from collections import deque
 from math import cos, radians, sin
 
 import numpy as np
@@ -17,12 +18,13 @@ RTK, PLAIN = (4, 10.0, 0.01, 0.03), (1, 1.0, 0.6, 0.1)          # quality, Hz, m
 
 
 class Machine:
-    """North at `mps`; the wheel and GNSS's speed read what they are given of it."""
+    """North at `mps`; the wheel and GNSS's speed read what they are given of it, this one `late_s` later."""
 
-    def __init__(self, receiver: tuple[int, float, float, float] = RTK, course_deg: float = 0.0) -> None:
+    def __init__(self, receiver: tuple[int, float, float, float] = RTK, late_s: float = 0.0) -> None:
         self.sensing, self.rng, self.receiver = Sensing(0.0, PLANE), np.random.default_rng(5), receiver
         self.now_s = self.east_m = self.north_m = 0.0
-        self.course_deg, self.fix, self.next_s = course_deg, None, 0.0
+        self.course_deg, self.fix, self.next_s = 0.0, None, 0.0
+        self.speeds = deque([0.0], maxlen=1 + round(late_s / 0.05))
 
     def go(self, seconds: float, mps: float = 1.25, wheel=lambda mps: mps, gnss=lambda mps: mps,
            turn_deg_s: float = 0.0, heard: bool = True) -> list[Sensed]:
@@ -32,12 +34,13 @@ class Machine:
             self.course_deg += 0.05 * turn_deg_s
             self.east_m += 0.05 * mps * sin(radians(self.course_deg))
             self.north_m += 0.05 * mps * cos(radians(self.course_deg))
+            self.speeds.append(mps)
             if heard and self.now_s >= self.next_s - 1e-9:
                 self.next_s = self.now_s + 1.0 / hz
                 noise = self.rng.standard_normal(3)
                 lat, lon = PLANE.to_deg(self.east_m + place_m * noise[0], self.north_m + place_m * noise[1])
-                self.fix = GnssFix(self.now_s, lat, lon, quality, 12, 0.8, max(0.0, gnss(mps) + speed_mps * noise[2]),
-                                   self.course_deg % 360.0)
+                speed = max(0.0, gnss(self.speeds[0]) + speed_mps * noise[2])
+                self.fix = GnssFix(self.now_s, lat, lon, quality, 12, 0.8, speed, self.course_deg % 360.0)
             found.append(self.sensing.update(Measurements(self.now_s, gnss=self.fix, wheel_speed_mps=Reading(
                 wheel(mps), self.now_s))))
         return found
@@ -145,6 +148,14 @@ def test_slip_starts_stops_turns_and_gaps_accuse_nobody(receiver):
                           (12.0, {"heard": False}), (20.0, {"wheel": times(0.85)}), (2.0, {"mps": 0.0}),
                           (20.0, {"mps": 3.0})):
         found += it.go(seconds, **more)
+    assert not [one.doubt for one in found if one.doubt is not None]
+
+
+def test_a_gnss_speed_that_comes_a_second_late_accuses_nobody():
+    it = Machine(late_s=1.0)
+    found = it.go(20.0)
+    for mps in (0.8, 2.5, 0.7, 3.3, 1.0, 0.6):
+        found += it.go(4.0, mps=mps) + it.go(3.0, mps=1.25)
     assert not [one.doubt for one in found if one.doubt is not None]
 
 
