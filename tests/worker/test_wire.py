@@ -96,7 +96,7 @@ def test_a_clean_start_waits_for_nobody(tmp_path, waited, monkeypatch):
     path = tmp_path / "worker.json"
     take_lock(path.with_suffix(".lock")).close()
     now = time.time()
-    monkeypatch.setattr(run_file.time, "time", lambda: now + run_file.YOUNG_S + 0.1)
+    monkeypatch.setattr(run_file.day_clock, "epoch_s", lambda: now + run_file.YOUNG_S + 0.1)
     confirmed(path)
     assert waited == []
 
@@ -107,7 +107,7 @@ def test_a_lock_that_somebody_just_made_anew_is_not_believed(tmp_path, waited, m
     path = tmp_path / "worker.json"
     take_lock(path.with_suffix(".lock")).close()
     now = time.time()
-    monkeypatch.setattr(run_file.time, "time", lambda: now + later_s)
+    monkeypatch.setattr(run_file.day_clock, "epoch_s", lambda: now + later_s)
     confirmed(path)
     assert waited == [pytest.approx(run_file.SETTLED_S, abs=0.2)]
 
