@@ -47,14 +47,15 @@ BRAKE, SUPPLY, PLAY = "brake", "supply", "play"
 # Names and terms that say each of them. A curve over the command is said by a term over it; two that stand for each
 # other over half of a range are not told apart by eye either.
 FORMS = ("slope", "bend", "hinge", "saturation", "dead_zone", "threshold", "side", "table")
-CURVES = tuple(f"shaft.{form}_shaft_rpm" for form in FORMS)      # terms over the command that remember nothing
+CURVES = ("shaft.knee_shaft_rpm", *(f"shaft.{form}_shaft_rpm" for form in FORMS))
+# terms over the command that remember nothing
 SAYS = {
     ZONE: ("shaft.dead_band", "shaft.dead_zone", *CURVES),
     CURVE: ("shaft.saturation", "shaft.dead_zone", *CURVES),
     GAIN: ("shaft.gain", "shaft.backwards", *CURVES),
     SIDES: ("shaft.back_gain", "shaft.back_zone"),
     SLOW: ("shaft.slow", "shaft.dead_time", "shaft.memory", "shaft.second_order"),
-    BRAKE: ("x_load",),
+    BRAKE: ("x_load",),         # straight lines over it: any form
     SUPPLY: ("shaft.voltage_sag", "supply_v"),
     PLAY: ("gate.backlash", "gate.side", "gate.memory", "gate.slow"),
 }
@@ -265,7 +266,7 @@ class Ran(NamedTuple):
 def run(case: Case, folder: Path) -> Ran:
     """Import, diagnosis, adoption, by the functions behind the commands."""
     from console.reports.words import undecided
-    from control.diagnosis.extend import adoptable_terms, extend
+    from control.diagnosis.extend import extend
     from control.diagnosis.runs.adoption import adoptable_of
     from control.diagnosis.runs.diagnose import diagnose_run
     from drivers.files.config import load, save
@@ -300,7 +301,7 @@ def run(case: Case, folder: Path) -> Ran:
             "left": [f"{one.channel}.{one.variable}" for one in found.unexplained],
             "cpu_s": round(time.process_time() - started, 1)}
     taken = adoptable_of(found, [one.id for one in found.causes if not undecided(one)])     # as `diagnose --adopt` does
-    there = bool(taken.found.causes or adoptable_terms(found) or found.fitted)
+    there = bool(taken.found.causes or taken.found.terms or taken.found.fitted)
     said |= {"taken": [one.id for one in taken.found.causes], "refused": [name for name, _ in taken.refused]}
     if there:
         save(adopted, extend(machine, taken.found), MACHINE)

@@ -42,7 +42,7 @@ def adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path, picke
     typer.Exit where nothing is left to adopt.
     """
     from console.reports.term_words import side_by_side
-    from control.diagnosis.extend import adoptable_terms, extend, refuse_to_adopt
+    from control.diagnosis.extend import extend, refuse_to_adopt
     from control.diagnosis.runs.adoption import adoptable_of
     from drivers.files.config import save, sha256_of
     from drivers.files.kinds import MACHINE
@@ -50,16 +50,17 @@ def adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path, picke
         refuse_to_adopt(cause)
     for name in picked:
         _refuse_pick(name, found, out)
-    if picked:                      # by name: then not as a whole
-        found = dataclasses.replace(found, fitted=None)
+    if picked:                      # by name: then not what predicts best without one
+        found = dataclasses.replace(found, fitted=None,
+                                    terms=tuple(one for one in found.terms if not one.predicts_best))
     chosen = [cause.id for cause in found.causes if _taken_up(cause, picked, found)]
     taken = adoptable_of(found, chosen)
     for name, why in taken.refused:
         typer.echo(f"note: {name} is not adopted: {why}", err=True)
     kept = taken.found.causes
-    _say_whole(found)
+    _say_whole(taken.found)
     _say_terms(found)
-    if not kept and not adoptable_terms(found) and found.fitted is None:
+    if not kept and not taken.found.terms and taken.found.fitted is None:
         raise _nothing(found, out, bool(taken.refused))
     extended = extend(machine, taken.found, sha256=sha256_of(data[0]), date=day_clock.today().isoformat())
     save(out, extended, MACHINE, _said(kept, picked))

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from console.reports.term_words import compensation, sentence
 from console.reports.verdict import headlines_first
 from console.reports.words import headlined, left_facts, name_of, not_judged, when
+from control.diagnosis.extend import adoptable, adoptable_terms, not_adoptable, taken_whole, term_not_adoptable
 from control.diagnosis.result import Cause, Diagnosis, Fitted, Size, Unexplained
 from control.diagnosis.runs.rates import in_words
 from control.diagnosis.runs.several import Several
@@ -37,6 +38,7 @@ def summary(found: Diagnosis) -> list[str]:
         lines += ["", f"unexplained: {_left(left)}"]
     for term in found.terms:
         lines += ["", f"term {term.term['id']}: {sentence(term.term)}", f"    {compensation(term.term)}"]
+        lines += ["    predicts best; no cause is named by it"] if term.predicts_best else []
     lines += fitted_words(found.fitted)
     for gain in found.gain:
         lines.append(f"gain on data the naming never saw ({gain.held_out}): {gain.channel} {gain.metric} "
@@ -56,8 +58,20 @@ def fitted_words(whole: Fitted | None) -> list[str]:
     sizes = ", ".join(f"{name} {size.value:.3g} {size.unit} (90 %: {size.low:.3g} to {size.high:.3g})"
                       for name, size in whole.sizes)
     return [f"{whole.channel} as a whole: {sizes}",
-            "    which of these is wrong is not told apart; together they predict rows that were not fitted to better: "
-            f"error {whole.before:.4g} -> {whole.after:.4g} {whole.unit}. Adopted together, and no name along with it"]
+            "    predicts best; no cause is named by it: which of these is wrong is not told apart; error on rows that "
+            f"were not fitted to {whole.before:.4g} -> {whole.after:.4g} {whole.unit}. Adopted together"]
+
+
+def taken_up(found: Diagnosis) -> list[str]:
+    """What a machine file takes up of a diagnosis, and what it leaves and why."""
+    if found.data.kind != "run":
+        return []
+    kept = [name for name, _ in found.fitted.sizes] if found.fitted is not None else []
+    kept += [one.id for one in adoptable(found) if not taken_whole(found, one)]
+    kept += [one.term["id"] for one in adoptable_terms(found)]
+    left = [f"{one.id}: {why}" for one in found.causes if (why := not_adoptable(one))]
+    left += [f"{one.term['id']}: {why}" for one in found.terms if (why := term_not_adoptable(one))]
+    return ([f"a machine file takes up: {', '.join(kept)}"] if kept else []) + [f"it leaves {one}" for one in left]
 
 
 def of_a_kind(found: Several) -> list[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from console.reports.diagnosis_text import taken_up
 from console.reports.html import Picture, escape, figure, table
 from console.reports.numbers import number, with_interval
 from console.reports.page_style import STYLE
@@ -60,9 +61,20 @@ def html_of(found: Diagnosis) -> str:
     channels = table(("channel", "rows", "error (r.m.s.)", "noise", "unit"), [
         (one.channel, str(one.n), number(one.rmse), number(one.noise_floor), one.unit) for one in found.channels],
         frozenset({1, 2, 3}))
-    notes = "".join(f"<li>{escape(one)}</li>" for one in found.findings)
+    notes = "".join(f"<li>{escape(one)}</li>" for one in (*found.findings, *taken_up(found)))
     return framed(f"<p><b>{escape(WORDS[found.verdict])}</b>: {escape(sentence(found))}</p>{causes_html}{channels}"
+                  f"{_predicted(found)}"
                   f"{f'<ul>{notes}</ul>' if notes else ''}")
+
+
+def _predicted(found: Diagnosis) -> str:
+    """Errors of each channel on the whole log: of the machine file, of the one with what it takes up, of the rival."""
+    def cell(value: float | None, over: tuple[str, ...] = ()) -> str:
+        return "" if value is None else number(value) + (f" (over {', '.join(over)})" if over else "")
+    rows = [(one.channel, number(one.before), number(one.file), cell(one.said), cell(one.rival, one.over), one.unit)
+            for one in found.predicted]
+    return table(("error of", "machine file", "with what it takes up", "all that is said", "plain least squares",
+                  "unit"), rows, frozenset({1, 2, 3})) if rows else ""
 
 
 def pictures_of(found: Diagnosis) -> Pictures:

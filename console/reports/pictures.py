@@ -9,6 +9,7 @@ from console.reports.html import Picture
 from console.reports.run_views import parts_of, run_views
 from console.reports.table_views import IN_STEPS, table_views
 from console.reports.term_picture import term_picture
+from control.diagnosis.extend import extend
 from control.diagnosis.result import Diagnosis
 
 
@@ -31,7 +32,9 @@ def pictures_of(found: Diagnosis, tools: Mapping[str, Any]) -> Pictures:
 
 
 def _of_run(found: Diagnosis, tools: Mapping[str, Any]) -> Pictures:
-    views = run_views(tools["columns"], tools["machine"])
+    of_this_run = parts_of([cause for cause in found.causes if cause.onset_s is not None or cause.until_s is not None
+                            or cause.grows])
+    views = run_views(tools["columns"], tools["machine"], extend(tools["machine"], found), of_this_run)
     parts = parts_of(found.causes)
     causes = []
     for k, cause in enumerate(found.causes):

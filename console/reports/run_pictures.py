@@ -174,7 +174,8 @@ def _extension(axes: Any, fit: TableFit, axis: Axis) -> None:
 
 
 def time_lines(views: Sequence[View], parts: Sequence[EffectInstance], name: str) -> Picture | None:
-    """Residual of every channel over the run, before and after, with the onsets."""
+    """Residual of every channel over the run, of the machine file as it was and with what it takes up, with the
+    onsets."""
     if not views:
         return None
     with drawn(9.4, 1.1 + 1.35 * len(views), rows=len(views), sharex=True) as (figure, grid):
@@ -183,6 +184,8 @@ def time_lines(views: Sequence[View], parts: Sequence[EffectInstance], name: str
             rows, title = _rows_for_time(view, own)
             before = view.residual(())[rows]
             after = view.residual(parts)[rows] if own else None
+            if view.of_file is not None and (own or bool(np.any(view.of_file != view.predict(())))):
+                after = (view.measured - view.of_file)[rows]
             memory = view.memory(before if after is None else after)
             even = _in_even_bins(view, view.time_s[rows] / 60.0)
             zero_line(axes)

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from console.reports.binned import Axis, Binned, binned, binned_rates, memory_of, shown_share, telling
 from console.reports.variables import recorded
+from control.diagnosis.prediction.on_log import OnLog
 from control.diagnosis.result import Cause
 from control.diagnosis.runs.channels import ChannelSeries, channels
 from control.diagnosis.runs.drives import Drive
@@ -46,6 +47,7 @@ class View(NamedTuple):
     axes: dict[str, Axis]
     member: npt.NDArray[np.int64] | None = None         # head of each row
     segments: npt.NDArray[np.int64] | None = None       # rows between refills: kg are kept, their rate is shown
+    of_file: Array | None = None        # what the machine file with what it takes up predicts, (n,)
 
     @property
     def title(self) -> str:
@@ -117,17 +119,21 @@ def parts_of(causes: Sequence[Cause]) -> tuple[EffectInstance, ...]:
     return tuple(found)
 
 
-def run_views(columns: Mapping[str, npt.NDArray[Any]], machine: Machine) -> tuple[View, ...]:
-    """Views of a run log's columns (contract of the run log), in the order of the stages.
+def run_views(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, file: Machine | None = None,
+              of_this_run: tuple[EffectInstance, ...] = ()) -> tuple[View, ...]:
+    """Views of a run log's columns (contract of the run log), in the order of the stages. file : the machine file with
+    what it takes up; of_this_run : effects along with it that no file takes up.
 
     Raises ValueError with one line where the log has no usable time column.
     """
-    data = run_data(gate(columns), machine)
+    log = gate(columns)
+    data = run_data(log, machine)
     found: list[View] = []
+    of_file = {} if file is None else OnLog(log, data, machine).predicted(file, parts=of_this_run)
     for name, channel in channels(data, machine).items():
         if name == "scale":
-            found.append(_flow(channel, data, machine))
-        found.append(_view(name, channel, data, machine))
+            found.append(_flow(channel, data, machine)._replace(of_file=of_file.get(name)))
+        found.append(_view(name, channel, data, machine)._replace(of_file=of_file.get(name)))
     return tuple(found)
 
 

@@ -1,15 +1,18 @@
 """A term in one sentence, the same in terminal, report and page: what changes, by how much, over what, seen where."""
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 from console.locale import N_, _
 from console.reports.numbers import MINUS, number
-from control.machine.form import FORMS
+from control.machine.form import FORMS, Said
 from control.machine.machine import CATALOGUE, Change
 from control.machine.term_sums import not_compensated, partly_compensated
 from control.machine.terms import STAGE_OF, VARIABLES, Acts, Term
+
+LEAST_SHOWN = 1e-3          # of a change for each unit of a variable
 
 WHAT = {"shaft": N_("Shaft speed"), "gate": N_("Opening"), "flow": N_("Flow"), "scale": N_("Scale reading"),
         "speed": N_("Wheel speed")}
@@ -59,13 +62,21 @@ def variable_name(name: str) -> str:
 def _said(term: Term) -> str:
     form, first, last = FORMS[term.form], term.over[0], term.over[-1]
     words = form.said(term)
+    of = _units_of(words) if form.each_unit else 1.0
+    per = first.unit_shown or _("unit")
     what = N_("Scale drift") if term.acts_on is Acts.SCALE_KG_MIN else WHAT[STAGE_OF[term.acts_on]]
     return _(form.sentences[words.which]).format(
-        what=_(what), unit=term.unit, x=variable_name(first.name), per=first.unit_shown or _("unit"),
+        what=_(what), unit=term.unit, x=variable_name(first.name), per=per if of == 1.0 else f"{of:.0f} {per}",
         y=variable_name(last.name), per2=last.unit_shown or _("unit"),
-        **{name: _signed(value, term.unit) for name, value in words.changes.items()},
-        **{name: _n(value) for name, value in words.numbers.items()},
+        **{name: _signed(of * value, term.unit) for name, value in words.changes.items()},
+        **{name: _n(of * value if name == "size" else value) for name, value in words.numbers.items()},
         **{name: _n(value, 4) for name, value in words.times_s.items()})
+
+
+def _units_of(words: Said) -> float:
+    """A change is given for so many units of its variable that it is no nought: a load in grams moves little each."""
+    sizes = [abs(value) for value in (*words.changes.values(), words.numbers.get("size", 0.0)) if value != 0.0]
+    return 10.0 ** max(0.0, math.ceil(math.log10(LEAST_SHOWN / max(sizes)))) if sizes else 1.0
 
 
 def _n(value: float, digits: int = 2) -> str:

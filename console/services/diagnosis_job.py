@@ -193,10 +193,10 @@ def _offer(found: Diagnosis, ids: tuple[str, ...], machine: Machine, data: Path,
     from drivers.files.config import save, sha256_of
     from drivers.files.kinds import MACHINE
     fitted = found.fitted if found.fitted is not None and whole_id(found.fitted) in ids else None
-    taken = adoptable_of(dataclasses.replace(found, fitted=fitted), ids)
+    terms = tuple(one for one in found.terms if one.term["id"] in ids)
+    taken = adoptable_of(dataclasses.replace(found, fitted=fitted, terms=terms), ids)
     refused = tuple(f"{name}: {why}" for name, why in taken.refused)
-    kept = dataclasses.replace(taken.found, terms=tuple(one for one in found.terms if one.term["id"] in ids))
-    extended = extend(machine, kept, date=day_clock.today().isoformat(), sha256=sha256_of(data))
+    extended = extend(machine, taken.found, date=day_clock.today().isoformat(), sha256=sha256_of(data))
     if extended == machine:
         return Offer(ids, "", (), refused)
     left = {name for name, _ in taken.refused}

@@ -82,8 +82,6 @@ def sorted_out(found: Diagnosis) -> tuple[tuple[str, ...], tuple[str, ...]]:
             kept.append(cause.id)
     modelled = {(term.stage, one["name"]) for term in found.terms for one in term.term["over"]}
     for term in found.terms:
-        if found.fitted is not None and term.stage == found.fitted.channel:
-            continue
         if why := term_not_adoptable(term):
             refused.append(f"{term.term['id']}: {why}")
         else:

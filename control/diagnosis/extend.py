@@ -13,8 +13,6 @@ from control.machine.terms import Source, Term
 
 from .result import UNKNOWN, Cause, Diagnosis, TermFound
 
-WORSE = -0.05               # held-out gain below which a term is neither reported nor adopted: less is scale noise
-
 
 def extend(machine: Machine | str, diagnosis: Diagnosis, *, date: str = "", sha256: str = "",
            valid: Mapping[str, tuple[float, float]] | None = None) -> Machine:
@@ -22,7 +20,7 @@ def extend(machine: Machine | str, diagnosis: Diagnosis, *, date: str = "", sha2
 
     So are the terms that were found beyond the catalogue, each with the data it comes from. Effects that begin, grow or
     end mid-run (a blocked outlet, a stall) are repaired, not modelled: they are left out, and so are temporary terms. A
-    drive that was fitted as a whole is taken up so, in place of its causes and terms.
+    drive that was fitted as a whole is taken up so, in place of its causes.
 
     Parameters
     ----------
@@ -68,18 +66,16 @@ def extend(machine: Machine | str, diagnosis: Diagnosis, *, date: str = "", sha2
                                data=diagnosis.data.path, sha256=sha256, date=date, valid=ranges))
     terms = list(machine.terms)
     for found in adoptable_terms(diagnosis):
-        if _is_whole(diagnosis, found.stage):
-            continue
         source = Source(data=diagnosis.data.path, sha256=sha256, date=date)
         term = Term.model_validate(found.term)
-        terms.append(term.model_copy(update={"id": _free(term.id, [one.id for one in terms]), "source": source}))
+        terms.append(term.model_copy(update={"id": free_id(term.id, [one.id for one in terms]), "source": source}))
     extended = machine.model_copy(update={"adopted": tuple(adopted), "terms": tuple(terms)})
     if extended == was:
         return was
     return noted(was, extended, data=diagnosis.data.path, sha256=sha256, date=date)
 
 
-def _free(name: str, taken: Sequence[str]) -> str:
+def free_id(name: str, taken: Sequence[str]) -> str:
     """The name, with a number where another term has it already."""
     count = 2
     free = name
@@ -99,9 +95,7 @@ def term_not_adoptable(found: TermFound) -> str:
         return "it holds for a span of one run: the model stays"
     if any(variable["name"] == SHAFT_ANGLE for variable in found.term["over"]):
         return "where the shaft stands when another run begins is not known: the model stays"
-    if found.held_out_gain is None or found.held_out_gain < WORSE:
-        return "rows that it was not fitted to come out worse with it"
-    return ""
+    return found.refused
 
 
 def adoptable(diagnosis: Diagnosis) -> tuple[Cause, ...]:
@@ -111,13 +105,8 @@ def adoptable(diagnosis: Diagnosis) -> tuple[Cause, ...]:
 
 def taken_whole(diagnosis: Diagnosis, cause: Cause) -> bool:
     """Whether a cause's drive was fitted as a whole: what the cause does is in that already."""
-    if diagnosis.fitted is None:
-        return False
-    return _is_whole(diagnosis, CATALOGUE[cause.id].stage) and ROWS[cause.id].found_by is FoundBy.SCAN
-
-
-def _is_whole(diagnosis: Diagnosis, stage: str) -> bool:
-    return diagnosis.fitted is not None and diagnosis.fitted.channel == stage
+    return (diagnosis.fitted is not None and diagnosis.fitted.channel == CATALOGUE[cause.id].stage
+            and ROWS[cause.id].found_by is FoundBy.SCAN)
 
 
 def not_adoptable(cause: Cause) -> str:

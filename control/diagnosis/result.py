@@ -168,6 +168,23 @@ class TermFound:
     gain: float
     held_out_gain: float | None
     seen: tuple[tuple[float, float, float], ...] = ()
+    predicts_best: bool = False         # a part of what predicts best (`Predicted.rival`): no cause is named by it
+    refused: str = ""                   # why no machine file takes it up, where prediction says so
+
+
+@dataclass(frozen=True, slots=True)
+class Predicted:
+    """R.m.s. errors of one channel on the whole log, each from its own start, in `unit`: of the machine file as it was,
+    of the file with what it takes up, of all that is said (None: not asked for), and of the plain rival: curve of the
+    command, lag, dead time and straight lines `over` recorded variables, by least squares (None: not needed)."""
+
+    channel: str
+    unit: str
+    before: float
+    file: float
+    said: float | None = None
+    rival: float | None = None
+    over: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,6 +240,7 @@ class Diagnosis:
     rates: tuple[RateFit, ...] = ()     # where no channel could be judged and both rates are there; all passes first
 
     fitted: Fitted | None = None        # where the shaft's model leaves more than noise: what predicts best
+    predicted: tuple[Predicted, ...] = ()       # what the machine file predicts, and what it was held against
 
     seen_with: tuple[Any, Any] | None = field(default=None, compare=False, repr=False)     # log, machine
 

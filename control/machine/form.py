@@ -188,6 +188,7 @@ class TermForm:
     variables: ClassVar[int] = 1
     only_over: ClassVar[tuple[str, ...]] = ()
     sentences: ClassVar[tuple[str, ...]]        # {what} it acts on, its {unit}, {x}, {y}, their units {per}, {per2}
+    each_unit: ClassVar[bool] = False           # it says a change for each unit of x, and of nothing else of x
     one_run: ClassVar[bool] = False             # it says something of one run, nothing of the machine
     main: ClassVar[str] = ""                    # the coefficient whose interval is reported
     leaps: ClassVar[bool] = False               # an edge that is a little off hides how good it is

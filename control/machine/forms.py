@@ -66,7 +66,7 @@ def clipped(x: float, low: float, high: float) -> float:
 
 
 class Slope(TermForm, form=Form.SLOPE):
-    needs, may, main = ("slope",), ("at", "level"), "slope"
+    needs, may, main, each_unit = ("slope",), ("at", "level"), "slope", True
     means = "level + slope (x - at)"
     sentences = ("{what} rises by {size} {unit} for each {per} of {x}",
                  "{what} falls by {size} {unit} for each {per} of {x}")

@@ -9,6 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.given import columns_of, machine_of
+from control.diagnosis.prediction.borne_out import borne_out
+from control.diagnosis.prediction.on_log import OnLog
 from control.diagnosis.result import Diagnosis
 from control.machine.machine import Machine
 from control.recordings.values import readable
@@ -154,6 +156,9 @@ def judged_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, pat
         groups, read_off = _sound(groups, read_off, data, machine, findings)
         with np.errstate(all="ignore"):
             found = report(data, machine, groups, read_off, path, tuple(findings))
+    said, ids = found, {one.part.id for one in read_off}
+    held = attempt("what its file predicts", lambda: borne_out(OnLog(log, data, machine), said, ids), findings)
+    found = held if held is not None and is_finite(held) else replace(said, findings=tuple(findings))
     return JudgedRun(_with_rates(found, columns) if not found.channels else found, data, tuple(groups))
 
 

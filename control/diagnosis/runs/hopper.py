@@ -80,10 +80,10 @@ def hopper_of(every: Rows, reading: Array, written: list[tuple[float, float]], m
     return Hopper(edges, turned, wide, level, kg, read_at, np.append(refill, 0.0), start_kg, jumps,
                   tuple(stated), grid_of(edges[:-1] + 0.5 * width, good, width),
                   *_unseen(every, edges, of_nominal(machine, SHAFT_RANGE) * STOPPED_RPM),
-                  *_of_terms(every, edges))
+                  *of_terms(every, edges))
 
 
-def _of_terms(every: Rows, edges: Array) -> tuple[Array | float, Array | float, Array | float]:
+def of_terms(every: Rows, edges: Array) -> tuple[Array | float, Array | float, Array | float]:
     """What the machine file's terms add in each bin: per cent of its flow, kg/s (m+1,), and kg of the reading (m,)."""
     more, time = every.more, every.time_s
     percent: Array | float = 0.0

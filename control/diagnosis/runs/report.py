@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from control.diagnosis.effects import (
     SPEED_WHEEL_RADIUS,
     FoundBy,
 )
+from control.diagnosis.extend import free_id
 from control.diagnosis.judgement.evidence import Z90, projected
 from control.diagnosis.judgement.prior import LISTED, NAMED, log_odds, smallest_said
 from control.diagnosis.result import (
@@ -27,7 +29,6 @@ from control.diagnosis.result import (
     Data,
     Detectable,
     Diagnosis,
-    Fitted,
     Gain,
     NotShown,
     Rival,
@@ -41,7 +42,6 @@ from control.machine.effect import HOPPER
 from control.machine.machine import CATALOGUE, Machine, bounds, of_nominal, unit_of
 from control.machine.shaft import swing
 
-from .as_a_whole import as_a_whole
 from .cost import field_cost
 from .findings import is_steady, mistaken_unit
 from .gain import measure_gain
@@ -177,7 +177,6 @@ def report(data: RunData, machine: Machine, judged: Sequence[GroupResult], read_
     gains: list[Gain] = []
     causes: list[Cause] = []
     unexplained: list[Unexplained] = []
-    fitted: Fitted | None = None
     for one in judged:
         rest = remains(one, {ROWS[each.part.id].channels[0] for each in read_off})
         doubt = mistaken_unit(data.shaft, machine) if "shaft" in one.search.model.names else 0.0
@@ -187,7 +186,6 @@ def report(data: RunData, machine: Machine, judged: Sequence[GroupResult], read_
         causes += named
         unexplained += _unexplained(one, rest, rows, bool(named))
         gains += measure_gain(one) if named or not one.found.parts else ()
-        fitted = fitted or as_a_whole(one, rest)
     causes += [_read_off_cause(one, machine, data) for one in read_off]
     terms = [(group, found) for group in judged for found in group.terms]
     tables = [table for one in judged for table in _tables(one, data)]
@@ -209,8 +207,7 @@ def report(data: RunData, machine: Machine, judged: Sequence[GroupResult], read_
         not_shown=(*absent, *_never_shown({c.id for c in causes} | {a.id for a in absent}, machine)),
         unexplained=tuple(unexplained), next_run=next_run(causes, machine) if verdict == "ambiguous" else None,
         gain=tuple(gains), extended_machine=None, findings=findings,
-        tables=tuple(tables), excited=excited, terms=tuple(_term(group, found, data) for group, found in terms),
-        fitted=fitted)
+        tables=tuple(tables), excited=excited, terms=_apart([_term(group, found, data) for group, found in terms]))
 
 
 def _verdict(rows: Sequence[Channel], causes: Sequence[Cause], unexplained: Sequence[Unexplained]) -> Verdict:
@@ -290,6 +287,15 @@ def _term(group: GroupResult, found: FittedTerm, data: RunData) -> TermFound:
     plain = found.term.model_copy(update={"held_out_gain": gain}).model_dump(mode="json")
     return TermFound(plain, found.stage, found.term.unit, found.explained_share, found.field_percent, found.gain, gain,
                      means_along(search, now, found, data))
+
+
+def _apart(terms: Sequence[TermFound]) -> tuple[TermFound, ...]:
+    """Terms of the same form over the same variable, each with an id of its own, as a machine file has them."""
+    found: list[TermFound] = []
+    for one in terms:
+        name = free_id(one.term["id"], [other.term["id"] for other in found])
+        found.append(replace(one, term={**one.term, "id": name}))
+    return tuple(found)
 
 
 def _structure_share(channel: Channel) -> float:

@@ -1,0 +1,254 @@
+"""The plain rival: what anybody would fit who knows no effects.
+
+Of a drive its curve (gain, zone, bend, another one backwards), lag and dead time; of every channel straight lines over
+the recorded variables, cells far out held at the ends of the others. Least squares over all rows alike (Tuo and Wu,
+Annals of Statistics 43, 2015, 2331: where no model is right, the sizes that make the residual most probable are not
+those that predict best); how much of it, the simplest within one standard error of the best on blocks that were left
+out. It is a machine file as any other: its curve is in the drive's own parameters, its lines are terms. Nothing of it
+is a named cause.
+"""
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from control.diagnosis.effects import (
+    ROWS,
+    SHAFT_BACK_GAIN,
+    SHAFT_BACK_ZONE,
+    SHAFT_DEAD_TIME,
+    SHAFT_DEAD_ZONE,
+    SHAFT_GAIN,
+    SHAFT_SATURATION,
+    SHAFT_SLOW,
+    reach,
+)
+from control.diagnosis.extend import free_id
+from control.diagnosis.runs.drives import Drive
+from control.diagnosis.runs.smooth import DOWNSTREAM, MIN_RANGE, RANGES
+from control.machine.form import ANGLES
+from control.machine.forms import Form
+from control.machine.machine import CATALOGUE, Machine, effect_sizes, of_nominal, with_effect
+from control.machine.terms import COMMANDED_MM, COMMANDED_RPM, Acts, Term, own_command
+
+from .blocks import KNEE, Held, errors, gained, held, numbers_of, slopes, surely, term_numbers
+from .on_log import OnLog
+
+Array = npt.NDArray[np.float64]
+
+CURVES = ((SHAFT_GAIN.id,), (SHAFT_GAIN.id, SHAFT_DEAD_ZONE.id),
+          (SHAFT_GAIN.id, SHAFT_DEAD_ZONE.id, SHAFT_SATURATION.id), (SHAFT_GAIN.id, SHAFT_DEAD_ZONE.id, KNEE))
+BACKWARDS = (SHAFT_BACK_GAIN.id, SHAFT_BACK_ZONE.id)
+MOVES = (SHAFT_DEAD_TIME.id, SHAFT_SLOW.id)
+ZONES = (0.05, 0.2)         # of the full command, from which a zone starts: 5 to 25 % are usual of motors by duty cycle
+STARTS_AT = 0.2             # of the usual size: inside the bounds, where every slope can be taken
+NUDGE = 0.01                # of the usual size: difference for a slope
+RUNS, AGAIN = 25, 6         # steps of a fit, and of one that goes on
+FINE = 1e-4                 # of the error and of the numbers: a fit that moves less has settled
+SHARES = 6                  # of its rows, by which a log's speeds are counted
+MOST_LINES = 3
+MOST_STEPS = MOST_LINES + 1
+ENDS = (0.5, 99.5)          # per cent of a variable's values between which its line holds: single cells lie beyond
+LEAST_SHARE = 1e-3          # of what is left, that a line takes away
+LEVEL = 1.0                 # of a line at its middle, where its slope is taken: it is a straight line in it
+LONGEST_ID = 76             # letters; where another of the same name was adopted, it is given a number
+ACTS: dict[str, tuple[Acts, ...]] = {
+    "shaft": (Acts.SHAFT_RPM, Acts.SHAFT_PERCENT), "gate": (Acts.GATE_MM,), "scale": (Acts.FLOW_PERCENT,),
+    "speed": (Acts.WHEEL_PERCENT,)}
+STAGE = {"scale": "flow"}
+
+
+class Rival(NamedTuple):
+    """The rival of one channel as a machine file. sizes : of effects, with their s.d. terms : its lines, the strongest
+    first."""
+
+    machine: Machine
+    held: Held
+    sizes: tuple[tuple[str, float, float], ...]
+    terms: tuple[Term, ...]
+
+    @property
+    def over(self) -> tuple[str, ...]:
+        """Variables of its lines."""
+        return tuple(dict.fromkeys(name for term in self.terms for name in term.variables))
+
+
+def rival_of(on_log: OnLog, channel: str) -> Rival | None:
+    """The rival of a channel; None where nothing of it is better than the machine file as it is."""
+    if channel not in ACTS:
+        return None
+    nothing = held(on_log, on_log.machine, (channel,), ())
+    usual = {channel: nothing.rms[channel] ** 2}
+    if usual[channel] <= 0.0:
+        return None
+    machine, best = on_log.machine, nothing
+    lines: list[Term] = []
+    curved = channel != "shaft"
+    for _ in range(MOST_STEPS):
+        tried = None if curved else _curve(on_log, machine, best, usual)
+        curved = curved or tried is not None
+        if tried is None and len(lines) < MOST_LINES:
+            line = _line(on_log, channel, machine, lines)
+            if line is not None and (tried := _with_line(on_log, channel, machine, line, best, usual)) is not None:
+                lines.append(line)
+        if tried is None:
+            break
+        machine, best = tried
+    if machine is on_log.machine:
+        return None
+    names = [number.name for number in numbers_of(machine, on_log.machine)]
+    was, now = effect_sizes(on_log.machine), effect_sizes(machine)
+    sizes = tuple((name, now[name] - was.get(name, CATALOGUE[name].neutral), best.sd[names.index(name)])
+                  for name in now if name in names)
+    known = {term.id for term in on_log.machine.terms}
+    return Rival(machine, best, sizes, tuple(term for term in machine.terms if term.id not in known))
+
+
+def _with_line(on_log: OnLog, channel: str, machine: Machine, line: Term, best: Held, usual: dict[str, float]
+               ) -> tuple[Machine, Held] | None:
+    """A file with one line more, all its numbers fitted again; None where that is not surely better."""
+    tried = machine.model_copy(update={"terms": (*machine.terms, line)})
+    tried = fitted(on_log, (channel,), tried, AGAIN)
+    after = held(on_log, tried, (channel,), numbers_of(tried, on_log.machine), usual)
+    return (tried, after) if surely(gained(after, best, usual)) else None
+
+
+def fitted(on_log: OnLog, channels: Sequence[str], machine: Machine, runs: int) -> Machine:
+    """A file with what it has beyond the log's own where least squares over all rows has it, channels weighed by what
+    the log's own file leaves of them."""
+    from scipy.optimize import least_squares  # three tenths of a second: where it is asked for
+    numbers = numbers_of(machine, on_log.machine)
+    weight = {name: 1.0 / max(1e-150, float(np.linalg.norm(one)))
+              for name, one in errors(on_log, on_log.machine, channels).items()}
+    low, high = np.array([(number.low, number.high) for number in numbers]).T
+    start = np.array([number.value for number in numbers])
+    scale = np.array([max(number.step, 1e-12) / NUDGE for number in numbers])
+
+    def at(values: Array) -> Machine:
+        turned = machine
+        for number, value in zip(numbers, values.tolist(), strict=True):
+            turned = number.turned(turned, value)
+        return turned
+
+    def left(values: Array) -> Array:
+        return np.concatenate([weight[name] * one for name, one in errors(on_log, at(values), channels).items()])
+
+    def jacobian(values: Array) -> Array:
+        there = [number._replace(value=float(value)) for number, value in zip(numbers, values, strict=True)]
+        now = at(values)
+        columns = slopes(on_log, now, channels, there, errors(on_log, now, channels))
+        return -np.concatenate([weight[name] * columns[name] for name in channels])
+    found = least_squares(left, np.clip(start, low + 1e-9, high - 1e-9), jacobian, (low, high), x_scale=scale,
+                          max_nfev=runs, ftol=FINE, xtol=FINE)
+    return at(found.x)
+
+
+# -- the curve of a drive ----------------------------------------------------------------------------------------------
+
+def _curve(on_log: OnLog, machine: Machine, best: Held, usual: dict[str, float]) -> tuple[Machine, Held] | None:
+    """The simplest set of the drive's own numbers within one standard error of the best; None where none is surely
+    better than a file without."""
+    tried: list[tuple[Machine, Held]] = [(machine, best)]
+    of_names: dict[frozenset[str], tuple[float, Machine]] = {frozenset(): (np.inf, machine)}
+    for names in _sets(on_log):
+        smaller = max((one for one in of_names if one < set(names)), key=lambda one: (len(one), -of_names[one][0]))
+        new = [name for name in names if name not in smaller]
+        files = []
+        for share in ZONES if SHAFT_DEAD_ZONE.id in new else ZONES[:1]:
+            file = _started(of_names[smaller][1], on_log.data.shaft, new, share)
+            file = fitted(on_log, ("shaft",), file, RUNS)
+            files.append((float(np.sum(errors(on_log, file, ("shaft",))["shaft"] ** 2)), file))
+        of_names[frozenset(names)] = least_squares = min(files, key=lambda one: one[0])
+        file = least_squares[1]
+        tried.append((file, held(on_log, file, ("shaft",), numbers_of(file, on_log.machine), usual)))
+    least = min(tried, key=lambda one: float(one[1].blocks["shaft"].mean()))
+    chosen = next(one for one in tried if not surely(gained(least[1], one[1], usual)))
+    return None if chosen[0] is machine else chosen
+
+
+def _started(machine: Machine, drive: Drive | None, names: Sequence[str], share: float) -> Machine:
+    """A file with numbers to start from. share : of the range, of a zone."""
+    for name in names:
+        if name == KNEE:
+            assert drive is not None
+            half = 0.5 * float(np.max(np.abs(drive.command)))
+            knee = Term.model_validate({
+                "id": free_id("shaft.knee_shaft_rpm", [term.id for term in machine.terms]), "acts_on": Acts.SHAFT_RPM,
+                "form": Form.DEAD_ZONE, "over": [{"name": "shaft_rpm"}],
+                "coefficients": {"slope": -0.5, "low_end": -half, "high_end": half}})
+            machine = machine.model_copy(update={"terms": (*machine.terms, knee)})
+            continue
+        low, high = reach(name, machine)
+        zone = name == SHAFT_DEAD_ZONE.id
+        size = share * machine.limits.shaft_high_rpm if zone else STARTS_AT * ROWS[name].on(machine).usual
+        machine = with_effect(machine, name, min(high, max(low, size)))
+    return machine
+
+
+def _sets(on_log: OnLog) -> list[tuple[str, ...]]:
+    """Names of numbers that are fitted together, from few to all: of a curve no more than speeds were asked for."""
+    drive, machine = on_log.data.shaft, on_log.machine
+    assert drive is not None
+    speeds = len(np.unique(np.quantile(drive.command, np.linspace(0.0, 1.0, SHARES))))
+    back = BACKWARDS if np.min(drive.command) < 0.0 < np.max(drive.command) else ()
+    moves = () if drive.settled or speeds < 2 else MOVES
+    curves = CURVES if machine.shaft.regulated <= 0.0 else CURVES[:1]
+    found = [moves] if moves else []
+    for curve in curves:
+        found += [(*curve, *moves), *([(*curve, *back, *moves)] if back and len(curve) > 1 else [])]
+    return sorted(dict.fromkeys(one for one in found if len(set(one) - set(moves)) <= speeds), key=len)
+
+
+# -- straight lines ----------------------------------------------------------------------------------------------------
+
+def _line(on_log: OnLog, channel: str, machine: Machine, before: Sequence[Term]) -> Term | None:
+    """The line that takes most away from what a file leaves; None where none takes away what is worth a look."""
+    left = errors(on_log, machine, (channel,))
+    known = slopes(on_log, machine, (channel,), numbers_of(machine, on_log.machine), left)[channel]
+    free = np.linalg.qr(known)[0] if known.shape[1] else np.empty((len(left[channel]), 0))
+    rest = left[channel] - free @ (free.T @ left[channel])
+    best, most = None, LEAST_SHARE * float(np.sum(rest ** 2))
+    numbers = [number.name for number in numbers_of(machine, on_log.machine)]
+    for term in _lines(on_log, channel, before, SHAFT_GAIN.id not in numbers):
+        tried = machine.model_copy(update={"terms": (*machine.terms, term)})
+        own = term_numbers(term)
+        columns = slopes(on_log, tried, (channel,), own, errors(on_log, tried, (channel,)))[channel]
+        columns = columns - free @ (free.T @ columns)
+        sizes, *_ = np.linalg.lstsq(columns, rest, rcond=1e-9)
+        taken = float(np.sum(rest ** 2) - np.sum((rest - columns @ sizes) ** 2))
+        if taken > most:
+            found = dict(zip([number.name.rpartition(".")[2] for number in own], sizes.tolist(), strict=True))
+            best, most = term.model_copy(update={"coefficients": {**term.coefficients, **found}}), taken
+    return best
+
+
+def _lines(on_log: OnLog, channel: str, before: Sequence[Term], level_open: bool) -> list[Term]:
+    """Lines over every recorded variable, of a size that can be seen. level_open : nothing else is their level."""
+    stage, machine = STAGE.get(channel, channel), on_log.machine
+    taken = {(term.acts_on, term.variables) for term in before}
+    never = {"time_s", *ANGLES, COMMANDED_RPM, COMMANDED_MM, *DOWNSTREAM[stage], *(
+        ("shaft_rpm",) if channel == "shaft" else ())}
+    found = []
+    for name in on_log.inputs:
+        values = on_log.inputs.get(own_command(stage, name), np.empty(0))
+        if name in never or not len(values) or not np.isfinite(values).all():
+            continue
+        low, middle, high = (float(one) for one in np.percentile(values, (ENDS[0], 50.0, ENDS[1])))
+        if not high - low > max(1e-9, of_nominal(machine, RANGES.get(name, ())) * MIN_RANGE.get(name, 0.0)):
+            continue
+        level = {"level": LEVEL} if level_open else {}
+        found += [_term(machine, acts, stage, name, {"slope": 1.0 / (high - low), "at": middle, **level}, (low, high))
+                  for acts in ACTS[channel] if (acts, (name,)) not in taken]
+    return found
+
+
+def _term(machine: Machine, acts: Acts, stage: str, name: str, coefficients: dict[str, float],
+          valid: tuple[float, float]) -> Term:
+    plain = re.sub(r"[^a-z0-9_.]+", "", f"{stage}.line_{name}".lower())[:LONGEST_ID]
+    return Term.model_validate({"id": free_id(plain, [term.id for term in machine.terms]), "acts_on": acts,
+                                "form": Form.SLOPE, "coefficients": coefficients,
+                                "over": [{"name": name, "valid": valid}]})

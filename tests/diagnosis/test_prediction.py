@@ -1,0 +1,139 @@
+"""Nothing is said or written that prediction does not bear out."""
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from console.reports.diagnosis_text import summary, taken_up
+from console.reports.notebook import html_of
+from control.diagnosis.extend import extend, not_adoptable
+from control.diagnosis.prediction.blocks import BLOCKS, errors, held, in_blocks, numbers_of
+from control.diagnosis.prediction.borne_out import adoptable, borne_out
+from control.diagnosis.prediction.on_log import OnLog
+from control.diagnosis.prediction.rival import rival_of
+from control.diagnosis.result import Cause, Diagnosis, FieldCost, Size
+from control.diagnosis.runs.channels import drive_rows
+from control.diagnosis.runs.diagnose import diagnose_run, series_of_log
+from control.diagnosis.runs.drives import whole_drives
+from control.diagnosis.runs.hypothesis import schedule, stages_of
+from control.diagnosis.runs.log import gate
+from control.machine.machine import Machine, with_effect
+from control.machine.over_log import MOST_STEP_S
+from tests.diagnosis.test_drive_curves import DRIVE, error_on, lagged, steps
+
+Array = npt.NDArray[np.float64]
+
+
+def seen(columns: dict[str, Any], machine: Machine) -> OnLog:
+    log, data, _ = series_of_log({name: np.asarray(one) for name, one in columns.items()}, machine)
+    return OnLog(log, data, machine)
+
+
+def braked(seed: int, rpm_of_load: float = -0.09) -> dict[str, Any]:
+    """A loop at one speed, 4 % below it; a brake is squeezed now and then, and a load cell, single cells of which are
+    far out, reads how hard."""
+    rng = np.random.default_rng(seed)
+    time_s = np.arange(0.0, 60.0, 0.1)
+    load = 0.0 * time_s
+    for begin_s in rng.uniform(3.0, 57.0, 9):
+        load += rng.uniform(300.0, 1500.0) * ((time_s > begin_s) & (time_s < begin_s + rng.uniform(0.5, 3.0)))
+    load = lagged(load, 0.3, 0.1)
+    cell = load + 5.0 * rng.standard_normal(len(load))
+    cell[rng.integers(0, len(cell), 3)] = 1e5
+    read = 0.96 * 500.0 + rpm_of_load * load + 2.0 * rng.standard_normal(len(load))
+    return {"time_s": time_s, "shaft_rpm_cmd": np.full(len(load), 500.0), "shaft_rpm": read, "x_load_g": cell}
+
+
+def test_a_recorded_variable_that_predicts_is_said_and_taken_up() -> None:
+    found, other = diagnose_run(braked(1), DRIVE), braked(2)
+    assert found.verdict == "unexplained"
+    assert "x_load_g" in {one.variable for one in found.unexplained}
+    new = extend(DRIVE, found)
+    assert error_on(other, new) < 0.3 * error_on(other, DRIVE)
+
+
+def made(machine: Machine, seed: int) -> dict[str, Any]:
+    """Random steps that a machine answers as its file says, with a sensor's noise."""
+    columns = steps(seed)
+    clean = gate({name: np.asarray(one) for name, one in columns.items()})
+    read = drive_rows(whole_drives(clean, machine)["shaft"])(schedule(stages_of(machine), ()), MOST_STEP_S)[:, 1]
+    return {**columns, "shaft_rpm": read + 2.0 * np.random.default_rng(seed).standard_normal(len(read))}
+
+
+def wrong_name(found: Diagnosis) -> Diagnosis:
+    """A diagnosis that is sure of what is not there."""
+    cause = Cause("shaft.gain", Size(-12.0, -12.5, -11.5, "%"), None, 0.999, (), None, "", FieldCost(-12.0, 0.0))
+    return replace(found, verdict="named", causes=(cause,), terms=(), unexplained=(), fitted=None)
+
+
+@pytest.fixture(scope="module")
+def sound() -> tuple[Diagnosis, OnLog]:
+    columns = made(DRIVE, 4)
+    return diagnose_run(columns, DRIVE), seen(columns, DRIVE)
+
+
+def test_a_name_whose_file_predicts_worse_is_no_longer_sure_and_nothing_is_written(
+        sound: tuple[Diagnosis, OnLog]) -> None:
+    found, on_log = wrong_name(sound[0]), sound[1]
+    taken = adoptable(on_log, found, ["shaft.gain"], ())
+    assert taken.found.causes == () and [name for name, _ in taken.refused] == ["shaft.gain"]
+    after = borne_out(on_log, found, ())
+    assert after.verdict != "named" and after.causes[0].probability < 0.9 and not_adoptable(after.causes[0])
+    assert extend(DRIVE, after) == DRIVE
+
+
+def test_what_is_right_stays_as_it_is() -> None:
+    found = diagnose_run(made(with_effect(DRIVE, "shaft.gain", -10.0), 5), DRIVE)
+    assert found.verdict == "named" and [one.id for one in found.causes] == ["shaft.gain"]
+    said = next(one for one in found.predicted if one.channel == "shaft")
+    assert said.file == pytest.approx(2.0, rel=0.1) and said.before > 10.0
+    assert said.rival is None, "nothing can be clearly ahead of noise"
+
+
+def test_a_block_is_predicted_as_by_least_squares_without_it() -> None:
+    """The one-step jackknife is exact for what is a straight line in its numbers."""
+    columns = steps(2)
+    on_log = seen(columns, DRIVE)
+    file = with_effect(DRIVE, "shaft.gain", 30.0)
+    (number,) = numbers_of(file, DRIVE)
+    judged = held(on_log, file, ("shaft",), [number])
+    left = errors(on_log, file, ("shaft",))["shaft"]
+    column = (left - errors(on_log, with_effect(DRIVE, "shaft.gain", 31.0), ("shaft",))["shaft"])
+    best = float(column @ left) / float(column @ column)
+    for k, block in enumerate(in_blocks(len(left))):
+        rest = np.ones(len(left), bool)
+        rest[block] = False
+        without = float(column[rest] @ left[rest]) / float(column[rest] @ column[rest])
+        moved = with_effect(DRIVE, "shaft.gain", 30.0 + without - best)
+        piece = errors(on_log, moved, ("shaft",))["shaft"][block]
+        assert judged.blocks["shaft"][k] == pytest.approx(float(np.mean(piece ** 2)), rel=1e-6)
+    assert len(judged.blocks["shaft"]) == BLOCKS
+
+
+def test_the_rival_predicts_as_plain_least_squares_does() -> None:
+    """By hand: gain and zone over a grid of lags and dead times, on another log."""
+    columns, other = steps(1), steps(2)
+    rival = rival_of(seen(columns, DRIVE), "shaft")
+    assert rival is not None
+
+    def plain(of: dict[str, Any], gain: float, zone: float, tau_s: float) -> Array:
+        return lagged(gain * np.maximum(0.0, of["shaft_rpm_cmd"] - zone), tau_s, 0.02)
+    tried = [(gain, zone, tau_s) for gain in (1.2, 1.3, 1.4, 1.5) for zone in (60.0, 90.0, 120.0)
+             for tau_s in (0.02, 0.04, 0.08, 0.2)]
+    best = min(tried, key=lambda one: float(np.mean((columns["shaft_rpm"] - plain(columns, *one)) ** 2)))
+    by_hand = float(np.sqrt(np.mean((other["shaft_rpm"] - plain(other, *best)) ** 2)))
+    assert error_on(other, rival.machine) < 1.05 * by_hand
+
+
+def test_report_and_notebook_say_the_rival_and_what_a_file_takes_up() -> None:
+    found = diagnose_run(braked(1), DRIVE)
+    page = html_of(found)
+    assert "plain least squares" in page and "x_load_g" in page
+    assert taken_up(found)[0].startswith("a machine file takes up: ") and taken_up(found)[0] in page
+    terms = [one for one in summary(found) if one.startswith("term ")]
+    assert terms and len(set(terms)) == len(terms)
+    assert not any(" 0 r/min for each" in one or " 0 % for each" in one for one in terms)
