@@ -203,8 +203,10 @@ def test_what_is_only_suspected_is_not_said() -> None:
     assert departure_of(diagnosis(cause("flow.gain", Rival("unknown", 0.5)))) is None
     told = departure_of(diagnosis(cause("flow.gain", Rival("flow.fill_falloff", 0.4))))
     assert told is not None and not told.certain and told.percent == -4.0
-    assert departure_of(diagnosis(cause("flow.gain"))).adoptable
-    assert not departure_of(diagnosis(cause("flow.gain", onset_s=3.0))).adoptable
+    assert departure_of(diagnosis(cause("flow.fill_falloff"))).adoptable
+    assert not departure_of(diagnosis(cause("flow.fill_falloff", onset_s=3.0))).adoptable
+    for gain in ("flow.gain", "scale.gain"):
+        assert not departure_of(diagnosis(cause(gain))).adoptable, "a scale that nothing confirms is not adopted from"
 
 
 def test_standing_still_costs_no_look() -> None:

@@ -181,11 +181,14 @@ def departure_of(found: Diagnosis, group: str | None = None) -> Departure | None
     return None
 
 
+BY_THE_SCALE_ALONE = ("flow.gain", "scale.gain")        # one looks like the other until a catch test, or a known load
+
+
 def _of_cause(cause: Cause, found: Diagnosis) -> Departure:
     percent = cause.field_cost.rate_error_percent
     return Departure(ROWS[cause.id].channels[0] if ROWS[cause.id].stage != "flow" else "flow", cause.id,
                      percent or None, cause.onset_s, not cause.rivals,
-                     not not_adoptable(cause) and not cause.rivals,
+                     not not_adoptable(cause) and not cause.rivals and cause.id not in BY_THE_SCALE_ALONE,
                      found.next_run.plan if cause.rivals and found.next_run is not None else "",
                      cause.size.value, cause.size.unit)
 
