@@ -46,8 +46,8 @@ def check_sheets(path: Path) -> None:
             chunks = _unpacked(archive, info, label)
             if path.suffix.lower() == ".ods":
                 spans = _of_document(chunks) if info.filename == "content.xml" else iter(())
-            elif info.filename.lower().endswith(".bin"):
-                spans = _of_records(chunks)
+            elif path.suffix.lower() == ".xlsb" and info.filename.lower().endswith(".bin"):
+                spans = _of_records(chunks)         # in .xlsx such a file holds a printer's settings
             else:
                 spans = _of_markup(chunks)
             for cells in spans:

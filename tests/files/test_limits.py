@@ -263,6 +263,14 @@ def test_records_of_a_binary_sheet_are_looked_through(tmp_path: Path) -> None:
                 read_raw(path)
 
 
+def test_settings_of_a_printer_are_no_sheet(tmp_path: Path) -> None:
+    """Bytes that read as records of a sheet far down: Excel keeps a DEVMODE in every workbook that was printed."""
+    far = b"\x00\x08" + struct.pack("<II", 1_048_575, 0) + b"\x05\x08" + struct.pack("<II", 16_383, 0)
+    cells = b'<worksheet><sheetData><row r="1"><c r="A1"><v>1</v></c></row></sheetData></worksheet>'
+    check_sheets(zipped(tmp_path / "x.xlsx", [("xl/worksheets/sheet1.xml", cells),
+                                              ("xl/printerSettings/printerSettings1.bin", far)]))
+
+
 def test_a_long_sheet_is_read(tmp_path: Path) -> None:
     rows = b"".join(b'<row r="%d"><c r="A%d"><v>1</v></c><c r="J%d"><v>2</v></c></row>' % (k, k, k)
                     for k in range(1, 50_000))
