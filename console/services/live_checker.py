@@ -20,7 +20,7 @@ PROGRAM = (sys.executable, "-P", "-m", "console.services.live_check")
 AGAIN_S = 120.0                 # after its death
 STARTS = 3                      # for one log, at most
 # A diagnosis takes 100 MB for some seconds. Linux's allocator gives large pieces back at once only as long as it does
-# not learn from them to keep them (man mallopt): 313 MB after 41 minutes at work, 180 MB so.
+# not learn from them to keep them (man mallopt): 313 MB after 41 minutes of a log, 229 MB so.
 GIVEN_BACK = {"MALLOC_MMAP_THRESHOLD_": "131072", "MALLOC_TRIM_THRESHOLD_": "131072"}
 
 
