@@ -1,6 +1,6 @@
 """How much of a map's outlines lies over itself, counted before it is put right, which takes minutes of a few bytes.
 
-Counted in pieces and given up at the limit; pairs of edges are found by their boxes first (an STR tree).
+Counted in pieces and given up at the limit; pairs of edges are found by their extents first (an STR tree).
 """
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MANY = 500                  # corners of an outline; the edges of a smaller one 
 HOWS = ("overlaps", "contains", "within")
 SLIVER = 1e-3               # of the smaller of two zones: corners rounded to 1 cm, in cells of 10 m; no overlap
 MOST_STEP, PAIRS_AT_ONCE = 64, 100_000      # zones held against all others at once
-AT_ONCE, LEAST_STEP = 500_000, 16           # pairs of boxes, 8 MB; or so many shapes, against 400 000 others 100 MB
+AT_ONCE, LEAST_STEP = 500_000, 16           # pairs of extents, 8 MB; or so many shapes, against 400 000 others 100 MB
 
 
 def check_zones(zones: Sequence[Sequence[Floats]], label: Where | Path | str) -> None:
@@ -55,7 +55,7 @@ def check_outlines(zones: Sequence[Sequence[Floats]], label: Where | Path | str)
 
 
 def _pairs(zone: Sequence[Floats], most: int, crossing: bool = False) -> int:
-    """Pairs of a zone's edges whose boxes meet, or that cross, but for those that follow one another; not many more
+    """Pairs of a zone's edges whose extents meet, or that cross, but for those that follow one another; not many more
     than `most`."""
     ends = np.concatenate([np.stack((ring, np.roll(ring, -1, axis=0)), axis=1) for ring in zone])
     edges = shapely.linestrings(ends)
@@ -63,7 +63,7 @@ def _pairs(zone: Sequence[Floats], most: int, crossing: bool = False) -> int:
 
 
 def _meeting(shapes: np.ndarray, most: int, how: str | None = None, followers: int = 0) -> int:
-    """Pairs whose boxes meet, or that do as `how` says; of each shape, itself and so many others are left out."""
+    """Pairs whose extents meet, or that do as `how` says; of each shape, itself and so many others are left out."""
     tree, found = shapely.STRtree(shapes), 0
     step = max(LEAST_STEP, AT_ONCE // len(shapes))
     for begin in range(0, len(shapes), step):
