@@ -12,7 +12,7 @@ from control.safety.limits import SafetyLimits
 from control.safety.senses import Senses, lasted, since
 from control.safety.words import Situation
 
-SLOWING_SHARE = 0.9         # of its lowest speed so far: a shaft below that is still slowing down
+SLOWING_SHARE = 0.9         # of its highest speed since it last slowed down: a shaft below that is slowing down
 
 
 class ShaftStand(NamedTuple):
@@ -20,7 +20,7 @@ class ShaftStand(NamedTuple):
 
     commanded_since_s: float | None = None       # without a break; None: it is commanded to turn
     settled_since_s: float | None = None    # by the machine model it stands since then
-    lowest_rpm: float | None = None         # read since its command
+    slows_from_rpm: float | None = None     # highest that was read since it was last seen slowing down
     slowed_s: float = 0.0                   # when it was last seen slowing down
     turning_since_s: float | None = None
     turns: bool = False                     # though commanded to stop
@@ -63,15 +63,17 @@ def _shaft(before: ShaftStand, now_s: float, s: Situation, seen: Senses, limits:
         return TURNS
     rpm = seen.shaft_rpm
     turning = rpm is not None and rpm >= limits.shaft_stands_rpm
-    lowest, slowed_s = before.lowest_rpm, before.slowed_s
-    if rpm is not None and (lowest is None or rpm < SLOWING_SHARE * lowest):
-        lowest, slowed_s = rpm, now_s
+    slows_from, slowed_s = before.slows_from_rpm, before.slowed_s
+    if rpm is not None and (slows_from is None or rpm < SLOWING_SHARE * slows_from):
+        slows_from, slowed_s = rpm, now_s
+    elif rpm is not None and slows_from is not None:
+        slows_from = max(slows_from, rpm)       # commanded to stop within its dead time it turns up first
     settled = since(before.settled_since_s, now_s, s.commanded.expected_rpm < limits.shaft_stands_rpm)
     turning_since = since(before.turning_since_s, now_s, turning)
     runs_down = (not lasted(slowed_s, now_s, limits.stand_confirm_s)
                  and not lasted(settled, now_s, limits.run_down_max_s))
     return ShaftStand(
-        now_s if before.commanded_since_s is None else before.commanded_since_s, settled, lowest, slowed_s,
+        now_s if before.commanded_since_s is None else before.commanded_since_s, settled, slows_from, slowed_s,
         turning_since,
         lasted(turning_since, now_s, limits.stand_confirm_s) and lasted(settled, now_s, limits.stand_settle_s)
         and not runs_down)

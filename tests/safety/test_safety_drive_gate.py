@@ -135,6 +135,20 @@ def test_a_shaft_that_runs_down_is_none(new_run, tau_s):
         assert run.alarm_ids() == [], after_s
 
 
+def test_one_that_is_stopped_within_its_dead_time_turns_up_and_down_again(new_run):
+    """A quarter of a second later than the machine model has it: no reading is below the first one until it stands."""
+    run, standing = turning_at_100(new_run)
+    run.tick(1.0, **(standing | {"commanded": Commanded(), "shaft_rpm": 0.0}))
+    for k in range(60):
+        after_s = k * run.period_s
+
+        def turns(at_s: float) -> float:
+            return max(0.0, min(200.0 * (at_s - 0.1), 200.0 * (0.9 - at_s)))
+        commanded = STANDS._replace(expected_rpm=turns(after_s + 0.25))
+        run.tick(**(standing | {"shaft_rpm": turns(after_s), "commanded": commanded}))
+        assert run.alarm_ids() == [], after_s
+
+
 def test_one_that_slows_down_for_ever_is_said_after_five_seconds(new_run):
     run, standing = turning_at_100(new_run)
     for k in range(140):
