@@ -22,9 +22,9 @@ import numpy as np
 from verdict import exit_code
 
 from control.geodesy import TangentPlane
-from control.readings import GnssFix, Measurements, Reading
+from control.readings import Doubted, GnssFix, Measurements, Reading
 from control.safety import SafetyLimits
-from control.sensing import Refused, Sensed, Sensing
+from control.sensing import Sensed, Sensing
 from drivers.devices.gnss import GnssDecoder
 
 PLANE = TangentPlane(48.0, 11.0)
@@ -175,7 +175,7 @@ class Believed(NamedTuple):
 def held_by(sensed: Sensed) -> bool:
     """Whether safety holds work because nothing says which speed is wrong."""
     doubt = sensed.doubt
-    return (doubt is not None and doubt.refused is Refused.EITHER
+    return (doubt is not None and doubt.refused is Doubted.EITHER
             and doubt.differed_s - doubt.since_s >= SafetyLimits().speeds_differ_s)
 
 
@@ -203,17 +203,17 @@ class Heard(NamedTuple):
     refused: int            # by one epoch, as before
     walks: int              # spells
     walk_epochs: int
-    doubts: frozenset[tuple[Refused, float]]    # which speed was not believed, from when on
+    doubts: frozenset[tuple[Doubted, float]]    # which speed was not believed, from when on
     spun_s: tuple[float, ...] = ()      # when the wheel spun
 
-    def doubted(self, refused: Refused) -> list[float]:
+    def doubted(self, refused: Doubted) -> list[float]:
         return [from_s for one, from_s in self.doubts if one is refused]
 
     @property
     def wheel_unspun(self) -> int:
         """Times that the wheel was not believed though it had not spun in the five seconds before."""
         return sum(not any(from_s - 5.0 < at_s <= from_s for at_s in self.spun_s)
-                   for from_s in self.doubted(Refused.WHEEL))
+                   for from_s in self.doubted(Doubted.WHEEL))
 
 
 def heard(fixes: Iterator[tuple[float, GnssFix, Reading | None]]) -> Heard:
@@ -223,7 +223,7 @@ def heard(fixes: Iterator[tuple[float, GnssFix, Reading | None]]) -> Heard:
     before, seen_s, doubts = False, None, set()
     for now_s, fix, wheel in fixes:
         sensed = sensing.update(Measurements(now_s, gnss=fix, wheel_speed_mps=wheel))
-        if sensed.doubt is not None and (sensed.doubt.refused is not Refused.EITHER or held_by(sensed)):
+        if sensed.doubt is not None and (sensed.doubt.refused is not Doubted.EITHER or held_by(sensed)):
             doubts.add((sensed.doubt.refused, sensed.doubt.since_s))
         if fix.time_s == seen_s:
             continue
@@ -297,12 +297,12 @@ def main() -> int:
         seconds = 3600.0 * asked.hours / len(RECEIVERS)
         was = hour(receiver, seconds, 10 + number)
         print(f"{receiver.name}: {seconds / 3600.0:.2f} h, {was.epochs} epochs, {was.refused} refused, {was.walks} "
-              f"walks ({was.walk_epochs} epochs); not believed: the wheel {len(was.doubted(Refused.WHEEL))} times, "
-              f"{was.wheel_unspun} of them though it did not spin; GNSS's speed {len(was.doubted(Refused.GNSS))}; open "
-              f"{len(was.doubted(Refused.EITHER))}", flush=True)
+              f"walks ({was.walk_epochs} epochs); not believed: the wheel {len(was.doubted(Doubted.WHEEL))} times, "
+              f"{was.wheel_unspun} of them though it did not spin; GNSS's speed {len(was.doubted(Doubted.GNSS))}; open "
+              f"{len(was.doubted(Doubted.EITHER))}", flush=True)
         promises[f"{receiver.name}: {was.walks} walks: none"] = was.walks == 0
         promises[f"{receiver.name}: a wheel that did not spin, or GNSS's speed, accused, or work held: never"] = (
-            not was.wheel_unspun and {one for one, _ in was.doubts} <= {Refused.WHEEL})
+            not was.wheel_unspun and {one for one, _ in was.doubts} <= {Doubted.WHEEL})
     return exit_code(promises)
 
 

@@ -1,6 +1,7 @@
 """What the machine's sensors said, and what is sent to its drives. Every value carries its time."""
 from __future__ import annotations
 
+from enum import Enum
 from itertools import pairwise
 from math import isfinite
 from typing import Any, NamedTuple
@@ -167,3 +168,39 @@ def can_be_announced(announced: SpeedPlan) -> bool:
             and 0 < len(times) <= MOST_ANNOUNCED and times[0] == 0.0 and all(a < b for a, b in pairwise(times))
             and times[-1] <= 60.0
             and all(-FASTEST_ANNOUNCED_MPS <= mps <= FASTEST_ANNOUNCED_MPS for _, mps in announced.points))
+
+
+class ScaleSays(NamedTuple):
+    """What the scale says that is no trim, now; neutral values: nothing."""
+
+    unordered_kg: float = 0.0           # left while nothing turned
+    off_kg: float = 0.0                 # left more (less: negative) than is believed, and why is not decided yet
+    share: float | None = None          # of the believed flow, that left: outside `low_share` to `high_share`
+    outlets: int = 0                    # that give nothing ...
+    of_outlets: int = 0                 # ... of so many
+    beyond_percent: float | None = None     # the flow is so far off by the scale, which is more than is trimmed
+    trimmed_percent: float = 0.0        # the flow is moved so far
+    refill_percent: float | None = None     # the scale's rise at the last refill is so far off the order's kg
+
+
+NOTHING_SAID = ScaleSays()
+
+
+class Doubted(Enum):
+    """Which speed is not believed."""
+
+    WHEEL = "wheel"
+    GNSS = "gnss"
+    EITHER = "either"       # nothing says which
+
+
+class SpeedDoubt(NamedTuple):
+    """`differed_s`: when they were last seen to differ; `*_mps`: as read when first; `ratio`: GNSS's speed by the
+    wheel's, before they parted."""
+
+    refused: Doubted
+    since_s: float
+    differed_s: float
+    wheel_mps: float
+    gnss_mps: float
+    ratio: float

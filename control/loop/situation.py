@@ -3,8 +3,8 @@ from __future__ import annotations
 
 from control.loop.canopy_heads import CanopyHeads
 from control.loop.moment import Choices, Decision, Metered, Moment
-from control.metering.flow_trim import ScaleSays
 from control.orders import BY_CANOPY
+from control.readings import ScaleSays
 from control.safety import Commanded, Situation
 
 

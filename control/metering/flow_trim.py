@@ -30,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 
 from control.machine.elements import Array
-from control.readings import Reading
+from control.readings import NOTHING_SAID, Reading, ScaleSays
 
 
 @dataclass(frozen=True)
@@ -76,22 +76,6 @@ TEST_PERCENT = 1.5          # what a catch test of today leaves open ...
 TEST_WANDERS_PERCENT = 0.5  # ... and what store and weather add in the square root of a day: 5 % after three months
 
 H, GAIN, OFFSET, SLOPE = range(4)
-
-
-class ScaleSays(NamedTuple):
-    """What the scale says that is no trim, now; neutral values: nothing."""
-
-    unordered_kg: float = 0.0           # left while nothing turned
-    off_kg: float = 0.0                 # left more (less: negative) than is believed, and why is not decided yet
-    share: float | None = None          # of the believed flow, that left: outside `low_share` to `high_share`
-    outlets: int = 0                    # that give nothing ...
-    of_outlets: int = 0                 # ... of so many
-    beyond_percent: float | None = None     # the flow is so far off by the scale, which is more than is trimmed
-    trimmed_percent: float = 0.0        # the flow is moved so far
-    refill_percent: float | None = None     # the scale's rise at the last refill is so far off the order's kg
-
-
-NOTHING_SAID = ScaleSays()
 
 
 class _Block(NamedTuple):

@@ -4,10 +4,9 @@ from __future__ import annotations
 from math import isfinite
 from typing import NamedTuple
 
-from control.readings import AHEAD_S, Reading, is_fresh
+from control.readings import AHEAD_S, Doubted, Reading, is_fresh
 from control.safety.limits import SafetyLimits
 from control.safety.words import Situation
-from control.sensing import Refused
 
 
 class Senses(NamedTuple):
@@ -47,10 +46,10 @@ def senses(now_s: float, s: Situation, limits: SafetyLimits) -> Senses:
         if gnss_ok:
             gnss_speed, course = _number(fix.speed_mps), _number(fix.heading_deg)
     wheel, refused = m.wheel_speed_mps, None if s.speed_doubt is None else s.speed_doubt.refused
-    if refused in (Refused.GNSS, Refused.EITHER):
+    if refused in (Doubted.GNSS, Doubted.EITHER):
         gnss_speed = None
     wheel_speed = 0.0 if s.wheel_standstill else None if refused in (
-        Refused.WHEEL, Refused.EITHER) else _fresh(wheel, now_s, limits.wheel_silent_s)
+        Doubted.WHEEL, Doubted.EITHER) else _fresh(wheel, now_s, limits.wheel_silent_s)
     heard_s = epoch if fix is not None and _number(fix.speed_mps) is not None else None
     if heard_s is not None and not heard_s <= now_s + AHEAD_S:
         heard_s = None

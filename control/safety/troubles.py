@@ -3,8 +3,8 @@ from __future__ import annotations
 
 from math import isfinite
 
-from control.metering.flow_trim import ScaleSays
 from control.orders import BY_CANOPY, BY_PLACE, State
+from control.readings import Doubted, ScaleSays, SpeedDoubt
 from control.safety.follow_watch import FollowWatch
 from control.safety.hopper_watch import HopperWatch
 from control.safety.limits import SafetyLimits
@@ -14,7 +14,6 @@ from control.safety.rate_watch import RateWatch
 from control.safety.senses import Senses, lasted
 from control.safety.stand_watch import Stand
 from control.safety.words import Details, Situation
-from control.sensing import Refused, SpeedDoubt
 
 _LOOKING = (State.READY, State.WORKING, State.HELD, State.FAULT)
 _UNKNOWN = "?"
@@ -118,9 +117,9 @@ def _speeds(found: dict[str, Details], doubt: SpeedDoubt | None, limits: SafetyL
     if doubt is None:
         return
     read = (("wheel_mps", _rounded(doubt.wheel_mps, 2)), ("gnss_mps", _rounded(doubt.gnss_mps, 2)))
-    if doubt.refused is Refused.GNSS:
+    if doubt.refused is Doubted.GNSS:
         found["gnss_speed_wrong"] = read
-    elif doubt.refused is Refused.WHEEL:
+    elif doubt.refused is Doubted.WHEEL:
         found["wheel_too_much" if doubt.wheel_mps > doubt.gnss_mps else "wheel_too_little"] = read
     elif lasted(doubt.since_s, doubt.differed_s, limits.speeds_differ_s):
         found["speeds_differ"] = read

@@ -4,10 +4,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from control.metering.flow_trim import NOTHING_SAID, ScaleSays
 from control.orders import Alarm, State, TargetSource
-from control.readings import Measurements
-from control.sensing import SpeedDoubt
+from control.readings import NOTHING_SAID, Measurements, ScaleSays, SpeedDoubt
 
 Details = tuple[tuple[str, str | float], ...]
 

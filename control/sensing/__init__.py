@@ -3,7 +3,6 @@ from __future__ import annotations
 
 from control.sensing.sensing import Sensed, Sensing
 from control.sensing.speed_ahead import Forecaster, SpeedAhead, speed_ahead_mps, travelled_ahead_m
-from control.sensing.speed_check import Refused, SpeedDoubt
 
 __all__ = [
-    "Forecaster", "Refused", "Sensed", "Sensing", "SpeedAhead", "SpeedDoubt", "speed_ahead_mps", "travelled_ahead_m"]
+    "Forecaster", "Sensed", "Sensing", "SpeedAhead", "speed_ahead_mps", "travelled_ahead_m"]

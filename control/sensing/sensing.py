@@ -10,9 +10,9 @@ from math import cos, exp, hypot, inf, isfinite, radians, sin
 from typing import NamedTuple
 
 from control.geodesy import Place, TangentPlane
-from control.readings import AHEAD_S, GnssFix, Measurements, Reading, is_fresh
+from control.readings import AHEAD_S, Doubted, GnssFix, Measurements, Reading, SpeedDoubt, is_fresh
 from control.sensing.position_gate import FASTEST_MPS, Judged, PositionGate, spread_m
-from control.sensing.speed_check import SLIP, Refused, SpeedCheck, SpeedDoubt
+from control.sensing.speed_check import SLIP, SpeedCheck
 from control.sensing.speed_filter import QUICK_TAU_S, Moving
 from control.sensing.walk_watch import Velocity
 
@@ -144,14 +144,14 @@ class Sensing:
     def _gnss_speed_serves(self, gnss_mps: float | None, wheel: Reading | None) -> bool:
         """While it is not known which one is wrong, the slower one serves: too little can be made up for."""
         doubt = self._check.doubt
-        if doubt is None or doubt.refused is Refused.WHEEL or gnss_mps is None:
+        if doubt is None or doubt.refused is Doubted.WHEEL or gnss_mps is None:
             return True
-        return doubt.refused is Refused.EITHER and (wheel is None or gnss_mps < wheel.value * self._ratio)
+        return doubt.refused is Doubted.EITHER and (wheel is None or gnss_mps < wheel.value * self._ratio)
 
     def _wheel_serves(self, gnss_mps: float | None) -> bool:
         """gnss_mps: where it serves."""
         doubt = self._check.doubt
-        return doubt is None or (doubt.refused is not Refused.WHEEL and gnss_mps is None)
+        return doubt is None or (doubt.refused is not Doubted.WHEEL and gnss_mps is None)
 
     def _take_speed(self, m: Measurements, now: float, dt: float, gnss_mps: float | None, wheel_ok: bool,
                     fix_new: bool) -> str:
@@ -258,12 +258,12 @@ class Sensing:
         doubt = self._check.doubt
         if changed and doubt is not None:
             self._ratio = doubt.ratio
-            if doubt.refused is not Refused.WHEEL:
+            if doubt.refused is not Doubted.WHEEL:
                 self._gate.speed_refused()
-        if doubt is not None and doubt.refused is Refused.GNSS:
+        if doubt is not None and doubt.refused is Doubted.GNSS:
             ratio = self._check.corrected_ratio()
             self._ratio = self._ratio if ratio is None else _within_slip(ratio)
-        return doubt is None or doubt.refused is Refused.WHEEL
+        return doubt is None or doubt.refused is Doubted.WHEEL
 
     def _take_heading(self, course: float) -> None:
         if self._heading is None:

@@ -23,11 +23,10 @@ What is refused is believed again once it has agreed, moving, for `AGAIN_S` with
 from __future__ import annotations
 
 from bisect import bisect_right
-from enum import Enum
 from math import atan2, cos, hypot, isfinite, pi, radians, sin
-from typing import NamedTuple
 
 from control.geodesy import Place
+from control.readings import Doubted, SpeedDoubt
 from control.sensing.walk_watch import GAP_S, LATE_S, SPEED_SHARE, Mark, Reckoned, Velocity, WalkWatch
 
 SLIP = (0.7, 1.3)       # GNSS's way by the wheel's
@@ -45,28 +44,8 @@ RATIO_S = 15.0          # way between places by which the wheel is corrected whe
 STRAIGHT = 0.95         # of its length lies between the ends of a way that is straight
 
 
-class Refused(Enum):
-    """Which speed is not believed."""
-
-    WHEEL = "wheel"
-    GNSS = "gnss"
-    EITHER = "either"       # nothing says which
-
-
 # the longest window that shows it; while it is open, a wheel that has stopped spinning
-AGAIN_S = {Refused.WHEEL: 8.0, Refused.GNSS: 60.0, Refused.EITHER: 2.0}
-
-
-class SpeedDoubt(NamedTuple):
-    """`differed_s`: when they were last seen to differ; `*_mps`: as read when first; `ratio`: GNSS's speed by the
-    wheel's, before they parted."""
-
-    refused: Refused
-    since_s: float
-    differed_s: float
-    wheel_mps: float
-    gnss_mps: float
-    ratio: float
+AGAIN_S = {Doubted.WHEEL: 8.0, Doubted.GNSS: 60.0, Doubted.EITHER: 2.0}
 
 
 class SpeedCheck:
@@ -97,18 +76,18 @@ class SpeedCheck:
         last_s, was = self._watch.newest_s, self.doubt
         now = self._watch.epoch(time_s, place, spread_m if isfinite(spread_m) else 1e6, velocity, self._wheel)
         differing, window_s = self._differing(now)
-        wrong_since = None if differing or self._refuses(Refused.WHEEL) else self._wrong_since(now)
+        wrong_since = None if differing or self._refuses(Doubted.WHEEL) else self._wrong_since(now)
         parted = differing or wrong_since
         if self.doubt is not None:
             self._settle(self.doubt, now, parted, min(GAP_S, time_s - last_s) if window_s else 0.0)
         elif parted is not None:
-            self.doubt = SpeedDoubt(Refused.EITHER if differing else Refused.GNSS, time_s, time_s, now.reckoned.mps,
+            self.doubt = SpeedDoubt(Doubted.EITHER if differing else Doubted.GNSS, time_s, time_s, now.reckoned.mps,
                                     hypot(*now.velocity), parted.reckoned.ratio)
             self._before, self._agreed_s = parted, 0.0
             self._window_s = window_s if differing else WINDOWS_S[-1]
         if wrong_since is not None:
             self._watch.restart()
-        if self._refuses(Refused.EITHER):
+        if self._refuses(Doubted.EITHER):
             self._decide(now)
         self._watch.taken(now)
         return (self.doubt and self.doubt.refused) is not (was and was.refused)
@@ -128,7 +107,7 @@ class SpeedCheck:
         rolled_m, way_m = hypot(*_by_wheel(first, now)), now.reckoned.way_m - first.reckoned.way_m
         return hypot(*_by_places(first, now)) / rolled_m if rolled_m > STRAIGHT * way_m else None
 
-    def _refuses(self, refused: Refused) -> bool:
+    def _refuses(self, refused: Doubted) -> bool:
         return self.doubt is not None and self.doubt.refused is refused
 
     def _settle(self, doubt: SpeedDoubt, now: Mark, parted: Mark | None, judged_s: float) -> None:
@@ -189,10 +168,10 @@ class SpeedCheck:
             return
         if by_wheel < by_speed:
             fits = by_wheel <= FITS * (variance + (WHEEL_SHARE * hypot(*wheel)) ** 2)
-            refused = Refused.GNSS
+            refused = Doubted.GNSS
         else:
             fits = by_speed <= FITS * (variance + (SPEED_SHARE * hypot(*speed)) ** 2)
-            refused = Refused.WHEEL
+            refused = Doubted.WHEEL
             if hypot(*wheel) < hypot(*speed) and changed_mps > abs(now.reckoned.mps - before.reckoned.mps):
                 return                          # one receiver against one wheel
         if fits:

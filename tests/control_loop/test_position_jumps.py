@@ -16,8 +16,8 @@ import pytest
 from control.field.job import Job, Wanted
 from control.geodesy import TangentPlane, apart_m
 from control.orders import Do, Order, TargetSource
-from control.readings import DriveCommand, GnssFix, Measurements, Reading
-from control.sensing import Refused, Sensing
+from control.readings import Doubted, DriveCommand, GnssFix, Measurements, Reading
+from control.sensing import Sensing
 from control.sensing.position_gate import PositionGate
 from control.sensing.walk_watch import WINDOWS_S
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
@@ -358,4 +358,4 @@ def test_minutes_of_work_accuse_no_receiver(walks, number):
     """Hours: python -m benchmarks position_walks."""
     was = walks.hour(walks.RECEIVERS[number], 240.0, 100 + number)
     assert was.epochs > 100 and was.walks == 0, was
-    assert was.wheel_unspun == 0 and {one for one, _ in was.doubts} <= {Refused.WHEEL}, was
+    assert was.wheel_unspun == 0 and {one for one, _ in was.doubts} <= {Doubted.WHEEL}, was

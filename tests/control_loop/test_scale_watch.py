@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from control.metering.flow_trim import FlowTrim, ScaleSays
-from control.readings import Reading
+from control.metering.flow_trim import FlowTrim
+from control.readings import Reading, ScaleSays
 
 DT_S = 0.1
 SCALE_KG = 0.15             # correlated over 1 s, in steps of 0.05 kg

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from control.geodesy import TangentPlane
-from control.readings import GnssFix, Measurements, Reading
+from control.readings import Doubted, GnssFix, Measurements, Reading
 from control.safety import SafetyLimits
-from control.sensing import Refused, Sensed, Sensing
+from control.sensing import Sensed, Sensing
 
 PLANE = TangentPlane(48.0, 11.0)
 RTK, PLAIN = (4, 10.0, 0.01, 0.03), (1, 1.0, 0.6, 0.1)          # quality, Hz, m and m/s of noise
@@ -54,7 +54,7 @@ def named(found):
     """Which were refused, in order, and after how many seconds the first one was named."""
     seen = [(k, one.doubt.refused) for k, one in enumerate(found) if one.doubt is not None]
     order = list(dict.fromkeys(refused for _, refused in seen))
-    return order, next((0.05 * k for k, refused in seen if refused is not Refused.EITHER), None)
+    return order, next((0.05 * k for k, refused in seen if refused is not Doubted.EITHER), None)
 
 
 @pytest.mark.parametrize(("wheel", "by_s"), [
@@ -64,7 +64,7 @@ def test_a_wheel_that_stands_alone_is_not_used(wheel, by_s):
     it.go(30.0)
     found = it.go(20.0, wheel=wheel)
     order, after_s = named(found)
-    assert order[-1] is Refused.WHEEL and after_s <= by_s, (order, after_s)
+    assert order[-1] is Doubted.WHEEL and after_s <= by_s, (order, after_s)
     used = [one.speed_mps for one in found[round(by_s / 0.05):]]
     assert max(used) < 1.35 and min(used) > 1.15
     assert found[-1].position_ok and not any(one.walks for one in found)
@@ -76,7 +76,7 @@ def test_a_gnss_speed_that_stands_alone_is_not_used_and_its_places_are(factor, b
     it.go(70.0, wheel=times(1.06))
     found = it.go(40.0, wheel=times(1.06), gnss=times(factor))
     order, after_s = named(found)
-    assert order[-1] is Refused.GNSS and after_s <= by_s, (order, after_s)
+    assert order[-1] is Doubted.GNSS and after_s <= by_s, (order, after_s)
     used = [one.speed_mps for one in found[round(by_s / 0.05):]]
     assert max(used) < 1.29 and min(used) > 1.2, "the wheel, corrected as before"
     assert not any(one.walks for one in found[round(by_s / 0.05):]) and found[-1].position_ok
@@ -86,20 +86,20 @@ def test_a_wheel_stuck_at_a_speed_while_the_machine_creeps():
     it = Machine()
     it.go(30.0)
     found = it.go(10.0, mps=0.6, wheel=lambda mps: 1.25)
-    assert named(found)[0][-1] is Refused.WHEEL and named(found)[1] < 5.5
+    assert named(found)[0][-1] is Doubted.WHEEL and named(found)[1] < 5.5
     assert found[-1].speed_mps == pytest.approx(0.6, abs=0.1)
 
 
 @pytest.mark.parametrize(("wheel", "gnss", "who"), [
-    (times(2.0), times(1.0), Refused.WHEEL), (times(0.5), times(1.0), Refused.WHEEL),
-    (times(1.0), times(2.0), Refused.GNSS), (times(1.0), times(0.5), Refused.GNSS)])
+    (times(2.0), times(1.0), Doubted.WHEEL), (times(0.5), times(1.0), Doubted.WHEEL),
+    (times(1.0), times(2.0), Doubted.GNSS), (times(1.0), times(0.5), Doubted.GNSS)])
 def test_with_plain_gnss_it_stays_open_for_seconds_and_the_slower_one_is_used(wheel, gnss, who):
     it = Machine(PLAIN)
     it.go(60.0)
     found = it.go(25.0, wheel=wheel, gnss=gnss)
     order, after_s = named(found)
-    assert order == [Refused.EITHER, who] and 3.0 < after_s < 22.0
-    open_ones = [one.speed_mps for one in found if one.doubt is not None and one.doubt.refused is Refused.EITHER][20:]
+    assert order == [Doubted.EITHER, who] and 3.0 < after_s < 22.0
+    open_ones = [one.speed_mps for one in found if one.doubt is not None and one.doubt.refused is Doubted.EITHER][20:]
     slower = min(wheel(1.25), gnss(1.25))
     assert max(open_ones) < slower + 0.3, "too little can be made up for"
     assert abs(found[-1].speed_mps - 1.25) < 0.2
@@ -111,7 +111,7 @@ def test_a_receiver_that_is_led_astray_with_speed_and_place_is_no_majority(recei
     it = Machine(receiver)
     it.go(60.0)
     found = it.go(20.0, mps=3.0, wheel=lambda mps: 1.25)
-    assert named(found)[0] == [Refused.EITHER]
+    assert named(found)[0] == [Doubted.EITHER]
     doubt = found[-1].doubt
     assert doubt.differed_s - doubt.since_s > SafetyLimits().speeds_differ_s, "held"
     assert found[-1].speed_mps < 1.7
@@ -163,6 +163,6 @@ def test_a_wheel_that_spins_for_seconds_holds_no_work_with_plain_gnss():
     it = Machine(PLAIN)
     it.go(40.0)
     found = it.go(4.0, wheel=lambda mps: mps + 1.5) + it.go(20.0)
-    held = [one for one in found if one.doubt is not None and one.doubt.refused is Refused.EITHER
+    held = [one for one in found if one.doubt is not None and one.doubt.refused is Doubted.EITHER
             and one.doubt.differed_s - one.doubt.since_s >= SafetyLimits().speeds_differ_s]
     assert not held and found[-1].doubt is None

@@ -8,18 +8,17 @@ from string import Formatter
 import numpy as np
 import pytest
 
-from control.metering.flow_trim import ScaleSays
 from control.orders import Do, Severity, State, TargetSource
+from control.readings import Doubted, ScaleSays, SpeedDoubt
 from control.safety import ALARMS, INTERLOCKS, REFUSALS, STATE_REASONS, Commanded
-from control.sensing import Refused, SpeedDoubt
 
 MAP, POINT, MANUAL = TargetSource.MAP, TargetSource.POINT, TargetSource.MANUAL
 
 # alarm, what brings it about, seconds before which it is not there, seconds by which it is, state then
 STANDS = Commanded(turn=False, flow=False, opening_mm=15.0)
 TURNS = Commanded(shaft_rpm=70.0, expected_rpm=70.0, opening_mm=15.0, expected_mm=15.0)
-DOUBT = SpeedDoubt(Refused.WHEEL, 100.0, 100.0, 2.5, 1.25, 1.0)
-OPEN = DOUBT._replace(refused=Refused.EITHER)
+DOUBT = SpeedDoubt(Doubted.WHEEL, 100.0, 100.0, 2.5, 1.25, 1.0)
+OPEN = DOUBT._replace(refused=Doubted.EITHER)
 SHUT = STANDS._replace(valves=(False, False))
 RAISED = [
     ("shaft_turns", {"commanded": STANDS}, 0.45, 0.6, State.FAULT),
@@ -67,7 +66,7 @@ RAISED = [
      2.9, 3.1, State.WORKING),
     ("wheel_too_much", {"speed_doubt": DOUBT}, 0.0, 0.05, State.WORKING),
     ("wheel_too_little", {"speed_doubt": DOUBT._replace(wheel_mps=0.6)}, 0.0, 0.05, State.WORKING),
-    ("gnss_speed_wrong", {"speed_doubt": DOUBT._replace(refused=Refused.GNSS)}, 0.0, 0.05, State.WORKING),
+    ("gnss_speed_wrong", {"speed_doubt": DOUBT._replace(refused=Doubted.GNSS)}, 0.0, 0.05, State.WORKING),
     ("speeds_differ", {"speed_doubt": OPEN._replace(differed_s=106.0)}, 0.0, 0.05, State.HELD),
     ("gnss_silent", {"gnss_age_s": 0.55}, 0.0, 0.05, State.WORKING),
     ("gnss_silent", {"gnss_age_s": 2.6, "gnss_period_s": 1.0}, 0.0, 0.05, State.WORKING),
@@ -100,7 +99,7 @@ SILENT = [
     ("gate_opens", {"commanded": STANDS._replace(flow=True), "shaft_rpm": 0.0, "opening_mm": 40.0}),
     ("gate_opens", {"commanded": STANDS._replace(opening_mm=40.0), "shaft_rpm": 0.0, "opening_mm": 40.0}),
     ("speeds_differ", {"speed_doubt": OPEN._replace(differed_s=105.9)}),
-    ("wheel_fault", {"speed_doubt": DOUBT._replace(refused=Refused.GNSS), "wheel_mps": 0.0, "gnss_mps": 0.9}),
+    ("wheel_fault", {"speed_doubt": DOUBT._replace(refused=Doubted.GNSS), "wheel_mps": 0.0, "gnss_mps": 0.9}),
     ("shaft_far_off", {"commanded": TURNS, "shaft_rpm": 83.0}),
     ("shaft_far_off", {"commanded": TURNS, "shaft_rpm": 57.0}),
     ("shaft_far_off", {"commanded": TURNS._replace(shaft_rpm=20.0), "shaft_rpm": 65.0}),        # it slows down

@@ -3,8 +3,8 @@ from __future__ import annotations
 
 import pytest
 
-from control.metering.flow_trim import ScaleSays
 from control.orders import Do, State
+from control.readings import ScaleSays
 
 
 @pytest.mark.parametrize(("share", "alarm"), [(0.1, "flow_missing"), (2.0, "flow_above")])

@@ -6,8 +6,8 @@ from math import inf, nan
 import pytest
 
 from control.orders import Do, State, TargetSource
+from control.readings import Doubted, SpeedDoubt
 from control.safety import INTERLOCKS
-from control.sensing import Refused, SpeedDoubt
 
 FORBIDDEN = [
     ("speed_silent", {"speed_used_mps": None}),
@@ -58,7 +58,7 @@ def test_no_known_field_forbids_nothing(working):
     assert working().tick(landing_inside=None).flow_allowed
 
 
-@pytest.mark.parametrize("refused", Refused)
+@pytest.mark.parametrize("refused", Doubted)
 def test_a_speed_that_is_not_believed_goes_on_with_flow_and_begins_none(working, refused):
     run, doubt = working(), {"speed_doubt": SpeedDoubt(refused, 100.0, 100.0, 5.0, 1.25, 1.0)}
     assert run.tick(2.0, **doubt).flow_allowed

@@ -5,11 +5,9 @@ from dataclasses import fields, replace
 
 import pytest
 
-from control.metering.flow_trim import ScaleSays
 from control.orders import Do
-from control.readings import DriveCommand
+from control.readings import Doubted, DriveCommand, ScaleSays, SpeedDoubt
 from control.safety import Commanded, DriveLimits, SafetyLimits, limited
-from control.sensing import Refused, SpeedDoubt
 
 STANDS = Commanded(turn=False, flow=False, opening_mm=15.0)
 TURNS = Commanded(shaft_rpm=70.0, expected_rpm=70.0, opening_mm=15.0, expected_mm=15.0)
@@ -128,7 +126,7 @@ CHANGES = [
     ("wheel_silent_s", 2.0, start_again(wheel_age_s=1.5)),
     ("wheel_fault_speed_mps", 1.0, alarms(1.0, wheel_mps=0.0, gnss_mps=0.8)),
     ("wheel_fault_s", 2.0, alarms(1.0, wheel_mps=0.0, gnss_mps=0.8)),
-    ("speeds_differ_s", 3.0, state(speed_doubt=SpeedDoubt(Refused.EITHER, 100.0, 104.0, 2.5, 1.25, 1.0))),
+    ("speeds_differ_s", 3.0, state(speed_doubt=SpeedDoubt(Doubted.EITHER, 100.0, 104.0, 2.5, 1.25, 1.0))),
     ("reverse_flip_deg", 170.0, reverse(course_deg=240.0)),
     ("course_speed_mps", 0.5, creep_backwards),
     ("drive_silent_s", 1.0, state(shaft_age_s=0.8)),

@@ -13,9 +13,8 @@ from hypothesis import HealthCheck, assume, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule, run_state_machine_as_test
 
-from control.metering.flow_trim import NOTHING_SAID, ScaleSays
 from control.orders import BY_PLACE, Do, Order, Severity, State, TargetSource
-from control.readings import DriveCommand
+from control.readings import NOTHING_SAID, DriveCommand, ScaleSays
 from control.safety import (
     ALARMS,
     INTERLOCKS,
