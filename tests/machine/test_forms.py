@@ -65,14 +65,9 @@ def test_what_is_fitted_is_what_the_file_holds(name: str) -> None:
                 continue
             moved = form.moved(shape, by)
             sizes = rng.uniform(0.5, 2.0, len(moved.columns)).tolist()
-            level = 0.0 if name == Form.PRODUCT else 0.3
-            fitted = np.asarray(sizes) @ moved.rows(by) + level
-            there = values(written(moved, sizes, level, by), by)
-            if name == Form.PRODUCT:            # a product whose level is not known is nothing at its place
-                there = there - np.mean(there - fitted)
-            # of a table straight lines between eight places of its waves
-            close = 1.01 * np.dot(sizes, [0.03, 0.1, 0.22, 0.38]) if name == Form.TABLE else 1e-9
-            assert there == pytest.approx(fitted, abs=close), (form.shape, move)
+            fitted = np.asarray(sizes) @ moved.rows(by) + 0.3
+            there = values(written(moved, sizes, 0.3, by), by)
+            assert there == pytest.approx(fitted, abs=1e-9), (form.shape, move)
 
 
 def test_columns_of_many_shapes_share_few_series() -> None:
@@ -83,15 +78,15 @@ def test_columns_of_many_shapes_share_few_series() -> None:
     assert all(isinstance(series, Series) for series in shared)
 
 
-def test_a_product_whose_level_is_not_known_is_nothing_at_its_place() -> None:
-    """It was fitted about the middle of its variables: what it does there is no level."""
+def test_a_products_square_is_taken_off_its_level() -> None:
+    """It was fitted about the middle of its variables, with slopes of its own there."""
     x, y = (Scaled(name, np.zeros(3), middle, spread, -9.0, 9.0, np.ones(3, bool), np.arange(3.0), term_run)
             for name, middle, spread in (("roll_deg", -0.1, 2.0), ("speed_mps", 1.0, 0.2)))
     form = Product.tried_with(x, y)[1]
     by, sizes = {"roll_deg": x, "speed_mps": y}, [-8.0, -0.4, 8.0]
-    unknown = form.written(sizes, 0.0, by).coefficients
-    assert unknown == pytest.approx({"slope": 20.0, "at": 0.0, "second_at": 1.2, "level": 0.0})
-    assert form.written(sizes, 0.7, by).coefficients == pytest.approx({**unknown, "level": 0.3})
+    for level in (0.0, 0.7):
+        assert form.written(sizes, level, by).coefficients == pytest.approx(
+            {"slope": 20.0, "at": 0.0, "second_at": 1.2, "level": level - 0.4})
 
 
 def field(axis_deg: float) -> Scaled:
@@ -105,7 +100,7 @@ def test_an_angle_driven_up_and_down_has_one_amplitude_along_its_axis() -> None:
     """Sine and cosine are not told apart there, and across the axis nothing is said; all round there are two."""
     [along] = FORMS["periodic"].tried(field(30.0))
     assert len(along.columns) == 1
-    sine, cosine = along.columns[0].values()
+    sine, cosine = along.shape["sine"], along.shape["cosine"]
     assert abs(sine * np.sin(np.radians(30.0)) + cosine * np.cos(np.radians(30.0))) > 0.999
     assert {len(form.columns) for form in FORMS["periodic"].tried(variable("heading_deg"))} == {2}
     assert ANGLES == FORMS["periodic"].only_over
@@ -117,7 +112,7 @@ def test_what_was_seen_up_and_down_a_field_is_said_of_these_headings_alone(axis_
     heading = field(axis_deg)
     by = {"heading_deg": heading}
     [along] = FORMS["periodic"].tried(heading)
-    sine, cosine = along.columns[0].values()
+    sine, cosine = along.shape["sine"], along.shape["cosine"]
     ahead = sine * np.sin(np.radians(axis_deg)) + cosine * np.cos(np.radians(axis_deg))
     term = written(along, [0.5 * ahead], 0.1, by)
     assert (term.form, term.coefficients) == ("table", {})

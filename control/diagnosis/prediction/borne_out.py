@@ -5,7 +5,7 @@ group were fitted together and go into the file together; where one is left out 
 """
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -18,7 +18,8 @@ from control.diagnosis.judgement.evidence import Z90
 from control.diagnosis.judgement.prior import NAMED
 from control.diagnosis.result import UNKNOWN, Cause, Diagnosis, Fitted, Predicted, Rival, Size, TermFound, Unexplained
 from control.diagnosis.runs.hypothesis import EffectInstance
-from control.diagnosis.runs.model import GROUPS
+from control.diagnosis.runs.model import GROUPS, hidden_within
+from control.diagnosis.runs.settle import MAX_OFFSET_SD
 from control.machine.machine import CATALOGUE, Machine, effect_sizes, unit_of
 from control.machine.terms import Term
 
@@ -33,6 +34,8 @@ CLEARLY = 1.1               # of mean square errors: less is no difference that 
 LOUD = 1.0                  # ... nor what is not as loud as the sensor's own noise by the machine file ...
 SURE = 1.9                  # ... by so many standard errors: 95 % of Student's t by eight blocks
 EVEN = 0.5                  # a name is no likelier, where something that it does not hold predicts clearly better
+
+NOTHING_OFF: Mapping[str, float] = {}
 
 ALONE = "without what is left out it predicts this log no better than before: they were fitted together"
 WORSE = "the log itself is predicted no better with it"
@@ -200,11 +203,17 @@ def _against_rival(on_log: OnLog, found: Diagnosis, taken: Diagnosis, channel: s
     rival = rival_of(on_log, channel)
     if rival is None:
         return found, errors, []
+    sound = {name: size for name, size, _ in rival.sizes
+             if abs(size) <= MAX_OFFSET_SD * hidden_within(name, on_log.machine)}
+    if sound:                               # what a sound machine may do by its file's tolerances is ahead of nothing
+        said = min(said, _said(on_log, found, channel, read_off, sound), key=lambda one: one.rms[channel])
+        file = file if open_ else min(file, said, key=lambda one: one.rms[channel])
     errors = replace(errors, rival=rival.held.rms[channel], over=rival.over or _OWN.get(channel, ()))
     over_said, over_file = gained(rival.held, said, usual), gained(rival.held, file, usual)
     noise = LOUD * on_log.noise(channel) ** 2 / usual[channel]
     ahead = _clearly(over_said, said, rival.held, channel) and float(over_said.mean()) > noise
-    stands = bool(taken.causes) and any(one.id in {cause.id for cause in taken.causes} for one in own)
+    stands = (any(one.id in {cause.id for cause in taken.causes} for one in own)
+              or any(_channel_of(one.stage) == channel for one in taken.terms))
     if not (_clearly(over_file, file, rival.held, channel) and float(over_file.mean()) > noise
             if stands or not open_ else surely(over_file)):
         return found, errors, []
@@ -233,12 +242,15 @@ def _clearly(gain: Array, one: Held, other: Held, channel: str) -> bool:
     return surely(gain, SURE) and one.rms[channel] ** 2 > CLEARLY * float(other.blocks[channel].mean())
 
 
-def _said(on_log: OnLog, found: Diagnosis, channel: str, read_off: Collection[str]) -> Held:
-    """All that is said of a log, what is of this run alone included."""
+def _said(on_log: OnLog, found: Diagnosis, channel: str, read_off: Collection[str],
+          sound: Mapping[str, float] = NOTHING_OFF) -> Held:
+    """All that is said of a log, what is of this run alone included. sound : by how much nominal values are off, within
+    the machine file's tolerances."""
     parts = tuple(EffectInstance(one.id, 1.0 if CATALOGUE[one.id].effect.onset_only else one.size.value, one.onset_s,
                                  one.member, one.until_s, one.grows)
                   for one in found.causes if one.size.value is not None and one.id not in read_off
                   and channel in ROWS[one.id].channels)
+    parts = (*parts, *(EffectInstance(name, size) for name, size in sound.items()))
     terms = tuple(Term.model_validate(one.term) for one in found.terms if _channel_of(one.stage) == channel)
     machine = on_log.machine.model_copy(update={"terms": (*on_log.machine.terms, *terms)})
     left = on_log.errors(channel, on_log.predicted(machine, (channel,), parts)[channel])
