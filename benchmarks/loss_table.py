@@ -398,8 +398,8 @@ def bridging(folder: Path) -> Found:
         rig.at_work()
         rig.until(lambda: rig.now_s >= begins_s - 1e-6, 5.0)
         measured_s = rig.until(lambda: rig.state == "held", 60.0)
-        return Found("scale flow below 50 % (bridged)", "red, held after 20 s (90 % of the time bridged)", 27.0,
-                     measured_s, f"{', '.join(rig.alarms)}; {rig.state}", "flow_missing" in rig.alarms)
+        return Found("scale flow below 50 % (bridged)", "red, held after 24 s of flow (90 % of the time bridged)",
+                     40.0, measured_s, f"{', '.join(rig.alarms)}; {rig.state}", "flow_missing" in rig.alarms)
 
 
 def hopper_empty(folder: Path) -> Found:

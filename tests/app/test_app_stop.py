@@ -57,7 +57,7 @@ DIALOGS = {
     settings_page.ThemeDialog: lambda: settings_page.ThemeDialog("Theme", [Choice("day", "Day"), Choice("night", "N")],
                                                                  "day"),
     settings_page.KeyDialog: lambda: settings_page.KeyDialog("start", "S"),
-    KeyDialog: lambda: KeyDialog("Key", "", "", lambda typed: ""),
+    KeyDialog: lambda: KeyDialog("Key", "", Key("k", lambda: 0.0)),
     CommandPalette: CommandPalette,
 }
 
