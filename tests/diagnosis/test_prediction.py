@@ -11,7 +11,7 @@ import pytest
 from console.reports.diagnosis_text import summary, taken_up
 from console.reports.notebook import html_of
 from control.diagnosis.extend import extend, not_adoptable
-from control.diagnosis.prediction.blocks import BLOCKS, errors, held, in_blocks, numbers_of
+from control.diagnosis.prediction.blocks import BLOCKS, errors, held, in_blocks, numbers_of, surely
 from control.diagnosis.prediction.borne_out import adoptable, borne_out
 from control.diagnosis.prediction.on_log import OnLog
 from control.diagnosis.prediction.rival import rival_of
@@ -137,3 +137,11 @@ def test_report_and_notebook_say_the_rival_and_what_a_file_takes_up() -> None:
     terms = [one for one in summary(found) if one.startswith("term ")]
     assert terms and len(set(terms)) == len(terms)
     assert not any(" 0 r/min for each" in one or " 0 % for each" in one for one in terms)
+
+
+@pytest.mark.parametrize("gain", [7.72460926, 0.1, 1.0 / 3.0, 49.9])
+def test_one_block_that_has_anything_to_say_counts_whatever_its_last_bit(gain: float) -> None:
+    """A shaft that starts once: its mean is one standard error exactly, and two kernels answered apart."""
+    for moved in (-1e-14, 0.0, 1e-14):
+        assert surely(np.array([gain * (1.0 + moved), *np.full(BLOCKS - 1, moved)]))
+        assert not surely(-np.array([gain * (1.0 + moved), *np.full(BLOCKS - 1, moved)]))

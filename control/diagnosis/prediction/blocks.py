@@ -25,6 +25,7 @@ Array = npt.NDArray[np.float64]
 BLOCKS = 8                  # of a log: each longer than the noise remembers
 STEP = 0.02                 # of a number, by which it is moved for its slope
 RIDGE = 1e-9                # of a number's information: what two numbers share stays where it is
+LAST_BITS = 1e-9            # of a standard error: what kernels of matrix products may differ by
 KNEE = "ends"
 LINEAR = ("slope", "bend", "below", "above", "sine", "cosine", "level")     # of a term's coefficients
 
@@ -167,5 +168,6 @@ def gained(one: Held, other: Held, usual: dict[str, float]) -> Array:
 
 def surely(gain: Array, errors: float = 1.0) -> bool:
     """Whether a gain by blocks is above nothing by more than so many standard errors; one (Breiman, Friedman, Olshen
-    and Stone, Classification and Regression Trees, 1984, 3.4.3)."""
-    return bool(gain.mean() > errors * np.std(gain, ddof=1) / np.sqrt(len(gain)))
+    and Stone, Classification and Regression Trees, 1984, 3.4.3). Where one block alone has anything to say, its mean is
+    one standard error to the last bit: it counts."""
+    return bool(gain.mean() > (1.0 - LAST_BITS) * errors * np.std(gain, ddof=1) / np.sqrt(len(gain)))
