@@ -29,7 +29,7 @@ def red(says: ScaleSays) -> bool:
     return says.share is not None or says.outlets > 0 or says.beyond_percent is not None or says.unordered_kg > 0.0
 
 
-def told(seconds: float, *, flow_kg_s: float = 0.09, leaves: Callable[[float, float], float] = lambda s, kg_s: kg_s,
+def runs(seconds: float, *, flow_kg_s: float = 0.09, leaves: Callable[[float, float], float] = lambda s, kg_s: kg_s,
          reads: Callable[[float, float], float] = lambda s, kg: kg, flows: Callable[[float], bool] = lambda s: True,
          seed: int = 1, orders: Callable[[float, FlowTrim], None] = lambda s, trim: None) -> Told:
     """Stand for 20 s, then work; times from `BEGINS_S` on. leaves: (time, ordered kg/s) to what truly leaves, kg/s.
@@ -60,7 +60,7 @@ def from_0(factor: float) -> Callable[[float, float], float]:
 @pytest.mark.parametrize("gain", [0.6, 0.7, 1.3])
 def test_a_scale_whose_gain_is_wrong_is_said_and_trims_nothing(gain: float) -> None:
     """0.7: the ground got 31 % more, for ever, without a word."""
-    run = told(120.0, reads=lambda s, kg: gain * kg)
+    run = runs(120.0, reads=lambda s, kg: gain * kg)
     assert run.first_s(lambda says: says.beyond_percent is not None) < -BEGINS_S + STANDS_S + 60.0
     assert run.trims[-1] == 1.0 and np.abs(run.trims - 1.0).max() <= 0.1
     beyond = run.filter.says.beyond_percent
@@ -69,7 +69,7 @@ def test_a_scale_whose_gain_is_wrong_is_said_and_trims_nothing(gain: float) -> N
 
 def test_the_estimate_itself_is_bounded() -> None:
     """Filled at 0.1 kg/s for 60 s: the state was at -79 %, and the trim at its limit for 75 s afterwards."""
-    run = told(120.0, reads=lambda s, kg: kg + 0.1 * min(60.0, max(0.0, s)))
+    run = runs(120.0, reads=lambda s, kg: kg + 0.1 * min(60.0, max(0.0, s)))
     assert np.abs(run.trims - 1.0).max() < 0.02
     assert abs(run.filter._state[1]) < 12.0
     assert run.first_s(lambda says: says.off_kg != 0.0) < 15.0
@@ -83,7 +83,7 @@ def test_a_scale_that_sways_accuses_nobody_and_moves_little(period_s: float, fro
         def sways(s: float, kg: float, turn: float = float(turn)) -> float:
             return kg + (sin(2.0 * pi * s / period_s + turn) - (0.0 if from_start else sin(turn))
                          if from_start or s > 0.0 else 0.0)
-        run = told(120.0, reads=sways, seed=int(10 * turn) + 1)
+        run = runs(120.0, reads=sways, seed=int(10 * turn) + 1)
         assert run.first_s(red) == float("inf")
         assert np.abs(run.trims - 1.0).max() < 0.06
 
@@ -95,7 +95,7 @@ def test_a_refill_of_known_mass_finds_the_scales_gain() -> None:
             trim.refilled(120.0)
 
     for gain, expected in ((0.7, -30.0), (1.0, None)):
-        run = told(60.0, flows=lambda s: not 0.0 < s < 20.0, orders=fills,
+        run = runs(60.0, flows=lambda s: not 0.0 < s < 20.0, orders=fills,
                    reads=lambda s, kg, gain=gain: gain * (kg + (120.0 if s > 10.0 else 0.0)))
         found = run.filter.says.refill_percent
         if expected is None:
@@ -109,7 +109,7 @@ def test_a_fresh_catch_test_is_believed_rather_than_the_scale() -> None:
         def tested(s: float, trim: FlowTrim) -> None:
             if age_days is not None and s < -BEGINS_S + 0.5 * DT_S:
                 trim.tested(age_days)
-        return float(told(120.0, leaves=lambda s, kg_s: 1.06 * kg_s, orders=tested).trims[-1]) - 1.0
+        return float(runs(120.0, leaves=lambda s, kg_s: 1.06 * kg_s, orders=tested).trims[-1]) - 1.0
     none, old, fresh = trimmed(None), trimmed(400.0), trimmed(0.0)
     assert none == pytest.approx(old, abs=5e-4) and none > 0.045
     assert 0.02 < fresh < 0.8 * none
@@ -120,7 +120,7 @@ def test_a_fresh_catch_test_is_believed_rather_than_the_scale() -> None:
 @pytest.mark.parametrize(("factor", "by_s"), [(0.0, 40.0), (0.25, 42.0), (2.0, 40.0), (4.0, 32.0)])
 def test_a_flow_far_from_what_the_shaft_reads_is_said(factor: float, by_s: float) -> None:
     for seed in range(3):
-        run = told(60.0, leaves=from_0(factor), seed=seed)
+        run = runs(60.0, leaves=from_0(factor), seed=seed)
         assert run.first_s(lambda says: says.off_kg != 0.0) < 15.0
         assert 15.0 < run.first_s(lambda says: says.share is not None) < by_s
         assert run.trims[-1] == 1.0
@@ -130,14 +130,14 @@ def test_a_flow_far_from_what_the_shaft_reads_is_said(factor: float, by_s: float
 
 def test_an_outlet_that_closes_is_said_and_not_made_up_for() -> None:
     for seed in range(3):
-        run = told(120.0, leaves=from_0(5.0 / 6.0), seed=seed)
+        run = runs(120.0, leaves=from_0(5.0 / 6.0), seed=seed)
         assert run.first_s(lambda says: says.outlets > 0) < 80.0
         assert run.filter.says.outlets == 1 and run.filter.says.of_outlets == 6
         assert abs(run.trims[-1] - 1.0) < 0.02
 
 
 def test_a_flow_that_changes_by_six_per_cent_is_trimmed_all_the_same() -> None:
-    run = told(240.0, leaves=from_0(1.06))
+    run = runs(240.0, leaves=from_0(1.06))
     assert run.first_s(red) == float("inf") and run.trims[-1] > 1.048
 
 
@@ -148,7 +148,7 @@ def test_a_fall_of_the_scale_while_nothing_turns_is_said_and_counted(from_work: 
     counted: list[float] = []
     for seed in range(3):
         counted.clear()
-        run = told(60.0, leaves=lambda s, kg_s: 0.16 if 0.0 < s < 30.0 else kg_s, seed=seed,
+        run = runs(60.0, leaves=lambda s, kg_s: 0.16 if 0.0 < s < 30.0 else kg_s, seed=seed,
                    flows=lambda s: from_work and s < -10.0,
                    orders=lambda s, trim: counted.append(trim.take_unordered_kg()))
         assert run.first_s(lambda says: says.unordered_kg > 0.0) < 10.0
@@ -161,13 +161,13 @@ def test_a_fall_of_the_scale_while_nothing_turns_is_said_and_counted(from_work: 
     lambda s, kg: kg + sin(2.0 * pi * s / 30.0)], ids=["filled slowly", "a man on the hopper", "sways"])
 def test_what_else_a_scale_does_while_it_stands_is_no_flow(reads: Callable[[float, float], float]) -> None:
     for seed in range(4):
-        run = told(100.0, flows=lambda s: s > 80.0, reads=reads, seed=seed)
+        run = runs(100.0, flows=lambda s: s > 80.0, reads=reads, seed=seed)
         assert run.first_s(red) == float("inf") and np.abs(run.trims - 1.0).max() < 0.03
 
 
 @pytest.mark.parametrize("flow_kg_s", [0.05, pytest.param(0.02, marks=pytest.mark.exam),
                                        pytest.param(0.15, marks=pytest.mark.exam)])
 def test_a_sound_machine_is_accused_of_nothing_in_an_hour(flow_kg_s: float) -> None:
-    run = told(3600.0, flow_kg_s=flow_kg_s, flows=lambda s: s % 100.0 < 88.0, seed=int(1000 * flow_kg_s),
+    run = runs(3600.0, flow_kg_s=flow_kg_s, flows=lambda s: s % 100.0 < 88.0, seed=int(1000 * flow_kg_s),
                reads=lambda s, kg: kg + 1000.0)
     assert [says for _, says in run.said if red(says) or says.off_kg != 0.0] == []

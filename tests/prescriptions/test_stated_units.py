@@ -289,10 +289,10 @@ def test_a_task_files_numbers_are_by_its_identifier(tmp_path: Path, shown: str) 
 def test_nothing_is_exported_as_kilograms(tmp_path: Path) -> None:
     path = as_shapefile(tmp_path, {"rate": RATES, "unit": ["l/ha"] * 4})
     out = tmp_path / "out.geojson"
-    told = CliRunner().invoke(app, ["map", str(path), "--out", str(out)])
-    assert told.exit_code == 2 and "rates in l/ha, density None" in told.output and not out.exists()
-    told = CliRunner().invoke(app, ["map", str(path), "--out", str(out), "--density", "1.3"])
-    assert told.exit_code == 0 and "l/ha named in column unit" in told.output
+    said = CliRunner().invoke(app, ["map", str(path), "--out", str(out)])
+    assert said.exit_code == 2 and "rates in l/ha, density None" in said.output and not out.exists()
+    said = CliRunner().invoke(app, ["map", str(path), "--out", str(out), "--density", "1.3"])
+    assert said.exit_code == 0 and "l/ha named in column unit" in said.output
     assert highest(read_prescription(out)) == pytest.approx(210.0 * 1.3)
 
 
