@@ -25,17 +25,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 MACHINES, LOGS = 20, 30
-NAMES = (
-    "flow.gain",
-    "flow.fill_falloff",
-    "flow.hopper_head",
-    "scale.gain",
-    "scale.drift",
-    "gate.offset",
-    "shaft.gain",
-    "speed.wheel_radius",
-    "speed.wheel_slip",
-)
+NAMES = ("flow.gain", "flow.fill_falloff", "flow.hopper_head", "scale.gain", "scale.drift", "gate.offset", "shaft.gain",
+         "speed.wheel_radius", "speed.wheel_slip")
 MISTAKEN = 0.2  # of logs, in which look-alikes are exchanged
 # What one unit of each does to three readings (flow, drives, speed) at operating points of speed s, level, time t.
 SIGHT = {
@@ -87,12 +78,11 @@ PRODUCTS = {"urea": 0.0, "compound": 4.0, "potash": 0.0}
 
 
 class Made(NamedTuple):
-    forms: list[dict[str, Any]]
+    form: dict[str, Any]
     key: str
     machine: str
     time_d: float
     shared: dict[str, str]
-    truth: dict[str, float]
 
 
 def season_of(seed: int) -> list[Made]:
@@ -108,52 +98,31 @@ def season_of(seed: int) -> list[Made]:
             if number == 19:
                 size["flow.gain"] = 4.0  # m19 and its only operator: nobody can part them
             size["flow.gain"] = size.get("flow.gain", 0.0) + OPERATORS.get(operator, 0.0) + PRODUCTS[product]
-            truth = dict(size)
             for name, sd in SCATTER.items():
                 size[name] = size.get(name, 0.0) + sd * rng.standard_t(5) / np.sqrt(5.0 / 3.0)
-            logs.append(
-                Made(
-                    _forms(rng, size, off, rng.random() < MISTAKEN),
-                    f"{machine}-{k}",
-                    machine,
-                    k * 2.0 + rng.random(),
-                    {"operator": operator, "product": product, "field": f"f{number // 4}-{k // 10}"},
-                    truth,
-                )
-            )
+            logs.append(Made(_forms(rng, size, off, rng.random() < MISTAKEN), f"{machine}-{k}", machine,
+                             k * 2.0 + rng.random(),
+                             {"operator": operator, "product": product, "field": f"f{number // 4}-{k // 10}"}))
     return logs
 
 
-def _forms(
-    rng: np.random.Generator, size: dict[str, float], off: dict[str, float], mistaken: bool
-) -> list[dict[str, Any]]:
+def _forms(rng: np.random.Generator, size: dict[str, float], off: dict[str, float], mistaken: bool) -> dict[str, Any]:
     """Least squares of one log: what its readings say of every effect, the machine's tolerances as nuisance."""
     points = 200
-    speed, load, when = (
-        rng.uniform(0.2, 1.0) + (0.02 if mistaken else 0.3) * rng.normal(size=points),
-        np.linspace(1.0, rng.uniform(0.2, 0.9), points),
-        np.linspace(0.0, 1.0, points),
-    )
+    speed = rng.uniform(0.2, 1.0) + (0.02 if mistaken else 0.3) * rng.normal(size=points)
+    load, when = np.linspace(1.0, rng.uniform(0.2, 0.9), points), np.linspace(0.0, 1.0, points)
     seen = np.stack([np.concatenate(SIGHT[name](speed, load, when)) for name in NAMES], axis=1)
     weight = np.repeat([one**-2.0 for one in NOISE], points)
     open_ = np.stack([seen[:, NAMES.index(name)] * sd for name, sd in TOLERANCE.items()], axis=1)
-    read = seen @ np.array([size.get(name, 0.0) for name in NAMES]) + open_ @ np.array(
-        [off[name] for name in TOLERANCE]
-    )
+    read = seen @ np.array([size.get(name, 0.0) for name in NAMES])
+    read = read + open_ @ np.array([off[name] for name in TOLERANCE])
     read = read + rng.normal(size=len(read)) / np.sqrt(weight)
     inner = np.linalg.inv(open_.T @ (weight[:, None] * open_) + np.eye(len(TOLERANCE)))
     across = seen.T @ (weight[:, None] * open_)
     normal = seen.T @ (weight[:, None] * seen) - across @ inner @ across.T
     right = seen.T @ (weight * read) - across @ inner @ (open_.T @ (weight * read))
-    return [
-        {
-            "names": NAMES,
-            "normal": tuple(map(tuple, normal.tolist())),
-            "right": tuple(right.tolist()),
-            "open": tuple(TOLERANCE),
-            "pulls": tuple(map(tuple, (across @ inner).tolist())),
-        }
-    ]
+    return {"names": NAMES, "normal": tuple(map(tuple, normal.tolist())), "right": tuple(right.tolist()),
+            "open": tuple(TOLERANCE), "pulls": tuple(map(tuple, (across @ inner).tolist()))}
 
 
 def main() -> int:
@@ -167,91 +136,48 @@ def main() -> int:
         made = season_of(seed)
         begin = time.process_time()
         found = _asked(made)
-        print(
-            f"seed {seed}: {len(made)} logs of {MACHINES} machines, {time.process_time() - begin:.1f} s of processor"
-        )
+        print(f"seed {seed}: {len(made)} logs of {MACHINES} machines, {time.process_time() - begin:.1f} s of processor")
         held += _as_drawn(found)
     print(f"90 % intervals that hold the truth: {sum(held)} of {len(held)} ({100.0 * np.mean(held):.0f} %)")
     return 0
 
 
 def _asked(made: list[Made]) -> Any:
+    from control.diagnosis.season.courses import fitted
     from control.diagnosis.season.evidence import Form
-
-    try:
-        from control.diagnosis.season.courses import fitted
-        from control.diagnosis.season.forms import OneLog
-    except ImportError:
-        from types import SimpleNamespace
-
-        from control.diagnosis.season.courses import OneLog, courses  # of an older tree
-        from control.diagnosis.season.owner import repaired_d
-
-        def fitted(logs: Any) -> Any:
-            own, shared = courses(logs)
-            print("repaired:", [(one.machine, one.effect, repaired_d(one)) for one in own if repaired_d(one)])
-            return SimpleNamespace(courses=own, shared=shared, levels=(), same=())
-
-    return fitted(
-        [
-            OneLog(one.key, one.machine, one.time_d, tuple(Form(**form) for form in one.forms), one.shared)
-            for one in made
-        ]
-    )
+    from control.diagnosis.season.forms import OneLog
+    return fitted([OneLog(one.key, one.machine, one.time_d, (Form(**one.form),), one.shared) for one in made])
 
 
 def _as_drawn(found: Any) -> list[bool]:
     held, named = list[bool](), set()
     print("  machine  planted                              said")
     for one in (*PLANTED, Truth("m19", "flow.gain", 4.0, 4.0)):
-        own = [
-            each
-            for each in found.courses
-            if each.machine == one.machine and (each.effect == one.effect or one.effect in each.alike)
-        ]
+        own = [each for each in found.courses if each.machine == one.machine
+               and (each.effect == one.effect or one.effect in each.alike)]
         named |= {(each.machine, each.effect) for each in own}
         said = "; ".join(map(_course_words, own)) or "nothing"
-        now = one.at(LOGS - 1)
         if one.machine == "m19":
-            said += " | " + "; ".join(
-                f"{each.factor} {each.level} {each.effect} {each.size:+.2f}"
-                for each in found.shared
-                if each.level == "Solo"
-            )
+            said += " | " + "; ".join(f"{each.factor} {each.level} {each.effect} {each.size:+.2f}"
+                                      for each in found.shared if each.level == "Solo")
         elif own and own[0].effect == one.effect:
-            held.append(
-                abs(own[0].pieces[-1].end - now) <= own[0].pieces[-1].end_half + getattr(own[0], "open_half", 0.0)
-            )
-        print(
-            f"  {one.machine}  {one.effect} {one.begin:g} to {one.end:g}"
-            + (f", {one.after:g} in the last {LOGS - one.until} logs" if one.until < LOGS else "")
-            + f": {said}"
-        )
-    strange = [each for each in found.courses if (each.machine, each.effect) not in named]
-    for each in strange:
-        print(f"  not planted: {each.machine} {_course_words(each)}")
+            held.append(abs(own[0].pieces[-1].end - one.at(LOGS - 1)) <= own[0].pieces[-1].end_half)
+        until = f", {one.after:g} in the last {LOGS - one.until} logs" if one.until < LOGS else ""
+        print(f"  {one.machine}  {one.effect} {one.begin:g} to {one.end:g}{until}: {said}")
+    for each in found.courses:
+        if (each.machine, each.effect) not in named:
+            print(f"  not planted: {each.machine} {_course_words(each)}")
     for factor, sizes in (("operator", OPERATORS), ("product", PRODUCTS)):
         for level, size in sizes.items():
-            reported = [
-                each
-                for each in found.shared
-                if (each.factor, each.level, each.effect) == (factor, level, "flow.gain")
-            ]
-            other = [
-                each for each in found.shared if (each.factor, each.level) == (factor, level) and each not in reported
-            ]
-            row = [
-                each
-                for each in found.levels
-                if (each.factor, each.level, each.effect) == (factor, level, "flow.gain")
-            ]
+            shared = [each for each in found.shared if (each.factor, each.level) == (factor, level)]
+            reported = [each for each in shared if each.effect == "flow.gain"]
+            row = [each for each in found.levels
+                   if (each.factor, each.level, each.effect) == (factor, level, "flow.gain")]
             held += [abs(each.size - size) <= each.half for each in (reported or row)]
-            print(
-                f"  {factor} {level}: planted {size:+.1f} %; said "
-                + (", ".join(f"{each.size:+.2f} +- {each.half:.2f}" for each in reported) or "nothing")
-                + (f"; its interval {row[0].size:+.2f} +- {row[0].half:.2f}" if row and not reported else "")
-                + "".join(f"; also {each.effect} {each.size:+.2f}" for each in other)
-            )
+            print(f"  {factor} {level}: planted {size:+.1f} %; said "
+                  + (", ".join(f"{each.size:+.2f} +- {each.half:.2f}" for each in reported) or "nothing")
+                  + (f"; its interval {row[0].size:+.2f} +- {row[0].half:.2f}" if row and not reported else "")
+                  + "".join(f"; also {each.effect} {each.size:+.2f}" for each in shared if each not in reported))
     for each in found.shared:
         if each.factor not in ("operator", "product"):
             print(f"  also said: {each.factor} {each.level} {each.effect} {each.size:+.2f} +- {each.half:.2f}")
@@ -261,22 +187,13 @@ def _as_drawn(found: Any) -> list[bool]:
 
 def _course_words(one: Any) -> str:
     last = one.pieces[-1]
-    said = f"{one.effect} now {last.end:+.2f} +- {last.end_half + getattr(one, 'open_half', 0.0):.2f}"
-    said += "".join(
+    said = f"{one.effect} now {last.end:+.2f} +- {last.end_half:.2f}" + "".join(
         f", change before the last {each.logs_after} logs {each.probability:.2f} (repair {each.repair:.2f})"
-        for each in getattr(one, "changes", ())
-    )
-    sets = getattr(one, "alternatives", ())
-    if len(sets) > 1:
-        return said + ", or ".join(
-            [
-                "",
-                *(
-                    f"{each.factor} {each.level} {each.effect} {each.size:+.1f} ({each.probability:.2f})"
-                    for each in sets
-                ),
-            ]
-        )
+        for each in one.changes)
+    if len(one.alternatives) > 1:
+        others = (f"{each.factor} {each.level} {each.effect} {each.size:+.1f} ({each.probability:.2f})"
+                  for each in one.alternatives)
+        return ", or ".join([said, *others])
     return said + (f"; alike {one.alike}" if one.alike else "")
 
 

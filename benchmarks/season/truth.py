@@ -5,14 +5,11 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 MACHINES, DAYS = 20, 50
-FIRST_DAY = "2026-03-01"
 WEAK, WEAK_DAYS = "m15", 30
 WEAK_PROGRAMME = "stairs_speed"         # always the same work: the effect has the same z in each log
 PRODUCTS, OTHER_PRODUCT, OTHER_FLOW = ("urea", "compound"), "compound", 5.0
 OPERATORS = ("王强", "Li, Ming", "Zhao", "Sun", "O'Brien")
 NEVER_REFILLS = OPERATORS[0]
-WRONG_CLOCK = {("m02", 20): "1970-01-01T00:02:00Z", ("m06", 30): "2080-01-06T00:00:00Z"}
-SPELT = {"m19": ("m19", "M19", " m19 ")}        # as three drivers write one name
 
 
 class Planted(NamedTuple):
@@ -76,11 +73,6 @@ class Day(NamedTuple):
     @property
     def refilled(self) -> bool:
         return self.operator != NEVER_REFILLS
-
-    @property
-    def unit(self) -> str:
-        names = SPELT.get(self.machine, (self.machine,))
-        return names[self.day % len(names)]
 
 
 def days(machines: int = MACHINES, count: int = DAYS) -> Iterator[Day]:

@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -278,20 +277,3 @@ def test_a_stuck_valve_shows_in_the_truth_alone(setup: Setup) -> None:
         plant.step(DriveCommand(70.0, 25.0, valves=(True, False, True)), True)
     assert plant.truth is not None
     assert [kg > 0.0 for kg in plant.truth.section_kg] == [False, True, True]
-
-
-def test_the_benchmark_of_sections_says_when_they_are_no_better(monkeypatch: pytest.MonkeyPatch) -> None:
-    import importlib.util
-    import sys
-    folder = Path(__file__).parents[2] / "benchmarks"
-    monkeypatch.syspath_prepend(str(folder))
-    spec = importlib.util.spec_from_file_location("sections_benchmark", folder / "sections.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["sections_benchmark"] = module
-    spec.loader.exec_module(module)
-    good: Callable[..., Any] = module.Figures
-    whole, none = good(105.0, 31.0, 14.0, 72.0, 72.0, 0, 1.0), good(540.0, 9.0, 640.0, 105.0, 72.0, 0, 1.0)
-    better = good(13.0, 42.0, 1.0, 70.0, 72.0, 190, 1.0)
-    assert all(module.promises({"sections": better, "whole": whole, "none": none}).values())
-    assert not all(module.promises({"sections": whole, "whole": whole, "none": none}).values())
