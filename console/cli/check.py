@@ -138,7 +138,7 @@ def _map_of(loaded: Any) -> list[str]:
     from drivers.files.config import ConfigError, load
     from drivers.files.kinds import CROP
     from drivers.files.prescriptions.for_job import check_of_job, plants_of_job
-    from drivers.files.prescriptions.words import PrescriptionError
+    from drivers.plain_text import Refused
     folder = loaded.path.parent
     try:
         crop = load(loaded.model.crop, CROP, base=folder).model
@@ -146,7 +146,7 @@ def _map_of(loaded: Any) -> list[str]:
         plants_of_job(loaded.model, folder)
     except ConfigError as error:
         return list(error.lines)
-    except (PrescriptionError, OSError) as error:
+    except (Refused, OSError) as error:
         return [f"{loaded.path}: {error}"]
     return []
 

@@ -132,7 +132,8 @@ def _print_season(found: object, out: Path, price: float | None, currency: str) 
 
 def _about(table: Path, logs: list[str]) -> dict[str, dict[str, str]]:
     """By log; a name without a folder stands for every log of that name."""
-    from drivers.files.table import TableError, read_table
+    from drivers.files.imports.trouble import TableError
+    from drivers.files.table import read_table
     try:
         read = read_table(table, texts=ABOUT)
     except TableError as error:

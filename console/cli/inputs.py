@@ -46,7 +46,8 @@ def need_ending(option: str, path: Path | None, *endings: str) -> None:
 def refuse_run_log(table: Path, command: str) -> None:
     """A run log where a bench table is asked for. Raises CommandError."""
     from drivers.files.foreign import is_run_log
-    from drivers.files.table import TableError, header_of
+    from drivers.files.imports.trouble import TableError
+    from drivers.files.table import header_of
     try:
         names = header_of(table)
     except TableError:
@@ -61,7 +62,8 @@ def refuse_bench_table(log: Path, command: str) -> None:
     from control.calibration.bench_table import KNOWN, recognise
     from drivers.files.foreign import is_run_log
     from drivers.files.header_names import our_names
-    from drivers.files.table import TableError, header_of
+    from drivers.files.imports.trouble import TableError
+    from drivers.files.table import header_of
     if not log.is_file() or log.suffix.lower() not in (".csv", ".tsv", ".txt"):
         return
     try:

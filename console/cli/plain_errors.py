@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import typer
 
 from drivers.files.config_error import ConfigError
-from drivers.files.imports.trouble import ImportTrouble
+from drivers.files.imports.trouble import TableError
 from drivers.plain_text import one_line
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -35,7 +35,7 @@ def guarded(command: F) -> F:
         try:
             _refuse_no_numbers(kwargs)
             return command(*args, **kwargs)
-        except (ConfigError, ImportTrouble) as error:
+        except (ConfigError, TableError) as error:
             for line in error.lines:
                 typer.echo(line, err=True)
             raise typer.Exit(WRONG) from None

@@ -23,12 +23,13 @@ def is_listed(path: Path) -> bool:
 
 def _holds_points(path: Path) -> bool:
     """A folder or a zip with the log of a task that was worked."""
-    from drivers.files.archives import ArchiveError, files_at
+    from drivers.files.archives import files_at
+    from drivers.plain_text import Refused
     if not (path.suffix.lower() == ".zip" or path.name.lower() == TASK_FOLDER) or not path.exists():
         return False
     try:
         names = [PurePosixPath(name).name.lower() for name in files_at(path).names()]
-    except (ArchiveError, OSError):
+    except (Refused, OSError):
         return False
     return any(name.startswith("tlg") and name.endswith(".bin") for name in names)
 

@@ -34,6 +34,7 @@ from drivers import day_clock
 from drivers.files.config import Loaded, load, save, shipped
 from drivers.files.config_error import ConfigError
 from drivers.files.kinds import CAB, CROP, JOB, MACHINE, PRODUCT
+from drivers.plain_text import Refused
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -45,7 +46,6 @@ if TYPE_CHECKING:
     from control.machine.machine import Machine
     from control.targets.map_check import MapCheck
     from drivers.files.exports.as_applied import AsApplied
-    from drivers.files.prescriptions.words import PrescriptionError
     from drivers.files.read_log import RunLog
     from drivers.files.setup import Setup
 
@@ -58,7 +58,7 @@ class JobFiles:
         self._launcher = launcher
         self._folder = folder or data_folder()
         self._next: tuple[str, ...] | None = None       # files of a start that is asked about; not those in use
-        self._checked: tuple[object, MapCheck | PrescriptionError | OSError] | None = None  # of the map as it stood
+        self._checked: tuple[object, MapCheck | Refused | OSError] | None = None  # of the map as it stood
         self._scratch: tempfile.TemporaryDirectory[str] | None = None   # of maps that are only looked at
 
     # --- facts --------------------------------------------------------------------------------------------------
@@ -110,7 +110,6 @@ class JobFiles:
         """Looked at anew only when the file or the job has changed: a large one takes seconds."""
         from drivers.files.archives import files_of
         from drivers.files.prescriptions.for_job import check_of_job
-        from drivers.files.prescriptions.words import PrescriptionError
         if job.target.map is None:
             return _MapFacts(map_file="", map_check=None, map_trouble="")
         path = folder / job.target.map
@@ -123,10 +122,10 @@ class JobFiles:
                 check = check_of_job(job, limit_kg_ha, folder)
                 assert check is not None
                 self._checked = key, check
-            except (PrescriptionError, OSError) as error:
+            except (Refused, OSError) as error:
                 self._checked = key, error
         checked = self._checked[1]
-        if isinstance(checked, PrescriptionError):
+        if isinstance(checked, Refused):
             from console.services.map_refused import in_words
             return _MapFacts(map_file=str(path), map_check=None, map_trouble=f"{path}: {in_words(checked, path)}")
         if isinstance(checked, OSError):
@@ -211,7 +210,7 @@ class JobFiles:
         from control.targets.prescription import statistics
         from drivers.files.prescriptions.for_job import check_of_job
         from drivers.files.prescriptions.read import read_prescription
-        from drivers.files.prescriptions.words import UNIT_NOT_NAMED, Choice, PrescriptionError, RateQuestion
+        from drivers.files.prescriptions.words import UNIT_NOT_NAMED, Choice, RateQuestion
         from drivers.files.prescriptions.write import write_prescription
         from drivers.files.setup import setup_of
         choice = Choice(column=reading.column or None, unit=reading.unit or None)
@@ -220,7 +219,7 @@ class JobFiles:
             read = read_prescription(path, choice)
         except RateQuestion as question:
             return MapPreview(path, reading, question.columns, in_words(question, Path(path)))
-        except PrescriptionError as error:
+        except Refused as error:
             raise ValueError(f"{refused(Path(path), error)} ({Path(path).name})") from None
         except OSError as error:
             raise ValueError(f"{error.strerror or error}: {path}") from None
@@ -382,7 +381,8 @@ class JobFiles:
         """A file of each log of the job, next to it; cancelled: those that are done. A log with nothing in it is passed
         over, unless no log has more. Raises ValueError, OSError."""
         from drivers.files.exports.as_applied import ExportError
-        from drivers.files.read_log import LogError, read_log
+        from drivers.files.imports.trouble import TableError
+        from drivers.files.read_log import read_log
         logs = self._parts(log_path)
         written: list[str] = []
         for number, log in enumerate(logs):
@@ -399,7 +399,7 @@ class JobFiles:
                         out = log.with_name(f"{log.stem}{ending}")
                         write(recorded, applied, out)
                         written.append(str(out))
-            except (ExportError, LogError) as error:
+            except (ExportError, TableError) as error:
                 if len(logs) == 1 or (log == logs[-1] and not written):
                     raise ValueError(str(error).splitlines()[0]) from None
         return tuple(written)

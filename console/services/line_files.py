@@ -79,13 +79,13 @@ def _field_of(log: Path) -> _Field | None:
 
 def _drive_on(kept: KeptLines, log: Path, after_s: float) -> None:
     """The way since the last record, while no console looked: the log has it."""
-    from drivers.files.read_log import LogError, read_log
+    from drivers.files.read_log import read_log
     assert kept.drive is not None
     try:
         for row in read_log(log).rows():
             if row.time_s > after_s:
                 kept.drive.add(row)
-    except (LogError, ValueError, OSError):
+    except (ValueError, OSError):
         return                              # the last side is drawn straight
 
 

@@ -53,7 +53,7 @@ def followed(log: Path, machine: str | None, wait: Callable[[], bool],
     """Each look, for ever; `wait` returns False where that is enough. tell: what is to be said of the file itself.
 
     Rows that are there already are gone through as if they came now. Rows that are earlier than those before are
-    another log's, which is checked from its beginning. Raises LogError, ImportTrouble, ConfigError, OSError.
+    another log's, which is checked from its beginning. Raises TableError, ConfigError, OSError.
     """
     from control.diagnosis.live.watch import LiveCheck
     from drivers.files.growing_log import GrowingLog
@@ -129,7 +129,7 @@ def main(arguments: list[str]) -> int:
             if look.newest and look.departure != said:      # what departed hours ago is not said as if it did now
                 said = look.departure
                 _say({"departure": None if said is None else said._asdict(), "at_s": look.at_s})
-    except (ValueError, OSError, ConfigError) as error:      # LogError and ImportTrouble are ValueErrors
+    except (ValueError, OSError, ConfigError) as error:      # TableError is a ValueError
         _say({"error": (str(error).splitlines() or [type(error).__name__])[0]})
     return 1
 

@@ -6,9 +6,9 @@ import contextlib
 from pathlib import Path
 
 from console.locale import N_, _
-from drivers.files.prescriptions.words import NotAMap, PrescriptionError
+from drivers.files.prescriptions.words import NotAMap
 from drivers.files.what_it_is import KINDS, TABLES, what_is
-from drivers.plain_text import Reason
+from drivers.plain_text import Reason, Refused
 
 MAP_KINDS = (*TABLES, "geotiff", "gpkg", "kml", "kmz")
 _KINDS = {
@@ -30,13 +30,13 @@ def translated(reason: Reason) -> str:
     return _(reason.text).format(**values)
 
 
-def in_words(error: PrescriptionError, path: Path) -> str:
+def in_words(error: Refused, path: Path) -> str:
     """Where in the file at `path`, and why. Of several files (a zip, a shapefile) also which one."""
     other = [Path(error.where.file).name] if error.where.file not in ("", str(path)) else []
     return ": ".join([*other, *map(translated, (*error.where.inside, error.reason))])
 
 
-def refused(path: Path, error: PrescriptionError) -> str:
+def refused(path: Path, error: Refused) -> str:
     """Why a file is not taken: first of all, whether it is a map at all."""
     with contextlib.suppress(OSError):
         kind = what_is(path)

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 from control.log_row import COLUMNS
 from drivers.files.foreign import our_names
+from drivers.files.imports.trouble import TableError
 from drivers.files.log_store import is_store
-from drivers.files.read_log import LogError, RunLog, read_rows
+from drivers.files.read_log import RunLog, read_rows
 from drivers.files.table import NoHeader, header_of
 
 OWN, OF_FOLDER = ".import.yaml", "import.yaml"
@@ -36,13 +37,13 @@ KNOWN_SHARE = 0.5               # of the columns; fewer are another program's lo
 
 
 def open_log(path: Path, without: Collection[str] = ()) -> RunLog:
-    """`without`: columns that need not be read. Raises LogError, ImportTrouble (the open questions, where the import is
-    not sure of all), OSError."""
+    """`without`: columns that need not be read. Raises TableError (the open questions too, where the import is not
+    sure of all), OSError."""
     _not_by_another_name(path)
     if not is_foreign(path):
         try:
             return read_rows(path, without)
-        except LogError:
+        except TableError:
             if is_store(path) or "time_s" in [name.strip().lower() for name in header_of(path)]:
                 raise                       # our own; of another's with names as ours the import knows more
     raw, mapping, said_by = raw_and_mapping(path)
@@ -84,13 +85,13 @@ def raw_and_mapping(path: Path, called: Path | None = None) -> tuple[RawTable, I
 
 
 def _not_by_another_name(path: Path) -> None:
-    """Raises LogError where a text's suffix stands on what is none."""
+    """Raises TableError where a text's suffix stands on what is none."""
     if path.is_file() and path.suffix.lower() in TEXTS:
         with path.open("rb") as file:
             begin = file.read(4)
         for magic, what in OTHERS.items():
             if begin.startswith(magic):
-                raise LogError(f"{path}: {what} by another name: allowed is its own suffix")
+                raise TableError(path, f"{what} by another name: allowed is its own suffix")
 
 
 def _commands(names: list[str]) -> bool:

@@ -16,17 +16,13 @@ OF_MAPS = (".xml", ".bin", ".shp", ".shx", ".dbf", ".prj", ".cpg", ".cst", ".jso
 HIDDEN = ("__macosx", "$recycle.bin", "system volume information")
 
 
-class ArchiveError(Refused):
-    """What lies there cannot be read."""
-
-
 class Files(Protocol):
     """Names are paths with slashes, from the top of the folder or the zip."""
 
     def names(self) -> list[str]: ...
 
     def read(self, name: str) -> bytes:
-        """Raises ArchiveError, OSError."""
+        """Raises Refused, OSError."""
         ...
 
     def label(self, name: str) -> str:
@@ -75,7 +71,7 @@ class Zip:
         try:
             return zipfile.ZipFile(self.path)
         except DAMAGED_ZIP as error:
-            raise ArchiveError(self.path, "not readable as a zip: {why}", why=error) from None
+            raise Refused(self.path, "not readable as a zip: {why}", why=error) from None
 
     @cached_property
     def _names(self) -> list[str]:
@@ -87,7 +83,7 @@ class Zip:
             _check_size(self.label(name), self._archive.getinfo(name).file_size)
             return self._archive.read(name)
         except DAMAGED_ZIP as error:
-            raise ArchiveError(self.label(name), "not readable: {why}", why=error) from None
+            raise Refused(self.label(name), "not readable: {why}", why=error) from None
 
     def label(self, name: str) -> str:
         return f"{self.path}/{name}"
@@ -119,7 +115,7 @@ def _counts(name: str) -> bool:
 
 def _check_size(label: str, size: int) -> None:
     if size > SHAPES.most:
-        raise ArchiveError(label, "{found}: allowed up to {most}", found=f"{size >> 20} MB",
+        raise Refused(label, "{found}: allowed up to {most}", found=f"{size >> 20} MB",
                            most=f"{SHAPES.most >> 20} MB")
 
 

@@ -7,7 +7,8 @@ import numpy as np
 
 from control.calibration.bench_table import KINDS, KNOWN, BenchTable, missing, recognise, usable
 from drivers.files.header_names import our_names
-from drivers.files.table import TableError, read_table
+from drivers.files.imports.trouble import TableError
+from drivers.files.table import read_table
 
 __all__ = ["BenchTable", "read_bench_table"]
 
@@ -25,23 +26,23 @@ def read_bench_table(path: Path | str, kind: str | None = None) -> BenchTable:
     """
     path = Path(path)
     if kind is not None and kind not in KINDS:
-        raise TableError(f"{path}: kind {kind!r}: allowed {', '.join(KINDS)}")
+        raise TableError(path, f"kind {kind!r}: allowed {', '.join(KINDS)}")
     raw = read_table(path, numbers=KNOWN, rename=lambda names: our_names(names, KNOWN, {}))
     if raw.rows == 0:
-        raise TableError(f"{path}: no rows below the header")
+        raise TableError(path, "no rows below the header")
     kind = kind or _kind(path, raw.names)
     columns = {name: values for name, values in raw.columns.items() if values.dtype != object}
     label_column = _label_column(raw.columns)
     label = np.array([str(text) for text in raw.columns[label_column]]) if label_column else None
     for name, values in columns.items():
         if name in KNOWN and not np.isfinite(values).any():
-            raise TableError(f"{path}: column {name}: holds no number")
+            raise TableError(path, f"column {name}: holds no number")
     said = tuple(f"{path}: {finding}" for finding in raw.findings if finding.id not in _HARMLESS)
     table = BenchTable(kind, columns, label_column, str(path), label, said)
     try:
         return usable(table)
     except ValueError as error:
-        raise TableError(str(error)) from None
+        raise TableError("", str(error)) from None
 
 
 def _kind(path: Path, names: tuple[str, ...]) -> str:
@@ -50,9 +51,9 @@ def _kind(path: Path, names: tuple[str, ...]) -> str:
         return found
     nearest = max(KINDS, key=lambda k: missing(k, names) is None)
     if missing(nearest, names) is None:
-        raise TableError(f"{path}: the columns fit several kinds of table: say which with --kind {'|'.join(KINDS)}")
+        raise TableError(path, f"the columns fit several kinds of table: say which with --kind {'|'.join(KINDS)}")
     lacks = "; ".join(f"{k} lacks {' or '.join(missing(k, names) or ())}" for k in KINDS)
-    raise TableError(f"{path}: no known kind of bench table: {lacks}; a log of another program is read by topdress "
+    raise TableError(path, f"no known kind of bench table: {lacks}; a log of another program is read by topdress "
                      "import (--guess writes a first import file)")
 
 

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -13,10 +14,9 @@ from control.recordings.mended import mend_values, mended
 from control.recordings.speeds import KMH_PER_MPS
 from drivers.files.header_names import Renamed
 from drivers.files.header_names import our_names as renamed
-from drivers.files.log_times import UnusableLog, seconds_of, with_times
+from drivers.files.imports.trouble import TableError
+from drivers.files.log_times import seconds_of, with_times
 from drivers.files.table import Columns
-
-__all__ = ["UnusableLog", "examined", "needed", "our_names"]
 
 _OTHER_NAMES = {
     "time": "time_s", "t": "time_s", "t_s": "time_s", "timestamp_s": "time_s", "seconds": "time_s",
@@ -80,13 +80,13 @@ def needed(names: tuple[str, ...], wanted: Collection[str]) -> set[str]:
     return {*wanted, *evidence} if "time_s" in names else {*wanted, *evidence, "utc"}
 
 
-def examined(columns: Columns, names: Collection[str]) -> tuple[Columns, list[Finding]]:
+def examined(path: Path, columns: Columns, names: Collection[str]) -> tuple[Columns, list[Finding]]:
     """The columns put right, and what was found.
 
-    `names`: all columns of the file, of which `columns` may be a part. Raises UnusableLog, one line.
+    `names`: all columns of the file, of which `columns` may be a part. Raises TableError.
     """
     columns, from_kmh = _with_speed_from_kmh(columns)
-    columns, findings = with_times(columns, names)
+    columns, findings = with_times(path, columns, names)
     utc = columns.get("utc")
     try:
         if columns["time_s"].size:
@@ -95,7 +95,7 @@ def examined(columns: Columns, names: Collection[str]) -> tuple[Columns, list[Fi
         else:
             columns = mend_values(columns, findings)
     except ValueError as error:
-        raise UnusableLog(str(error)) from None
+        raise TableError(path, str(error)) from None
     return columns, [*from_kmh, *findings, *_missing(columns, names)]
 
 

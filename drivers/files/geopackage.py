@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import shapely
 
-from drivers.files.layers import Layer, ShapesError, in_degrees
+from drivers.files.layers import Layer, in_degrees
 from drivers.files.limits import GEOPACKAGE, MB, held_to
 from drivers.files.stated_units import Unit, of_markup, of_texts
-from drivers.plain_text import Where
+from drivers.plain_text import Refused, Where
 
 LONGEST_S = 20.0            # of all that SQLite does with a file: one of 256 MB takes 2 s
 STEPS = 20_000              # of its machine between two looks at the clock, a millisecond
@@ -39,13 +39,13 @@ class _Table(NamedTuple):
 
 
 def read_geopackage(path: Path) -> list[Layer]:
-    """Raises ShapesError, BeyondLimits, OSError; KeyboardInterrupt at once, however long a view would take."""
+    """Raises Refused, BeyondLimits, OSError; KeyboardInterrupt at once, however long a view would take."""
     with path.open("rb") as file:
         if file.read(16) != b"SQLite format 3\0":
-            raise ShapesError(path, "no GeoPackage: its first bytes are not those of SQLite")
+            raise Refused(path, "no GeoPackage: its first bytes are not those of SQLite")
     wal = path.with_name(f"{path.name}-wal")
     if wal.is_file() and wal.stat().st_size:
-        raise ShapesError(path, "open in another program, which has not yet written all of it: close it there first")
+        raise Refused(path, "open in another program, which has not yet written all of it: close it there first")
     until_s = time.monotonic() + LONGEST_S
     try:
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)) as base:
@@ -53,10 +53,10 @@ def read_geopackage(path: Path) -> list[Layer]:
             return [_layer(path, base, table) for table in _tables(base)]
     except (sqlite3.Error, sqlite3.Warning) as error:
         if getattr(error, "sqlite_errorname", "") != "SQLITE_INTERRUPT":
-            raise ShapesError(path, "not readable as GeoPackage: {why}", why=str(error)[:150]) from None
+            raise Refused(path, "not readable as GeoPackage: {why}", why=str(error)[:150]) from None
         if time.monotonic() < until_s:
             raise KeyboardInterrupt from None           # came while SQLite was at work, which ended it
-        raise ShapesError(path, "a view or a table in it takes longer than {seconds:g} s: allowed are tables of shapes",
+        raise Refused(path, "a view or a table in it takes longer than {seconds:g} s: allowed are tables of shapes",
                           seconds=LONGEST_S) from None
 
 
@@ -86,7 +86,7 @@ def _layer(path: Path, base: sqlite3.Connection, table: _Table) -> Layer:
     names = [str(column[0]) for column in found.description]
     where = Where(str(path)).at("layer {layer}", layer=table.name)
     if table.shape_column not in names:
-        raise ShapesError(where, "no column {column}, which it names for its shapes", column=table.shape_column)
+        raise Refused(where, "no column {column}, which it names for its shapes", column=table.shape_column)
     at = names.index(table.shape_column)
     rows: list[dict[str, Any]] = []
     geometries: list[bytes | None] = []
@@ -97,7 +97,7 @@ def _layer(path: Path, base: sqlite3.Connection, table: _Table) -> Layer:
     try:
         shapes = shapely.force_2d(shapely.from_wkb(np.array(geometries, dtype=object)))
     except shapely.errors.GEOSException as error:
-        raise ShapesError(where, "a shape is damaged: {why}", why=str(error).splitlines()[0][:150]) from None
+        raise Refused(where, "a shape is damaged: {why}", why=str(error).splitlines()[0][:150]) from None
     shapes, findings = in_degrees(path, table.name, shapes, table.crs, table.definition)
     return Layer(table.name, tuple(rows), shapes, findings, _units(base, table.name, names))
 
@@ -112,12 +112,12 @@ def _within(path: Path, rows: sqlite3.Cursor) -> Iterator[tuple[Any, ...]]:
 
 
 def _wkb(blob: Any, where: Where, row: int) -> bytes | None:
-    """A shape without its header (2.1.3). Raises ShapesError."""
+    """A shape without its header (2.1.3). Raises Refused."""
     if blob is None:
         return None
     envelope = blob[3] >> 1 & 7 if isinstance(blob, bytes) and len(blob) >= 8 and blob[:2] == b"GP" else 7
     if envelope >= len(ENVELOPES):
-        raise ShapesError(where.at("row {row}", row=row), "no shape of a GeoPackage")
+        raise Refused(where.at("row {row}", row=row), "no shape of a GeoPackage")
     return bytes(blob[8 + ENVELOPES[envelope]:])
 
 

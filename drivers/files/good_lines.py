@@ -3,8 +3,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from drivers.files.imports.trouble import ImportTrouble
-from drivers.files.read_log import LogError
+from drivers.files.imports.trouble import TableError
+from drivers.files.limits import BeyondLimits
 from drivers.files.table import Columns
 
 MOST_SHARE = 0.5                # of lines that may be damaged: with more it is no such log
@@ -13,13 +13,12 @@ TRIED = 100                     # readings, at most: each damaged line costs two
 
 class GoodLines:
     """found: what `read` makes of the lines without the damaged ones; None where too many are. head: lines before the
-    rows, kept in any case. Raises what `read` raises but LogError and ImportTrouble."""
+    rows, kept in any case. Raises what `read` raises but TableError and BeyondLimits."""
 
     def __init__(self, lines: list[bytes], head: int, read: Callable[[list[bytes]], Columns]) -> None:
         self.found: Columns | None = None
         self.damaged = 0
         self._read, self._head, self._tried = read, lines[:head], 0
-        self._error: LogError | ImportTrouble | None = None
         rows = lines[head:]
         self.found = self._whole(rows)
         if self.found is None and len(rows) > 1:
@@ -34,8 +33,7 @@ class GoodLines:
         self._tried += 1
         try:
             return self._read([*self._head, *rows])
-        except (LogError, ImportTrouble) as error:
-            self._error = self._error or error
+        except (TableError, BeyondLimits):
             return None
 
     def _good(self, rows: list[bytes]) -> list[bytes]:

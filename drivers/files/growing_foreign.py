@@ -12,8 +12,7 @@ from pathlib import Path
 from drivers.files.any_log import by_import, raw_and_mapping
 from drivers.files.good_lines import GoodLines
 from drivers.files.imports.mapping import ImportFile
-from drivers.files.imports.trouble import ImportTrouble
-from drivers.files.read_log import LogError
+from drivers.files.imports.trouble import TableError
 from drivers.files.table import Columns
 
 FIRST_LINES = 100               # these must say what the columns mean, before others are taken for damaged
@@ -34,7 +33,7 @@ class ForeignText:
     def read(self, size: int) -> Columns | None:
         """None: no whole new line, or too few to say what they mean.
 
-        Raises LogError, ImportTrouble (what is not known of the columns), OSError.
+        Raises TableError (what is not known of the columns too), OSError.
         """
         if self._mapping is None or size >= GROWN * self._whole_size:
             return self._whole()
@@ -47,11 +46,11 @@ class ForeignText:
         if self._mapping is not None:
             try:
                 return self._ask(data)
-            except ImportTrouble:               # it was known before: a damaged line hides it
+            except TableError:               # it was known before: a damaged line hides it
                 return self._new()
         try:
             return self._ask(data)
-        except ImportTrouble:                   # open questions stay; a damaged line may be left out
+        except TableError:                   # open questions stay; a damaged line may be left out
             lines = data.splitlines(keepends=True)
             if len(lines) <= FIRST_LINES:       # nothing but a header, or too few rows to tell: it still grows
                 return None
@@ -95,5 +94,5 @@ class ForeignText:
             piece.write_bytes(self._head + b"".join(lines))
             try:
                 return by_import(piece, read_raw(piece, self._mapping.source), self._mapping).columns
-            except LogError as error:
-                raise LogError(str(error).replace(str(piece), str(self.path))) from None
+            except TableError as error:
+                raise TableError(self.path, *error.reasons) from None

@@ -16,9 +16,10 @@ import numpy as np
 from drivers.files.any_log import FOREIGN, is_foreign, open_log
 from drivers.files.good_lines import GoodLines
 from drivers.files.growing_foreign import ForeignText
+from drivers.files.imports.trouble import TableError
 from drivers.files.log_store import is_store
-from drivers.files.read_log import LogError, read_log
-from drivers.files.table import Columns, TableError
+from drivers.files.read_log import read_log
+from drivers.files.table import Columns
 
 MOST_BYTES = 64 << 20           # of new lines that are read at a time
 BOOKS = frozenset({".xlsx", ".xlsm", ".xls", ".xlsb", ".ods"})
@@ -48,7 +49,7 @@ class GrowingLog:
     def more(self) -> Columns | None:
         """The rows since the last call, columns as of `RunLog`; None: there are none, or no room to work on them.
 
-        Raises LogError, ImportTrouble (open questions) and OSError for a file that is there and cannot be read.
+        Raises TableError (open questions too) and OSError for a file that is there and cannot be read.
         """
         try:
             now = self.path.stat()
@@ -117,8 +118,8 @@ class GrowingLog:
             piece.write_bytes(text)
             try:
                 return read_log(piece).columns
-            except LogError as error:
-                raise LogError(str(error).replace(str(piece), str(self.path))) from None
+            except TableError as error:
+                raise TableError(self.path, *error.reasons) from None
 
     def _newer(self, columns: Columns | None) -> Columns | None:
         if columns is None or not len(columns["time_s"]):

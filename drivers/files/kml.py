@@ -11,24 +11,24 @@ import numpy as np
 import shapely
 
 from control.recordings.finding import Finding, many
-from drivers.files.layers import Layer, ShapesError, in_degrees
+from drivers.files.layers import Layer, in_degrees
 from drivers.files.limits import DAMAGED_ZIP
 from drivers.files.stated_units import of_element
 from drivers.files.xml_text import XmlError, local, xml_root
-from drivers.plain_text import Where
+from drivers.plain_text import Refused, Where
 
 CONTAINERS = ("kml", "Document", "Folder")
 
 
 def read_kml(path: Path) -> list[Layer]:
-    """A layer for each document or folder that has placemarks. Raises ShapesError, BeyondLimits, OSError."""
+    """A layer for each document or folder that has placemarks. Raises Refused, BeyondLimits, OSError."""
     data = path.read_bytes() if path.suffix.lower() == ".kml" else _of_kmz(path)
     try:
         root = xml_root(data, path)
     except XmlError as error:
-        raise ShapesError(path, "not readable as KML: {why}", why=error) from None
+        raise Refused(path, "not readable as KML: {why}", why=error) from None
     if local(root) not in CONTAINERS:
-        raise ShapesError(path, "not readable as KML: root element {tag}: allowed kml", tag=local(root))
+        raise Refused(path, "not readable as KML: root element {tag}: allowed kml", tag=local(root))
     return [_layer(path, root, container, placemarks) for container in root.iter()
             if local(container) in CONTAINERS and (placemarks := _children(container, "Placemark"))]
 
@@ -40,8 +40,8 @@ def _of_kmz(path: Path) -> bytes:
             if inside is not None:
                 return archive.read(inside)
     except DAMAGED_ZIP as error:
-        raise ShapesError(path, "not readable as a zip: {why}", why=error) from None
-    raise ShapesError(path, "no .kml in it")
+        raise Refused(path, "not readable as a zip: {why}", why=error) from None
+    raise Refused(path, "no .kml in it")
 
 
 def _layer(path: Path, root: Element, container: Element, placemarks: list[Element]) -> Layer:
@@ -78,7 +78,7 @@ def _parts(placemark: Element, where: Where) -> tuple[list[shapely.Geometry], in
             rings = [places for side in ("outerBoundaryIs", "innerBoundaryIs") for edge in _children(one, side)
                      for ring in _children(edge, "LinearRing") if len(places := _places(ring, where))]
             if any(len(places) < 3 for places in rings):
-                raise ShapesError(where, "a ring of less than 3 corners: allowed 3 or more")
+                raise Refused(where, "a ring of less than 3 corners: allowed 3 or more")
             if rings:
                 unclosed += sum(bool((places[0] != places[-1]).any()) for places in rings)
                 found.append(shapely.Polygon(rings[0], rings[1:]))
@@ -95,14 +95,14 @@ def _together(parts: list[shapely.Geometry]) -> shapely.Geometry | None:
 
 
 def _places(element: Element, where: Where) -> np.ndarray:
-    """(n, 2) longitude and latitude. Raises ShapesError."""
+    """(n, 2) longitude and latitude. Raises Refused."""
     text = re.sub(r"\s*,\s*", ",", _text(element, "coordinates"))
     try:
         places = np.array([[float(part) for part in place.split(",")[:2]] for place in text.split()]).reshape(-1, 2)
     except ValueError:
         places = np.array([[np.nan, np.nan]])
     if not np.isfinite(places).all():
-        raise ShapesError(where, "coordinates are not pairs of numbers: allowed lon,lat[,height] parted by blanks")
+        raise Refused(where, "coordinates are not pairs of numbers: allowed lon,lat[,height] parted by blanks")
     return places
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import shapely
 
 from control.recordings.finding import Finding
-from drivers.files.limits import BeyondLimits, check_file
+from drivers.files.limits import check_file
 from drivers.files.prescriptions.projected import TransverseMercator, projection_of
 from drivers.files.stated_units import NO_UNITS, Unit
 from drivers.plain_text import Refused, Where
@@ -23,10 +23,6 @@ KML_KINDS = (".kml", ".kmz")
 DEGREES = ("EPSG:4326", "OGC:CRS84", "EPSG:4258", "EPSG:4490", "EPSG:4269")     # WGS84, and within 2 m of it
 _UTM = re.compile(r"^EPSG:(326|327|258)(\d\d)$")
 _OF_KML = frozenset({"Name", "description", "Description", "id"})
-
-
-class ShapesError(Refused):
-    """The file cannot be used."""
 
 
 class Layer(NamedTuple):
@@ -41,27 +37,24 @@ class Layer(NamedTuple):
 
 
 def read_layers(path: Path) -> list[Layer]:
-    """Raises ShapesError, OSError."""
-    try:
-        check_file(path)
-        if path.suffix.lower() in KML_KINDS:
-            from drivers.files.kml import read_kml
-            return read_kml(path)
-        from drivers.files.geopackage import read_geopackage
-        return read_geopackage(path)
-    except BeyondLimits as error:
-        raise ShapesError.of(error) from None
+    """Raises Refused, OSError."""
+    check_file(path)
+    if path.suffix.lower() in KML_KINDS:
+        from drivers.files.kml import read_kml
+        return read_kml(path)
+    from drivers.files.geopackage import read_geopackage
+    return read_geopackage(path)
 
 
 def in_degrees(path: Path, layer: str, shapes: Any, crs: str | None, text: str = "") -> tuple[Any, tuple[Finding, ...]]:
     """The shapes in degrees, and what was done. crs: `EPSG:...`, None: not known. text: the same as well-known text.
 
-    Raises ShapesError.
+    Raises Refused.
     """
     where = Where(str(path)).at("layer {layer}", layer=layer)
     if crs is None or crs in DEGREES:
         if crs is None and len(shapes) and not np.abs(shapely.get_coordinates(shapes)).max(initial=0.0) <= 180.0:
-            raise ShapesError(where, "coordinates in no known system: allowed are degrees, or UTM that the file names")
+            raise Refused(where, "coordinates in no known system: allowed are degrees, or UTM that the file names")
         return shapes, ()
     found = _UTM.match(crs)
     if found is not None:
@@ -74,7 +67,7 @@ def in_degrees(path: Path, layer: str, shapes: Any, crs: str | None, text: str =
         except ValueError:
             by_text = None
         if by_text is None:
-            raise ShapesError(where, "coordinates in {system}: allowed are degrees on WGS84, or UTM",
+            raise Refused(where, "coordinates in {system}: allowed are degrees on WGS84, or UTM",
                               ": export it again in WGS84 (EPSG:4326)", system=crs[:60])
         projection = by_text
 

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from control.log_row import TEXT_COLUMNS
 from control.recordings.finding import Finding
 from drivers.files.atomic import sidecar, write_atomically
-from drivers.files.limits import BeyondLimits, check_file
+from drivers.files.imports.trouble import TableError
+from drivers.files.limits import check_file
 from drivers.files.log_text import texts_of
 from drivers.files.run_meta import RunMeta, meta_from_yaml, meta_to_yaml
 from drivers.files.table import Columns
-from drivers.plain_text import OneLine
 
 if TYPE_CHECKING:
     import polars as pl
@@ -30,10 +30,6 @@ FORMAT = "topdress-log-store/1"
 SUFFIXES = frozenset({".parquet", ".pq"})
 _KEY, _MAGIC = "topdress", b"PAR1"
 _MOST_FOOTER = 64 << 20         # bytes
-
-
-class StoreError(OneLine):
-    """The file cannot be used as a store of a run log; one line, naming it."""
 
 
 class Stored(NamedTuple):
@@ -74,20 +70,18 @@ def write_text(path: Path, columns: Columns, meta: RunMeta | None) -> None:
 
 
 def read_store(path: Path, only: Collection[str] | None = None) -> Stored:
-    """`only`: names of the columns wanted (None: all); `time_s` comes always. Raises StoreError."""
+    """`only`: names of the columns wanted (None: all); `time_s` comes always. Raises TableError."""
     import polars as pl
     try:
         check_file(path)
         about = stored_about(path)
         names = [name for name in pl.read_parquet_schema(path) if only is None or name in only or name == "time_s"]
         frame = pl.read_parquet(path, columns=names)
-    except BeyondLimits as error:
-        raise StoreError(str(error)) from None
     except (pl.exceptions.PolarsError, OSError) as error:
-        raise StoreError(f"{path}: not readable as Parquet: {_first_line(error)}") from None
+        raise TableError(path, f"not readable as Parquet: {_first_line(error)}") from None
     columns = {name: _column(frame.drop_in_place(name)) for name in names}
     if "time_s" not in columns or not bool(np.all(np.diff(columns["time_s"]) > 0.0)):
-        raise StoreError(f"{path}: column time_s: missing, or not strictly increasing")
+        raise TableError(path, "column time_s: missing, or not strictly increasing")
     return Stored(columns, about.meta, about.findings)
 
 
@@ -99,20 +93,20 @@ class About(NamedTuple):
 
 
 def stored_about(path: Path) -> About:
-    """Without reading the columns. Raises StoreError, OSError."""
+    """Without reading the columns. Raises TableError, OSError."""
     import polars as pl
     try:
         stated = json.loads(pl.read_parquet_metadata(path)[_KEY])
         if stated["format"] != FORMAT:
-            raise StoreError(f"{path}: key format: value {stated['format']}: allowed {FORMAT}")
+            raise TableError(path, f"key format: value {stated['format']}: allowed {FORMAT}")
         meta = None if stated["meta"] is None else meta_from_yaml(stated["meta"])
         return About(meta, tuple(Finding(*one) for one in stated["findings"]))
     except pl.exceptions.PolarsError as error:
-        raise StoreError(f"{path}: not readable as Parquet: {_first_line(error)}") from None
-    except StoreError:
+        raise TableError(path, f"not readable as Parquet: {_first_line(error)}") from None
+    except TableError:
         raise
     except (KeyError, TypeError, ValueError) as error:
-        raise StoreError(f"{path}: what it says of its log is not readable: {_first_line(error)}") from None
+        raise TableError(path, f"what it says of its log is not readable: {_first_line(error)}") from None
 
 
 def _first_line(error: Exception) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 import datetime as dt
 import difflib
 from collections.abc import Collection
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,28 +12,24 @@ from numpy.typing import NDArray
 
 from control.recordings.finding import Finding, many
 from control.recordings.times import DAY_S, SPREADSHEET_DAYS, SPREADSHEET_EPOCH_DAYS
+from drivers.files.imports.trouble import TableError
 from drivers.files.table import Columns
-from drivers.plain_text import OneLine
 
 Times = NDArray[np.float64]
 
 _MOST = 0.5                  # of the cells: where more are numbers, the others are no dates
 
 
-class UnusableLog(OneLine):
-    """One line, without the file's name."""
-
-
-def with_times(columns: Columns, names: Collection[str]) -> tuple[Columns, list[Finding]]:
+def with_times(path: Path, columns: Columns, names: Collection[str]) -> tuple[Columns, list[Finding]]:
     """The columns with a `time_s` of numbers, NaN where there is none; in order, or in seconds, it need not be.
 
-    `names`: all columns of the file. Raises UnusableLog.
+    `names`: all columns of the file. Raises TableError.
     """
     findings: list[Finding] = []
-    return {**columns, "time_s": _time_column(columns, names, findings)}, findings
+    return {**columns, "time_s": _time_column(path, columns, names, findings)}, findings
 
 
-def _time_column(columns: Columns, names: Collection[str], findings: list[Finding]) -> Times:
+def _time_column(path: Path, columns: Columns, names: Collection[str], findings: list[Finding]) -> Times:
     if "time_s" in columns:
         return _dates_or_seconds(columns["time_s"], findings)
     if "utc" in columns:
@@ -43,8 +40,8 @@ def _time_column(columns: Columns, names: Collection[str], findings: list[Findin
     close = difflib.get_close_matches("time_s", [name.lower() for name in names], n=1, cutoff=0.5)
     hint = f" (is it {close[0]}?)" if close else ""
     listed = ", ".join(list(names)[:8]) + (", ..." if len(names) > 8 else "")
-    raise UnusableLog("no column time_s (seconds since the log began) and no usable utc; "
-                      f"columns found: {listed}{hint}")
+    raise TableError(path, "no column time_s (seconds since the log began) and no usable utc; "
+                     f"columns found: {listed}{hint}")
 
 
 def _dates_or_seconds(values: NDArray[Any], findings: list[Finding]) -> Times:

@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 
 from drivers.files.extras import install_line
-from drivers.files.layers import ShapesError
+from drivers.plain_text import Refused
 
 FORMATS = {".gpkg": "GPKG", ".kml": "KML", ".kmz": "KML"}
 
@@ -20,7 +20,7 @@ def write_layer(path: Path, layer: str, shapes: Sequence[shapely.Geometry], colu
                 append: bool = False) -> None:
     """Shapes in longitude and latitude with their attributes as GeoPackage, KML or KMZ, whole or not at all.
 
-    Raises ShapesError, OSError.
+    Raises Refused, OSError.
     """
     pyogrio = _pyogrio(path)
     suffix = path.suffix.lower()
@@ -56,6 +56,6 @@ def _pyogrio(path: Path) -> Any:
         import pyogrio
         import pyogrio.raw
     except ImportError:
-        raise ShapesError(path, "{kind} needs the extra gis", f": {install_line('gis')}",
+        raise Refused(path, "{kind} needs the extra gis", f": {install_line('gis')}",
                           kind=path.suffix[1:].upper()) from None
     return pyogrio

@@ -13,12 +13,11 @@ POINTS = (1, 11, 21)            # types of shapes: point, with height, with meas
 
 def holds_points(path: Path) -> bool:
     """Whether a file that might be a map of areas holds places that were worked instead. Raises OSError."""
-    from drivers.files.archives import ArchiveError
     kind = "" if path.is_dir() else path.suffix.lower()
     looks: dict[str, Callable[[Path], bool]] = {".geojson": _points_of_geojson, ".json": _points_of_geojson}
     try:
         return looks.get(kind, _points_of_files)(path)
-    except (ArchiveError, ValueError):
+    except ValueError:
         return False
 
 

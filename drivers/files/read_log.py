@@ -13,23 +13,19 @@ from numpy.typing import NDArray
 from control.log_row import ALL_COLUMNS, COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS, LogRow
 from control.recordings.finding import Finding
 from drivers.files.atomic import sidecar
-from drivers.files.foreign import UnusableLog, examined, needed, our_names
-from drivers.files.log_store import StoreError, is_store, read_store, stored_about
+from drivers.files.foreign import examined, needed, our_names
+from drivers.files.imports.trouble import TableError
+from drivers.files.log_store import is_store, read_store, stored_about
 from drivers.files.log_text import columns_of, header_of
 from drivers.files.run_meta import RunMeta, meta_from_yaml
-from drivers.files.table import Columns, TableError, read_table
+from drivers.files.table import Columns, read_table
 from drivers.files.table import columns_of as columns_of_frame
-from drivers.plain_text import OneLine
 
 if TYPE_CHECKING:
     import polars as pl
 
 SLOW_STEP_S = 2.0           # rows farther apart may be milliseconds, which another column shows: all are read
 _NUMBERS = frozenset(COLUMNS) - TEXT_COLUMNS - {"time_s"}        # times may be dates
-
-
-class LogError(OneLine):
-    """The log cannot be used; one line, naming the file."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,7 +100,7 @@ def read_log(path: str | Path, only: Collection[str] | None = None, without: Col
     """Opens a run log of any program, cut anywhere by a power loss; or its store (`log_store`).
 
     `only`: names of the columns wanted (None: all); `time_s` comes always. `without`: names of columns not wanted: a
-    million texts that nobody looks at take 0.2 GB. Raises LogError.
+    million texts that nobody looks at take 0.2 GB. Raises TableError.
     """
     path = Path(path)
     if without:
@@ -116,25 +112,17 @@ def read_log(path: str | Path, only: Collection[str] | None = None, without: Col
 
 def _read_log(path: Path, only: Collection[str] | None, without: Collection[str] = ()) -> RunLog:
     if is_store(path):
-        try:
-            return RunLog(path, *read_store(path, only))
-        except StoreError as error:
-            raise LogError(str(error)) from None
+        return RunLog(path, *read_store(path, only))
     meta, meta_findings = _sidecar_of(path)
     if _is_cut_in_header(path, meta):
         found = Finding("cut_header", "the log was cut off before its first row")
         columns = {name: np.array([], object if name in TEXT_COLUMNS else np.float64)
                    for name in _own_columns(meta) if only is None or name in only or name == "time_s"}
         return RunLog(path, columns, meta, (*meta_findings, found))
-    try:
-        table = read_table(path, _NUMBERS, TEXT_COLUMNS, rename=our_names, own_header=_own_columns(meta),
-                           choose=None if only is None and not without else lambda names: needed(
-                               names, [name for name in names if name not in without] if only is None else only))
-        columns, findings = examined(table.columns, table.names)
-    except TableError as error:
-        raise LogError(str(error)) from None
-    except UnusableLog as error:
-        raise LogError(f"{path}: {error}") from None
+    table = read_table(path, _NUMBERS, TEXT_COLUMNS, rename=our_names, own_header=_own_columns(meta),
+                       choose=None if only is None and not without else lambda names: needed(
+                           names, [name for name in names if name not in without] if only is None else only))
+    columns, findings = examined(path, table.columns, table.names)
     if only is not None:
         columns = {name: array for name, array in columns.items() if name in only or name == "time_s"}
     return RunLog(path, columns, meta, (*meta_findings, *table.findings, *findings))
@@ -142,24 +130,21 @@ def _read_log(path: Path, only: Collection[str] | None, without: Collection[str]
 
 def log_of(path: Path, frame: pl.DataFrame, meta: RunMeta) -> RunLog:
     """A frame with a run log's columns, as written, as the log that would be read of it: it is examined alike. Raises
-    LogError where nothing can be worked on."""
+    TableError where nothing can be worked on."""
     names = tuple(frame.columns)
-    try:
-        columns, findings = examined(columns_of_frame(frame, _NUMBERS | {"time_s"}, TEXT_COLUMNS), names)
-    except UnusableLog as error:
-        raise LogError(f"{path}: {error}") from None
+    columns, findings = examined(path, columns_of_frame(frame, _NUMBERS | {"time_s"}, TEXT_COLUMNS), names)
     log = RunLog(path, columns, meta, tuple(findings))
     if not len(log):
-        raise LogError(f"{path}: no whole row below the header")
+        raise TableError(path, "no whole row below the header")
     return log
 
 
 def read_rows(path: str | Path, without: Collection[str] = ()) -> RunLog:
-    """A run log of which there is something to work on, `without` as of `read_log`. Raises LogError also where it has
+    """A run log of which there is something to work on, `without` as of `read_log`. Raises TableError also where it has
     no whole row."""
     log = read_log(path, without=without)
     if len(log) == 0:
-        raise LogError(f"{log.path}: no whole row below the header")
+        raise TableError(log.path, "no whole row below the header")
     return log
 
 
@@ -169,7 +154,7 @@ def meta_of(path: Path) -> RunMeta | None:
         return _sidecar_of(path)[0]
     try:
         return stored_about(path).meta
-    except (StoreError, OSError):
+    except (TableError, OSError):
         return None
 
 

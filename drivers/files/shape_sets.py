@@ -13,9 +13,9 @@ from typing import Any
 
 import shapefile
 
-from drivers.files.archives import ArchiveError, Files, Folder, files_at
+from drivers.files.archives import Files, Folder, files_at
 from drivers.files.imports.dialect import encoding_of
-from drivers.files.imports.trouble import ImportTrouble
+from drivers.files.imports.trouble import TableError
 from drivers.files.limits import DAMAGED_ZIP
 from drivers.files.stated_units import Unit, side_units
 from drivers.plain_text import OneLine, Refused
@@ -44,7 +44,7 @@ class ShapeSet:
         return PurePosixPath(self.name).stem
 
     def part(self, ending: str) -> bytes | None:
-        """The file of this set with that ending, either case. Raises ArchiveError, OSError."""
+        """The file of this set with that ending, either case. Raises Refused, OSError."""
         wanted = self.name[:-len(".shp")].casefold() + ending
         for name in self.files.names():
             if name.casefold() == wanted:
@@ -53,7 +53,7 @@ class ShapeSet:
 
     @contextmanager
     def reader(self, encoding: str | None = None) -> Iterator[Any]:
-        """A pyshp reader. Raises what it raises, ArchiveError, OSError."""
+        """A pyshp reader. Raises what it raises, Refused, OSError."""
         parts = {key: io.BytesIO(data) for key in ("shp", "shx", "dbf")
                  if (data := self.part(f".{key}")) is not None}
         if "dbf" not in parts:
@@ -83,25 +83,23 @@ class ShapeSet:
 
 
 @contextmanager
-def damage_said(label: str, error: type[OneLine | ImportTrouble]) -> Iterator[None]:
-    """Whatever a reader of shapefiles raises on damaged ones, as one line of this kind."""
+def damage_said(label: str) -> Iterator[None]:
+    """Whatever a reader of shapefiles raises on damaged ones, as one line."""
     try:
         yield
-    except error:
+    except (OneLine, TableError):
         raise
-    except ArchiveError as trouble:
-        raise error.of(trouble) from None
     except (shapefile.ShapefileException, UnicodeDecodeError, *DAMAGED_ZIP) as trouble:
         said = (str(trouble).splitlines() or [type(trouble).__name__])[0]
-        raise error.of(Refused(label, "not readable as a shapefile: {why}", why=said)) from None
+        raise Refused(label, "not readable as a shapefile: {why}", why=said) from None
     except KeyError as trouble:
-        raise error.of(Refused(label, "not a shapefile: no type of shapes is {number}", number=trouble)) from None
+        raise Refused(label, "not a shapefile: no type of shapes is {number}", number=trouble) from None
     except (ValueError, IndexError, OverflowError, MemoryError) as trouble:
-        raise error.of(Refused(label, "damaged shapefile ({kind})", kind=type(trouble).__name__)) from None
+        raise Refused(label, "damaged shapefile ({kind})", kind=type(trouble).__name__) from None
 
 
 def shape_sets(path: Path) -> list[ShapeSet]:
-    """The shapefiles at a .shp, in a zip, or in a folder. Raises ArchiveError, OSError."""
+    """The shapefiles at a .shp, in a zip, or in a folder. Raises Refused, OSError."""
     if path.suffix.lower() == ".shp" and not path.is_dir():
         return [ShapeSet(Folder(path.parent, deep=False), path.name, str(path))]
     files = files_at(path)

@@ -13,12 +13,13 @@ from pathlib import PurePosixPath
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
 
-from drivers.files.archives import ArchiveError, Files
+from drivers.files.archives import Files
 from drivers.files.imports.header import named
 from drivers.files.imports.units import of_a_rate, unit_named
 from drivers.files.imports.words import folded
 from drivers.files.limits import SIDE
 from drivers.files.xml_text import XmlError, local, xml_root
+from drivers.plain_text import Refused
 
 ANY = ""                    # of the rate, whichever column that is
 SIDES = ("-deere-metadata.json", "-metadata.json", ".xml", ".aux.xml", ".qml", ".qmd")      # behind the stem
@@ -74,7 +75,7 @@ def names_unit(key: str) -> bool:
 
 
 def side_units(files: Files, name: str, columns: Collection[str]) -> dict[str, Unit]:
-    """What the files say that programs put next to `name`. Raises ArchiveError, OSError."""
+    """What the files say that programs put next to `name`. Raises Refused, OSError."""
     plain = name.casefold()
     stem = plain.removesuffix(PurePosixPath(plain).suffix)
     found: dict[str, Unit] = {}
@@ -82,7 +83,7 @@ def side_units(files: Files, name: str, columns: Collection[str]) -> dict[str, U
         if there.casefold() in {start + ending for start in (stem, plain) for ending in SIDES}:
             data = files.read(there)
             if len(data) > SIDE.most:
-                raise ArchiveError(files.label(there), "{found} bytes: allowed up to {most}", found=len(data),
+                raise Refused(files.label(there), "{found} bytes: allowed up to {most}", found=len(data),
                                    most=SIDE.most)
             found |= of_markup(data, columns, PurePosixPath(there).name)
     return found

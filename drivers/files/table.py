@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from control.recordings.finding import Finding, many
 from drivers.files.header_names import Renamed
 from drivers.files.imports.header import NOTHING, is_unit_row, is_value
-from drivers.files.limits import BeyondLimits, check_file, check_text
+from drivers.files.imports.trouble import TableError
+from drivers.files.limits import check_file, check_text
 from drivers.files.long_lines import without_long_lines
 from drivers.files.quotes import unclosed_quote
-from drivers.files.sheet_text import SUFFIXES, SheetError, sheet_text
-from drivers.plain_text import OneLine
+from drivers.files.sheet_text import SUFFIXES, sheet_text
 
 if TYPE_CHECKING:
     import polars as pl
@@ -34,10 +34,6 @@ _SEPARATORS = ",;\t|"
 _SEPARATOR_NAMES = {";": "semicolons", "\t": "tabs", "|": "bars"}
 _CHUNK_ROWS = 50_000
 HEAD = 1 << 20              # bytes in which a header is looked for
-
-
-class TableError(OneLine):
-    """The table cannot be used; one line, naming the file."""
 
 
 class NoHeader(TableError):
@@ -85,7 +81,7 @@ def read_table(path: Path, numbers: Collection[str] = (), texts: Collection[str]
     if rename is not None:
         renamed = rename(layout.names)
         if renamed.trouble:
-            raise TableError(f"{path}: {renamed.trouble}")
+            raise TableError(path, renamed.trouble)
         layout, factors = layout._replace(names=renamed.names), renamed.factors
         findings += renamed.findings
     _refuse_twins(path, layout.names)
@@ -123,14 +119,10 @@ def _bytes(path: Path, most: int) -> tuple[bytes, list[Finding]]:
             data = data[:data.rfind(b"\n") + 1] or data
         data, findings = without_long_lines(data)
         check_text(data.replace(b"\0", b""), str(path))
-    except BeyondLimits as error:
-        raise TableError(str(error)) from None
-    except SheetError as error:
-        raise TableError(f"{path}: {error}") from None
     except FileNotFoundError:
-        raise TableError(f"{path}: no such file") from None
+        raise TableError(path, "no such file") from None
     except OSError as error:
-        raise TableError(f"{path}: cannot be read: {error.strerror or error}") from None
+        raise TableError(path, f"cannot be read: {error.strerror or error}") from None
     return data, findings
 
 
@@ -146,7 +138,7 @@ def _utf8(path: Path, most: int = -1) -> tuple[bytes, list[Finding]]:
         data = data.replace(b"\0", b"")
         findings.append(Finding("zero_bytes", "zero bytes, as a power loss leaves them, were skipped"))
     if not data.strip():
-        raise TableError(f"{path}: the file is empty")
+        raise TableError(path, "the file is empty")
     if b"\n" not in data and b"\r" in data:
         data = data.replace(b"\r", b"\n")
         findings.append(Finding("carriage_returns", "lines end with carriage returns only, read as such"))
@@ -158,7 +150,7 @@ def _utf8(path: Path, most: int = -1) -> tuple[bytes, list[Finding]]:
             findings.append(Finding("encoding", f"the file is not UTF-8: read as {encoding}"))
     line = unclosed_quote(data) if most < 0 else None       # a beginning may end within a pair
     if line is not None:
-        raise TableError(f"{path}: line {line}: a quote is opened and not closed: allowed are pairs of quotes")
+        raise TableError(path, f"line {line}: a quote is opened and not closed: allowed are pairs of quotes")
     return data, findings
 
 
@@ -206,7 +198,7 @@ def _header_line(path: Path, data: bytes) -> tuple[str, str, int, int]:
         elif line.strip(" ,;\t|") and not line.startswith("#") and not _is_title(line, data, start):
             return line, separator, lines, start
         elif before >= len(data):
-            raise TableError(f"{path}: no header row: the file holds comments only")
+            raise TableError(path, "no header row: the file holds comments only")
 
 
 def _is_title(line: str, data: bytes, start: int) -> bool:
@@ -237,9 +229,9 @@ def _names(path: Path, line: str, separator: str) -> tuple[str, ...]:
     try:
         names = tuple(name.strip() for name in next(csv.reader([line], delimiter=separator)))
     except csv.Error as error:
-        raise TableError(f"{path}: no header row: {error}") from None
+        raise TableError(path, f"no header row: {error}") from None
     if all(_number(name, False) is not None for name in names):
-        raise NoHeader(f"{path}: no header row: the first line is {line[:40].strip()}; the first line must name the "
+        raise NoHeader(path, f"no header row: the first line is {line[:40].strip()}; the first line must name the "
                        "columns")
     while names and not names[-1]:
         names = names[:-1]
@@ -249,7 +241,7 @@ def _names(path: Path, line: str, separator: str) -> tuple[str, ...]:
 def _refuse_twins(path: Path, names: tuple[str, ...]) -> None:
     for name in names:
         if names.count(name) > 1:
-            raise TableError(f"{path}: column {name or '(no name)'} stands {names.count(name)} times in the header: "
+            raise TableError(path, f"column {name or '(no name)'} stands {names.count(name)} times in the header: "
                              "allowed once")
 
 
@@ -398,7 +390,7 @@ class _WrongRows:
         if wanted and not parts[wanted[0]]:
             comma = "; is the decimal sign a comma? write points, or separate by semicolons"
             more = self.first_fields > len(layout.names)
-            raise TableError(f"{path}: line {self.first_line}: {self.first_what}"
+            raise TableError(path, f"line {self.first_line}: {self.first_what}"
                              f"{comma if layout.separator == ',' and more else ''}")
         findings.append(Finding("wrong_fields", f"{many(self.count)} left out, the first in line {self.first_line} "
                                 f"with {self.first_what}", rows=self.count))

@@ -10,7 +10,7 @@ from control.diagnosis.tables import diagnose_tables
 from control.machine.fall import drop_s
 from control.machine.machine import Machine
 from drivers.files.bench_table import read_bench_table
-from drivers.files.table import TableError
+from drivers.files.imports.trouble import TableError
 
 HEADERS = {
     "lag": "shaft_rpm,lag_s\n10,2.1\n20,2.0\n",

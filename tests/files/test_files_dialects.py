@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 from console.cli import app
 from drivers.files.bench_table import read_bench_table
 from drivers.files.foreign import is_run_log
-from drivers.files.read_log import LogError, read_log
-from drivers.files.table import TableError
+from drivers.files.imports.trouble import TableError
+from drivers.files.read_log import read_log
 
 T = np.arange(50) * 0.1
 SHAFT = 40.0 + np.sin(T)
@@ -100,7 +100,7 @@ def test_a_unit_in_the_header_holds(write: Write, name: str, column: str, factor
 
 def test_a_unit_that_cannot_be_the_columns_is_refused(write: Write) -> None:
     path = write(["time_s", "shaft_rpm [kg]"], logged(T.tolist()))
-    with pytest.raises(LogError, match=r"column shaft_rpm \[kg\]: unit kg: allowed r/min"):
+    with pytest.raises(TableError, match=r"column shaft_rpm \[kg\]: unit kg: allowed r/min"):
         read_log(path)
 
 

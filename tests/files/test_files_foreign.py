@@ -4,7 +4,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.files.read_log import LogError, RunLog, read_log
+from drivers.files.imports.trouble import TableError
+from drivers.files.read_log import RunLog, read_log
 
 Written = Callable[..., Path]
 
@@ -86,15 +87,15 @@ def test_cells_that_are_no_numbers_are_counted(written: Written) -> None:
 ])
 def test_what_cannot_be_used_is_refused_in_one_line(written: Written, content: bytes, line: str) -> None:
     path = written(content)
-    with pytest.raises(LogError, match=line) as caught:
+    with pytest.raises(TableError, match=line) as caught:
         read_log(path)
     assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match=r"none\.csv: no such file"):
+    with pytest.raises(TableError, match=r"none\.csv: no such file"):
         read_log(tmp_path / "none.csv")
-    with pytest.raises(LogError, match="cannot be read"):
+    with pytest.raises(TableError, match="cannot be read"):
         read_log(tmp_path)
 
 

@@ -10,8 +10,9 @@ from typer.testing import CliRunner
 from console.cli import app
 from control.log_row import LogRow
 from drivers.files.any_log import is_foreign, open_log
+from drivers.files.imports.trouble import TableError
 from drivers.files.log_store import is_store, write_store
-from drivers.files.read_log import LogError, RunLog, meta_of, read_log, read_rows
+from drivers.files.read_log import RunLog, meta_of, read_log, read_rows
 from drivers.files.run_log import write_log
 from drivers.files.run_meta import run_meta
 
@@ -92,7 +93,7 @@ def test_a_spoilt_store_is_refused_in_one_line(text_log: Path, tmp_path: Path, s
         place.write_bytes(data[:4] + b"\0" * 400 + data[404:])
     if spoil == "version":
         place.write_bytes(data.replace(b"topdress-log-store/1", b"topdress-log-store/9"))
-    with pytest.raises(LogError) as refused:
+    with pytest.raises(TableError) as refused:
         read_log(place)
     assert str(place) in str(refused.value) and "\n" not in str(refused.value)
 

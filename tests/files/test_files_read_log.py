@@ -9,8 +9,10 @@ from hypothesis import strategies as st
 
 from control.log_row import COLUMNS, DECIMALS, EXACT_COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS, LogRow
 from control.loop.events import Events
+from drivers.files.imports.trouble import TableError
+from drivers.files.limits import BeyondLimits
 from drivers.files.log_text import HEADER, RowText
-from drivers.files.read_log import LogError, read_log
+from drivers.files.read_log import read_log
 from drivers.files.run_log import write_log
 from drivers.files.run_meta import RunMeta
 
@@ -141,7 +143,7 @@ def test_rows_hold_plain_python_values(tmp_path: Path, full_row: MakeRow) -> Non
 
 
 def test_an_empty_file_is_refused_unless_it_is_ours(written: Written) -> None:
-    with pytest.raises(LogError, match=r"log\.csv: the file is empty$"):
+    with pytest.raises(TableError, match=r"log\.csv: the file is empty$"):
         read_log(written(""))
     written("format: topdress-run-log/1\n", "log.yaml")
     assert len(read_log(written(""))) == 0
@@ -267,7 +269,7 @@ def test_a_cell_over_many_lines_that_is_too_long_costs_its_row_only(tmp_path: Pa
 def test_a_file_of_nothing_but_one_long_line_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     path.write_bytes(b"x" * 400_000)
-    with pytest.raises(LogError, match="allowed up to"):
+    with pytest.raises(BeyondLimits, match="allowed up to"):
         read_log(path)
 
 

@@ -18,7 +18,7 @@ from drivers.files import geopackage
 from drivers.files.fields.shapes import read_shapes
 from drivers.files.imports.read import read_raw
 from drivers.files.prescriptions.read import read_prescription
-from drivers.files.prescriptions.words import PrescriptionError
+from drivers.plain_text import Refused
 
 ENDINGS = ("gpkg", "kml", "kmz", "tif", "tiff", "geojson", "json", "shp", "csv", "xlsx", "xml", "zip", "parquet")
 OF_LOGS = ("geojson", "json", "shp", "xlsx", "xml", "zip", "parquet")      # anything else is a text table to the import
@@ -148,7 +148,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     (FLOODS, "takes longer than 1 s|allowed up to"), (GROWS, "too big|out of memory|takes longer")])
 @pytest.mark.usefixtures("quick")
 def test_a_view_without_an_end_has_one(tmp_path: Path, view: str, said: str) -> None:
-    with pytest.raises(PrescriptionError, match=said):
+    with pytest.raises(Refused, match=said):
         read_prescription(as_geopackage(tmp_path / "map.gpkg", view))
 
 
@@ -165,14 +165,14 @@ def test_an_interrupt_ends_a_view_at_once(tmp_path: Path) -> None:
 @pytest.mark.parametrize("sql", ["load_extension('x')", "writefile('x', 'y')", "fts3_tokenizer('simple')",
                                  "(SELECT sql FROM pragma_database_list)"])
 def test_a_view_reaches_nothing_but_tables(tmp_path: Path, sql: str) -> None:
-    with pytest.raises(PrescriptionError, match="not readable as GeoPackage"):
+    with pytest.raises(Refused, match="not readable as GeoPackage"):
         read_prescription(as_geopackage(tmp_path / "map.gpkg", VIEW.format(f"{sql} AS geom FROM n LIMIT 1")))
 
 
 def test_a_geopackage_that_is_still_written_is_not_read_by_half(tmp_path: Path) -> None:
     path = as_geopackage(tmp_path / "map.gpkg")
     (tmp_path / "map.gpkg-wal").write_bytes(b"rows")
-    with pytest.raises(PrescriptionError, match="open in another program"):
+    with pytest.raises(Refused, match="open in another program"):
         read_prescription(path)
 
 
@@ -193,7 +193,7 @@ def _short(data: bytes) -> bytes:
 def test_a_damaged_geopackage_is_one_line(tmp_path: Path, change: Callable[[bytes], bytes]) -> None:
     path = as_geopackage(tmp_path / "map.gpkg")
     path.write_bytes(change(path.read_bytes()))
-    with pytest.raises(PrescriptionError) as said:
+    with pytest.raises(Refused) as said:
         read_prescription(path)
     assert len(str(said.value).splitlines()) == 1
 

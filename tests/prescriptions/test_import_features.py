@@ -14,8 +14,9 @@ import shapefile
 from control.targets.prescription import Fallbacks, GridDeg, MapData, Zone, statistics
 from drivers.files.prescriptions.projected import TransverseMercator, projection_of
 from drivers.files.prescriptions.read import read_prescription
-from drivers.files.prescriptions.words import GAL_AC_L_HA, LB_AC_KG_HA, Choice, PrescriptionError
+from drivers.files.prescriptions.words import GAL_AC_L_HA, LB_AC_KG_HA, Choice
 from drivers.files.prescriptions.write import write_prescription
+from drivers.plain_text import Refused
 
 SQUARE = [[116.0, 40.0], [116.001, 40.0], [116.001, 40.001], [116.0, 40.001], [116.0, 40.0]]
 HOLE = [[116.0002, 40.0002], [116.0002, 40.0004], [116.0004, 40.0004], [116.0002, 40.0002]]
@@ -95,9 +96,9 @@ def test_shapefile_and_its_zip(shape: Path, tmp_path: Path) -> None:
 def test_a_column_must_be_chosen_where_none_speaks_for_itself(tmp_path: Path) -> None:
     file = tmp_path / "m.geojson"
     file.write_text(collection(feature([SQUARE], a=1.0, b=2.0, name="x")))
-    with pytest.raises(PrescriptionError, match="rate column not chosen: allowed a, b"):
+    with pytest.raises(Refused, match="rate column not chosen: allowed a, b"):
         read_prescription(file)
-    with pytest.raises(PrescriptionError, match="column c: allowed a, b, name"):
+    with pytest.raises(Refused, match="column c: allowed a, b, name"):
         read_prescription(file, Choice(column="c"))
 
 
@@ -152,7 +153,7 @@ def test_an_independent_reader_sees_the_same_shapefile(tmp_path: Path) -> None:
 def test_broken_geojson_is_said_in_one_line(tmp_path: Path, text: str, words: str) -> None:
     file = tmp_path / "broken.geojson"
     file.write_text(text)
-    with pytest.raises(PrescriptionError, match=words) as caught:
+    with pytest.raises(Refused, match=words) as caught:
         read_prescription(file)
     assert "\n" not in str(caught.value) and "broken.geojson" in str(caught.value)
 
@@ -162,7 +163,7 @@ def test_broken_geojson_is_said_in_one_line(tmp_path: Path, text: str, words: st
     ({"unit": "l/ha"}, "density None: allowed"), ({"unit": "kg N/ha", "n_fraction": 1.4}, "nitrogen 1.4"),
     ({"default_kg_ha": -3.0}, "default_kg_ha: rate -3"), ({"outside_kg_ha": float("nan")}, "outside_kg_ha")])
 def test_impossible_choices_are_said_in_one_line(geojson: Path, choice: dict[str, Any], words: str) -> None:
-    with pytest.raises(PrescriptionError, match=words):
+    with pytest.raises(Refused, match=words):
         read_prescription(geojson, Choice(**choice))
 
 
@@ -182,7 +183,7 @@ WGS84 = ('GEOGCS["GCS_WGS_1984",DATUM["D_WGS_1984",SPHEROID["WGS_1984",6378137.0
     ('PROJCRS["new",BASEGEOGCRS["x"]]', "new: PROJCRS is not understood"), ("PROJCS[", "not well-known text")])
 def test_coordinates_that_cannot_be_used_are_said_in_one_line(shape: Path, text: str, words: str) -> None:
     shape.with_suffix(".prj").write_text(text)
-    with pytest.raises(PrescriptionError, match=words) as caught:
+    with pytest.raises(Refused, match=words) as caught:
         read_prescription(shape)
     assert "allowed are longitude and latitude on WGS84" in str(caught.value) and "\n" not in str(caught.value)
 
@@ -193,7 +194,7 @@ def test_a_cut_shapefile_is_said_in_one_line(shape: Path, ending: str, keep: flo
     file = shape.with_suffix(ending)
     data = file.read_bytes()
     file.write_bytes(data[:keep if isinstance(keep, int) else int(keep * len(data))])
-    with pytest.raises(PrescriptionError) as caught:
+    with pytest.raises(Refused) as caught:
         read_prescription(shape)
     assert "\n" not in str(caught.value) and "map.shp" in str(caught.value)
 
@@ -202,10 +203,10 @@ def test_what_is_not_there_and_what_is_no_prescription(tmp_path: Path) -> None:
     (tmp_path / "x.txt").write_text("hello")
     (tmp_path / "x.zip").write_bytes(b"PK no")
     for name, words in (("no.shp", "not there"), ("x.txt", "no prescription"), ("x.zip", "x.zip: ")):
-        with pytest.raises(PrescriptionError, match=words):
+        with pytest.raises(Refused, match=words):
             read_prescription(tmp_path / name)
     (tmp_path / "empty").mkdir()
-    with pytest.raises(PrescriptionError, match="no prescription: allowed is an ISO"):
+    with pytest.raises(Refused, match="no prescription: allowed is an ISO"):
         read_prescription(tmp_path / "empty")
 
 

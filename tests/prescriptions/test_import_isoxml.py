@@ -16,6 +16,7 @@ from drivers.files.imports.task_words import task_words
 from drivers.files.prescriptions.read import read_prescription
 from drivers.files.prescriptions.words import Choice, Imported, PrescriptionError
 from drivers.files.prescriptions.write import write_prescription
+from drivers.plain_text import Refused
 
 Make = Callable[..., Path]
 
@@ -156,7 +157,7 @@ def test_fallback_zones_that_are_not_there_are_nothing_and_said(make: Make) -> N
 def test_a_type_2_cell_holds_a_number_for_each_of_its_data(make: Make) -> None:
     cells = np.array([[100, 1], [200, 2], [300, 3], [400, 4], [500, 5], [600, 6]], "<i4").tobytes()
     folder = make(GRID2, cells=cells)
-    with pytest.raises(PrescriptionError, match=r"layer not chosen: allowed TSK1/0006, TSK1/0001"):
+    with pytest.raises(Refused, match=r"layer not chosen: allowed TSK1/0006, TSK1/0001"):
         read_prescription(folder)
     mass = read_prescription(folder, Choice(layer="TSK1/0006")).data.grid
     volume = read_prescription(folder, Choice(layer="TSK1/0001", density_kg_l=2.0)).data.grid
@@ -206,7 +207,7 @@ def test_external_files_and_a_zip_with_a_folder(tmp_path: Path) -> None:
 def test_a_presentation_that_disagrees_must_be_decided(make: Make) -> None:
     around = '<VPN A="VPN1" B="0" C="1" D="0" E="kg/ha"/>'
     folder = make(ZONES.replace('B="31500"', 'B="315" E="VPN1"'), around=around)
-    with pytest.raises(PrescriptionError, match="allowed ddi, presentation"):
+    with pytest.raises(Refused, match="allowed ddi, presentation"):
         read_prescription(folder)
     assert read_prescription(folder, Choice(rate_from="ddi")).data.zones[0].rate_kg_ha == pytest.approx(3.15)
     taken = read_prescription(folder, Choice(rate_from="presentation"))
@@ -242,7 +243,7 @@ def test_broken_zones_are_said_in_one_line(make: Make, broken: Callable[[str], s
     folder = make(ZONES)
     file = folder / "TaskData.xml"
     file.write_text(broken(file.read_text()))
-    with pytest.raises(PrescriptionError, match=words) as caught:
+    with pytest.raises(Refused, match=words) as caught:
         read_prescription(folder)
     assert "\n" not in str(caught.value) and "TaskData.xml" in str(caught.value)
 
@@ -256,7 +257,7 @@ def test_broken_zones_are_said_in_one_line(make: Make, broken: Callable[[str], s
     (np.array([1, 2, 3, 4, -5, 6], "<i4").tobytes(), GRID.replace('I="1"', 'I="2" J="0"'), "row 1, column 1: rate"),
 ])
 def test_broken_grids_are_said_in_one_line(make: Make, cells: bytes | None, task: str, words: str) -> None:
-    with pytest.raises(PrescriptionError, match=words):
+    with pytest.raises(Refused, match=words):
         read_prescription(make(task, cells=cells))
 
 

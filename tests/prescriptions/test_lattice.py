@@ -18,7 +18,8 @@ from control.geodesy import TangentPlane
 from control.targets.prescription import statistics
 from drivers.files.prescriptions.lattice import NoLattice, is_map_of_points, lattice_of
 from drivers.files.prescriptions.read import read_prescription
-from drivers.files.prescriptions.words import Choice, PrescriptionError, RateQuestion
+from drivers.files.prescriptions.words import Choice, RateQuestion
+from drivers.plain_text import Refused
 
 PLANE = TangentPlane(34.8, 113.6)
 RATES = (120.0, 180.5, 240.0, 300.0)
@@ -185,7 +186,7 @@ def driven() -> np.ndarray:
 ], ids=["scattered", "staggered", "driven", "one row", "one place", "three"])
 def test_what_is_no_lattice_is_one_line(tmp_path, places, said):
     path = csv_of(tmp_path / "p.csv", degrees(places), np.full(len(places), 200.0))
-    with pytest.raises(PrescriptionError, match=said) as trouble:
+    with pytest.raises(Refused, match=said) as trouble:
         read_prescription(path)
     assert "\n" not in str(trouble.value) and str(path) in str(trouble.value)
     told = CliRunner().invoke(app, ["map", str(path)])
@@ -204,7 +205,7 @@ def test_a_log_is_still_a_log(tmp_path):
     assert not is_map_of_points(log)
     points = csv_of(tmp_path / "p.csv", degrees(lattice()[0]), lattice()[1])
     assert is_map_of_points(points)
-    with pytest.raises(PrescriptionError, match="a log is read by topdress import"):
+    with pytest.raises(Refused, match="a log is read by topdress import"):
         read_prescription(log)
 
 

@@ -30,9 +30,9 @@ from control.targets.prescription import Fallbacks, Prescription
 from control.targets.rate_map import GridMap, frame_m
 from drivers.files.config import shipped
 from drivers.files.prescriptions.for_job import map_of_job, plants_of_job
-from drivers.files.prescriptions.words import PrescriptionError
 from drivers.files.read_log import read_log
 from drivers.files.setup import Setup, load_setup
+from drivers.plain_text import Refused
 
 RING = [[119.88, 34.28], [119.881, 34.28], [119.881, 34.281], [119.88, 34.281], [119.88, 34.28]]
 HEADING_DEG = 24.0
@@ -125,7 +125,7 @@ def test_a_jobs_map_lies_on_the_fields_plane(map_file: Path) -> None:
 
 
 def test_a_jobs_map_that_is_not_there_is_said(map_file: Path) -> None:
-    with pytest.raises(PrescriptionError, match=r"no.shp: not there"):
+    with pytest.raises(Refused, match=r"no.shp: not there"):
         map_of_job(Job(target=Wanted(map="no.shp")), map_file)
 
 
@@ -146,7 +146,7 @@ def test_plants_from_csv_and_geojson(tmp_path: Path) -> None:
     ("lat_deg,lon_deg\n95,10\n", "plant 1: 95, 10: allowed are degrees")])
 def test_broken_plant_lists_are_said_in_one_line(tmp_path: Path, text: str, words: str) -> None:
     (tmp_path / "p.csv").write_text(text)
-    with pytest.raises(PrescriptionError, match=words):
+    with pytest.raises(Refused, match=words):
         plants_of_job(Job(target=Wanted(plants="p.csv")), tmp_path)
 
 

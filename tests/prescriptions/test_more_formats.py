@@ -9,8 +9,9 @@ import shapely
 
 from control.targets.prescription import MapData, Zone, statistics
 from drivers.files.prescriptions.read import read_prescription
-from drivers.files.prescriptions.words import Choice, PrescriptionError, RateQuestion
+from drivers.files.prescriptions.words import Choice, RateQuestion
 from drivers.files.prescriptions.write import write_prescription
+from drivers.plain_text import Refused
 
 
 def plan() -> MapData:
@@ -70,7 +71,7 @@ def test_a_geopackage_in_utm_and_one_of_several_layers(tmp_path: Path) -> None:
         read_prescription(tmp_path / "utm.gpkg")
     assert read_prescription(tmp_path / "utm.gpkg", Choice(inside="other")).data.zones
     frame.to_crs(28992).to_file(tmp_path / "rd.gpkg", layer="map")      # on another spheroid: 100 m off
-    with pytest.raises(PrescriptionError, match="allowed are degrees on WGS84, or UTM"):
+    with pytest.raises(Refused, match="allowed are degrees on WGS84, or UTM"):
         read_prescription(tmp_path / "rd.gpkg")
 
 
@@ -87,7 +88,7 @@ def test_a_raster(crs: str, described: str, tmp_path: Path) -> None:
         file.write(values, 1)
         file.set_band_description(1, described)
     if crs == "EPSG:28992":
-        with pytest.raises(PrescriptionError, match="Amersfoort"):
+        with pytest.raises(Refused, match="Amersfoort"):
             read_prescription(tmp_path / "a.tif")
         return
     if described == "NDVI":
@@ -104,7 +105,7 @@ def test_without_rasterio_one_line_says_so(tmp_path: Path, monkeypatch: pytest.M
     import sys
     monkeypatch.setitem(sys.modules, "rasterio", None)
     (tmp_path / "a.tif").write_bytes(b"II*\0" + bytes(60))
-    with pytest.raises(PrescriptionError, match=r"this is a GeoTIFF, a raster: install the extra raster: .*pip "):
+    with pytest.raises(Refused, match=r"this is a GeoTIFF, a raster: install the extra raster: .*pip "):
         read_prescription(tmp_path / "a.tif")
 
 

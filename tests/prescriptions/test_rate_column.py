@@ -13,7 +13,8 @@ from typer.testing import CliRunner
 
 from console.cli import app
 from drivers.files.prescriptions.read import read_prescription
-from drivers.files.prescriptions.words import LB_AC_KG_HA, Choice, PrescriptionError, RateQuestion
+from drivers.files.prescriptions.words import LB_AC_KG_HA, Choice, RateQuestion
+from drivers.plain_text import Refused
 
 Columns = dict[str, list[Any]]
 RINGS = [[(116.0 + 0.001 * k, 40.0), (116.0 + 0.001 * k, 40.001), (116.001 + 0.001 * k, 40.001),
@@ -125,5 +126,5 @@ def test_the_operators_choice_stands(write: Callable[[Columns], Path]) -> None:
 def test_csv_that_cannot_be_used(tmp_path: Path, text: str, why: str) -> None:
     path = tmp_path / "m.csv"
     path.write_text(text)
-    with pytest.raises(PrescriptionError, match=why):
+    with pytest.raises(Refused, match=why):
         read_prescription(path)

@@ -24,9 +24,9 @@ from drivers.files.prescriptions.words import (
     LB_AC_KG_HA,
     UNIT_NOT_NAMED,
     Choice,
-    PrescriptionError,
     RateQuestion,
 )
+from drivers.plain_text import Refused
 
 RATES = [120.5, 150.0, 180.25, 210.0]
 BOXES = [shapely.box(116.0 + 0.001 * k, 40.0, 116.001 + 0.001 * k, 40.001) for k in range(4)]
@@ -318,5 +318,5 @@ def test_a_damaged_file_next_to_a_map_is_no_trouble(tmp_path: Path) -> None:
         (tmp_path / name).write_text(text)
     assert highest(read_prescription(path)) == 210.0
     (tmp_path / "map.xml").write_bytes(b" " * (2 << 20))
-    with pytest.raises(PrescriptionError, match="allowed up to 1048576"):
+    with pytest.raises(Refused, match="allowed up to 1048576"):
         read_prescription(path)

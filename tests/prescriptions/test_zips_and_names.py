@@ -15,7 +15,8 @@ from drivers.files.imports.mapping import Source
 from drivers.files.imports.read import read_raw
 from drivers.files.imports.trouble import ImportTrouble
 from drivers.files.prescriptions.read import read_prescription
-from drivers.files.prescriptions.words import LB_AC_KG_HA, Choice, PrescriptionError, RateQuestion
+from drivers.files.prescriptions.words import LB_AC_KG_HA, Choice, RateQuestion
+from drivers.plain_text import Refused
 
 RATES = [120.0, 150.0, 180.0]
 GERMAN: dict[str, list[Any]] = {"Güllegabe": RATES, "Schlag": ["Höhe", "Süd", "Café"]}
@@ -168,7 +169,7 @@ def test_one_of_several_shapefiles_is_asked_for_and_named(tmp_path: Path, rx: di
         read_prescription(path)
     for name, first in (("rx", 120.0), ("b/edge.shp", 1.0), ("EDGE.SHP", 1.0), ("a", 120.0)):
         assert read_prescription(path, Choice(inside=name)).data.zones[0].rate_kg_ha == first
-    with pytest.raises(PrescriptionError, match="no prescription named c"):
+    with pytest.raises(Refused, match="no prescription named c"):
         read_prescription(path, Choice(inside="c"))
     told = CliRunner().invoke(app, ["map", str(path), "--inside", "rx"])
     assert told.exit_code == 0 and "3 zones" in told.stdout
@@ -199,7 +200,7 @@ def test_task_sets_however_deep_and_of_several_one(tmp_path: Path, rx: dict[str,
 
 def test_a_zip_in_a_zip_is_said(tmp_path: Path, rx: dict[str, bytes]) -> None:
     inner = packed(tmp_path / "inner.zip", rx)
-    with pytest.raises(PrescriptionError, match=r"it holds inner\.zip: unpack that first"):
+    with pytest.raises(Refused, match=r"it holds inner\.zip: unpack that first"):
         read_prescription(packed(tmp_path / "outer.zip", {"inner.zip": inner.read_bytes()}))
 
 

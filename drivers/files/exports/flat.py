@@ -11,7 +11,7 @@ import shapefile
 import shapely
 
 from drivers.files.atomic import write_atomically
-from drivers.files.exports.as_applied import AsApplied, ExportError
+from drivers.files.exports.as_applied import AsApplied
 from drivers.files.exports.columns import COLUMNS, TIME_SHORT, records, summary
 from drivers.files.prescriptions.task_folder import WGS84_PRJ
 
@@ -44,8 +44,7 @@ def write_geojson(applied: AsApplied, path: Path, polygons: bool = False) -> Non
 
 
 def write_gpkg(applied: AsApplied, path: Path, polygons: bool = False) -> None:
-    """A GeoPackage with one layer, `as_applied`, by pyogrio (extra gis). Raises ExportError, OSError."""
-    from drivers.files.layers import ShapesError
+    """A GeoPackage with one layer, `as_applied`, by pyogrio (extra gis). Raises Refused, OSError."""
     from drivers.files.ogr import write_layer
     s = applied.stretches
     shapes = [shapely.Polygon(ring[:, ::-1]) for ring in s.corners_deg] if polygons else \
@@ -54,10 +53,7 @@ def write_gpkg(applied: AsApplied, path: Path, polygons: bool = False) -> None:
     columns: dict[str, list[Any]] = {"utc": [utc for utc, _ in rows]}
     columns |= {column.name: [values[k] for _, values in rows] for k, column in enumerate(COLUMNS)}
     columns["product"] = [applied.product.name] * len(rows)
-    try:
-        write_layer(path, "as_applied", shapes, columns)
-    except ShapesError as error:
-        raise ExportError(str(error)) from None
+    write_layer(path, "as_applied", shapes, columns)
 
 
 def write_shapefile(applied: AsApplied, path: Path, polygons: bool = False) -> None:

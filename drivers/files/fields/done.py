@@ -11,7 +11,6 @@ from control.geodesy import TangentPlane
 from drivers.files.fields.agopengps import covered_triangles
 from drivers.files.fields.field_data import FieldError
 from drivers.files.fields.shapes import named_shapes
-from drivers.files.limits import BeyondLimits
 from drivers.files.outlines import check_outlines
 from drivers.files.what_it_is import what_is
 
@@ -20,7 +19,7 @@ SECTIONS = "sections.txt"
 
 def read_done(path: Path, plane: TangentPlane | None = None) -> DoneGround:
     """A field of AgOpenGPS (its folder, or Sections.txt in it), or a file of polygons. plane: the field's; None: one in
-    the middle of this ground. Raises FieldError in one line, OSError."""
+    the middle of this ground. Raises FieldError, Refused in one line, OSError."""
     shapes = _shapes_deg(path)
     places = shapely.get_coordinates(shapes)
     if plane is None:
@@ -46,9 +45,6 @@ def _shapes_deg(path: Path) -> np.ndarray:
              if part.geom_type == "Polygon" and not part.is_empty]
     if not parts:
         raise FieldError(f"{path}: no polygon in it: allowed is ground that is done")
-    try:
-        check_outlines([[shapely.get_coordinates(ring)[:-1] for ring in (one.exterior, *one.interiors)]
-                        for one in parts], path)
-    except BeyondLimits as error:
-        raise FieldError.of(error) from None
+    check_outlines([[shapely.get_coordinates(ring)[:-1] for ring in (one.exterior, *one.interiors)] for one in parts],
+                   path)
     return np.array(parts, dtype=object)

@@ -7,12 +7,10 @@ from typing import Any
 import numpy as np
 import shapely
 
-from drivers.files.archives import ArchiveError
 from drivers.files.fields.field_data import FieldError
 from drivers.files.layers import name_of
 from drivers.files.prescriptions.projected import TransverseMercator
 from drivers.files.prescriptions.shapefiles import projection_in
-from drivers.files.prescriptions.words import PrescriptionError
 from drivers.files.shape_sets import ShapeSet, column_names, damage_said, shape_sets
 
 TAKEN = (3, 5, 13, 15, 23, 25)      # types of shapes: poly-lines and polygons, with height, with measure
@@ -24,11 +22,8 @@ def is_shapefile(path: Path) -> bool:
 
 def read_named(path: Path) -> list[tuple[str, Any]]:
     """Names and shapes, longitude and latitude, of a .shp, or of all shapefiles in a zip or folder that hold areas or
-    lines. Raises FieldError, OSError."""
-    try:
-        sets = shape_sets(path)
-    except ArchiveError as error:
-        raise FieldError(str(error)) from None
+    lines. Raises FieldError, Refused, OSError."""
+    sets = shape_sets(path)
     if not sets:
         raise FieldError(f"{path}: no shapefile and no field of AgOpenGPS in it: allowed is a .shp, or Field.txt with "
                          "Boundary.txt")
@@ -37,11 +32,8 @@ def read_named(path: Path) -> list[tuple[str, Any]]:
 
 def _of_set(shapes: ShapeSet, alone: bool) -> list[tuple[str, Any]]:
     """alone: the only one, so that points in it are an error."""
-    with damage_said(shapes.label, FieldError):
-        try:
-            projection = projection_in(shapes)
-        except PrescriptionError as error:
-            raise FieldError(str(error)) from None
+    with damage_said(shapes.label):
+        projection = projection_in(shapes)
         with shapes.reader() as reader:
             if reader.shapeType not in TAKEN:
                 if not alone:

@@ -14,8 +14,8 @@ from control.targets.rate_map import Floats
 from drivers.files.atomic import write_atomically
 from drivers.files.fields.field_data import FieldData, FieldError, Line
 from drivers.files.fields.shapefiles import is_shapefile, read_named
-from drivers.files.layers import ShapesError, name_of, read_layers
-from drivers.files.limits import BeyondLimits, check_file, read_json
+from drivers.files.layers import name_of, read_layers
+from drivers.files.limits import check_file, read_json
 from drivers.files.ogr import FORMATS, write_layer
 
 GEOJSON = (".geojson", ".json")
@@ -38,22 +38,15 @@ def read_shapes(path: Path, name: str | None = None) -> FieldData:
 
 
 def named_shapes(path: Path) -> list[tuple[str, Any]]:
-    """Names and shapes in longitude and latitude. Raises FieldError, OSError."""
-    try:
-        check_file(path)
-    except BeyondLimits as error:
-        raise FieldError(str(error)) from None
+    """Names and shapes in longitude and latitude. Raises FieldError, Refused, OSError."""
+    check_file(path)
     if is_shapefile(path):
         return read_named(path)
     return _geojson(path) if path.suffix.lower() in GEOJSON else _layers(path)
 
 
 def _layers(path: Path) -> list[tuple[str, Any]]:
-    try:
-        layers = read_layers(path)
-    except ShapesError as error:
-        raise FieldError(str(error)) from None
-    return [(name_of(row) or layer.name, shape) for layer in layers
+    return [(name_of(row) or layer.name, shape) for layer in read_layers(path)
             for row, shape in zip(layer.rows, layer.shapes, strict=True) if shape is not None]
 
 
@@ -107,7 +100,7 @@ def _ring(ring: Any) -> Floats:
 
 
 def write_shapes(data: FieldData, path: Path) -> None:
-    """Raises FieldError, OSError."""
+    """Raises Refused, OSError."""
     polygons = [] if data.outline_deg is None else [
         shapely.Polygon(data.outline_deg[:, ::-1], [hole[:, ::-1] for hole in data.holes_deg])]
     lines = [shapely.LineString(line.places_deg[:, ::-1]) for line in data.lines]
@@ -120,12 +113,9 @@ def write_shapes(data: FieldData, path: Path) -> None:
                                           ensure_ascii=False))
         return
     column = "Name" if FORMATS[path.suffix.lower()] == "KML" else "name"
-    try:
-        shapes, titles = [*polygons, *lines], [*([data.title] * len(polygons)), *(line.title for line in data.lines)]
-        if path.suffix.lower() == ".gpkg" and polygons and lines:
-            write_layer(path, "field", polygons, {column: [data.title]})
-            write_layer(path, "lines", lines, {column: [line.title for line in data.lines]}, append=True)
-        else:
-            write_layer(path, "field", shapes, {column: titles})
-    except ShapesError as error:
-        raise FieldError(str(error)) from None
+    shapes, titles = [*polygons, *lines], [*([data.title] * len(polygons)), *(line.title for line in data.lines)]
+    if path.suffix.lower() == ".gpkg" and polygons and lines:
+        write_layer(path, "field", polygons, {column: [data.title]})
+        write_layer(path, "lines", lines, {column: [line.title for line in data.lines]}, append=True)
+    else:
+        write_layer(path, "field", shapes, {column: titles})

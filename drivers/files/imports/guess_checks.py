@@ -15,7 +15,7 @@ from drivers.files.imports.guessed import PAIRS, Candidate, Doubt, Guess
 from drivers.files.imports.mapping import Column
 from drivers.files.imports.numbers import numbers
 from drivers.files.imports.raw import RawTable
-from drivers.files.imports.trouble import ImportTrouble
+from drivers.files.imports.trouble import TableError
 from drivers.files.imports.units import unit_named
 from drivers.files.imports.words import QUANTITIES, folded, says
 
@@ -32,7 +32,7 @@ def check(raw: RawTable, out: Guess, chosen: Mapping[str, Candidate]) -> None:
     head = RawTable(raw.path, raw.frame.head(LOOKED_AT), raw.source, raw.units, raw.first_row)
     try:
         tried = convert(head, out.mapping.model_copy(update={"extra": "drop"}))
-    except ImportTrouble as trouble:
+    except TableError as trouble:
         out.doubts.append(Doubt(("time",), _too_close(raw, out) or str(trouble).splitlines()[0]))
         return
     time_s = (tried.frame["us"] - tried.frame["us"][0]).to_numpy() / 1e6

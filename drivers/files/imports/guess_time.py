@@ -12,7 +12,7 @@ from drivers.files.imports.mapping import Counts, Times
 from drivers.files.imports.numbers import numbers
 from drivers.files.imports.raw import RawTable
 from drivers.files.imports.times import read_texts, texts_for, with_day
-from drivers.files.imports.trouble import ImportTrouble
+from drivers.files.imports.trouble import TableError
 from drivers.files.imports.units import unit_named
 from drivers.files.imports.words import COMMAND, DATE, NO_TIME, PLAINLY_TIME, TIME, UTC, folded, says, subject_of
 
@@ -173,7 +173,7 @@ def _reads(texts: pl.Series, form: str | None) -> bool:
     try:
         us = read_texts(texts, form, None).us
         return texts.len() > 0 and float(us.is_between(_EARLIEST_US, _LATEST_US).sum()) >= _READS * texts.len()
-    except ImportTrouble:
+    except TableError:
         return False
 
 

@@ -32,7 +32,7 @@ def log_frame(log: Joined) -> pl.DataFrame:
 
 
 def run_log(path: Path, log: Joined, mapping: ImportFile, mapping_file: Path | None) -> RunLog:
-    """The log and its sidecar as they would be read from `path`, in memory. Raises LogError."""
+    """The log and its sidecar as they would be read from `path`, in memory. Raises TableError."""
     frame = log_frame(log)
     return log_of(path, frame.with_columns(frame["time_s"].cast(pl.Float64)),
                   meta_from_yaml(_meta(log, mapping, mapping_file)))

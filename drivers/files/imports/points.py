@@ -55,12 +55,12 @@ def read_geojson(path: Path, said: Source) -> RawTable:
 def read_shapefile(path: Path, said: Source) -> RawTable:
     """A shapefile of points; of a zip or folder the one that is, or the one that `said` names. Raises ImportTrouble,
     OSError."""
-    with damage_said(str(path), ImportTrouble):
+    with damage_said(str(path)):
         return _of_points(path, _one_of(path, said), said)
 
 
 def _one_of(path: Path, said: Source) -> ShapeSet:
-    """Of several the one that holds points. Raises ImportTrouble, ArchiveError, OSError."""
+    """Of several the one that holds points. Raises ImportTrouble, Refused, OSError."""
     found = shape_sets(path)
     if said.inside is not None:
         named = chosen([one.name for one in found], said.inside)

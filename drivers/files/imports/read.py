@@ -4,13 +4,13 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
-from drivers.files.archives import ArchiveError, files_at
+from drivers.files.archives import files_at
 from drivers.files.imports.header import named
 from drivers.files.imports.mapping import Source, SourceKind
 from drivers.files.imports.raw import RawTable
 from drivers.files.imports.trouble import ImportTrouble
 from drivers.files.imports.words import folded, subject_of
-from drivers.files.limits import BeyondLimits, check_file
+from drivers.files.limits import check_file
 from drivers.files.parquet_limits import check_parquet
 from drivers.files.prescriptions.cells import cell_of
 from drivers.files.prescriptions.unit_columns import MOST_UNITS, unit_columns
@@ -25,19 +25,14 @@ _SUFFIXES: dict[str, SourceKind] = {
 
 
 def read_raw(path: Path, said: Source | None = None) -> RawTable:
-    """`said`: what an import file says of the reading. Raises ImportTrouble in one line, OSError."""
+    """`said`: what an import file says of the reading. Raises ImportTrouble, Refused in one line, OSError."""
     said = said or Source()
     if not path.exists():
         raise ImportTrouble(path, "no such file")
-    try:
-        check_file(path)
-    except BeyondLimits as error:
-        raise ImportTrouble.of(error) from None
+    check_file(path)
     import polars as pl
     try:
         return _with_stated(_read(path, said))
-    except BeyondLimits as error:
-        raise ImportTrouble.of(error) from None
     except pl.exceptions.PolarsError as error:
         raise ImportTrouble(path, f"not readable as a table: {str(error).splitlines()[0]}") from None
 
@@ -85,10 +80,7 @@ def _with_stated(raw: RawTable) -> RawTable:
 def _kind(path: Path) -> SourceKind:
     """Of a folder or a zip: a task that was worked before points, points before a task that was not."""
     if path.is_dir() or path.suffix.lower() == ".zip":
-        try:
-            names = [PurePosixPath(name).name.lower() for name in files_at(path).names()]
-        except ArchiveError as error:
-            raise ImportTrouble.of(error) from None
+        names = [PurePosixPath(name).name.lower() for name in files_at(path).names()]
         worked = any(name.startswith("tlg") and name.endswith(".bin") for name in names)
         return "shapefile" if not worked and any(name.endswith(".shp") for name in names) else "isoxml"
     return _SUFFIXES.get(path.suffix.lower(), "text")

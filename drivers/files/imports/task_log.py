@@ -20,7 +20,6 @@ from drivers.files.imports.time_logs import LoggedValue, TimeLog, frame_of, hect
 from drivers.files.imports.trouble import ImportTrouble, listed
 from drivers.files.imports.units import unit_named
 from drivers.files.prescriptions.task_files import find_task_files, task_tree
-from drivers.files.prescriptions.words import PrescriptionError
 
 CHOICES = "--task, --device and --log (source.task, .device and .task_log of the import file)"
 MOST_LISTED = 60                # logs, a line each
@@ -36,21 +35,18 @@ class TaskLogs(NamedTuple):
 
 def read_task_log(path: Path, said: Source) -> RawTable:
     """The time logs of one task out of a task file, its folder or a zip, joined by their times, or those that `said`
-    names. Raises ImportTrouble, OSError.
+    names. Raises ImportTrouble, Refused, OSError.
 
     A number that a record does not hold is the one last given, as logging on change means it.
     """
-    try:
-        found = task_logs(path, said.inside)
-        if found is None:
-            raise ImportTrouble(path, "no TASKDATA.XML there")
-        return _read(path, found, said)
-    except PrescriptionError as error:
-        raise ImportTrouble.of(error) from None
+    found = task_logs(path, said.inside)
+    if found is None:
+        raise ImportTrouble(path, "no TASKDATA.XML there")
+    return _read(path, found, said)
 
 
 def task_logs(path: Path, inside: str | None = None) -> TaskLogs | None:
-    """None: no task file there. Raises PrescriptionError, OSError."""
+    """None: no task file there. Raises Refused, OSError."""
     files = find_task_files(path, inside)
     if files is None:
         return None

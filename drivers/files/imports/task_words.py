@@ -13,7 +13,7 @@ ORIGINS = {"1": "written before the work, by farm software", "2": "written after
 
 
 def task_words(path: Path, inside: str | None = None) -> list[str] | None:
-    """None: no task file there. Raises PrescriptionError, OSError."""
+    """None: no task file there. Raises Refused, OSError."""
     found = task_logs(path, inside)
     if found is None:
         return None

@@ -14,7 +14,7 @@ from drivers.files.imports.header import named
 from drivers.files.imports.mapping import Source
 from drivers.files.imports.raw import RawTable, unique
 from drivers.files.imports.trouble import ImportTrouble, listed
-from drivers.files.limits import BeyondLimits, check_text
+from drivers.files.limits import check_text
 from drivers.files.long_lines import without_long_lines
 from drivers.files.quotes import unclosed_quote
 
@@ -29,10 +29,7 @@ def read_text(path: Path, said: Source) -> RawTable:
         raise ImportTrouble(path, "the file is empty")
     encoding = said.encoding or encoding_of(data)
     data, findings = without_long_lines(_utf8(path, data, encoding))
-    try:
-        check_text(data, str(path))
-    except BeyondLimits as error:
-        raise ImportTrouble.of(error) from None
+    check_text(data, str(path))
     line = unclosed_quote(data)
     if line is not None:
         raise ImportTrouble(path, f"line {line}: a quote is opened and not closed: allowed are pairs of quotes")

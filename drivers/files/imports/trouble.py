@@ -1,4 +1,4 @@
-"""What goes wrong at an import, in plain lines."""
+"""What goes wrong with a table or a log, in plain lines."""
 from __future__ import annotations
 
 from collections.abc import Iterable
@@ -8,19 +8,26 @@ from typing import Self
 from drivers.plain_text import Refused, one_line
 
 
-class ImportTrouble(ValueError):
-    """The file cannot be brought in; `reasons`: one sentence each, naming row or key, value and what is allowed;
+class TableError(ValueError):
+    """The table or the log cannot be used; `reasons`: one sentence each, naming row or key, value and what is allowed;
     `lines`: the same, each with the file before it."""
 
     def __init__(self, where: Path | str, *reasons: str) -> None:
         self.where, self.reasons = str(where), tuple(map(one_line, reasons))
         self.lines = tuple(one_line(f"{where}: {reason}" if self.where else reason) for reason in reasons)
-        super().__init__("\n".join(self.lines))
+        super().__init__(self.where, *self.reasons)         # what it is made of again in another process
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines)
 
     @classmethod
     def of(cls, error: Refused) -> Self:
-        """Another reader's refusal as trouble of an import."""
+        """Another reader's refusal as one of this kind."""
         return cls(str(error.where), f"{error.reason}{error.hint}")
+
+
+class ImportTrouble(TableError):
+    """The file, and what is said of it, cannot be brought in."""
 
 
 class Unsure(ImportTrouble):

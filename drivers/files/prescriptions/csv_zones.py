@@ -11,7 +11,7 @@ from control.recordings.finding import Finding, many
 from control.targets.rate_map import Floats
 from drivers.files.imports.dialect import encoding_of
 from drivers.files.imports.header import is_unit_row
-from drivers.files.limits import BeyondLimits, check_file
+from drivers.files.limits import check_file
 from drivers.files.prescriptions.features import Feature, imported, ring
 from drivers.files.prescriptions.words import Choice, Imported, PrescriptionError
 from drivers.files.stated_units import Unit
@@ -24,11 +24,8 @@ _IN_BYTES = re.compile(rb"POLYGON\s*(ZM?|M)?\s*\(", re.IGNORECASE)
 
 
 def holds_polygons(path: Path) -> bool:
-    """Whether a text file begins as a table of polygons rather than as a log. Raises PrescriptionError, OSError."""
-    try:
-        check_file(path)
-    except BeyondLimits as error:
-        raise PrescriptionError.of(error) from None
+    """Whether a text file begins as a table of polygons rather than as a log. Raises BeyondLimits, OSError."""
+    check_file(path)
     with path.open("rb") as file:
         return _IN_BYTES.search(file.read(LOOKED_BYTES).replace(b"\0", b"")) is not None
 

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,7 +12,7 @@ import shapely
 from control.recordings.finding import Finding, many
 from control.targets.prescription import NO_FALLBACKS, Fallbacks, MapData, Zone
 from control.targets.rate_map import Floats
-from drivers.files.archives import ArchiveError, Folder
+from drivers.files.archives import Folder
 from drivers.files.imports.trouble import listed
 from drivers.files.prescriptions.rate_column import rate_column
 from drivers.files.prescriptions.words import (
@@ -45,11 +45,12 @@ def imported(path: Path, format_name: str, features: Sequence[Feature], choice: 
              fallbacks: Fallbacks = NO_FALLBACKS, fields_deg: tuple[tuple[Floats, ...], ...] = (), title: str = "",
              product: str = "", units: Mapping[str, Unit] = NO_UNITS) -> Imported:
     """Zones of the features, by the operator's choice. units: of columns, as the file says besides their names; what
-    lies next to it is looked at here. Raises PrescriptionError, OSError."""
+    lies next to it is looked at here. Raises Refused, OSError."""
     if not features:
         raise NoPolygons(path, "no polygons: allowed is at least one")
     if path.is_file():
-        units = together(units, _next_to(path, {name for feature in features for name in feature.attributes}))
+        columns = {name for feature in features for name in feature.attributes}
+        units = together(units, side_units(Folder(path.parent, deep=False), path.name, columns))
     chosen = rate_column(path, [(feature.number, feature.attributes) for feature in features], choice, units)
     column, unit = chosen.name, chosen.unit
     where = Where(str(path))
@@ -74,14 +75,6 @@ def imported(path: Path, format_name: str, features: Sequence[Feature], choice: 
     data = MapData(tuple(zones), None, with_choice(fallbacks, choice, where), fields_deg, title, product)
     return Imported(path, format_name, data, unit, factor, (column,), tuple(findings),
                     f"{column} ({chosen.why})", chosen.unit_from)
-
-
-def _next_to(path: Path, columns: Collection[str]) -> Mapping[str, Unit]:
-    """Raises PrescriptionError, OSError."""
-    try:
-        return side_units(Folder(path.parent, deep=False), path.name, columns)
-    except ArchiveError as error:
-        raise PrescriptionError.of(error) from None
 
 
 def _checked(choice: Choice, value: float, where: Where) -> float:

@@ -21,13 +21,13 @@ from drivers.files.imports.mapping import Source
 from drivers.files.imports.numbers import numbers
 from drivers.files.imports.raw import RawTable
 from drivers.files.imports.read import read_raw
-from drivers.files.imports.trouble import ImportTrouble
+from drivers.files.imports.trouble import TableError
 from drivers.files.imports.words import NO_TIME, TIME, folded, says, subject_of
 from drivers.files.point_files import TABLES
 from drivers.files.prescriptions.features import Feature, imported
 from drivers.files.prescriptions.words import Choice, Imported, NotAMap, PrescriptionError, not_degrees
 from drivers.files.stated_units import Unit
-from drivers.files.table import TableError, header_of
+from drivers.files.table import header_of
 from drivers.plain_text import Reason
 
 LEAST_POINTS = 4
@@ -74,7 +74,7 @@ def is_map_of_points(path: Path) -> bool:
     """Whether a file of points tells places and no time; of a table the header says so. Raises OSError."""
     try:
         return places_without_time(header_of(path) if path.suffix.lower() in TABLES else read_raw(path).names)
-    except (ImportTrouble, TableError):
+    except TableError:
         return False
 
 
@@ -82,7 +82,7 @@ def read_lattice(path: Path, choice: Choice, title: str = "") -> Imported:
     """A prescription out of points. Raises PrescriptionError, OSError."""
     try:
         raw = read_raw(path, Source(inside=choice.inside))
-    except ImportTrouble as trouble:
+    except TableError as trouble:
         raise PrescriptionError(trouble.where, "{why}", why=trouble.reasons[0]) from None
     if not places_without_time(raw.names):
         raise NotAMap(path, "columns {columns_there}: allowed are latitude, longitude and a rate without times, or "

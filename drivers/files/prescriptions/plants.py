@@ -7,19 +7,16 @@ from pathlib import Path
 import numpy as np
 
 from control.targets.rate_map import Floats
-from drivers.files.limits import BeyondLimits, check_file, read_json
+from drivers.files.limits import check_file, read_json
 from drivers.files.prescriptions.words import PrescriptionError
 from drivers.plain_text import Where
 
 
 def read_plants(path: Path) -> Floats:
-    """Places (n, 2), latitude and longitude, in the file's order. Raises PrescriptionError in one line, OSError."""
+    """Places (n, 2), latitude and longitude, in the file's order. Raises Refused in one line, OSError."""
     if not path.exists():
         raise PrescriptionError(path, "not there", ": allowed is a CSV with lat_deg and lon_deg, or GeoJSON points")
-    try:
-        check_file(path)
-    except BeyondLimits as error:
-        raise PrescriptionError.of(error) from None
+    check_file(path)
     rows = _geojson(path) if path.suffix.lower() in (".geojson", ".json") else _csv(path)
     if not rows:
         raise PrescriptionError(path, "no plants: allowed is at least one")

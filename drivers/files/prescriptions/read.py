@@ -7,9 +7,9 @@ from functools import partial
 from pathlib import Path
 
 from control.recordings.finding import Finding
-from drivers.files.archives import ArchiveError, chosen, files_at
+from drivers.files.archives import chosen, files_at
 from drivers.files.imports.trouble import listed
-from drivers.files.limits import BeyondLimits, check_file
+from drivers.files.limits import check_file
 from drivers.files.outlines import check_zones
 from drivers.files.point_files import TABLES, holds_points
 from drivers.files.prescriptions.task_files import find_task_files
@@ -24,22 +24,19 @@ KNOWN = ("an ISO 11783-10 task (TASKDATA.XML, its folder or zip), a shapefile (.
 
 
 def read_prescription(path: str | Path, choice: Choice | None = None) -> Imported:
-    """Reads a prescription; the operator's choices as given. Raises PrescriptionError in one line, OSError."""
+    """Reads a prescription; the operator's choices as given. Raises Refused in one line, of which PrescriptionError and
+    its kinds are those that a look at the map itself brings; OSError."""
     path, choice = Path(path), choice or Choice()
     if not path.exists():
         raise PrescriptionError(path, "not there", f": allowed is {KNOWN}")
-    try:
-        check_file(path)
-        read = _read(path, choice)
-        if read.format not in EVEN and read.data.grid is None:
-            check_zones([zone.rings_deg for zone in read.data.zones], path)
-        return read
-    except BeyondLimits as error:
-        raise PrescriptionError.of(error) from None
+    check_file(path)
+    read = _read(path, choice)
+    if read.format not in EVEN and read.data.grid is None:
+        check_zones([zone.rings_deg for zone in read.data.zones], path)
+    return read
 
 
 def _read(path: Path, choice: Choice) -> Imported:
-    """Raises BeyondLimits too."""
     suffix = "" if path.is_dir() else path.suffix.lower()
     if suffix in (".geojson", ".json"):
         from drivers.files.prescriptions.geojson import read_geojson
@@ -62,13 +59,10 @@ def _read(path: Path, choice: Choice) -> Imported:
 
 def _of_several(path: Path, choice: Choice) -> Imported:
     """Of a folder or zip: its task set, next to which shapefiles do not count, else its shapefile."""
-    try:
-        shapes = [] if path.suffix.lower() == ".xml" else shape_sets(path)
-        if choice.inside is not None:
-            named = chosen([one.name for one in shapes], choice.inside)
-            shapes = [one for one in shapes if one.name in named]
-    except ArchiveError as error:
-        raise PrescriptionError.of(error) from None
+    shapes = [] if path.suffix.lower() == ".xml" else shape_sets(path)
+    if choice.inside is not None:
+        named = chosen([one.name for one in shapes], choice.inside)
+        shapes = [one for one in shapes if one.name in named]
     files = find_task_files(path, choice.inside)
     if files is not None:
         from drivers.files.prescriptions.isoxml_read import read_isoxml

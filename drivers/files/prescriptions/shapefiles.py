@@ -22,7 +22,7 @@ POLYGONS = (shapefile.POLYGON, shapefile.POLYGONZ, shapefile.POLYGONM)
 def read_shapefile(shapes: ShapeSet, choice: Choice, findings: list[Finding]) -> Imported:
     """A prescription out of a shapefile. Raises PrescriptionError, OSError."""
     path = shapes.label
-    with damage_said(path, PrescriptionError):
+    with damage_said(path):
         projection = projection_in(shapes)
         with shapes.reader() as reader:
             if reader.shapeType not in POLYGONS:

@@ -8,20 +8,17 @@ import shapely
 from control.recordings.finding import Finding, many
 from control.targets.prescription import MapData
 from drivers.files.imports.trouble import listed
-from drivers.files.layers import Layer, ShapesError, name_of, read_layers, stated
+from drivers.files.layers import Layer, name_of, read_layers, stated
 from drivers.files.ogr import write_layer
 from drivers.files.prescriptions.features import Feature, imported, ring
-from drivers.files.prescriptions.words import Choice, Imported, NoPolygons, PrescriptionError, RateQuestion
+from drivers.files.prescriptions.words import Choice, Imported, NoPolygons, RateQuestion
 
 POLYGONS = ("Polygon", "MultiPolygon")
 
 
 def read_shapes(path: Path, choice: Choice) -> Imported:
-    """Raises PrescriptionError, OSError."""
-    try:
-        layers = read_layers(path)
-    except ShapesError as error:
-        raise PrescriptionError.of(error) from None
+    """Raises Refused, OSError."""
+    layers = read_layers(path)
     if choice.inside is not None:
         layers = [layer for layer in layers if layer.name.casefold() == choice.inside.casefold()]
     held = [layer for layer in layers if any(_is_area(shape) for shape in layer.shapes)]
@@ -57,15 +54,12 @@ def _features(layer: Layer) -> list[Feature]:
 def write_shapes(data: MapData, path: Path) -> None:
     """A polygon for each zone, or for each cell of a grid; no place for fallbacks and field.
 
-    Raises PrescriptionError, OSError.
+    Raises Refused, OSError.
     """
     from drivers.files.prescriptions.write import zones_of
     zones = zones_of(data)
     shapes = [shapely.Polygon(zone.rings_deg[0][:, ::-1], [hole[:, ::-1] for hole in zone.rings_deg[1:]])
               for zone in zones]
     name = "title" if path.suffix.lower() == ".gpkg" else "Name"
-    try:
-        write_layer(path, "prescription", shapes, {name: [zone.title for zone in zones],
-                                                   "rate_kg_ha": [zone.rate_kg_ha for zone in zones]})
-    except ShapesError as error:
-        raise PrescriptionError.of(error) from None
+    write_layer(path, "prescription", shapes, {name: [zone.title for zone in zones],
+                                               "rate_kg_ha": [zone.rate_kg_ha for zone in zones]})

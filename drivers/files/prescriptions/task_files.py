@@ -7,7 +7,7 @@ from pathlib import Path, PurePosixPath
 from typing import Protocol
 from xml.etree import ElementTree
 
-from drivers.files.archives import ArchiveError, Files, Folder, chosen, files_at, parent
+from drivers.files.archives import Files, Folder, chosen, files_at, parent
 from drivers.files.limits import REFERENCES, XML, held_to
 from drivers.files.prescriptions.words import PrescriptionError, RateQuestion
 from drivers.files.xml_text import Total, XmlError, xml_root
@@ -20,7 +20,7 @@ class TaskFiles(Protocol):
         ...
 
     def read(self, name: str) -> bytes | None:
-        """The file's bytes, None where it is not there. Raises PrescriptionError."""
+        """The file's bytes, None where it is not there. Raises Refused, OSError."""
         ...
 
 
@@ -34,10 +34,7 @@ class TaskSet:
 
     def read(self, name: str) -> bytes | None:
         there = self._by_name.get((self.inside + name).casefold())
-        try:
-            return None if there is None else self.files.read(there)
-        except ArchiveError as error:
-            raise PrescriptionError.of(error) from None
+        return None if there is None else self.files.read(there)
 
     @cached_property
     def _by_name(self) -> dict[str, str]:
@@ -46,26 +43,21 @@ class TaskSet:
 
 
 def task_sets(path: Path) -> list[TaskSet]:
-    """The task sets at a path: a TASKDATA.XML, a folder or a zip that holds some, however deep.
-
-    Raises PrescriptionError for a zip that cannot be opened, OSError.
-    """
+    """The task sets at a path: a TASKDATA.XML, a folder or a zip that holds some, however deep. Raises Refused for a
+    zip that cannot be opened, OSError."""
     if path.suffix.lower() == ".xml" and not path.is_dir():
         return [TaskSet(Folder(path.parent, deep=False), "", str(path))] if path.is_file() else []
     if not path.is_dir() and path.suffix.lower() != ".zip":
         return []
     files = files_at(path)
-    try:
-        return [TaskSet(files, parent(name), files.label(name)) for name in files.names()
-                if PurePosixPath(name).name.lower() == "taskdata.xml"]
-    except ArchiveError as error:
-        raise PrescriptionError.of(error) from None
+    return [TaskSet(files, parent(name), files.label(name)) for name in files.names()
+            if PurePosixPath(name).name.lower() == "taskdata.xml"]
 
 
 def find_task_files(path: Path, inside: str | None = None) -> TaskSet | None:
     """The one task set at a path, or the one named by `inside`; None: there are none.
 
-    Raises RateQuestion where there are several, PrescriptionError, OSError.
+    Raises RateQuestion where there are several, Refused, OSError.
     """
     found = task_sets(path)
     if inside is not None:
@@ -79,7 +71,7 @@ def find_task_files(path: Path, inside: str | None = None) -> TaskSet | None:
 
 
 def task_tree(files: TaskFiles, own_name: str = "TASKDATA.XML") -> ElementTree.Element:
-    """The root of the task file, its external files (XFR) joined in. Raises PrescriptionError."""
+    """The root of the task file, its external files (XFR) joined in. Raises Refused."""
     data = files.read(own_name)
     if data is None:
         raise PrescriptionError(files.label, "{name} is not there", name=own_name)
