@@ -72,7 +72,7 @@ def adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path, picke
 
 def _taken_up(cause: Cause, picked: tuple[str, ...], found: Diagnosis) -> bool:
     """Whether a cause goes into the file; says why where it does not, and of what was picked that it was."""
-    from console.reports.words import undecided
+    from console.reports.said import undecided
     from control.diagnosis.extend import not_adoptable, taken_whole
     if taken_whole(found, cause):
         return False                # said with the whole
@@ -89,15 +89,14 @@ def _taken_up(cause: Cause, picked: tuple[str, ...], found: Diagnosis) -> bool:
 
 
 def _doubt(cause: Cause) -> str:
-    from console.reports.verdict import others
-    from console.reports.words import name_of
+    from console.reports.said import name_of, others
     rivals = ", ".join(name_of(one) for one, _share in others(cause))
     return f"this data cannot tell it from {rivals}" if rivals else "it is only suspected"
 
 
 def _refuse_pick(name: str, found: Diagnosis, out: Path) -> None:
     """Raises CommandError."""
-    from console.reports.words import undecided
+    from console.reports.said import undecided
     from control.diagnosis.extend import not_adoptable
     own = [cause for cause in found.causes if cause.id == name]
     if any(not not_adoptable(cause) for cause in own):
@@ -139,6 +138,6 @@ def _nothing(found: Diagnosis, out: Path, refused: bool) -> typer.Exit:
 
 def _said(kept: tuple[Cause, ...], picked: tuple[str, ...]) -> str:
     """For the file: what was picked against the data's silence."""
-    from console.reports.words import undecided
+    from console.reports.said import undecided
     return "\n".join(f"{cause.id}: picked by name (diagnose --pick), though {_doubt(cause)}."
                      for cause in kept if undecided(cause) and cause.id in picked)

@@ -7,6 +7,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from console.reports.variables import recorded
+
 Array = npt.NDArray[np.float64]
 
 BINS = 14
@@ -19,12 +21,17 @@ CLEARLY = 0.03          # of what an effect does, by which a later axis must sho
 
 
 class Axis(NamedTuple):
-    """Something that a residual (n,) may depend on."""
+    """Something that a residual (n,) may depend on: a variable by its id."""
 
-    label: str
+    variable: str
     values: Array                       # (n,), NaN where it does not apply
     sign: Array | None = None           # (n,) the residual is turned by it, so that ups and downs do not cancel
     names: tuple[str, ...] = ()         # of the values 0, 1, ...: then it is not a scale
+
+    @property
+    def label(self) -> str:
+        turned = " (residual turned so that up is the way of the change)" if self.sign is not None else ""
+        return recorded(self.variable).label + turned
 
 
 class Binned(NamedTuple):

@@ -6,6 +6,7 @@ from math import isfinite
 from typing import Any
 
 from console.reports.numbers import number
+from console.reports.said import better
 from control.diagnosis.runs.compared import Compared, ComparedChannel
 
 Logs = Sequence[tuple[str, Compared]]       # path and what was found there
@@ -25,15 +26,7 @@ def _known(value: float) -> float | None:
 
 def verdict(one: ComparedChannel) -> str:
     """Which of the two predicts the channel better, beyond the interval."""
-    if not isfinite(one.low):
-        return "too short to say"
-    if one.low > 0.0:
-        return f"new is better: {_share(one)} less error"
-    return f"new is worse: {_share(one)} more error" if one.high < 0.0 else "no difference beyond chance"
-
-
-def _share(one: ComparedChannel) -> str:
-    return f"{100.0 * abs(1.0 - one.new / one.old):.0f} %" if one.old > 0.0 else "all"
+    return better(one.old, one.new, _known(one.low), _known(one.high), "new is ")
 
 
 def interval(one: ComparedChannel) -> str:

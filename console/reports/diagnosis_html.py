@@ -12,12 +12,22 @@ from console.reports.html import Picture, escape, facts, figure, folded, items, 
 from console.reports.numbers import decimals_of, fixed, number, p_value, percent, span_of, with_interval
 from console.reports.page_style import STYLE
 from console.reports.pictures import Pictures, pictures_of
+from console.reports.said import (
+    VERDICTS,
+    cost,
+    headlined,
+    headlines_first,
+    left,
+    others,
+    sentence,
+    tied,
+    title_of,
+    to_do,
+    when,
+)
 from console.reports.term_words import compensation
 from console.reports.term_words import sentence as term_sentence
-from console.reports.variables import recorded
-from console.reports.verdict import WORDS, cost, headlines_first, member_of, others, sentence, title_of
-from console.reports.words import as_items, headlined, left_facts, tied, when
-from control.diagnosis.result import UNKNOWN, Cause, Diagnosis, Gain, NextRun, TermFound
+from control.diagnosis.result import UNKNOWN, Cause, Diagnosis, Gain, TermFound
 from control.machine.machine import CATALOGUE
 
 
@@ -34,7 +44,7 @@ def diagnosis_page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
     pictures = pictures_of(found, tools)
     parts = (
         _head(found),
-        _next_run(found.next_run) if found.verdict == "ambiguous" else "",
+        _next_run(found) if found.verdict == "ambiguous" else "",
         section("About the data", items(found.findings) if found.findings else ""),
         section("What was found", *(_cause(cause, pictures.causes[k]) for k, cause in enumerate(found.causes))),
         section("What no known effect explains", *(_left(found, k, pictures) for k in range(len(found.unexplained))),
@@ -42,7 +52,7 @@ def diagnosis_page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
         section("The drive as a whole", items([line.strip() for line in fitted_words(found.fitted)])
                 if found.fitted is not None else ""),
         section("Measured and predicted", *(figure(picture) for picture in pictures.data)),
-        "" if found.verdict == "ambiguous" else _next_run(found.next_run),
+        "" if found.verdict == "ambiguous" else _next_run(found),
         folded("Figures of the method, for whoever wants to check it",
                section("Gain on data that the naming never saw", _gains(found.gain)),
                section("Channels", _channels(found)), _not_shown(found)),
@@ -56,7 +66,7 @@ def _head(found: Diagnosis) -> str:
     kind = "run log" if data.kind == "run" else f"{data.kind.replace('+', ' and ')} table"
     return (f'<header><h1>Diagnosis of {escape(data.path or "data")}</h1>\n'
             f'<p class="verdict">{escape(sentence(found))}</p>\n'
-            f'<p><span class="word">{escape(WORDS[found.verdict])}</span> '
+            f'<p><span class="word">{escape(VERDICTS[found.verdict][0])}</span> '
             f'<span class="dim">{escape(kind)}, {data.rows} rows{span}, against the machine '
             f"{escape(data.machine)}</span></p></header>")
 
@@ -65,9 +75,10 @@ def _cause(cause: Cause, pictures: Sequence[Any]) -> str:
     entry = CATALOGUE.get(cause.id)
     unit = "" if entry is not None and entry.effect.onset_only else cause.size.unit
     pairs = [("Size", _size(cause, unit))] if unit else []
-    if member_of(cause):
-        pairs.append(("Which", escape(member_of(cause))))
-    then = when(cause.onset_s, cause.until_s, cause.grows, cause.size.value, cause.size.unit)
+    if cause.member is not None:
+        where = {"canopy": "head", "flow": "outlet"}.get(cause.id.split(".")[0], "number")
+        pairs.append(("Which", f"{where} {cause.member}"))
+    then = when(cause)
     if then:
         pairs.append(("When", escape(then)))
     pairs += [("Probability", _shares(cause)), ("In the field", escape(cost(cause.field_cost))),
@@ -98,12 +109,12 @@ def _size(cause: Cause, unit: str) -> str:
 def _shares(cause: Cause) -> str:
     """The cause's own probability and those of what could be in its place."""
     if not others(cause):
-        said = percent(cause.probability)
+        said = escape(percent(cause.probability))
         return f'<div class="sized"><span class="big">{said}</span>{share_bar(cause.probability, said, True)}</div>'
-    rows = [(cause.id, cause.probability), *others(cause)]
+    rows = [(one, share, escape(percent(share))) for one, share in ((cause.id, cause.probability), *others(cause))]
     cells = "".join(f"<span>{escape(title_of(effect_id))}{_id(effect_id)}</span>"
-                    f'<span class="number">{percent(share)}</span>{share_bar(share, percent(share), k == 0)}'
-                    for k, (effect_id, share) in enumerate(rows))
+                    f'<span class="number">{said}</span>{share_bar(share, said, k == 0)}'
+                    for k, (effect_id, share, said) in enumerate(rows))
     return f'<div class="rivals">{cells}</div><span class="dim">This data cannot tell these apart.</span>'
 
 
@@ -113,17 +124,7 @@ def _id(effect_id: str) -> str:
 
 
 def _left(found: Diagnosis, k: int, pictures: Pictures) -> str:
-    left = found.unexplained[k]
-    share = percent(left.explained_share)
-    said = left_facts(left)
-    facts = items(said) if said else ""
-    if not left.variable:
-        return paragraph(f"{left.channel}: {share} of its error is not noise, and neither a catalogued effect nor a "
-                         "recorded variable accounts for it.") + facts
-    variable = recorded(left.variable, found.data.kind).name
-    text = (f"{left.channel} depends on {variable} ({left.variable}): {share} of what is left there follows it, and no "
-            "catalogued effect says why.")
-    return paragraph(text) + facts + figure(pictures.left[k])
+    return paragraph(left(found.unexplained[k], found.data.kind)) + figure(pictures.left[k])
 
 
 def _term(found: TermFound, picture: Picture | None) -> str:
@@ -132,11 +133,11 @@ def _term(found: TermFound, picture: Picture | None) -> str:
     return said + figure(picture)
 
 
-def _next_run(plan: NextRun | None) -> str:
-    if plan is None:
+def _next_run(found: Diagnosis) -> str:
+    if found.next_run is None:
         return ""
-    steps = [f"{step}." for step in as_items(plan.to_do())]
-    return section("Next run", paragraph(f"Why: {plan.why}."), items(steps, ordered=True))
+    return section("Next run", paragraph(f"Why: {found.next_run.why}."),
+                   items([f"{step}." for step in to_do(found)], ordered=True))
 
 
 def _gains(gains: Sequence[Gain]) -> str:

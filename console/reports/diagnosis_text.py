@@ -3,11 +3,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from console.reports.said import VERDICTS, headlined, headlines_first, left, name_of, not_judged, others, sized, when
 from console.reports.term_words import compensation, sentence
-from console.reports.verdict import headlines_first
-from console.reports.words import headlined, left_facts, name_of, not_judged, when
 from control.diagnosis.extend import adoptable, adoptable_terms, not_adoptable, taken_whole, term_not_adoptable
-from control.diagnosis.result import Cause, Diagnosis, Fitted, Size, Unexplained
+from control.diagnosis.result import Cause, Diagnosis, Fitted
 from control.diagnosis.runs.rates import in_words
 from control.diagnosis.runs.several import Several
 from control.machine.machine import CATALOGUE
@@ -19,7 +18,7 @@ def summary(found: Diagnosis) -> list[str]:
     """Lines for a terminal."""
     found = headlines_first(found)
     lines = [_head(found)]
-    missing = not_judged(found.data, [channel.channel for channel in found.channels])
+    missing = not_judged(found)
     if missing:
         lines.append(f"not judged: {', '.join(missing)}")
     lines += [f"note: {sentence}" for sentence in found.findings]
@@ -34,8 +33,8 @@ def summary(found: Diagnosis) -> list[str]:
                   for fit in found.rates if fit.number is not None]
     for cause in found.causes:
         lines += ["", *_cause(cause)]
-    for left in found.unexplained:
-        lines += ["", f"unexplained: {_left(left)}"]
+    for line in _left(found):
+        lines += ["", line]
     for term in found.terms:
         lines += ["", f"term {term.term['id']}: {sentence(term.term)}", f"    {compensation(term.term)}"]
         lines += ["    predicts best; no cause is named by it"] if term.predicts_best else []
@@ -55,8 +54,7 @@ def fitted_words(whole: Fitted | None) -> list[str]:
     """A drive fitted as a whole: what of, and what it is good for."""
     if whole is None:
         return []
-    sizes = ", ".join(f"{name} {size.value:.3g} {size.unit} (90 %: {size.low:.3g} to {size.high:.3g})"
-                      for name, size in whole.sizes)
+    sizes = ", ".join(f"{name} {sized(size)}" for name, size in whole.sizes)
     return [f"{whole.channel} as a whole: {sizes}",
             "    predicts best; no cause is named by it: which of these is wrong is not told apart; error on rows that "
             f"were not fitted to {whole.before:.4g} -> {whole.after:.4g} {whole.unit}. Adopted together"]
@@ -82,7 +80,7 @@ def of_a_kind(found: Several) -> list[str]:
     for one in found.of_a_kind:
         lines += ["", f"{one.id}: {CATALOGUE[one.id].effect.title}",
                   f"    chance of sizes so far apart in one machine: {one.p:.2g}",
-                  *(f"    {path}: {_size(size)}" for path, size in zip(paths, one.sizes, strict=True))]
+                  *(f"    {path}: {sized(size)}" for path, size in zip(paths, one.sizes, strict=True))]
     return lines
 
 
@@ -91,7 +89,7 @@ def by_log(each: Sequence[Diagnosis], beyond: str = ", beyond what they share") 
     lines = ["", f"each log by itself{beyond}:"]
     for found in each:
         own = [line for cause in found.causes for line in _cause(cause)[:2]]
-        own += [f"unexplained: {_left(left)}" for left in found.unexplained]
+        own += _left(found)
         own += [f"term {one.term['id']}: {sentence(one.term)}" for one in found.terms]
         lines += [f"  {found.data.path}: {_verdict(found)}", *(f"    {line}" for line in own)]
     return lines
@@ -104,38 +102,27 @@ def _head(found: Diagnosis) -> str:
 
 
 def _verdict(found: Diagnosis) -> str:
-    words = {"none": "nothing beyond noise", "named": "named", "ambiguous": "found, but not told apart",
-             "unexplained": "structure that no known effect explains",
-             "not_judged": "not judged: no channel of this data could be held against the model"
-                           + ("; applied against target was" if found.rates else "")}
-    if found.verdict == "not_judged" and found.channels:
-        return "not judged: too short, or too little moved, to say that nothing is wrong"
-    return words[found.verdict]
+    word = VERDICTS[found.verdict][0]
+    if found.verdict != "not_judged":
+        return word
+    if found.channels:
+        return f"{word}: too short, or too little moved, to say that nothing is wrong"
+    return f"{word}: no channel of this data could be held against the model" + (
+        "; applied against target was" if found.rates else "")
 
 
-def _left(left: Unexplained) -> str:
-    percent = 100 * left.explained_share
-    facts = "".join(f"; {fact}" for fact in left_facts(left))
-    if not left.variable:
-        return f"{left.channel}: {percent:.0f} % of its error is not noise, and neither an effect nor a recorded " \
-            f"variable accounts for it{facts}"
-    return f"{left.channel} depends on {left.variable} ({percent:.0f} % of what is left), and no catalogued effect " \
-        f"says why{facts}"
-
-
-def _size(size: Size) -> str:
-    value = "size not known" if size.value is None else f"{size.value:.3g} {size.unit}"
-    return value + ("" if size.low is None or size.high is None else f" (90 %: {size.low:.3g} to {size.high:.3g})")
+def _left(found: Diagnosis) -> list[str]:
+    return [f"unexplained: {left(one, found.data.kind)}" for one in found.unexplained]
 
 
 def _cause(cause: Cause) -> list[str]:
     entry = CATALOGUE.get(cause.id)
     which = "" if cause.member is None else f", number {cause.member}"
-    then = when(cause.onset_s, cause.until_s, cause.grows, cause.size.value, cause.size.unit)
+    then = when(cause)
     suspected = "" if headlined(cause) else "suspected: "
     lines = [f"{suspected}{cause.id}: {entry.effect.title if entry else ''}",
-             f"    {_size(cause.size)}{which}{then and f', {then}'}; probability {cause.probability:.2f}"]
-    rivals = [f"{name_of(rival.id)} ({rival.probability:.2f})" for rival in cause.rivals if rival.id != cause.id]
+             f"    {sized(cause.size)}{which}{then and f', {then}'}; probability {cause.probability:.2f}"]
+    rivals = [f"{name_of(rival)} ({share:.2f})" for rival, share in others(cause)]
     if rivals:
         lines.append(f"    could also be: {', '.join(rivals)}")
     cost = cause.field_cost

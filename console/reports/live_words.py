@@ -1,12 +1,10 @@
 """A departure from the model in one line, in the language in use: what, by how much, since when, probably why."""
 from __future__ import annotations
 
-from console.locale import N_, _
+from console.locale import _
+from console.reports.said import channel_word, title_of
 from control.diagnosis.result import Departure
-from control.machine.machine import CATALOGUE
 
-CHANNELS = {"shaft": N_("shaft"), "gate": N_("gate"), "flow": N_("flow"), "scale": N_("scale"), "speed": N_("speed"),
-            "heads": N_("heads")}
 LEAST_PERCENT = 0.5         # of the dose: less is not given as a number
 
 
@@ -16,7 +14,7 @@ def departure_line(found: Departure, since: str, why: bool = True) -> str:
     if since:
         said = _("{what} since {time}").format(what=said, time=since)
     if found.cause and why:
-        title = _(CATALOGUE[found.cause].effect.title)
+        title = title_of(found.cause)
         form = _("{said}, probably: {why}") if found.certain else _("{said}, perhaps: {why}")
         said = form.format(said=said, why=title)
     return said
@@ -24,7 +22,7 @@ def departure_line(found: Departure, since: str, why: bool = True) -> str:
 
 def what(found: Departure) -> str:
     """Which channel departs, and by how much of the dose."""
-    channel = _(CHANNELS.get(found.channel, found.channel))
+    channel = channel_word(found.channel)
     if found.percent is None or abs(found.percent) < LEAST_PERCENT:
         return _("{channel} off the model").format(channel=channel)
     share = f"{abs(found.percent):.0f}" if abs(found.percent) >= 2.0 else f"{abs(found.percent):.1f}"

@@ -8,7 +8,7 @@ from console.reports.diagnosis_text import taken_up
 from console.reports.html import Picture, escape, figure, table
 from console.reports.numbers import number, with_interval
 from console.reports.page_style import STYLE
-from console.reports.verdict import WORDS, sentence, title_of
+from console.reports.said import VERDICTS, sentence, title_of
 from control.diagnosis.result import Diagnosis
 from control.machine.machine import Machine
 
@@ -62,8 +62,8 @@ def html_of(found: Diagnosis) -> str:
         (one.channel, str(one.n), number(one.rmse), number(one.noise_floor), one.unit) for one in found.channels],
         frozenset({1, 2, 3}))
     notes = "".join(f"<li>{escape(one)}</li>" for one in (*found.findings, *taken_up(found)))
-    return framed(f"<p><b>{escape(WORDS[found.verdict])}</b>: {escape(sentence(found))}</p>{causes_html}{channels}"
-                  f"{_predicted(found)}"
+    return framed(f"<p><b>{escape(VERDICTS[found.verdict][0])}</b>: {escape(sentence(found))}</p>"
+                  f"{causes_html}{channels}{_predicted(found)}"
                   f"{f'<ul>{notes}</ul>' if notes else ''}")
 
 

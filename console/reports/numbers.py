@@ -26,6 +26,17 @@ def fixed(value: float, decimals: int) -> str:
     return text.replace("-", MINUS)
 
 
+def plain(text: str) -> str:
+    """With a minus that every terminal has."""
+    return text.replace(MINUS, "-")
+
+
+def short(value: float, digits: int = 3) -> str:
+    """Without the zeros behind that say nothing, for a terminal."""
+    text = plain(number(value, digits))
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
 def decimals_of(half_width: float) -> int:
     """Decimals that an interval of this half width deserves: two of its own digits."""
     if not isfinite(half_width) or half_width <= 0.0:
@@ -44,12 +55,8 @@ def with_interval(value: float, low: float | None, high: float | None) -> tuple[
 
 
 def percent(share: float) -> str:
-    """A probability in words that do not claim certainty."""
-    if share > 0.995:
-        return "over 99 %"
-    if share < 0.005:
-        return "under 1 %"
-    return f"{100.0 * share:.0f} %"
+    """A probability that does not claim certainty."""
+    return ">99 %" if share > 0.995 else "<1 %" if share < 0.005 else f"{100.0 * share:.0f} %"
 
 
 def p_value(value: float) -> str:

@@ -62,7 +62,7 @@ def cause_pictures(views: Sequence[View], parts: Sequence[EffectInstance], part:
         text = svg(figure, name, escape(said))
     sentences = []
     if "means" in panels:
-        where = axis.label or " / ".join(axis.names)
+        where = axis.label
         nominal = "with the nominal machine and with the causes in it" if not others else \
             "with the other causes in the machine and with this one, too"
         sentences.append(f"{_sentence(view.title)}, against {where}, {nominal}. {BAND}")

@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 
 from console.reports.binned import Axis, Binned, binned, binned_rates, memory_of, shown_share, telling
-from console.reports.variables import recorded
 from control.diagnosis.prediction.on_log import OnLog
 from control.diagnosis.result import Cause
 from control.diagnosis.runs.channels import ChannelSeries, channels
@@ -165,28 +164,23 @@ def _view(name: str, channel: ChannelSeries, data: RunData, machine: Machine) ->
     if drive is not None:
         axes = {**axes, **_after_changes(drive, channel.grid.even_s)}
     if name == "speed" and data.speed is not None:
-        axes["working"] = Axis("", np.round(np.interp(time_s, data.speed.time_s, data.speed.working)),
+        axes["working"] = Axis("working", np.round(np.interp(time_s, data.speed.time_s, data.speed.working)),
                                names=("out of work", "in work"))
         gained = np.gradient(data.speed.true_mps, data.speed.time_s)
-        axes["gain_of_speed"] = Axis("acceleration, m/s per s", np.interp(time_s, data.speed.time_s, gained))
+        axes["gain_of_speed"] = Axis("gain_of_speed", np.interp(time_s, data.speed.time_s, gained))
     if name == "heads" and data.heads is not None:
         used = np.flatnonzero(np.isfinite(data.heads.ndvi).any(axis=1))
         member = np.repeat(used + 1, len(channel.grid.even_s))
         heads = tuple(str(k + 1) for k in range(used.max() + 1))
         axes = {"head": Axis("head", member.astype(float) - 1.0, names=heads),
-                "ndvi": Axis("NDVI, mean of all heads", np.tile(channel.grid.of(data.heads.mean), copies)), **axes}
+                "ndvi": Axis("ndvi", np.tile(channel.grid.of(data.heads.mean), copies)), **axes}
     return View(name, titles[name], channel.unit, time_s, channel.measured,
                 _predictor(channel, machine), _ordered(axes, name), member)
 
 
 def _recorded(data: RunData, time_s: Array) -> dict[str, Axis]:
-    found = {}
-    for name, values in data.variables.items():
-        if name == "time_s":
-            found[name] = Axis(recorded(name).label, time_s / 60.0)
-        elif np.nanmax(values) > np.nanmin(values):
-            found[name] = Axis(recorded(name).label, np.interp(time_s, data.time_s, values))
-    return found
+    return {name: Axis(name, time_s / 60.0 if name == "time_s" else np.interp(time_s, data.time_s, values))
+            for name, values in data.variables.items() if name == "time_s" or np.nanmax(values) > np.nanmin(values)}
 
 
 def _ordered(axes: dict[str, Axis], view: str) -> dict[str, Axis]:
@@ -207,11 +201,10 @@ def _after_changes(drive: Drive, time_s: Array) -> dict[str, Axis]:
     way = np.where(newest >= 0, np.sign(change[rows])[np.maximum(newest, 0)], 0.0)
     moved = np.interp(time_s, drive.time_s, np.cumsum(np.abs(change)))
     ways = ("slowing down", "speeding up") if drive.name == "shaft" else ("closing", "opening")
-    late = "seconds since the command changed (residual turned so that up is the way of the change)"
-    found = {"way": Axis("last change of the command", np.where(way == 0.0, np.nan, 0.5 * (way + 1.0)), names=ways),
-             "since_change": Axis(late, np.where(since < AFTER_CHANGE_S, since, np.nan), way)}
+    found = {"way": Axis("way", np.where(way == 0.0, np.nan, 0.5 * (way + 1.0)), names=ways),
+             "since_change": Axis("since_change", np.where(since < AFTER_CHANGE_S, since, np.nan), way)}
     if drive.name == "gate":
-        found["moved"] = Axis("distance moved so far, mm", moved)
+        found["moved"] = Axis("moved", moved)
     return found
 
 

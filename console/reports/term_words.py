@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from console.locale import N_, _
-from console.reports.numbers import MINUS, number
+from console.reports.numbers import short
 from control.machine.form import FORMS, Said
 from control.machine.machine import CATALOGUE, Change
 from control.machine.term_sums import not_compensated, partly_compensated
@@ -20,12 +20,10 @@ VARIABLE = {"shaft_rpm": N_("shaft speed"), "opening_mm": N_("opening"), "hopper
             "pitch_deg": N_("pitch"), "roll_deg": N_("roll"), "supply_v": N_("supply voltage"),
             "speed_mps": N_("travel speed"), "heading_deg": N_("heading"), "time_s": N_("time"),
             "shaft_angle_deg": N_("shaft angle")}
-WHY_NOT = {"it holds for a span of one run": N_("it holds for a span of one run"),
-           "control does not know the shaft's angle when what it commands comes to pass":
-               N_("control does not know the shaft's angle when what it commands comes to pass"),
-           "control does not read the wheel through it": N_("control does not read the wheel through it"),
-           "with the speed of now, not with that at landing": N_("with the speed of now, not with that at landing"),
-           "with the time since this run began": N_("with the time since this run began")}
+WHY_NOT = (N_("it holds for a span of one run"),        # as the machine model says it
+           N_("control does not know the shaft's angle when what it commands comes to pass"),
+           N_("control does not read the wheel through it"), N_("with the speed of now, not with that at landing"),
+           N_("with the time since this run began"))
 
 
 def sentence(plain: Mapping[str, Any]) -> str:
@@ -33,11 +31,11 @@ def sentence(plain: Mapping[str, Any]) -> str:
     term = Term.model_validate(plain)
     said = _said(term)
     ranges = [_("{variable} between {low} and {high} {unit}").format(
-        variable=variable_name(one.name), low=_n(one.valid[0]), high=_n(one.valid[1]), unit=one.unit_shown)
+        variable=variable_name(one.name), low=short(one.valid[0], 2), high=short(one.valid[1], 2), unit=one.unit_shown)
         for one in term.over if one.valid is not None]
     if len(ranges) == 1 and term.over[0].valid is not None:
         low, high = term.over[0].valid
-        said += "; " + _("seen between {low} and {high} {unit}").format(low=_n(low), high=_n(high),
+        said += "; " + _("seen between {low} and {high} {unit}").format(low=short(low, 2), high=short(high, 2),
                                                                         unit=term.over[0].unit_shown).rstrip()
     elif ranges:
         said += "; " + _("seen with {ranges}").format(ranges=", ".join(ranges))
@@ -48,9 +46,9 @@ def compensation(plain: Mapping[str, Any]) -> str:
     """What control does about a term once the machine file has it."""
     term = Term.model_validate(plain)
     if why := not_compensated(term):
-        return _("Control cannot correct for it: {why}").format(why=_(WHY_NOT.get(why, why)))
+        return _("Control cannot correct for it: {why}").format(why=_(why))
     if partly := partly_compensated(term):
-        return _("Control corrects for it {how}").format(how=_(WHY_NOT.get(partly, partly)))
+        return _("Control corrects for it {how}").format(how=_(partly))
     return _("Control corrects for it")
 
 
@@ -69,8 +67,8 @@ def _said(term: Term) -> str:
         what=_(what), unit=term.unit, x=variable_name(first.name), per=per if of == 1.0 else f"{of:.0f} {per}",
         y=variable_name(last.name), per2=last.unit_shown or _("unit"),
         **{name: _signed(of * value, term.unit) for name, value in words.changes.items()},
-        **{name: _n(of * value if name == "size" else value) for name, value in words.numbers.items()},
-        **{name: _n(value, 4) for name, value in words.times_s.items()})
+        **{name: short(of * value if name == "size" else value, 2) for name, value in words.numbers.items()},
+        **{name: short(value, 4) for name, value in words.times_s.items()})
 
 
 def _units_of(words: Said) -> float:
@@ -79,13 +77,8 @@ def _units_of(words: Said) -> float:
     return 10.0 ** max(0.0, math.ceil(math.log10(LEAST_SHOWN / max(sizes)))) if sizes else 1.0
 
 
-def _n(value: float, digits: int = 2) -> str:
-    text = number(value, digits).replace(MINUS, "-")
-    return text.rstrip("0").rstrip(".") if "." in text else text
-
-
 def _signed(value: float, unit: str) -> str:
-    return f"{'+' if value > 0.0 else ''}{_n(value)} {unit}"
+    return f"{'+' if value > 0.0 else ''}{short(value, 2)} {unit}"
 
 
 def side_by_side(change: Change) -> list[str]:

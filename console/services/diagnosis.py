@@ -28,6 +28,7 @@ from console.app.pages.diagnosis.data import (
     Stopped,
     Tell,
 )
+from console.reports.said import others
 from console.services.diagnosis_job import REPORT, RESULT, VIEW, Order
 from console.services.foreign_files import is_listed, may_be_brought_in
 from console.threads import ONE_THREAD
@@ -113,10 +114,10 @@ class DiagnosisFiles:
                                   logs=str(self.own / "logs")), tell, stop)
 
     def drive(self, found: DiagnosisView, tell: Tell, stop: Stop) -> DiagnosisView:
-        if found.next_run is None or not found.next_run.id:
+        if not found.drives:
             raise ValueError("this run cannot be driven on the simulated machine")
         planted = self.effects or tuple(text for text in (_as_planted(found),) if text)
-        return self._worked(Order(found.path, str(self._folder()), "run", None, self.machine, found.next_run.id,
+        return self._worked(Order(found.found.data.path, str(self._folder()), "run", None, self.machine, found.drives,
                                   planted), tell, stop)
 
     def compare(self, machine: str, source: Source, tell: Tell, stop: Stop) -> ComparedShown:
@@ -181,7 +182,7 @@ class DiagnosisFiles:
         if not offer.file:
             raise ValueError("; ".join(offer.refused) or "a machine file with it would be as it is")
         return _kept(Path(found.folder) / offer.file, self.own / "machines",
-                     f"{found.machine}-{day_clock.today().isoformat()}", ".yaml", _said_by(found, chosen))
+                     f"{found.found.data.machine}-{day_clock.today().isoformat()}", ".yaml", _said_by(found, chosen))
 
     def last_change(self, machine: str | None) -> tuple[str, ...]:
         from console.reports.term_words import side_by_side
@@ -217,14 +218,15 @@ class DiagnosisFiles:
         from console.services.separating_run import drive_of
         from drivers.files.config import load, save
         from drivers.files.kinds import JOB, MACHINE
-        if found.next_run is None or not found.next_run.id:
+        run = found.found.next_run
+        if run is None or not found.drives:
             raise ValueError("this run has no job file: do it by its steps")
         machine = load(self.machine, MACHINE).model
-        drive = drive_of(found.next_run.id, load("demo", JOB).model, machine)
-        job = drive.job.model_copy(update={"title": found.next_run.plan})
+        drive = drive_of(found.drives, load("demo", JOB).model, machine)
+        job = drive.job.model_copy(update={"title": run.plan})
         path = free_path(self.own / "jobs", job.id, ".yaml")
-        said = f"Separating run, {found.next_run.minutes:g} minutes, planned by a diagnosis of {found.source}.\n"
-        said += found.next_run.plan
+        said = f"Separating run, {found.minutes:g} minutes, planned by a diagnosis of {found.source}.\n"
+        said += run.plan
         if drive.orders is not None:
             said += "\nShaft, opening and halts are the operator's to set: this file holds ground, speed and rate."
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -267,21 +269,21 @@ def _size(count: int) -> str:
 
 def _as_planted(found: DiagnosisView) -> str:
     """The likeliest doubtful cause at its size, where this console planted nothing of its own."""
-    doubtful = [cause for cause in found.causes if cause.rivals and cause.value is not None] or [
-        cause for cause in found.causes if cause.value is not None]
+    known = [cause for cause in found.found.causes if cause.size.value is not None]
+    doubtful = [cause for cause in known if others(cause)] or known
     if not doubtful:
         return ""
     cause = doubtful[0]
     onset = "" if cause.onset_s is None else f"@{cause.onset_s:g}"
     member = "" if cause.member is None else f"#{cause.member}"
-    return f"{cause.id}={cause.value:.4g}{onset}{member}"
+    return f"{cause.id}={cause.size.value:.4g}{onset}{member}"
 
 
 def _said_by(found: DiagnosisView, chosen: Adoption) -> str:
     """The operator's choice as a comment of the file; empty where there was none."""
     if not chosen.why:
         return ""
-    groups = ["; ".join((one.id, *(rival.id for rival in one.rivals))) for one in undecided(found)]
+    groups = ["; ".join((one.id, *(rival for rival, _share in others(one)))) for one in undecided(found)]
     picked = [one.id for one in undecided(found) if one.id in chosen.ids]
     return "".join(f"# {line}\n" for line in (
         f"Not decided by the data: {' / '.join(groups)}",

@@ -1,71 +1,44 @@
-"""A diagnosis as the Diagnosis page shows it: causes with their curves, channels before and after, what is refused."""
+"""A diagnosis as the Diagnosis page has it: along with curves, errors after the causes, and what may be adopted."""
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from console.app.pages.diagnosis.data import (
-    CauseShown,
-    ChannelShown,
-    Curve,
-    DiagnosisView,
-    GainShown,
-    RivalShown,
-    RunPlan,
-    WholeShown,
-)
+from console.app.pages.diagnosis.adoption import whole_id
+from console.app.pages.diagnosis.data import Curve, DiagnosisView, Drawn
 from console.reports.binned import Array, Axis, Binned
 from console.reports.run_views import View, parts_of, run_views
+from console.reports.said import headlines_first
 from console.reports.table_views import TableView, table_views
-from console.reports.verdict import headlines_first, others, title_of
-from console.reports.words import not_judged
 from console.services.separating_run import drivable
 from control.diagnosis.extend import not_adoptable, taken_whole, term_not_adoptable
-from control.diagnosis.result import Cause, Diagnosis, Fitted
+from control.diagnosis.result import Cause, Diagnosis
 from control.diagnosis.runs.hypothesis import EffectInstance
 from control.machine.machine import CATALOGUE, Machine
 
 TIME_BINS, RATE_BINS = 40, 16        # as wide as a terminal draws them; a rate needs longer
-STRUCTURE_P = 0.01                  # below it a channel has more than noise
-_NO_PLACE = 0.005                   # m, less is not said
 
 
 def found_of(found: Diagnosis, tools: Mapping[str, Any], name: str, mean_target_kg_ha: float | None,
              planted: tuple[str, ...] = ()) -> DiagnosisView:
     """`tools`: as for the report, {"columns", "machine"} or {"tables", "machine"}."""
-    found = headlines_first(found)
+    found = dataclasses.replace(headlines_first(found), seen_with=None)
     machine: Machine = tools["machine"]
     views: tuple[View, ...] = run_views(tools["columns"], machine) if "columns" in tools else ()
     tables = table_views(tools["tables"], machine, found.causes) if "tables" in tools else ()
     parts = parts_of(found.causes)
-    causes = tuple(_cause(cause, mean_target_kg_ha, *_curves(cause, views, tables, parts)) for cause in found.causes)
+    after = {view.name: _rms(view.residual(parts)) for view in views if view.segments is None}
+    after |= {table.channel: _rms(table.after) for table in tables}
     kept, refused = sorted_out(found)
-    data = found.data
     run = found.next_run
-    return DiagnosisView(name, data.path, data.kind, data.machine, data.rows, data.duration_s, found.verdict, causes,
-                 _channels(found, views, tables, parts),
-                 found.unexplained,
-                 tuple(GainShown(g.channel, g.metric, g.before, g.after, g.of) for g in found.gain), found.findings,
-                 None if run is None else RunPlan(run.id if drivable(run.id) else "", run.plan, run.minutes or 0.0,
-                                                  run.to_do()),
-                 kept, refused, sum(one.smallest_detectable.value is None for one in found.not_shown),
-                 _left_curve(found, views, parts), "", planted,
-                 not_judged(data, [channel.channel for channel in found.channels]), whole=_whole(found.fitted))
-
-
-def whole_id(fitted: Fitted) -> str:
-    """By which a drive fitted as a whole is adopted."""
-    return f"{fitted.channel} as a whole"
-
-
-def _whole(fitted: Fitted | None) -> WholeShown | None:
-    if fitted is None:
-        return None
-    sizes = tuple((title_of(name), size.value or 0.0, size.unit) for name, size in fitted.sizes)
-    return WholeShown(whole_id(fitted), fitted.channel, sizes, fitted.before, fitted.after, fitted.unit)
+    return DiagnosisView(name, found, tuple(_curves(cause, views, tables, parts) for cause in found.causes),
+                         after if found.causes else {}, kept, refused,
+                         run.id if run is not None and drivable(run.id) else "", _left_curve(found, views, parts),
+                         mean_target_kg_ha, planted=planted)
 
 
 def sorted_out(found: Diagnosis) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -91,42 +64,18 @@ def sorted_out(found: Diagnosis) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return tuple(kept), tuple(refused)
 
 
-def _cause(cause: Cause, mean_target_kg_ha: float | None, over: Curve | None, time: Curve | None) -> CauseShown:
-    percent = cause.field_cost.rate_error_percent
-    kg_ha = None if percent is None or mean_target_kg_ha is None else percent * mean_target_kg_ha / 100.0
-    place = cause.field_cost.place_error_m
-    rivals = tuple(RivalShown(one, title_of(one), share) for one, share in others(cause))
-    size = cause.size
-    return CauseShown(cause.id, title_of(cause.id), cause.advice, size.value, size.low, size.high, size.unit,
-                      cause.member, cause.onset_s, cause.probability, rivals, percent, kg_ha,
-                      None if place is None or abs(place) < _NO_PLACE else place, over, time, cause.until_s,
-                      cause.grows)
-
-
-def _channels(found: Diagnosis, views: Sequence[View], tables: Sequence[TableView],
-              parts: tuple[EffectInstance, ...]) -> tuple[ChannelShown, ...]:
-    after: dict[str, float] = {}
-    for view in views:
-        if view.segments is None:
-            after[view.name] = _rms(view.residual(parts))
-    for table in tables:
-        after[table.channel] = _rms(table.after)
-    return tuple(ChannelShown(c.channel, c.unit, c.rmse, c.noise_floor, after.get(c.channel) if found.causes else None,
-                              c.structure_p < STRUCTURE_P) for c in found.channels)
-
-
 def _rms(values: Array) -> float:
     known = values[np.isfinite(values)]
     return float(np.sqrt(np.mean((known - known.mean()) ** 2))) if len(known) else 0.0
 
 
 def _curves(cause: Cause, views: Sequence[View], tables: Sequence[TableView], parts: tuple[EffectInstance, ...]
-            ) -> tuple[Curve | None, Curve | None]:
+            ) -> Drawn:
     own = parts_of([cause])
     if not own:
-        return None, None
+        return Drawn()
     if tables:
-        return _of_table(cause, tables), None
+        return Drawn(_of_table(cause, tables))
     best: tuple[float, View, Array] | None = None
     for view in views:
         if own[0] not in view.own(parts):
@@ -137,10 +86,10 @@ def _curves(cause: Cause, views: Sequence[View], tables: Sequence[TableView], pa
         if shown > 0.0 and (best is None or shown > best[0]):
             best = shown, view, effect
     if best is None:
-        return None, None
+        return Drawn()
     _shown, view, effect = best
     onset = None if own[0].onset_s is None else own[0].onset_s / 60.0
-    return _curve(view, view.axis_of(own[0], effect), parts), _over_time(view, parts, onset)
+    return Drawn(_curve(view, view.axis_of(own[0], effect), parts), _over_time(view, parts, onset))
 
 
 def _left_curve(found: Diagnosis, views: Sequence[View], parts: tuple[EffectInstance, ...]) -> Curve | None:
@@ -154,9 +103,7 @@ def _left_curve(found: Diagnosis, views: Sequence[View], parts: tuple[EffectInst
 def _curve(view: View, axis: Axis, parts: tuple[EffectInstance, ...]) -> Curve | None:
     before, after = view.residual(()), view.residual(parts)
     memory = view.memory(after)
-    label = axis.label or " / ".join(axis.names)
-    return _drawn(view.name, view.unit, label, view.means(axis, before, memory), view.means(axis, after, memory),
-                  axis.names)
+    return _drawn(view, axis.variable, view.means(axis, before, memory), view.means(axis, after, memory), axis.names)
 
 
 def _over_time(view: View, parts: tuple[EffectInstance, ...], onset_min: float | None) -> Curve | None:
@@ -164,14 +111,13 @@ def _over_time(view: View, parts: tuple[EffectInstance, ...], onset_min: float |
     cell, middle = view.even_bins(view.time_s / 60.0, TIME_BINS if view.segments is None else RATE_BINS)
     before, after = view.residual(()), view.residual(parts)
     memory = view.memory(after)
-    curve = _drawn(view.name, view.unit, "time, min", view.means(cell, before, memory), view.means(cell, after, memory),
-                   (), onset_min)
+    curve = _drawn(view, "time_s", view.means(cell, before, memory), view.means(cell, after, memory), (), onset_min)
     if curve is None:
         return None
     return curve._replace(at=tuple(round(float(middle[round(place)]), 3) for place in curve.at))
 
 
-def _drawn(channel: str, unit: str, label: str, before: Binned, after: Binned, names: tuple[str, ...],
+def _drawn(view: View, variable: str, before: Binned, after: Binned, names: tuple[str, ...],
            onset: float | None = None) -> Curve | None:
     """Both at the same places: those that both have."""
     mine = {round(float(x), 9): float(y) for x, y in zip(before.at, before.mean, strict=True)}
@@ -181,7 +127,7 @@ def _drawn(channel: str, unit: str, label: str, before: Binned, after: Binned, n
     if len(rows) < 2:
         return None
     at, old, new, half = zip(*sorted(rows), strict=True)
-    return Curve(channel, unit, label, at, old, new, half, names, onset)
+    return Curve(view.name, view.unit, variable, at, old, new, half, names, onset)
 
 
 def _of_table(cause: Cause, tables: Sequence[TableView]) -> Curve | None:

@@ -31,12 +31,13 @@ from console.worker.limits import (
     TEXT_CHARACTERS,
     TOTALS_S,
 )
-from console.worker.parts import FRAME_FIELDS, Assembly, Tick
+from console.worker.parts import FRAME_FIELDS, Assembly
 from console.worker.period import Punctuality
 from console.worker.requests import Ask, DeviceOrder, What
 from console.worker.side_files import SideFiles
 from console.worker.steady import Steady
 from control.field.totals import Totals
+from control.loop import Tick
 from control.orders import Alarm, Answer, Do, Order, Severity
 from drivers.device_status import DeviceStatus
 

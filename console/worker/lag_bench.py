@@ -7,8 +7,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from console.frame import LagTestView
-from console.worker.parts import Bench, Loop
+from console.worker.parts import Bench
 from console.worker.side_files import SideFiles
+from control.loop import ControlLoop
 from control.orders import Answer, Do, Order, State
 from drivers.devices.lag_test import LagTest, Plan, bench_row, bench_table
 
@@ -16,7 +17,7 @@ from drivers.devices.lag_test import LagTest, Plan, bench_row, bench_table
 class LagBench:
     """At most one lag test at a time. `tick` is called between measuring and deciding."""
 
-    def __init__(self, bench: Bench, loop: Loop, files: SideFiles) -> None:
+    def __init__(self, bench: Bench, loop: ControlLoop, files: SideFiles) -> None:
         self._bench, self._loop, self._files = bench, loop, files
         self._test: LagTest | None = None
         self._table: Path | None = None

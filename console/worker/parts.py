@@ -1,20 +1,20 @@
-"""What the host needs of the parts it drives: a bench of devices, the control loop, a log writer."""
+"""The parts that a host drives: a bench of devices, the control loop, a log writer, and who keeps the job."""
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from console.frame import Frame, Tally
-from control.agronomy.strips import Strips
-from control.field.totals import Totals
+from console.frame import Frame
 from control.log_row import LogRow
-from control.orders import Alarm, Answer, Order, SectionState, TargetSource
+from control.loop import ControlLoop, Tick
 from control.readings import DriveCommand, Measurements
-from control.safety import Allowances, BenchRun
 from drivers.cab_line import DeviceLine
 from drivers.device_status import DeviceStatus
 from drivers.devices.lag_rig import RigReadings
+
+if TYPE_CHECKING:
+    from console.worker.resume_keeper import Keeper
 
 
 class Bench(Protocol):
@@ -30,74 +30,8 @@ class Bench(Protocol):
     def close(self) -> None: ...
 
 
-class Tick(Protocol):
-    """What one control tick decided, and what the screens want to know of it (names as in `console.frame.Frame`)."""
-
-    @property
-    def row(self) -> LogRow: ...
-    @property
-    def command(self) -> DriveCommand: ...
-    @property
-    def enabled(self) -> bool: ...
-    @property
-    def alarms(self) -> tuple[Alarm, ...]: ...
-    @property
-    def dropped_heads(self) -> tuple[int, ...]: ...
-    @property
-    def metres_left_m(self) -> float | None: ...
-    @property
-    def area_ha(self) -> float: ...
-    @property
-    def applied_kg(self) -> float: ...
-    @property
-    def gnss_age_s(self) -> float | None: ...
-    @property
-    def gnss_hz(self) -> float | None: ...
-    @property
-    def usable_speed_mps(self) -> float | None: ...
-    @property
-    def look_ahead(self) -> bool: ...
-    @property
-    def flow_trim_on(self) -> bool: ...
-    @property
-    def place_m(self) -> tuple[float, float] | None: ...
-    @property
-    def notes(self) -> tuple[str, ...]: ...
-    @property
-    def why_no_flow(self) -> tuple[str, ...]: ...
-    @property
-    def why_state(self) -> str: ...
-    @property
-    def allow(self) -> Allowances: ...
-    @property
-    def head_ndvi(self) -> tuple[float | None, ...]: ...
-    @property
-    def bench(self) -> BenchRun | None: ...
-    @property
-    def no_double(self) -> bool: ...
-    @property
-    def threshold_m(self) -> float | None: ...
-    @property
-    def sections(self) -> tuple[SectionState, ...]: ...
-    @property
-    def strips(self) -> Strips: ...
-    @property
-    def sources(self) -> tuple[TargetSource, ...]: ...
-    @property
-    def ordered_source(self) -> str: ...
-    @property
-    def manual_rate_kg_ha(self) -> float: ...
-
-
-FRAME_FIELDS = tuple(name for name in vars(Tick) if name in Frame.__dataclass_fields__)      # what a frame takes over
-
-
-class Loop(Protocol):
-    @property
-    def totals(self) -> Totals: ...
-    def order(self, order: Order, by: str = "") -> Answer: ...
-    def note(self, event: str) -> None: ...
-    def tick(self, measurements: Measurements, console_age_s: float | None, log_ok: bool) -> Tick: ...
+# What a frame takes over of a tick, by its own names.
+FRAME_FIELDS = tuple(name for name in Frame.__dataclass_fields__ if hasattr(Tick, name))
 
 
 class Writer(Protocol):
@@ -115,16 +49,6 @@ class Writer(Protocol):
     def close(self) -> object: ...
 
 
-class Keeper(Protocol):
-    """Keeps what a job needs to go on after a power cut. `take` only hands over."""
-
-    @property
-    def tally(self) -> Tally: ...
-    def take(self, tick: Tick) -> None: ...
-    def quit(self) -> None: ...
-    def follow(self, log_path: str) -> None: ...
-
-
 class Names(NamedTuple):
     """What the screens call this run."""
 
@@ -139,7 +63,7 @@ class Assembly(NamedTuple):
     """Everything one run consists of."""
 
     bench: Bench
-    loop: Loop
+    loop: ControlLoop
     writer: Writer
     names: Names
     keeper: Keeper | None = None

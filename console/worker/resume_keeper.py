@@ -7,7 +7,7 @@ from dataclasses import replace
 from math import inf
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from console.frame import Tally
 from console.worker import resume
@@ -19,8 +19,9 @@ from control.agronomy.strips import read_strip
 from control.field.totals import Sums
 from control.geodesy import TangentPlane
 from control.log_row import LogRow
+from control.loop import ControlLoop, Tick
 from control.machine.machine import Machine
-from control.orders import Alarm, State
+from control.orders import State
 from drivers.files.run_log import MAX_WAITING_ROWS
 
 SAVE_S = 5.0                # the snapshot is this old at most, and the disk's own time
@@ -29,34 +30,8 @@ SUMS_S = 1.0                # the loop's sums are taken over this often: some 50
 FINISHED = "mark job finished"      # the event by which the operator ends a job
 
 
-class LoopView(Protocol):
-    """What is wanted of the loop, on its own thread."""
-
-    @property
-    def sums(self) -> Sums: ...
-    @property
-    def flow_trim(self) -> float: ...
-    @property
-    def plane(self) -> TangentPlane | None: ...
-
-
-class TickView(Protocol):
-    """What is wanted of a tick."""
-
-    @property
-    def row(self) -> LogRow: ...
-    @property
-    def alarms(self) -> tuple[Alarm, ...]: ...
-    @property
-    def place_m(self) -> tuple[float, float] | None: ...
-    @property
-    def look_ahead(self) -> bool: ...
-    @property
-    def flow_trim_on(self) -> bool: ...
-
-
 class _Handed(NamedTuple):
-    seen: TickView
+    seen: Tick
     sums: Sums | None
     flow_trim: float
     plane: TangentPlane | None
@@ -65,7 +40,7 @@ class _Handed(NamedTuple):
 class Keeper:
     """`take` on the loop's thread, `work` on the log writer's. `tally` is for the frames."""
 
-    def __init__(self, path: Path, machine: Machine, started: Snapshot, loop: LoopView,
+    def __init__(self, path: Path, machine: Machine, started: Snapshot, loop: ControlLoop,
                  utc_now: Callable[[], str]) -> None:
         """started: what is known of the job already; of an earlier part all that it had done."""
         self._path, self._loop, self._utc_now = path, loop, utc_now
@@ -85,7 +60,7 @@ class Keeper:
 
     # --- the loop's thread -------------------------------------------------------------------------------------------
 
-    def take(self, seen: TickView) -> None:
+    def take(self, seen: Tick) -> None:
         """A tick. Queues, no more."""
         sums = None
         if seen.row.time_s - self._taken_s >= SUMS_S:

@@ -19,13 +19,13 @@ from console.app.pages.diagnosis.causes import Causes, interval_bar
 from console.app.pages.diagnosis.data import Curve, DiagnosisView, Stopped
 from console.app.pages.diagnosis.expected import Expected, expected_s
 from console.app.pages.diagnosis.residual_plot import PlotView, ResidualPlot, dots_between, nice_ends
-from console.app.pages.diagnosis.sample import SOURCES, MadeUpDiagnosis, sample_found
+from console.app.pages.diagnosis.sample import SOURCES, MadeUpDiagnosis, having, sample_found
 from console.app.pages.diagnosis.source_list import SourceList, SourcesView
 from console.app.services import Services
 from console.app.units import IMPERIAL, METRIC
 from console.locale import catalogue, use
-from console.reports.verdict import title_of
-from control.diagnosis.result import UNKNOWN, Unexplained
+from console.reports.said import sentence, title_of
+from control.diagnosis.result import UNKNOWN, FieldCost, Unexplained
 from control.machine.machine import CATALOGUE
 from control.orders import Do
 from drivers.files.plain import plain, typed
@@ -74,7 +74,7 @@ async def test_newest_files_are_listed_and_the_chosen_one_is_diagnosed(desk, ser
         await pilot.press("down", "down", "up", "enter")
         await settled(desk, pilot)
         assert service.asked == ["diagnose 20260317-134500.csv None"]
-        assert page.shown is not None and page.shown.verdict == "ambiguous"
+        assert page.shown is not None and page.shown.found.verdict == "ambiguous"
 
 
 @pytest.mark.parametrize("size", [(80, 24), (100, 30), (120, 40)])
@@ -120,8 +120,8 @@ async def test_the_plots_follow_the_chosen_cause(desk):
 @pytest.mark.parametrize("size", [(120, 40), (80, 24)])
 async def test_nothing_of_an_undecided_group_is_adopted_by_enter_alone(desk, service, shown, size):
     """The page says to drive the next test first: K and Enter do just that, whatever is likeliest."""
-    service.found = service.found._replace(adoptable=("flow.fill_falloff",), causes=service.found.causes[:1],
-                                           offers=service.found.offers[1:])
+    service.found = having(service.found._replace(adoptable=("flow.fill_falloff",), offers=service.found.offers[1:]),
+                           causes=service.found.found.causes[:1])
     async with desk.run_test(size=size) as pilot:
         await found_shown(desk, pilot)
         await pilot.press("q", "1", "enter")
@@ -431,40 +431,39 @@ async def test_every_action_is_in_the_palette(desk):
 # --- words and views -------------------------------------------------------------------------------------------------
 
 def test_a_view_goes_through_json_and_comes_back():
-    found = sample_found()._replace(left=(Unexplained("flow", "supply_v", 0.4),), not_judged=("gate",),
-                                    left_curve=sample_found().causes[0].over, notes=("a note",), refused=("x: y",))
+    found = sample_found()._replace(left_curve=sample_found().drawn[0].over, refused=("x: y",))
+    found = having(found, unexplained=(Unexplained("flow", "supply_v", 0.4),), findings=("a note",))
     assert typed(DiagnosisView, plain(found)) == found
 
 
 def test_verdicts_in_one_line():
-    assert "Everything is as the machine file says" in diagnosis_words.sentence(sample_found("none"))
+    assert "Everything is as the machine file says" in sentence(sample_found("none").found)
     assert diagnosis_words.todo(sample_found("none")) == "Nothing to do."
     named = sample_found("named")
-    assert diagnosis_words.sentence(named) == "Flutes fill less at high shaft speed."
+    assert sentence(named.found) == "Flutes fill less at high shaft speed."
     assert diagnosis_words.todo(named) == "Work at a larger opening and a lower shaft speed."
-    one = named.causes[0]
-    two = named._replace(verdict="ambiguous", causes=(one._replace(rivals=sample_found().causes[0].rivals[:1]),))
-    two = two._replace(next_run=None)
-    assert diagnosis_words.sentence(two) == ("Flutes fill less at high shaft speed, or: Kilograms per revolution off "
-                                             "by a factor. This data cannot tell.")
-    left = sample_found("none")._replace(verdict="unexplained", left=(Unexplained("flow", "supply_v", 0.4),))
-    assert diagnosis_words.sentence(left) == ("flow follows supply, and no known cause explains it: 40 % of what is "
-                                              "left there.")
+    one = replace(named.found.causes[0], rivals=sample_found().found.causes[0].rivals[:1])
+    two = replace(named.found, verdict="ambiguous", causes=(one,))
+    assert sentence(two) == ("Flutes fill less at high shaft speed, or: Kilograms per revolution off by a factor. This "
+                             "data cannot tell.")
+    left = replace(sample_found("none").found, verdict="unexplained", unexplained=(
+        Unexplained("flow", "supply_v", 0.4),))
+    assert sentence(left) == "flow follows supply, and no known cause explains it: 40 % of what is left there."
 
 
 def test_cost_in_both_units_and_where_nothing_is_known():
-    cause = sample_found().causes[0]._replace(place_m=0.5)
-    assert diagnosis_words.cost(cause, METRIC) == "-6.1 % = -20 kg/ha   +0.50 m"
-    assert diagnosis_words.cost(cause, IMPERIAL) == "-6.1 % = -18 lb/ac   +1.64 ft"
-    assert diagnosis_words.cost(cause._replace(rate_percent=None, place_m=None), METRIC) == "not known"
-    assert diagnosis_words.cost(cause._replace(rate_percent=0.0, place_m=None), METRIC) == "no effect on rate or place"
+    for percent, place_m, units, said in (
+            (-6.1, 0.5, METRIC, "-6.1 % = -20 kg/ha   +0.50 m"), (-6.1, 0.5, IMPERIAL, "-6.1 % = -18 lb/ac   +1.64 ft"),
+            (None, None, METRIC, "not known"), (0.0, None, METRIC, "no effect on rate or place")):
+        cause = replace(sample_found().found.causes[0], field_cost=FieldCost(percent, place_m))
+        assert diagnosis_words.cost(cause, 324.6, units) == said
 
 
 def test_the_steps_of_a_plan_are_a_field_and_its_words_are_not_cut():
     tests = ("stop the shaft in gear 2. weigh; then 3. go on (5 min)", "wait.")
     found = sample_found()
-    found = found._replace(next_run=found.next_run._replace(
-        id="", plan=f"1. {tests[0]}; then 2. {tests[1]}", to_do=tests))
+    found = having(found._replace(drives=""), next_run=replace(
+        found.found.next_run, plan=f"1. {tests[0]}; then 2. {tests[1]}", tests=tests))
     assert diagnosis_shown.plan(found).steps == ("Stop the shaft in gear 2. weigh; then 3. go on (5 min)", "Wait")
 
 
@@ -476,8 +475,8 @@ def test_a_channel_is_marked_only_where_the_error_is_beyond_noise():
 
 def test_only_the_gain_of_the_causes_is_told():
     found = sample_found()
-    gain = found.gains[0]
-    found = found._replace(gains=(gain, gain._replace(metric="rmse, r/min, x", of="placebo", after=9.0)))
+    gain = found.found.gain[0]
+    found = having(found, gain=(gain, replace(gain, metric="rmse, r/min, x", of="placebo", after=9.0)))
     assert diagnosis_shown.channels(found).gains == ("on data not used for naming: shaft 1.91 to 0.288 (rmse, r/min)",)
 
 
@@ -539,7 +538,7 @@ def test_the_plans_of_all_manoeuvres_are_known():
     from drivers.files.config import load
     from drivers.files.kinds import MACHINE
     plans = {one.id: one.plan for one in manoeuvres(load("huanghai", MACHINE).model)}
-    assert plans == diagnosis_words.RUNS
+    assert all(map(catalogue("zh").texts.get, plans.values())) and sample_found().found.next_run.plan == plans["stairs"]
 
 
 @pytest.mark.exam
@@ -556,7 +555,7 @@ async def test_a_chinese_page_has_no_english_sentence(source, clock, service, sh
 def test_a_curve_with_names_is_drawn_by_places():
     curve = Curve("heads", "NDVI", "head", (0.0, 1.0), (0.1, 0.2), (0.0, 0.0), (0.01, 0.01), ("1", "2"))
     found = sample_found()
-    found = found._replace(causes=(found.causes[0]._replace(over=curve),))
+    found = found._replace(drawn=(found.drawn[0]._replace(over=curve),))
     assert diagnosis_shown.over(found, 0).names == ("1", "2")
 
 

@@ -76,7 +76,7 @@ def test_the_page_offers_a_drive_as_a_whole_as_the_command_line_does(tmp_path: P
     save(machine, DRIVE, MACHINE)
     work(Order(str(log), str(tmp_path), machine=str(machine)), lambda share, stage: None)
     found = typed(DiagnosisView, json.loads((tmp_path / "view.json").read_text()))
-    assert found.whole is not None and found.adoptable == ("shaft as a whole",)
+    assert found.found.fitted is not None and found.adoptable == ("shaft as a whole",)
     offer = offer_of(found, sure(found))
     assert offer is not None and offer.changes
     new = load(str(tmp_path / offer.file), MACHINE).model

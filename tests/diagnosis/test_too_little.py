@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from console.reports.diagnosis_text import summary
-from console.reports.verdict import sentence
+from console.reports.said import sentence
 from control.diagnosis.runs.diagnose import diagnose_run
 from control.machine.machine import Machine, Noise
 from tests.diagnosis.test_drive_curves import DRIVE, lagged

@@ -22,7 +22,7 @@ from console.reports.fleet_page import fleet_page
 from console.reports.paper_page import paper_page
 from console.reports.run_pictures import cause_pictures
 from console.reports.run_views import View, parts_of, run_views
-from console.reports.verdict import cost, sentence
+from console.reports.said import cost, sentence
 from control.calibration.bench_table import BenchTable
 from control.diagnosis.result import Cause, Diagnosis, FieldCost, NotShown, TableFit, Unexplained
 from control.diagnosis.season.courses import Fit
@@ -166,7 +166,7 @@ def test_unexplained_shows_the_smooth_function(run_columns: dict[str, Any], mach
     fit = TableFit("shaft", "supply_v", nodes, tuple(5.0 * (x - 13.5) for x in nodes))  # type: ignore[arg-type]
     found = found_of(verdict="unexplained", unexplained=(Unexplained("shaft", "supply_v", 0.9),), tables=(fit,))
     said = harmless(diagnosis_page(found, {"columns": run_columns, "machine": machine})).said()
-    for words in ("shaft depends on supply", "90 %", "smooth function", "shaft more than nominal, %"):
+    for words in ("shaft follows supply (supply_v)", "90 %", "smooth function", "shaft more than nominal, %"):
         assert words in said
 
 
@@ -208,8 +208,8 @@ def test_without_matplotlib_one_line_says_what_to_install(monkeypatch: pytest.Mo
 
 def test_sentences(cause_of: Callable[..., Cause], found_of: Callable[..., Diagnosis], full: Diagnosis) -> None:
     assert sentence(found_of()).startswith("Everything is as the machine file says")
-    assert sentence(found_of(cause_of("flow.gain"))) == "One cause: kilograms per revolution off by a factor."
-    assert sentence(full).startswith("Three causes: ") and sentence(full).endswith("data does not tell.")
+    assert sentence(found_of(cause_of("flow.gain"))) == "Kilograms per revolution off by a factor."
+    assert sentence(full).startswith("Test next: Stairs, twice (10 min). It tells apart: Shaft loses speed when ")
     assert cost(FieldCost(None, None)) == "not known"
     assert cost(FieldCost(0.0, 0.0)) == "nothing in dose or place"
     assert cost(FieldCost(2.04, -0.3)) == "2.0 % too much is spread; material lands 0.30 m short of its place"

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from console.reports.binned import Axis, binned, binned_rates, shown_share, telling
-from console.reports.diagnosis_text import _left
 from console.reports.figure import drawn, svg
 from console.reports.numbers import MINUS, number, p_value, percent, span_of, with_interval
 from console.reports.panels import EXTENDED, NOMINAL, residual_panel, smooth_line
 from console.reports.run_pictures import _most_telling
+from console.reports.said import left
 from console.reports.table_pictures import table_picture
 from console.reports.table_views import table_views
 from control.calibration.bench_table import BenchTable
@@ -159,7 +159,7 @@ def test_interval_decides_the_digits(value: float, low: float | None, high: floa
 
 def test_shares_never_claim_certainty() -> None:
     assert [percent(p) for p in (1.0, 0.9951, 0.9949, 0.26, 0.006, 0.0049, 0.0)] == [
-        "over 99 %", "over 99 %", "99 %", "26 %", "1 %", "under 1 %", "under 1 %"]
+        ">99 %", ">99 %", "99 %", "26 %", "1 %", "<1 %", "<1 %"]
     assert [p_value(p) for p in (0.0, 0.00099, 0.0012, 0.0134)] == ["< 0.001", "< 0.001", "0.001", "0.013"]
 
 
@@ -168,10 +168,12 @@ def test_spans_read_like_a_clock() -> None:
         "60 s", "119 s", "2 min", "6 min 10 s", "20 min", "119 min 59 s", "2 h 00 min", "2 h 11 min"]
 
 
-@pytest.mark.parametrize(("share", "said"), [(0.0, "0 %"), (0.624, "62 %"), (1.0, "100 %")])
+@pytest.mark.parametrize(("share", "said"), [(0.0, "<1 %"), (0.624, "62 %"), (1.0, ">99 %")])
 def test_the_share_that_no_effect_explains_is_in_per_cent(share: float, said: str) -> None:
-    assert f"flow depends on pitch_deg ({said} of what is left)" in _left(Unexplained("flow", "pitch_deg", share))
-    assert _left(Unexplained("flow", "", share)).startswith(f"flow: {said} of its error is not noise")
+    follows = "flow follows pitch{name}, and no known cause explains it: {said} of what is left there."
+    for column, name in ((True, " (pitch_deg)"), (False, "")):
+        assert left(Unexplained("flow", "pitch_deg", share), "run", column) == follows.format(name=name, said=said)
+    assert left(Unexplained("flow", "", share), "run").startswith("The error of flow is not noise")
 
 
 @pytest.mark.parametrize(("half", "said", "interval"), [

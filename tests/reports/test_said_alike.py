@@ -10,13 +10,12 @@ from typing import Any
 
 import pytest
 
-from console.app.pages.diagnosis import shown, words
+from console.app.pages.diagnosis import shown
 from console.app.units import METRIC
 from console.locale import ENGLISH, use
 from console.reports.diagnosis_html import diagnosis_page
 from console.reports.diagnosis_text import summary
-from console.reports.verdict import sentence
-from console.reports.words import headlined, when
+from console.reports.said import headlined, sentence, when
 from console.services.diagnosis_view import found_of
 from control.diagnosis.result import UNKNOWN, Cause, Channel, Diagnosis, Rival, Size, Unexplained
 from control.machine.machine import CATALOGUE, Machine
@@ -152,18 +151,17 @@ def found_of_page(found: Diagnosis, mean_target_kg_ha: float | None = None) -> A
     return found_of(found, {"machine": Machine()}, "run.csv", mean_target_kg_ha)
 
 
-def test_a_size_that_grows_is_said_with_its_sign_and_without_needless_zeros() -> None:
-    assert when(304.0, None, True, -12.0, "%") == "grows from 304 s on to -12 % at the end"
-    assert when(304.4, None, True, None, "%") == "grows from 304 s on to its size at the end"
-    assert when(None, None, False, 3.0, "%") == ""
+def test_a_size_that_grows_is_said_with_its_sign_and_without_needless_zeros(cause_of: Callable[..., Cause]) -> None:
+    grown = cause_of("gate.offset", size=Size(-12.0, None, None, "%"), onset_s=304.0, grows=True)
+    assert when(grown) == "grows from 304 s on to -12 % at the end"
+    assert when(replace(grown, size=Size(None, None, None, "%"))) == "grows from 304 s on to its size at the end"
+    assert when(replace(grown, onset_s=None, grows=False)) == ""
 
 
-@pytest.mark.parametrize(("mean_kg_ha", "kg_ha", "said"), [
-    (300.0, -17.7, "-5.9 % = -18 kg/ha"), (120.0, -7.08, "-5.9 % = -7 kg/ha"), (None, None, "-5.9 %")])
+@pytest.mark.parametrize(("mean_kg_ha", "said"), [
+    (300.0, "-5.9 % = -18 kg/ha"), (120.0, "-5.9 % = -7 kg/ha"), (None, "-5.9 %   ")])
 def test_what_a_cause_costs_is_its_share_of_the_logs_own_rate(cause_of: Callable[..., Cause],
                                                               found_of: Callable[..., Diagnosis],
-                                                              mean_kg_ha: float | None, kg_ha: float | None,
-                                                              said: str) -> None:
-    (cause,) = found_of_page(found_of(cause_of("flow.fill_falloff")), mean_kg_ha).causes
-    assert cause.rate_percent == -5.9 and cause.rate_kg_ha == (None if kg_ha is None else pytest.approx(kg_ha))
-    assert words.cost(cause, METRIC).startswith(said)
+                                                              mean_kg_ha: float | None, said: str) -> None:
+    view = found_of_page(found_of(cause_of("flow.fill_falloff")), mean_kg_ha)
+    assert shown.causes(view, 0, METRIC).causes[0].cost.startswith(said)

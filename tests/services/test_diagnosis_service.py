@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import datetime as dt
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +11,13 @@ import pytest
 import yaml
 
 from console.app.pages.diagnosis.adoption import selections, undecided
-from console.app.pages.diagnosis.data import Adoption, RivalShown, Stop, Stopped
-from console.app.pages.diagnosis.sample import sample_found
+from console.app.pages.diagnosis.data import Adoption, Stop, Stopped
+from console.app.pages.diagnosis.sample import having, sample_found
 from console.services.diagnosis import DiagnosisFiles
 from console.services.diagnosis_view import sorted_out
 from console.services.separating_run import _DRIVES, drivable, drive_of
 from control.diagnosis.extend import adoptable
-from control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Size
+from control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Rival, Size
 from control.experiments.manoeuvres import manoeuvres
 from control.orders import State
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
@@ -75,10 +76,12 @@ def caught(tmp_path_factory):
 
 def test_a_catch_test_is_diagnosed_by_a_process_of_its_own(caught):
     _service, found, told = caught
-    assert (found.kind, found.rows, found.machine) == ("catch", 24, "huanghai")
-    gain = next(cause for cause in found.causes if cause.id == "flow.gain")
-    assert gain.value == pytest.approx(6.0, abs=0.5) and gain.over is not None
-    assert np.abs(gain.over.after).max() < np.abs(gain.over.before).max()
+    data = found.found.data
+    assert (data.kind, data.rows, data.machine) == ("catch", 24, "huanghai")
+    gain, over = next((cause, drawn.over) for cause, drawn in zip(found.found.causes, found.drawn, strict=True)
+                      if cause.id == "flow.gain")
+    assert gain.size.value == pytest.approx(6.0, abs=0.5) and over is not None
+    assert np.abs(over.after).max() < np.abs(over.before).max()
     shares = [share for share, _stage in told]
     assert shares == sorted(shares) and {"reading", "search", "report"} <= {stage for _share, stage in told}
 
@@ -97,12 +100,12 @@ def test_adopting_writes_a_new_machine_with_its_provenance_and_overwrites_nothin
 
 def test_a_choice_between_tied_causes_is_kept_with_its_reason(caught):
     service, found, _told = caught
-    rival = RivalShown("scale.gain", "Scale reads off by a factor", 0.3)
-    tied = found._replace(causes=(found.causes[0]._replace(rivals=(rival,)), *found.causes[1:]))
+    first, *more = found.found.causes
+    tied = having(found, causes=(replace(first, rivals=(Rival("scale.gain", 0.3),)), *more))
     path = Path(service.adopt(tied, Adoption(found.adoptable, "outlets were\nweighed twice")))
     text = path.read_text(encoding="utf-8")
-    assert f"The operator picked: {found.causes[0].id}. Why: outlets were weighed twice" in text
-    assert f"Not decided by the data: {found.causes[0].id}; scale.gain" in text
+    assert f"The operator picked: {first.id}. Why: outlets were weighed twice" in text
+    assert f"Not decided by the data: {first.id}; scale.gain" in text
     assert load(path, MACHINE).model.adopted
 
 
@@ -115,15 +118,16 @@ def test_there_is_a_machine_file_for_each_choice_and_none_for_nothing(caught):
 
 
 def test_of_undecided_causes_any_may_be_picked_and_of_many_one_at_a_time():
-    open_ = tuple(sample_found().causes[0]._replace(id=f"flow.{number}") for number in range(6))
-    found = sample_found()._replace(causes=(*open_[:2], sample_found().causes[1]),
-                                    adoptable=("flow.0", "flow.1", "shaft.voltage_sag"))
+    first, second = sample_found().found.causes
+    open_ = tuple(replace(first, id=f"flow.{number}") for number in range(6))
+    found = having(sample_found()._replace(adoptable=("flow.0", "flow.1", "shaft.voltage_sag")),
+                   causes=(*open_[:2], second))
     assert list(selections(found)) == [("shaft.voltage_sag",), ("flow.0", "shaft.voltage_sag"),
                                        ("flow.1", "shaft.voltage_sag"), ("flow.0", "flow.1", "shaft.voltage_sag")]
-    many = found._replace(causes=open_, adoptable=tuple(one.id for one in open_))
+    many = having(found._replace(adoptable=tuple(one.id for one in open_)), causes=open_)
     assert list(selections(many)) == [(one.id,) for one in open_], "nothing alone makes no file"
-    suspected = open_[0]._replace(rivals=(), probability=0.4)
-    assert undecided(found._replace(causes=(suspected,), adoptable=(suspected.id,))) == (suspected,)
+    suspected = replace(open_[0], rivals=(), probability=0.4)
+    assert undecided(having(found, causes=(suspected,))) == (suspected,)
 
 
 def test_report_and_data_are_exported(caught):
@@ -137,7 +141,7 @@ def test_what_has_no_driven_run_says_so(caught):
     service, found, _told = caught
     for ask in (service.write_run, lambda found: service.drive(found, lambda *_: None, Stop())):
         with pytest.raises(ValueError, match="this run"):
-            ask(found._replace(next_run=None))
+            ask(having(found._replace(drives=""), next_run=None))
 
 
 def test_data_that_cannot_be_used_is_one_line(files, folder):
@@ -214,10 +218,10 @@ def test_staircases_are_driven_standing_a_minute_each_step(huanghai, manoeuvre, 
 
 
 def test_the_job_file_of_a_separating_run_reads_back(files, tmp_path, huanghai):
-    from console.app.pages.diagnosis.sample import sample_found
     found = sample_found()
     slope = next(one for one in manoeuvres(huanghai) if one.id == "slope")
-    path = Path(files.write_run(found._replace(next_run=found.next_run._replace(id="slope", plan=slope.plan))))
+    on_slope = having(found._replace(drives="slope"), next_run=replace(found.found.next_run, plan=slope.plan))
+    path = Path(files.write_run(on_slope))
     job = load(path, JOB).model
     assert job.simulated.slope_deg == 4.0 and not job.flow_trim and job.title == slope.plan
     stairs = Path(files.write_run(found)).read_text(encoding="utf-8")

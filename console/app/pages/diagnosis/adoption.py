@@ -4,16 +4,22 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import chain, combinations
 
-from console.app.pages.diagnosis.data import CauseShown, DiagnosisView, Offer
-from console.reports.words import undecided as is_undecided
+from console.app.pages.diagnosis.data import DiagnosisView, Offer
+from console.reports import said
+from control.diagnosis.result import Cause, Fitted
 
 MOST_TOGETHER = 4           # undecided causes of which any may be picked together; of more, one at a time
 
 
-def undecided(found: DiagnosisView) -> tuple[CauseShown, ...]:
+def whole_id(fitted: Fitted) -> str:
+    """By which a drive fitted as a whole is adopted."""
+    return f"{fitted.channel} as a whole"
+
+
+def undecided(found: DiagnosisView) -> tuple[Cause, ...]:
     """Those that could be adopted and are not decided: the data cannot tell them from others, or they are suspected
     only."""
-    return tuple(one for one in found.causes if one.id in found.adoptable and is_undecided(one))
+    return tuple(one for one in found.found.causes if one.id in found.adoptable and said.undecided(one))
 
 
 def sure(found: DiagnosisView) -> tuple[str, ...]:

@@ -5,11 +5,10 @@ import threading
 from collections.abc import Callable
 from typing import Literal, NamedTuple, Protocol
 
-from control.diagnosis.result import Unexplained
+from control.diagnosis.result import Diagnosis
 
 Tell = Callable[[float, str], None]         # share of the work done, 0 to 1; the stage, a word
 Export = Literal["report", "data"]
-
 
 IMPORT = "import"           # kind of a file that is brought in first, or of how one is
 
@@ -27,7 +26,7 @@ class Source(NamedTuple):
 
 
 class Curve(NamedTuple):
-    """Means of a residual over bins of one variable, before and after the causes are in the model.
+    """Means of a residual over bins of one variable (by its id), before and after the causes are in the model.
 
     before, after, half: in `unit`, as long as `at`; half: of the 90 % interval of `after`. names: of the places 0, 1,
     ... where the variable is no scale. onset: place on the axis where a cause began.
@@ -35,83 +34,13 @@ class Curve(NamedTuple):
 
     channel: str
     unit: str
-    label: str
+    variable: str
     at: tuple[float, ...]
     before: tuple[float, ...]
     after: tuple[float, ...]
     half: tuple[float, ...]
     names: tuple[str, ...] = ()
     onset: float | None = None
-
-
-class RivalShown(NamedTuple):
-    id: str
-    title: str
-    probability: float
-
-
-class CauseShown(NamedTuple):
-    """One cause. over, time: along the variable that tells it, and over the log; None where nothing can be drawn."""
-
-    id: str
-    title: str
-    advice: str
-    value: float | None
-    low: float | None
-    high: float | None
-    unit: str
-    member: int | None
-    onset_s: float | None
-    probability: float
-    rivals: tuple[RivalShown, ...]
-    rate_percent: float | None
-    rate_kg_ha: float | None            # the same at the log's mean target; None where that is not known
-    place_m: float | None
-    over: Curve | None = None
-    time: Curve | None = None
-    until_s: float | None = None
-    grows: bool = False                 # from its onset on to its size at the end
-
-
-class WholeShown(NamedTuple):
-    """A drive fitted as a whole, adopted so and not by its parts. id: by which it is adopted. sizes: (effect's title,
-    value, unit). before, after: error on rows that were not fitted to, in `unit`."""
-
-    id: str
-    channel: str
-    sizes: tuple[tuple[str, float, str], ...]
-    before: float
-    after: float
-    unit: str
-
-
-class ChannelShown(NamedTuple):
-    """How well the machine file predicts a channel. after: error with the causes in it, None where not computed."""
-
-    channel: str
-    unit: str
-    error: float
-    noise: float
-    after: float | None
-    structure: bool                     # more than noise is there
-
-
-class GainShown(NamedTuple):
-    channel: str
-    metric: str
-    before: float
-    after: float
-    of: str = "names"                   # what is put in: the causes, or something to compare (`result.Gain`)
-
-
-class RunPlan(NamedTuple):
-    """The run that would tell rivals apart. id: "" where the simulated machine cannot drive it; to_do: what a person
-    does, one thing after the other."""
-
-    id: str
-    plan: str
-    minutes: float
-    to_do: tuple[str, ...]
 
 
 class Offer(NamedTuple):
@@ -125,35 +54,36 @@ class Offer(NamedTuple):
     refused: tuple[str, ...] = ()
 
 
+class Drawn(NamedTuple):
+    """Curves of one cause: over the variable that tells it, and over the log; None where nothing can be drawn."""
+
+    over: Curve | None = None
+    time: Curve | None = None
+
+
 class DiagnosisView(NamedTuple):
-    """A diagnosis as the page shows it. adoptable: ids, those that are not decided among them; refused: why the others
-    are not adopted, a line each.
+    """A diagnosis, and what the page shows along with it.
 
     folder: where report, data and the extended machine lie until they are exported or adopted.
     """
 
     source: str                         # file name
-    path: str
-    kind: str
-    machine: str
-    rows: int
-    duration_s: float | None
-    verdict: str
-    causes: tuple[CauseShown, ...]
-    channels: tuple[ChannelShown, ...]
-    left: tuple[Unexplained, ...]
-    gains: tuple[GainShown, ...]
-    notes: tuple[str, ...]              # about the data itself
-    next_run: RunPlan | None
-    adoptable: tuple[str, ...]
-    refused: tuple[str, ...]
-    unseen: int                         # effects that this data cannot show
+    found: Diagnosis                    # the causes that are only suspected come last
+    drawn: tuple[Drawn, ...]            # one for each cause
+    after: dict[str, float]             # error of a channel with the causes in the model, where it was computed
+    adoptable: tuple[str, ...]          # ids, those that are not decided among them
+    refused: tuple[str, ...]            # why the others are not adopted, a line each
+    drives: str = ""                    # the next run as the simulated machine can drive it; "" where it cannot
     left_curve: Curve | None = None
+    mean_target_kg_ha: float | None = None
     folder: str = ""
     planted: tuple[str, ...] = ()       # of a simulated separating run: what its machine had
-    not_judged: tuple[str, ...] = ()    # channels
     offers: tuple[Offer, ...] = ()      # machine files, one for each choice that the operator can come to
-    whole: WholeShown | None = None     # of the shaft, where what is wrong with it was not told apart
+
+    @property
+    def minutes(self) -> float:
+        """Of the next run; 0 where it is none of the program's list."""
+        return (self.found.next_run.minutes or 0.0) if self.found.next_run is not None else 0.0
 
 
 class Adoption(NamedTuple):

@@ -11,8 +11,11 @@ from console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
 from console.app.name_dialog import NameDialog
 from console.app.pages.diagnosis import words
 from console.app.pages.diagnosis.adoption import offer_of, undecided, with_picked
-from console.app.pages.diagnosis.data import Adoption, CauseShown, DiagnosisView
+from console.app.pages.diagnosis.data import Adoption, DiagnosisView
 from console.locale import N_, _
+from console.reports.numbers import percent
+from console.reports.said import others, title, title_of, to_do
+from control.diagnosis.result import Cause
 
 if TYPE_CHECKING:
     from console.app.pages.diagnosis.page import DiagnosisScreen
@@ -89,8 +92,7 @@ def why_not_found(page: DiagnosisScreen) -> str:
 
 
 def why_no_drive(page: DiagnosisScreen) -> str:
-    run = page.shown.next_run if page.shown is not None else None
-    return why_not_found(page) or ("" if run is not None and run.id else
+    return why_not_found(page) or ("" if page.shown is not None and page.shown.drives else
                                    _("there is no separating run that can be driven here"))
 
 
@@ -106,7 +108,7 @@ def adopt(page: DiagnosisScreen, found: DiagnosisView) -> None:
 NONE = ""
 
 
-def _ask_next(page: DiagnosisScreen, found: DiagnosisView, open_: tuple[CauseShown, ...], picked: tuple[str, ...]
+def _ask_next(page: DiagnosisScreen, found: DiagnosisView, open_: tuple[Cause, ...], picked: tuple[str, ...]
               ) -> None:
     """One undecided cause after the other: none of them is taken up unless the operator picks it by its name."""
     if not open_:
@@ -115,18 +117,18 @@ def _ask_next(page: DiagnosisScreen, found: DiagnosisView, open_: tuple[CauseSho
     cause, rest = open_[0], open_[1:]
     unsized = _("its size is not known before the separating run")
     choices = (Choice(NONE, _("none of these: the next test is driven first")),
-               Choice(cause.id, f"{words.title(cause)} {words.percent(cause.probability)}"),
-               *(Choice(f"rival {rival.id}", f"{_(rival.title)} {words.percent(rival.probability)}", unsized)
-                 for rival in cause.rivals))
+               Choice(cause.id, f"{title(cause)} {percent(cause.probability)}"),
+               *(Choice(f"rival {rival}", f"{title_of(rival)} {percent(share)}", unsized)
+                 for rival, share in others(cause)))
 
     def answer(value: str | None) -> None:
         if value is not None:
             _ask_next(page, found, rest, (*picked, value) if value != NONE else picked)
 
-    title = _("Undecided: this is only suspected. Is it adopted all the same?")
-    if cause.rivals:
-        title = _("Undecided: this data cannot tell these apart. Is one of them adopted all the same?")
-    page.app.push_screen(ChoiceDialog(title, choices, ""), answer)
+    question = _("Undecided: this is only suspected. Is it adopted all the same?")
+    if others(cause):
+        question = _("Undecided: this data cannot tell these apart. Is one of them adopted all the same?")
+    page.app.push_screen(ChoiceDialog(question, choices, ""), answer)
 
 
 def _ask_why(page: DiagnosisScreen, found: DiagnosisView, picked: tuple[str, ...]) -> None:
@@ -147,7 +149,7 @@ def _ask_why(page: DiagnosisScreen, found: DiagnosisView, picked: tuple[str, ...
 
 def _ask_to_write(page: DiagnosisScreen, found: DiagnosisView, chosen: Adoption) -> None:
     offer = offer_of(found, chosen.ids)
-    left = [words.title(one) for one in undecided(found) if one.id not in chosen.ids]
+    left = [title(one) for one in undecided(found) if one.id not in chosen.ids]
     lines = [_("Adopted: {what}").format(what=", ".join(words.adopted_title(found, one) for one in chosen.ids))]
     lines += [_("Machine file, before -> after:"), *offer.changes] if offer is not None and offer.changes else []
     lines += [_("Not adopted, undecided: {what}").format(what=", ".join(left))] if left else []
@@ -191,7 +193,7 @@ def why_no_comparison(page: DiagnosisScreen) -> str:
 def compare(page: DiagnosisScreen) -> None:
     """Of the machine file that was adopted here: before and after, on a log of another day."""
     logs = [one for one in page.sources or () if one.kind == "run" and not one.working
-            and one.path not in [found.path for found in page.found]]
+            and one.path not in [one.found.data.path for one in page.found]]
     choices = [*(Choice(one.path, f"{one.name}  {one.changed}") for one in logs),
                Choice(TYPED, _("another file: type its path"))]
 
@@ -235,16 +237,15 @@ def job_file(page: DiagnosisScreen, found: DiagnosisView) -> None:
 
 @_of_found
 def drive(page: DiagnosisScreen, found: DiagnosisView) -> None:
-    assert found.next_run is not None
     text = _("{minutes} minutes of simulated time, in seconds. Only a simulated machine moves; the real one and "
-             "its job are left alone.").format(minutes=f"{found.next_run.minutes:g}")
+             "its job are left alone.").format(minutes=f"{found.minutes:g}")
 
     def answer(yes: bool | None) -> None:
         if yes:
             page.begin(_("Separating run, simulated"), partial(page.served.drive, found),
-                       DRIVE_S_PER_MIN * found.next_run.minutes if found.next_run else 0.0)
+                       DRIVE_S_PER_MIN * found.minutes)
 
-    page.app.push_screen(Confirm(_("Drive the separating run?"), "\n".join((*words.to_do(found), text))), answer)
+    page.app.push_screen(Confirm(_("Drive the separating run?"), "\n".join((*to_do(found.found), text))), answer)
 
 
 @_of_found

@@ -162,7 +162,7 @@ class DiagnosisScreen(Page):
     def views(self) -> tuple[View, ...]:
         """Those that one key goes through at this size; the others are shown with it."""
         found = self.shown
-        run: tuple[View, ...] = ("run",) if found is not None and found.next_run is not None else ()
+        run: tuple[View, ...] = ("run",) if found is not None and found.found.next_run is not None else ()
         if self.has_class("-wide") and self.has_class("-tall"):
             return ("causes", *run)
         if self.has_class("-wide"):
@@ -179,16 +179,16 @@ class DiagnosisScreen(Page):
                       ("dia_machine", f"{_('against')}: {against}", True, False),
                       ("dia_pick", _("read anew"), True, False)]
         else:
-            run = found.next_run is not None and bool(found.next_run.id)
+            run = bool(found.drives)
             views = self.views()
             at = views.index(self.see) + 1 if self.see in views else 1
             wanted = [("dia_view", f"{_('next view')} {at}/{len(views)}", len(views) > 1, False),
-                      ("dia_adopt", "", bool(found.adoptable), found.verdict in ("named", "unexplained")),
+                      ("dia_adopt", "", bool(found.adoptable), found.found.verdict in ("named", "unexplained")),
                       *([("dia_compare", "", True, True)] if self.adopted else []),
                       ("dia_back", "", bool(self.adopted), False),
                       ("dia_report", "", True, False), ("dia_data", "", True, False)]
-            if found.next_run is not None:
-                wanted += [("dia_run_file", "", run, False), ("dia_drive", "", run, found.verdict == "ambiguous")]
+            if found.found.next_run is not None:
+                wanted += [("dia_run_file", "", run, False), ("dia_drive", "", run, found.found.verdict == "ambiguous")]
             if len(self.found) > 1:
                 wanted.append(("dia_other", "", True, False))
             wanted.append(("dia_pick", "", True, False))
@@ -216,7 +216,7 @@ class DiagnosisScreen(Page):
         if self.shown is None:
             self.at = max(0, min(len(self.sources or ()) - 1, self.at + by))
         else:
-            self.cause = max(0, min(len(self.shown.causes) - 1, self.cause + by))
+            self.cause = max(0, min(len(self.shown.found.causes) - 1, self.cause + by))
 
     def back(self) -> None:
         self.found, self.which, self.cause, self.said = (), 0, 0, ""

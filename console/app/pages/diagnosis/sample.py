@@ -1,29 +1,40 @@
 """A made-up diagnosis for the gallery and the tests: the same every time, no file and no model behind it."""
 from __future__ import annotations
 
+from dataclasses import replace
 from math import cos, sin
+from typing import Any
 
 from console.app.pages.diagnosis.data import (
     IMPORT,
     Adoption,
-    CauseShown,
-    ChannelShown,
     ComparedRow,
     ComparedShown,
     Curve,
     DiagnosisView,
+    Drawn,
     Export,
-    GainShown,
     Offer,
     OpenQuestions,
-    RivalShown,
-    RunPlan,
     Source,
     Stop,
     Stopped,
     Tell,
 )
-from console.app.pages.diagnosis.words import RUNS
+from control.diagnosis.result import (
+    Cause,
+    Channel,
+    Data,
+    Detectable,
+    Diagnosis,
+    FieldCost,
+    Gain,
+    NextRun,
+    NotShown,
+    Rival,
+    Size,
+)
+from control.machine.machine import CATALOGUE
 
 SOURCES = (
     Source("/data/logs/20260318-061200.csv", "20260318-061200.csv", "run", "2026-03-18 06:12", "1.2 MB", True),
@@ -33,55 +44,63 @@ SOURCES = (
     Source("/data/lag_table.csv", "lag_table.csv", "lag", "2026-03-12 17:31", "0.4 kB"),
 )
 
-_SAG = CauseShown(
-    "shaft.voltage_sag", "Shaft loses speed when the supply falls below nominal",
-    "Check battery, alternator and the voltage drop along the supply cable.", 3.1, 2.8, 3.4, "% lost per V", None, None,
-    0.998, (), -2.4, -7.8, None,
-    Curve("shaft", "r/min", "supply, V", tuple(12.0 + 0.15 * k for k in range(11)),
+_SAG = Cause(
+    "shaft.voltage_sag", Size(3.1, 2.8, 3.4, "% lost per V"), None, 0.998, (), None,
+    CATALOGUE["shaft.voltage_sag"].effect.advice, FieldCost(-2.4, None))
+_SAG_DRAWN = Drawn(
+    Curve("shaft", "r/min", "supply_v", tuple(12.0 + 0.15 * k for k in range(11)),
           tuple(-3.2 + 0.31 * k + 0.05 * sin(3 * k) for k in range(11)), tuple(0.06 * cos(2 * k) for k in range(11)),
           (0.08,) * 11),
-    Curve("shaft", "r/min", "time, min", tuple(0.5 + k for k in range(40)),
+    Curve("shaft", "r/min", "time_s", tuple(0.5 + k for k in range(40)),
           tuple(-1.6 + 1.1 * sin(0.3 * k) for k in range(40)), tuple(0.09 * sin(1.7 * k) for k in range(40)),
           (0.1,) * 40))
 
-_FILL = CauseShown(
-    "flow.fill_falloff", "Flutes fill less at high shaft speed", "Work at a larger opening and a lower shaft speed.",
-    12.4, 9.9, 14.8, "% lost at 100 r/min", None, None, 0.58,
-    (RivalShown("flow.gain", "Kilograms per revolution off by a factor", 0.27),
-     RivalShown("scale.gain", "Scale reads off by a factor", 0.15)), -6.1, -19.8, None,
-    Curve("flow", "g/s", "shaft speed commanded, r/min", (20.0, 35.0, 50.0, 60.0, 70.0, 80.0),
+_FILL = Cause(
+    "flow.fill_falloff", Size(12.4, 9.9, 14.8, "% lost at 100 r/min"), None, 0.58,
+    (Rival("flow.gain", 0.27), Rival("scale.gain", 0.15)), None, "Work at a larger opening and a lower shaft speed.",
+    FieldCost(-6.1, None))
+_FILL_DRAWN = Drawn(
+    Curve("flow", "g/s", "shaft_rpm", (20.0, 35.0, 50.0, 60.0, 70.0, 80.0),
           (-0.4, -1.3, -2.6, -3.9, -5.2, -6.8), (0.2, -0.3, 0.1, 0.2, -0.2, 0.1), (0.5, 0.5, 0.6, 0.6, 0.7, 0.8)),
-    Curve("flow", "g/s", "time, min", tuple(1.2 + 2.5 * k for k in range(16)),
+    Curve("flow", "g/s", "time_s", tuple(1.2 + 2.5 * k for k in range(16)),
           tuple(-4.8 + 0.8 * sin(k) for k in range(16)), tuple(0.4 * cos(2 * k) for k in range(16)), (0.6,) * 16))
 
-_CHANNELS = (
-    ChannelShown("shaft", "r/min", 1.92, 0.285, 0.287, True), ChannelShown("gate", "mm", 0.1005, 0.1004, 0.1004, False),
-    ChannelShown("flow", "kg/s", 0.0149, 0.0121, None, True), ChannelShown("scale", "kg", 2.27, 0.127, 0.146, True),
-    ChannelShown("speed", "m/s", 0.0359, 0.0358, 0.0359, False),
-    ChannelShown("heads", "NDVI", 0.0164, 0.0163, 0.0164, False))
+_CHANNELS = tuple(Channel(name, unit, 48_240, 0.0, error, noise, 0.9, p) for name, unit, error, noise, p in (
+    ("shaft", "r/min", 1.92, 0.285, 0.0), ("gate", "mm", 0.1005, 0.1004, 0.5), ("flow", "kg/s", 0.0149, 0.0121, 0.0),
+    ("scale", "kg", 2.27, 0.127, 0.0), ("speed", "m/s", 0.0359, 0.0358, 0.5), ("heads", "NDVI", 0.0164, 0.0163, 0.5)))
+_AFTER = {"shaft": 0.287, "gate": 0.1004, "scale": 0.146, "speed": 0.0359, "heads": 0.0164}
+_STAIRS = "Shaft staircase: 20, 40, 60, 80 r/min for a minute each at one opening, twice."
+
+
+def having(view: DiagnosisView, **changes: Any) -> DiagnosisView:
+    """With another diagnosis in it, as `dataclasses.replace` makes it."""
+    return view._replace(found=replace(view.found, **changes))
 
 
 def sample_found(verdict: str = "ambiguous") -> DiagnosisView:
     """ambiguous: two causes, of which one has rivals; named: one; none: nothing."""
-    found = DiagnosisView(
-        "20260317-134500.csv", "/data/logs/20260317-134500.csv", "run", "huanghai", 48_240, 2412.0, "ambiguous",
-        (_FILL, _SAG), _CHANNELS, (), (GainShown("shaft", "rmse, r/min", 1.91, 0.288),), (),
-        RunPlan("stairs", RUNS["stairs"], 10.0, (RUNS["stairs"],)),
-        ("flow.fill_falloff", "shaft.voltage_sag"), (), 17, None, "/tmp/made-up", offers=(
+    unseen = tuple(NotShown(f"effect.{k}", Detectable(None, "")) for k in range(17))
+    view = DiagnosisView(
+        "20260317-134500.csv",
+        Diagnosis(Data("/data/logs/20260317-134500.csv", "run", 48_240, 2412.0, "huanghai"), _CHANNELS, "ambiguous",
+                  (_FILL, _SAG), unseen, (), NextRun("", _STAIRS, "stairs", 10.0),
+                  (Gain("shaft", "rmse, r/min", 1.91, 0.288, 0.28, 0.3, ""),), None),
+        (_FILL_DRAWN, _SAG_DRAWN), _AFTER, ("flow.fill_falloff", "shaft.voltage_sag"), (), "stairs", None, 324.6,
+        "/tmp/made-up", offers=(
             Offer(("shaft.voltage_sag",), "machine-0.yaml", ("  shaft.voltage_sag: 0 -> 3.1 % lost per V",)),
             Offer(("flow.fill_falloff", "shaft.voltage_sag"), "machine-1.yaml", (
                 "  flow.fill_falloff: 0 -> 12.4 % lost at 100 r/min", "  shaft.voltage_sag: 0 -> 3.1 % lost per V"))))
     if verdict == "named":
-        return found._replace(source="separating.csv", rows=10_000, duration_s=500.0, verdict="named",
-                              causes=(_FILL._replace(rivals=(), probability=0.97),), next_run=None,
-                              adoptable=("flow.fill_falloff",), offers=(
-                                  Offer(("flow.fill_falloff",), "machine-0.yaml", found.offers[1].changes[:1]),),
-                              planted=("flow.fill_falloff=12",))
+        one = view._replace(source="separating.csv", drawn=(_FILL_DRAWN,), adoptable=("flow.fill_falloff",), drives="",
+                            offers=(Offer(("flow.fill_falloff",), "machine-0.yaml", view.offers[1].changes[:1]),),
+                            planted=("flow.fill_falloff=12",))
+        return having(one, data=replace(view.found.data, rows=10_000, duration_s=500.0), verdict="named",
+                      causes=(replace(_FILL, rivals=(), probability=0.97),), next_run=None)
     if verdict == "none":
-        return found._replace(verdict="none", causes=(), gains=(), next_run=None, adoptable=(), offers=(),
-                              channels=tuple(
-            one._replace(error=one.noise, after=None, structure=False) for one in _CHANNELS))
-    return found
+        return having(view._replace(drawn=(), after={}, adoptable=(), drives="", offers=()), verdict="none", causes=(),
+                      gain=(), next_run=None, channels=tuple(
+            replace(one, rmse=one.noise_floor, structure_p=0.5) for one in _CHANNELS))
+    return view
 
 
 OPEN = OpenQuestions(("/data/planter.csv: columns.opening_mm: Schieberöffnung is in %: the file does not say what "
@@ -114,7 +133,7 @@ class MadeUpDiagnosis:
         return self.found
 
     def drive(self, found: DiagnosisView, tell: Tell, stop: Stop) -> DiagnosisView:
-        self.asked.append(f"drive {found.next_run.id if found.next_run else ''}")
+        self.asked.append(f"drive {found.drives}")
         self._work(tell, stop)
         return sample_found("named")
 

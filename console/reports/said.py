@@ -1,0 +1,251 @@
+"""What a diagnosis says, once for terminal, report, notebook and Diagnosis page, in the language in use. Pure.
+
+Causes are asked for by their ids, channels and variables by theirs; whoever shows them chooses which facts and where.
+"""
+from __future__ import annotations
+
+from dataclasses import replace
+
+from console.locale import N_, _
+from console.reports.numbers import decimals_of, fixed, number, percent, plain, short
+from console.reports.variables import recorded
+from control.diagnosis.result import (
+    RUN_CHANNELS,
+    UNKNOWN,
+    Cause,
+    Diagnosis,
+    FieldCost,
+    Fitted,
+    Size,
+    Unexplained,
+)
+from control.machine.machine import CATALOGUE
+
+HEADLINE = 0.5                              # least probability of a cause that a headline names
+PLACE_DIGITS = 2
+
+# verdict: in a sentence; as a word by itself, with its symbol
+VERDICTS = {"none": ("nothing beyond noise", N_("NOTHING WRONG"), "-"), "named": ("named", N_("CAUSE NAMED"), "!"),
+            "ambiguous": ("found, but not told apart", N_("NOT TOLD APART"), "?"),
+            "unexplained": ("structure that no known effect explains", N_("UNEXPLAINED"), "??"),
+            "not_judged": ("not judged", N_("NOT JUDGED"), "??")}
+CHANNELS = {"shaft": N_("shaft"), "gate": N_("gate"), "flow": N_("flow"), "scale": N_("scale"), "speed": N_("speed"),
+            "heads": N_("heads"), "lag": N_("lag"), "place": N_("place")}
+
+
+def channel_word(channel: str) -> str:
+    return _(CHANNELS.get(channel, channel))
+
+
+# --- causes ----------------------------------------------------------------------------------------------------------
+
+def title_of(effect_id: str) -> str:
+    if effect_id == UNKNOWN:
+        return _("something else")
+    entry = CATALOGUE.get(effect_id)
+    return _(entry.effect.title) if entry else effect_id
+
+
+def name_of(effect_id: str) -> str:
+    """The id where it is an effect's; of what is none, its title."""
+    return title_of(effect_id) if effect_id == UNKNOWN else effect_id
+
+
+def title(cause: Cause) -> str:
+    """Of a cause, with the number of its head or outlet."""
+    return title_of(cause.id) + ("" if cause.member is None else f" {cause.member}")
+
+
+def suspicion(cause: Cause) -> str:
+    """The title, and whether there is more than a suspicion."""
+    return title(cause) if headlined(cause) else _("suspected: {title}").format(title=title(cause))
+
+
+def others(cause: Cause) -> tuple[tuple[str, float], ...]:
+    """Rivals of a cause along with itself, likeliest first."""
+    return tuple(sorted(((r.id, r.probability) for r in cause.rivals if r.id != cause.id), key=lambda r: -r[1]))
+
+
+def headlined(cause: Cause) -> bool:
+    """Whether a cause is likely enough for a headline: else it is only suspected."""
+    return cause.probability >= HEADLINE and all(share < cause.probability for _rival, share in others(cause))
+
+
+def headlines_first(found: Diagnosis) -> Diagnosis:
+    """With the causes that are only suspected behind the others."""
+    return replace(found, causes=tuple(sorted(found.causes, key=lambda cause: not headlined(cause))))
+
+
+def tied(cause: Cause) -> bool:
+    """Whether a cause has rivals with a name, that the data cannot tell it from: then all of them are equals."""
+    return any(rival != UNKNOWN for rival, _share in others(cause))
+
+
+def ties(cause: Cause) -> tuple[tuple[str, str], ...]:
+    """A cause and its rivals as equals, each with its probability: the data does not prefer one."""
+    own = (title(cause), percent(cause.probability))
+    return (own, *((title_of(one), percent(share)) for one, share in others(cause))) if tied(cause) else ()
+
+
+def undecided(cause: Cause) -> bool:
+    """Whether no machine file takes a cause up unless somebody picks it by its name."""
+    return tied(cause) or not headlined(cause)
+
+
+def when(cause: Cause) -> str:
+    """Which part of the log an effect is in; "" where it was there all along."""
+    begin, end = f"{cause.onset_s or 0.0:.0f}", f"{cause.until_s or 0.0:.0f}"
+    if cause.grows:
+        size = cause.size
+        last = _("its size") if size.value is None else f"{short(size.value)} {_(size.unit)}"
+        return _("grows from {begin} s on to {size} at the end").format(begin=begin, size=last)
+    if cause.until_s is not None:
+        return _("until {end} s").format(end=end) if cause.onset_s is None else _("from {begin} s to {end} s").format(
+            begin=begin, end=end)
+    return "" if cause.onset_s is None else _("since {begin} s").format(begin=begin)
+
+
+def sized(size: Size) -> str:
+    """A size and its 90 % interval."""
+    value = "size not known" if size.value is None else f"{size.value:.3g} {size.unit}"
+    return value + ("" if size.low is None or size.high is None else f" (90 %: {size.low:.3g} to {size.high:.3g})")
+
+
+def cost(of: FieldCost) -> str:
+    """What an effect does to dose and place when nobody compensates it."""
+    if of.rate_error_percent is None and of.place_error_m is None:
+        return "not known"
+    said = []
+    if of.rate_error_percent:
+        word = "much" if of.rate_error_percent > 0.0 else "little"
+        said.append(f"{number(abs(of.rate_error_percent), 2)} % too {word} is spread")
+    if of.place_error_m and abs(of.place_error_m) >= 0.5 * 10.0 ** -PLACE_DIGITS:
+        word = "beyond" if of.place_error_m > 0 else "short of"
+        said.append(f"material lands {fixed(abs(of.place_error_m), PLACE_DIGITS)} m {word} its place")
+    if of.rate_error_percent is None:
+        said.append("dose not known")
+    return "; ".join(said) or "nothing in dose or place"
+
+
+# --- what is left ----------------------------------------------------------------------------------------------------
+
+def left(of: Unexplained, kind: str, column: bool = True) -> str:
+    """What no effect explains, how much, when, and what comes nearest. column: by its name too."""
+    if of.variable:
+        name = _(recorded(of.variable, kind).name)
+        said = _("{channel} follows {variable}, and no known cause explains it").format(
+            channel=channel_word(of.channel),
+            variable=f"{name} ({of.variable})" if column and name != of.variable else name)
+    else:
+        said = _("The error of {channel} is not noise, and no known cause explains it").format(
+            channel=channel_word(of.channel))
+    facts = [_("{share} of what is left there").format(share=percent(of.explained_share))]
+    if of.rms is not None and of.noise is not None:
+        decimals = decimals_of(of.noise if of.noise > 0.0 else of.rms)
+        facts.append(_("{rms} {unit} r.m.s. where the sensors' noise is {noise} {unit}").format(
+            rms=plain(fixed(of.rms, decimals)), noise=plain(fixed(of.noise, decimals)), unit=of.unit))
+    if of.dose_percent is not None:
+        facts.append(_("{percent} % of the dose").format(percent=short(abs(of.dose_percent), 2)))
+    if of.from_s is not None:
+        facts.append(_("seems to begin at {begin} s").format(begin=f"{of.from_s:.0f}"))
+    if of.period_s is not None:
+        facts.append(_("comes and goes every {period} s").format(period=short(of.period_s, 2)))
+    if of.hint:
+        facts.append(_("nearest: {effect}, whose evidence does not hold").format(effect=of.hint))
+    return f"{said}: {'; '.join(facts)}."
+
+
+def whole(of: Fitted) -> str:
+    """A drive fitted as a whole: what of."""
+    sizes = ", ".join(f"{title_of(name)} {plain(number(size.value or 0.0))} {_(size.unit)}" for name, size in of.sizes)
+    return _("{channel} as a whole: {sizes}").format(channel=channel_word(of.channel), sizes=sizes)
+
+
+def whole_gain(of: Fitted) -> str:
+    """What a drive fitted as a whole is good for."""
+    return _("Which of these is wrong is not told apart. Adopted together they predict rows that were not fitted to: "
+             "error {before} -> {after} {unit}.").format(before=plain(number(of.before)), after=plain(number(of.after)),
+                                                         unit=_(of.unit))
+
+
+# --- the verdict -----------------------------------------------------------------------------------------------------
+
+def not_judged(found: Diagnosis) -> tuple[str, ...]:
+    """Channels that a run log of such a machine may have and that could not be judged in this one; of bench tables
+    none."""
+    may, judged = found.data.stages or RUN_CHANNELS, {channel.channel for channel in found.channels}
+    return tuple(channel for channel in RUN_CHANNELS if channel in may and channel not in judged) \
+        if found.data.kind == "run" else ()
+
+
+def sentence(found: Diagnosis) -> str:
+    """What was not judged, then the verdict, in one line; where rivals are tied, the test that parts them."""
+    if found.verdict == "ambiguous" and found.next_run is not None and any(map(tied, found.causes)):
+        return _next_test(found)
+    missing = not_judged(found)
+    if not missing or found.verdict == "not_judged":
+        return _verdict(found)
+    channels = ", ".join(map(channel_word, missing))
+    return f"{_('Not judged: {channels}.').format(channels=channels)} {_verdict(found)}"
+
+
+def _next_test(found: Diagnosis) -> str:
+    """The next test leads: a name that this data cannot tell from others is no headline."""
+    assert found.next_run is not None
+    minutes = f" ({found.next_run.minutes:g} min)" if found.next_run.minutes else ""
+    said = [_("Test next: {what}{minutes}.").format(what=to_do(found)[0], minutes=minutes)]
+    equals = dict.fromkeys(name for cause in found.causes for name, _sure in ties(cause))
+    said.append(_("It tells apart: {causes}.").format(causes="; ".join(equals)))
+    sure = [title(cause) for cause in found.causes if not tied(cause) and headlined(cause)]
+    if sure:
+        said.append(_("Sure: {causes}.").format(causes="; ".join(sure)))
+    return " ".join(said)
+
+
+def _verdict(found: Diagnosis) -> str:
+    likely = [cause for cause in found.causes if headlined(cause)]
+    suspected = len(found.causes) - len(likely)
+    if found.verdict == "none":
+        return _("Everything is as the machine file says, as far as the sensors can tell.")
+    if found.verdict == "not_judged":
+        return _("This data is too short, or moves too little, to say that nothing is wrong.") if found.channels \
+            else _("None of this data could be compared with the machine file.")
+    if found.verdict == "unexplained" and found.unexplained:
+        said = left(found.unexplained[0], found.data.kind, column=False)
+        return said if not likely else f"{said} {_('Besides:')} {title(likely[0])}."
+    if not found.causes:
+        return _("Nothing with a name was found.")
+    if not likely:
+        return _("Something is there, but no cause is likely enough to be named; suspected: {count}.").format(
+            count=suspected)
+    said = "   ".join(f"{number}. {_doubtful(cause)}" for number, cause in enumerate(likely, 1)) if (
+        len(likely) > 1) else _doubtful(likely[0])
+    return f"{said}   {_('Only suspected: {count}.').format(count=suspected)}" if suspected else said
+
+
+def _doubtful(cause: Cause) -> str:
+    """One cause, and how many others it could be."""
+    first, rivals = title(cause), [title_of(one) for one, _share in others(cause)]
+    if not rivals:
+        return _("{first}.").format(first=first)
+    if len(rivals) == 1:
+        return _("{first}, or: {other}. This data cannot tell.").format(first=first, other=rivals[0])
+    return _("{first}, or one of {count} others: this data cannot tell.").format(first=first, count=len(rivals))
+
+
+def to_do(found: Diagnosis) -> tuple[str, ...]:
+    """What a person does next, as the items of a list: each with a capital, and without the stop of a sentence."""
+    steps = (_(step) for step in found.next_run.to_do()) if found.next_run is not None else ()
+    return tuple(step[0].upper() + step[1:].rstrip(".") for step in steps if step)
+
+
+def better(old: float, new: float, low: float | None, high: float | None, lead: str = "") -> str:
+    """Whether a new machine file predicts a channel better, by the r.m.s. errors of both and the 90 % interval of old
+    less new; None where the log is too short for one. lead: before what is better or worse."""
+    if low is None or high is None:
+        return _("the log is too short to say")
+    if low <= 0.0 <= high:
+        return _("no difference beyond chance")
+    share = f"{100.0 * abs(1.0 - new / old):.0f}" if old > 0.0 else "-"
+    form = _("better: {percent} % less error") if low > 0.0 else _("worse: {percent} % more error")
+    return lead + form.format(percent=share)
