@@ -3,14 +3,21 @@ from __future__ import annotations
 
 import datetime as dt
 from collections.abc import Iterable
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from console.cli.inputs import RUN_LOG, TABLE, need_ending, refuse_bench_table, refuse_other, refuse_run_log
-from console.cli.outputs import Force, Output, log_files, named, refuse_collisions
+from console.cli.inputs import (
+    RUN_LOG,
+    TABLE,
+    machine_of,
+    need_ending,
+    refuse_bench_table,
+    refuse_other,
+    refuse_run_log,
+)
+from console.cli.outputs import Force, Output, log_files, machine_file, refuse_collisions
 from console.cli.plain_errors import CommandError
 from drivers import day_clock
 
@@ -22,13 +29,6 @@ if TYPE_CHECKING:
     from control.calibration.tube_fit import TubeFit
     from control.calibration.wheel_fit import WheelFit
     from control.machine.machine import Machine
-
-
-class What(StrEnum):
-    CATCH = "catch"
-    LAG = "lag"
-    WHEEL = "wheel"
-    HEADS = "heads"
 
 
 Table = Annotated[Path, typer.Argument(metavar="TABLE.csv", help="The bench table.")]
@@ -55,7 +55,7 @@ def catch(
     _table(data, out, "calibrate catch")
     loaded = _started(data, out, machine, force)
     day = _day(date)
-    fitted, flow = fit_flow(read_bench_table(data, What.CATCH.value), loaded, date=day.isoformat())
+    fitted, flow = fit_flow(read_bench_table(data, "catch"), loaded, date=day.isoformat())
     _tell_flow(flow, loaded)
     if product is None:
         _save(fitted, data, out)
@@ -122,7 +122,7 @@ def lag(
     from drivers.files.bench_table import read_bench_table
     _table(data, out, "calibrate lag")
     fitted, day = _started(data, out, machine, force), _day(date).isoformat()
-    table = read_bench_table(data, What.LAG.value)
+    table = read_bench_table(data, "lag")
     running = table.running()
     if not running.all():
         fitted, line = fit_lag(table, fitted, label=label, from_rpm=from_rpm, to_rpm=to_rpm, date=day)
@@ -138,17 +138,28 @@ def lag(
 def wheel(data: Log, *, out: Out, machine: From = "huanghai", date: Date = None,
           force: Force = False) -> None:
     """Fit the wheel's circumference to GNSS distances of a run log."""
+    from control.calibration.wheel_fit import fit_wheel
+    from drivers.files.calibration_log import counted_by, wheel_columns
+    from drivers.files.read_log import read_rows
     _log(data, out, "calibrate wheel")
-    loaded = _started(data, out, machine, force)
-    _save(_from_log(What.WHEEL, data, loaded, _day(date).isoformat()), data, out)
+    loaded, log = _started(data, out, machine, force), read_rows(data)
+    fitted, found = fit_wheel(wheel_columns(log), loaded, counted_by(log, loaded), str(data),
+                              date=_day(date).isoformat())
+    _tell_wheel(found)
+    _save(fitted, data, out)
 
 
 def heads(data: Log, *, out: Out, machine: From = "huanghai", date: Date = None,
           force: Force = False) -> None:
     """Fit each canopy head against the others over a run log."""
+    from control.calibration.heads_check import check_heads
+    from drivers.files.calibration_log import heads_columns
+    from drivers.files.read_log import read_rows
     _log(data, out, "calibrate heads")
-    loaded = _started(data, out, machine, force)
-    _save(_from_log(What.HEADS, data, loaded, _day(date).isoformat()), data, out)
+    loaded, log = _started(data, out, machine, force), read_rows(data)
+    fitted, found = check_heads(log.time_s, heads_columns(log), loaded, str(data), date=_day(date).isoformat())
+    _tell_heads(found)
+    _save(fitted, data, out)
 
 
 def _table(data: Path, out: Path, command: str) -> None:
@@ -166,15 +177,12 @@ def _log(data: Path, out: Path, command: str) -> None:
 
 
 def _refuse(reads: Iterable[Path], out: Path, machine: str, force: bool) -> None:
-    from drivers.files.kinds import MACHINE
-    refuse_collisions((*reads, named(machine, MACHINE.folder)), [Output((out,))], force)
+    refuse_collisions((*reads, machine_file(machine)), [Output((out,))], force)
 
 
 def _started(data: Path, out: Path, machine: str, force: bool) -> Machine:
-    from drivers.files.config import load
-    from drivers.files.kinds import MACHINE
     _refuse(log_files(data), out, machine, force)
-    return load(machine, MACHINE).model
+    return machine_of(machine)
 
 
 def _save(fitted: Machine, data: Path, out: Path) -> None:
@@ -197,37 +205,19 @@ def _signed(machine: Machine, data: Path) -> Machine:
         for record in machine.adopted)})
 
 
-def _from_log(what: What, data: Path, machine: Machine, today: str) -> Machine:
-    """The machine as a run log makes it; prints what was found."""
-    from control.calibration.heads_check import check_heads
-    from control.calibration.wheel_fit import fit_wheel
-    from drivers.files.calibration_log import counted_by, heads_columns, wheel_columns
-    from drivers.files.read_log import read_rows
-    log = read_rows(data)
-    if what is What.WHEEL:
-        fitted, wheel = fit_wheel(wheel_columns(log), machine, counted_by(log, machine), str(data), date=today)
-        _tell_wheel(wheel)
-    else:
-        fitted, heads = check_heads(log.time_s, heads_columns(log), machine, str(data), date=today)
-        _tell_heads(heads)
-    return fitted
-
-
 def _tell_wheel(fit: WheelFit) -> None:
     typer.echo(f"{fit.stretches} straight stretches, {fit.way_m:.0f} m {'at work' if fit.at_work else 'without flow'}")
     typer.echo(f"wheel circumference, m  {_span(fit.circumference_m)}")
     if fit.slip_percent is not None:
         typer.echo(f"slip at work, %  {_span(fit.slip_percent)}")
-    for note in fit.notes:
-        typer.echo(f"note: {note}")
+    _tell_notes(fit.notes)
 
 
 def _tell_heads(fit: HeadsFit) -> None:
     for head in fit.heads:
         line = "" if head.slope is None else f", line {head.slope:.3f} x others {head.offset:+.3f}"
         typer.echo(f"head {head.number}  off by {_span(head.gain_percent)} %{line}{'  FOULED' if head.fouled else ''}")
-    for note in fit.notes:
-        typer.echo(f"note: {note}")
+    _tell_notes(fit.notes)
 
 
 def _tell_flow(fit: FlowFit, machine: Machine) -> None:
@@ -238,8 +228,7 @@ def _tell_flow(fit: FlowFit, machine: Machine) -> None:
         typer.echo(f"grams per revolution at zero opening  {_span(fit.zero_offset_g_rev)}")
     if fit.fill_falloff_percent is not None:
         typer.echo(f"lost at {machine.flow.full_rpm:g} r/min, %  {_span(fit.fill_falloff_percent)}")
-    for note in fit.notes:
-        typer.echo(f"note: {note}")
+    _tell_notes(fit.notes)
 
 
 def _tell_lag(fit: LagFit) -> None:
@@ -247,8 +236,7 @@ def _tell_lag(fit: LagFit) -> None:
                f"{fit.residual_sd_s:.4f} s, correlation {fit.correlation:.3f}")
     typer.echo(f"slope, s per r/min  {_span(fit.slope_s_per_rpm)}")
     typer.echo(f"intercept, s        {_span(fit.intercept_s)}")
-    for note in fit.notes:
-        typer.echo(f"note: {note}")
+    _tell_notes(fit.notes)
 
 
 def _tell_tube(fit: TubeFit) -> None:
@@ -257,6 +245,11 @@ def _tell_tube(fit: TubeFit) -> None:
     typer.echo(f"share that the stream carries  {_span(fit.carried_share)}, s.d. {fit.sd:.2f}")
     if not fit.settles:
         typer.echo("note: not settled yet, more repeats are needed: until then no strategy counts on the tube")
+
+
+def _tell_notes(notes: Iterable[str]) -> None:
+    for note in notes:
+        typer.echo(f"note: {note}")
 
 
 def _span(one: Interval) -> str:

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from console.cli.outputs import Force, Output, log_files, marked, named, refuse_collisions
-from console.cli.plain_errors import NOT_JUDGED
+from console.cli.inputs import machine_of
+from console.cli.outputs import Force, log_files, machine_file, marked, refuse_collisions
+from console.cli.plain_errors import NOT_JUDGED, say_notes
 from console.cli.progress_line import ProgressLine
 
 if TYPE_CHECKING:
@@ -29,21 +30,14 @@ def compare(
 
     Exit code 3: no channel of any log could be held against both.
     """
-    from drivers.files.config import load
-    from drivers.files.kinds import MACHINE
-    machines = [load(name, MACHINE).model for name in (old, new)]
-    reads = [*(file for log in logs for file in log_files(log)), *(named(name, MACHINE.folder) for name in (old, new))]
-    outputs: list[Output] = [] if report is None else [marked(report, _generator())]
-    refuse_collisions(reads, outputs, force)
+    from console.reports.html import GENERATOR
+    machines = [machine_of(name) for name in (old, new)]
+    reads = [*(file for log in logs for file in log_files(log)), *map(machine_file, (old, new))]
+    refuse_collisions(reads, [] if report is None else [marked(report, GENERATOR.encode())], force)
     found = _compared(logs, machines[0], machines[1], new)
     _write(found, old, new, as_json, report)
     if not any(one.channels for _, one in found):
         raise typer.Exit(NOT_JUDGED)
-
-
-def _generator() -> bytes:
-    from console.reports.html import GENERATOR
-    return GENERATOR.encode()
 
 
 def _compared(logs: list[Path], old: Machine, new: Machine, name: str) -> list[tuple[str, Compared]]:
@@ -56,22 +50,16 @@ def _compared(logs: list[Path], old: Machine, new: Machine, name: str) -> list[t
                 done = 100.0 * (number + share) / len(logs)
                 line.tell(f"{done:3.0f} % {path.name} {word} (Ctrl-C cancels)")
             log = open_log(path)
-            one = compared(dict(log.columns), old, new, step if line.shown else _silent)
+            one = compared(dict(log.columns), old, new, step if line.shown else lambda share, word: None)
             line.end()
             odd = [str(one) for one in log.findings if one.id != "missing" or not (old.stages and new.stages)]
             notes = [*odd, *one.findings, *_fitted_to(path, old, new)]
-            for finding in dict.fromkeys(notes):
-                typer.echo(f"note: {path}: {finding}", err=True)
-            if not one.channels:
-                typer.echo(f"note: {path}: no channel of it could be held against {name}", err=True)
+            notes += [] if one.channels else [f"no channel of it could be held against {name}"]
+            say_notes(dict.fromkeys(notes), f"{path}: ")
             found.append((str(path), one))
     finally:
         line.end()
     return found
-
-
-def _silent(share: float, word: str) -> None:
-    pass
 
 
 def _fitted_to(path: Path, *machines: Machine) -> list[str]:

@@ -3,7 +3,6 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from console.cli.adopting import adopted, refuse_picks
-from console.cli.inputs import LOG, need_ending, refuse_other
-from console.cli.outputs import Force, Output, log_files, marked, named, refuse_collisions
-from console.cli.plain_errors import NOT_JUDGED, CommandError
+from console.cli.inputs import LOG, MachineName, machine_of, need_ending, refuse_other
+from console.cli.outputs import Force, Output, log_files, machine_file, marked, refuse_collisions
+from console.cli.plain_errors import NOT_JUDGED, CommandError, say_notes
 from console.cli.progress_line import ProgressLine
 from drivers import day_clock
 
@@ -30,8 +29,7 @@ def diagnose(
     data: Annotated[list[Path], typer.Argument(metavar="DATA.csv...", help="One or more run logs, or one or more "
                                                "bench tables, of the same machine.")],
     *,
-    machine: Annotated[str, typer.Option(metavar="MACHINE",
-                                         help="Machine file, or name of a shipped one.")] = "huanghai",
+    machine: MachineName = "huanghai",
     kind: Annotated[str | None, typer.Option(metavar="KIND",
                                              help="run, lag, catch, weigh, heads or place; default: from the "
                                              "columns.")] = None,
@@ -55,8 +53,6 @@ def diagnose(
 
     Exit code 3: nothing of the data could be judged, or --adopt found nothing that is decided.
     """
-    from drivers.files.config import load
-    from drivers.files.kinds import MACHINE
     refuse_other(data, LOG)
     need_ending("--report", report, ".html")
     need_ending("--adopt", adopt, ".yaml", ".yml")
@@ -64,9 +60,9 @@ def diagnose(
         raise CommandError(f"--job {job}: only --closed-loop simulates a job")
     picked = tuple(pick or ())
     refuse_picks(picked, adopt)
-    loaded = load(machine, MACHINE).model
+    loaded = machine_of(machine)
     setup = None if closed_loop is None else _setup(machine, job or "demo")
-    reads = [*(file for path in data for file in log_files(path)), named(machine, MACHINE.folder)]
+    reads = [*(file for path in data for file in log_files(path)), machine_file(machine)]
     refuse_collisions([*reads, *(() if setup is None else setup.files)], _outputs(as_json, report, adopt), force)
     several: Several | None = None
     if kind == "run" or (kind is None and _is_run(data)):
@@ -136,11 +132,6 @@ def _columns(path: Path, machine: Machine) -> tuple[dict[str, Any], list[str]]:
     return {name: array for name, array in log.columns.items() if name not in UNREAD}, odd
 
 
-def _notes(odd: Iterable[str], where: str = "") -> None:
-    for sentence in odd:
-        typer.echo(f"note: {where}{sentence}", err=True)
-
-
 def _run(data: Path, machine: Machine, seed: int) -> tuple[Diagnosis, dict[str, Any]]:
     from control.diagnosis.runs.diagnose import diagnose_run
     columns, odd = _columns(data, machine)
@@ -150,7 +141,7 @@ def _run(data: Path, machine: Machine, seed: int) -> tuple[Diagnosis, dict[str, 
             found = diagnose_run(columns, machine, path=str(data), progress=_progress(), seed=seed, each=pool.map)
         said = found.findings
     finally:                                    # what the report says itself is said once
-        _notes(one for one in odd if one not in said)
+        say_notes(one for one in odd if one not in said)
     return found, {"columns": columns, "machine": machine}
 
 
@@ -166,7 +157,7 @@ def _several(data: list[Path], machine: Machine) -> tuple[Several, dict[str, Any
     logs, names = [], [str(path) for path in data]
     for path in data:
         columns, odd = _columns(path, machine)
-        _notes(odd, f"{path}: ")
+        say_notes(odd, f"{path}: ")
         logs.append(columns)
     with ThreadPoolExecutor(TOGETHER) as pool:
         found = diagnose_runs(logs, machine, paths=names, progress=_progress(), each=pool.map)

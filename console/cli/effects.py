@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from console.cli.outputs import Force, marked, named, refuse_collisions
+from console.cli.inputs import machine_of
+from console.cli.outputs import Force, machine_file, marked, refuse_collisions
 from console.cli.terms import what_terms_are
 
 
@@ -22,13 +23,11 @@ def effects(
 ) -> None:
     """List the catalogue of effects: what each is, its unit and range, where it shows, its source."""
     from control.machine.machine import CATALOGUE, bounds, unit_of
-    from drivers.files.config import load
-    from drivers.files.kinds import MACHINE
-    loaded = load(machine, MACHINE).model
+    loaded = machine_of(machine)
     if as_page is not None:
         from console.reports.effects_page import markdown
         from drivers.files.atomic import write_atomically
-        refuse_collisions([named(machine, MACHINE.folder)], [marked(as_page, b"topdress effects --markdown")], force)
+        refuse_collisions([machine_file(machine)], [marked(as_page, b"topdress effects --markdown")], force)
         write_atomically(as_page, markdown(CATALOGUE, loaded))
         if not as_json:
             return

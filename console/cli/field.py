@@ -8,7 +8,7 @@ import typer
 
 from console.cli.inputs import Reads, need_ending, refuse_other
 from console.cli.outputs import Force, Output, named, refuse_collisions
-from console.cli.plain_errors import CommandError
+from console.cli.plain_errors import CommandError, say_notes
 
 if TYPE_CHECKING:
     from drivers.files.fields.field_data import FieldData
@@ -49,8 +49,7 @@ def field(
         _take_done(source, out, job)
         return
     data = _read(source, name)
-    for finding in data.findings:
-        typer.echo(f"note: {source}: {finding}", err=True)
+    say_notes(data.findings, f"{source}: ")
     _tell(data)
     if out is None:
         return
@@ -111,7 +110,7 @@ def _take_done(source: Path, out: Path | None, job: str) -> None:
     typer.echo(f"done         {found.area_ha:.4f} ha, each place once: gets nothing more")
     boundary = ground.boundary()
     if plane is not None and boundary is not None and (away_m := boundary.away_m(found.middle_m)) > FAR_M:
-        typer.echo(f"note: {source}: lies {away_m / 1000.0:.1f} km from the field of {loaded.path.name}", err=True)
+        say_notes([f"lies {away_m / 1000.0:.1f} km from the field of {loaded.path.name}"], f"{source}: ")
     if out is None:
         return
     model = loaded.model.with_files(lambda name: str((loaded.path.parent / name).resolve()))

@@ -1,10 +1,8 @@
 """`topdress fleet`: a season of logs of many machines, on this computer or a Dask cluster."""
 from __future__ import annotations
 
-import contextlib
 import os
 import signal
-import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from console.cli.outputs import Force, marked, named, refuse_collisions
+from console.cli.outputs import Force, marked, refuse_collisions
 from console.cli.plain_errors import CANCELLED, CommandError
 from console.cli.progress_line import ProgressLine
 from drivers import day_clock
@@ -61,7 +59,7 @@ def fleet(
     if not logs:
         raise CommandError(f"{paths[0]}: no logs there: allowed are .csv and .parquet")
     table = None if about is None else Path(about)
-    reads = [*(Path(log) for log in logs if "://" not in log), named(machine, MACHINE.folder),
+    reads = [*(Path(log) for log in logs if "://" not in log), loaded.path,
              *([] if table is None else [table])]
     tables = [out / f"{name}.parquet" for name in TABLES]
     refuse_collisions(reads, [marked(out / REPORT, GENERATOR.encode(), tables)], force)
@@ -71,7 +69,6 @@ def fleet(
     begin = time.monotonic()
     asked = Asked(loaded.model.model_dump(mode="json"), known, salt, options, retry)
     with cluster(scheduler, min(workers, len(logs))) as client:
-        threading.Thread(target=_load_report, daemon=True).start()
         try:
             found = diagnosed(client, logs, asked, out, _progress())
         except KeyboardInterrupt:
@@ -85,13 +82,6 @@ def fleet(
                f"{twins}; {took_s:.0f} s", err=True)
     if not found.records:
         raise CommandError(f"{out}: no log was diagnosed: allowed is a run with at least one that can be read")
-
-
-def _load_report() -> None:
-    """What puts the logs together is read while the workers are at theirs: it takes a second. Where it cannot be read,
-    `_print_season` says so."""
-    with contextlib.suppress(ImportError):
-        pass
 
 
 def _options(said: list[str]) -> dict[str, str]:
@@ -132,12 +122,8 @@ def _print_season(found: object, out: Path, price: float | None, currency: str) 
 
 def _about(table: Path, logs: list[str]) -> dict[str, dict[str, str]]:
     """By log; a name without a folder stands for every log of that name."""
-    from drivers.files.imports.trouble import TableError
     from drivers.files.table import read_table
-    try:
-        read = read_table(table, texts=ABOUT)
-    except TableError as error:
-        raise CommandError(str(error)) from None
+    read = read_table(table, texts=ABOUT)
     strange = [name for name in read.names if name not in ABOUT]
     if "log" not in read.columns or strange:
         raise CommandError(f"{table}: column {(strange or ['log'])[0]}: allowed are {', '.join(ABOUT)}; log must be "

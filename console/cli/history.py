@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from console.cli.inputs import need_ending
-from console.cli.outputs import Force, Output, named, refuse_collisions
+from console.cli.inputs import machine_of, need_ending
+from console.cli.outputs import Force, Output, machine_file, refuse_collisions
 from console.cli.plain_errors import CommandError
 from drivers import day_clock
 
@@ -22,19 +22,16 @@ def history(
     """List what diagnoses changed in a machine file: day, data, each effect before and after, each term."""
     from console.reports.term_words import side_by_side
     from control.machine.history import last_change, undone
-    from drivers.files.config import load, save
+    from drivers.files.config import save
     from drivers.files.kinds import MACHINE
     if undo != (out is not None):
         raise CommandError("history: --undo and --out NEW.yaml are given together: the file itself is not written over")
     need_ending("--out", out, ".yaml", ".yml")
-    loaded = load(machine, MACHINE).model
+    loaded = machine_of(machine)
     if out is not None:
-        refuse_collisions([named(machine, MACHINE.folder)], [Output((out,))], force)
+        refuse_collisions([machine_file(machine)], [Output((out,))], force)
         last = last_change(loaded)
-        try:
-            save(out, undone(loaded, date=day_clock.today().isoformat()), MACHINE)
-        except ValueError as error:
-            raise CommandError(str(error)) from None
+        save(out, undone(loaded, date=day_clock.today().isoformat()), MACHINE)
         assert last is not None
         typer.echo(f"taken back, {out} is without it:")
         typer.echo("\n".join(side_by_side(last)))

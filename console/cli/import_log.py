@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from console.cli.inputs import LOG, need_ending, refuse_other
+from console.cli.inputs import LOG, machine_of, need_ending, refuse_other
 from console.cli.outputs import Force, Output, log_files, new_log_files, refuse_collisions
-from console.cli.plain_errors import CommandError
+from console.cli.plain_errors import CommandError, say_notes
 
 if TYPE_CHECKING:
     from drivers.files.imports.guessed import Guess
@@ -91,11 +91,9 @@ def _place_of_guess(files: list[Path], mapping: Path | None, out: Path | None) -
 
 def _full(machine: str | None) -> dict[str, float]:
     """The most of each drive's columns, by a machine file."""
-    from drivers.files.config import load
-    from drivers.files.kinds import MACHINE
     if machine is None:
         return {}
-    limits = load(machine, MACHINE).model.limits
+    limits = machine_of(machine).limits
     return {"shaft_rpm_cmd": limits.shaft_high_rpm, "shaft_rpm": limits.shaft_high_rpm,
             "opening_mm_cmd": limits.opening_high_mm, "opening_mm": limits.opening_high_mm}
 
@@ -141,8 +139,7 @@ def _import(files: list[Path], mapping_file: Path | None, out: Path, given: _Giv
     parts = [convert(read_raw(path, mapping.source) if first is None or path != files[0] else first, mapping)
              for path in files]
     log = joined(parts, mapping.join)
-    for finding in (*(f"{part.raw.path}: {found}" for part in log.parts for found in part.findings), *log.findings):
-        typer.echo(f"note: {finding}", err=True)
+    say_notes((*(f"{part.raw.path}: {found}" for part in log.parts for found in part.findings), *log.findings))
     frame = write_imported(out, log, mapping, mapping_file)
     seconds = float(frame["time_s"][-1])
     typer.echo(f"{out}: {frame.height} rows, {seconds:.0f} s; columns {', '.join(frame.columns)}")
@@ -173,8 +170,7 @@ def _copy(source: Path, out: Path, force: bool) -> None:
     from drivers.files.read_log import read_rows
     refuse_collisions(log_files(source), [Output(_written(out))], force)
     log = read_rows(source)
-    for finding in log.findings:
-        typer.echo(f"note: {source}: {finding}", err=True)
+    say_notes(log.findings, f"{source}: ")
     if out.suffix.lower() in SUFFIXES:
         write_store(out, log.columns, log.meta, log.findings)
     else:

@@ -3,9 +3,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+import typer
 
 from console.cli.plain_errors import CommandError
+
+if TYPE_CHECKING:
+    from control.machine.machine import Machine
+
+JobName = Annotated[str, typer.Option(metavar="JOB", help="Job file, or name of a shipped one.")]
+PlantedEffects = Annotated[list[str] | None, typer.Option(
+    metavar="ID=SIZE[@ONSET_S][#MEMBER]", help="Plant an effect that the controller does not know (repeatable).")]
+MachineName = Annotated[str, typer.Option(metavar="MACHINE", help="Machine file, or name of a shipped one.")]
 
 AS_PDF = "a browser prints that page to a PDF"
 
@@ -33,6 +43,13 @@ def refuse_other(files: Iterable[Path], reads: Reads) -> None:
     from drivers.files.what_it_is import refuse_kind
     for file in files:
         refuse_kind(file, reads.kinds, reads.words)
+
+
+def machine_of(name: str) -> Machine:
+    """Of a machine file, or of the name of a shipped one. Raises ConfigError."""
+    from drivers.files.config import load
+    from drivers.files.kinds import MACHINE
+    return load(name, MACHINE).model
 
 
 def need_ending(option: str, path: Path | None, *endings: str) -> None:

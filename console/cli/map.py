@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from console.cli.inputs import MAP, refuse_other
-from console.cli.outputs import Force, Output, log_files, marked, named, refuse_collisions
+from console.cli.inputs import MAP, machine_of, refuse_other
+from console.cli.outputs import Force, Output, log_files, machine_file, marked, refuse_collisions
 from console.cli.plain_errors import CommandError
 from drivers import day_clock
 
@@ -89,11 +89,9 @@ def _is_log(source: Path) -> bool:
 
 def _read(source: Path, is_log: bool, machine: str | None) -> tuple[Path, ...]:
     from drivers.files.archives import files_of
-    from drivers.files.kinds import MACHINE
     from drivers.files.point_files import TABLES
-    if not is_log or source.suffix.lower() not in TABLES:
-        return (*files_of(source), *(() if machine is None else (named(machine, MACHINE.folder),)))
-    return (*log_files(source), *(() if machine is None else (named(machine, MACHINE.folder),)))
+    own = log_files(source) if is_log and source.suffix.lower() in TABLES else files_of(source)
+    return (*own, *(() if machine is None else (machine_file(machine),)))
 
 
 def _output(out: Path) -> Output:
@@ -181,17 +179,15 @@ def _tell(read: Imported, as_json: bool) -> None:
 def _export(source: Path, out: Path | None, *, machine: str | None, product: str | None, nitrogen: float | None,
             every_s: float, polygons: bool, as_json: bool) -> None:
     from drivers.files.any_log import is_foreign, open_log
-    from drivers.files.config import load
     from drivers.files.exports.as_applied import Product, as_applied
     from drivers.files.exports.columns import summary
     from drivers.files.exports.write import write_as_applied
-    from drivers.files.kinds import MACHINE
     from drivers.files.read_log import read_log
     given = None
     if product is not None or nitrogen is not None:
         given = Product(product or "product", nitrogen or 0.0)
     log = open_log(source) if is_foreign(source) else read_log(source)
-    loaded = load(machine, MACHINE).model if machine else None
+    loaded = machine_of(machine) if machine else None
     applied = as_applied(log, loaded, given, every_s)
     if out is not None and out.suffix.lower() == ".html":
         from console.reports.job_page import MOST_STRETCHES

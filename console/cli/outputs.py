@@ -68,6 +68,12 @@ def new_log_files(log: Path) -> tuple[Path, Path]:
     return log_files(log)
 
 
+def machine_file(where: str) -> Path:
+    """The machine file of a shipped name or path. Raises ConfigError."""
+    from drivers.files.kinds import MACHINE
+    return named(where, MACHINE.folder)
+
+
 def named(where: str, folder: str) -> Path:
     """The configuration file of a shipped name or path. Raises ConfigError."""
     from drivers.files.config import resolve

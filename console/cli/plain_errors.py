@@ -8,12 +8,13 @@ from __future__ import annotations
 import functools
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from math import isfinite
 from typing import Any, TypeVar
 
 import typer
 
+from console.running import WorkerFailed
 from drivers.files.config_error import ConfigError
 from drivers.files.imports.trouble import TableError
 from drivers.plain_text import one_line
@@ -39,7 +40,7 @@ def guarded(command: F) -> F:
             for line in error.lines:
                 typer.echo(line, err=True)
             raise typer.Exit(WRONG) from None
-        except (CommandError, ValueError) as error:
+        except (CommandError, ValueError, WorkerFailed) as error:
             typer.echo(one_line(str(error)) or type(error).__name__, err=True)
             raise typer.Exit(WRONG) from None
         except BrokenPipeError:             # `topdress decode ... | head` is no error
@@ -81,6 +82,12 @@ def _kept_trace() -> str:
     except OSError:
         return "its trace could not be kept"
     return f"its trace is in {kept.name}: please report it"
+
+
+def say_notes(notes: Iterable[object], where: str = "") -> None:
+    """What is to be known of what was read, a line each on stderr. where: before each."""
+    for one in notes:
+        typer.echo(f"note: {where}{one}", err=True)
 
 
 def has_terminal() -> bool:

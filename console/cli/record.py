@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from console.cli.inputs import LOG, need_ending, refuse_other
-from console.cli.outputs import Force, log_files, marked, named, refuse_collisions
+from console.cli.inputs import LOG, machine_of, need_ending, refuse_other
+from console.cli.outputs import Force, log_files, machine_file, marked, refuse_collisions
 from console.cli.plain_errors import CommandError
 
 if TYPE_CHECKING:
@@ -30,17 +30,15 @@ def record(
     force: Force = False,
 ) -> None:
     """Say what was spread on which field: kilograms, nitrogen, costs; and keep a line of it for the farm's books."""
-    from drivers.files.config import load
     from drivers.files.exports.farm_record import BEGINS, write_record
-    from drivers.files.kinds import MACHINE
     refuse_other(logs, LOG)
     need_ending("--out", out, ".csv")
     prices = _prices(price or ())
     reads = [*(file for log in logs for file in log_files(log)),
-             *([] if machine is None else [named(machine, MACHINE.folder)])]
+             *([] if machine is None else [machine_file(machine)])]
     if out is not None:
         refuse_collisions(reads, [marked(out, BEGINS)], force)
-    loaded = load(machine, MACHINE).model if machine else None
+    loaded = machine_of(machine) if machine else None
     passes = [_pass(log, loaded, nitrogen, prices, currency) for log in logs]
     if prices and not any(_priced(one, prices) for one in passes):
         raise CommandError(f"--price {', '.join(name for name in prices if name)}: no log spread that: allowed "

@@ -9,7 +9,7 @@ import typer
 
 from console.cli.inputs import LOG, refuse_bench_table, refuse_other
 from console.cli.outputs import Force, log_files, refuse_collisions
-from console.cli.plain_errors import CommandError
+from console.cli.plain_errors import CommandError, say_notes
 from console.cli.progress import progress
 from console.cli.whole_log import log_output, whole_log
 from control.orders import Strategy
@@ -52,8 +52,7 @@ def replay(
 def _again(recorded: RunLog, out: Path, setup: Setup) -> None:
     from console.services.rerun import rerun
     from drivers.files.run_meta import run_meta
-    for finding in recorded.findings:
-        typer.echo(f"note: {finding}", err=True)
+    say_notes(recorded.findings)
     started = time.perf_counter()
     meta = run_meta(setup.machine, setup.crop, setup.job, sha256=setup.sha256,
                     extra={"replay_of": str(recorded.path), "job_folder": str(setup.folder)})

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from console.app.joined import Joined
     from console.app.services import Services
     from console.running import Where
-    from console.services.job import JobFiles
     from console.services.launcher import Launcher
     from drivers.files.config import Loaded
     from drivers.files.read_log import RunLog
@@ -37,16 +36,13 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
     launcher = Launcher(config, effects, seed, hz, log, trouble_path(), name)
     coming: Future[Where] | None = None
     running: Where | None = None
-    try:
-        if has_terminal():
-            running = find_running()
-            if running is None and not launcher.may_go_on():
-                coming = _started(launcher.start)
-        joined = None if running is None else _join(launcher, running)
-        setup, found = _setup(config, coming) if joined is None else _setup_of_running(launcher.config, config)
-        need_terminal("topdress run", "topdress simulate runs the loop, topdress serve shows the console in a browser")
-    except WorkerFailed as error:
-        raise CommandError(str(error)) from None
+    if has_terminal():
+        running = find_running()
+        if running is None and not launcher.may_go_on():
+            coming = _started(launcher.start)
+    joined = None if running is None else _join(launcher, running)
+    setup, found = _setup(config, coming) if joined is None else _setup_of_running(launcher.config, config)
+    need_terminal("topdress run", "topdress simulate runs the loop, topdress serve shows the console in a browser")
     from console.app.app import TopdressApp
     from console.link import ComingLink, Link
     from console.services.job import JobFiles
@@ -67,7 +63,7 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
     source: Link | None = None
     if running is not None:
         source = Link(running, name)
-    elif coming is not None or _nothing_left(job):            # else the console asks whether to go on with it
+    elif coming is not None or job.offer() is None:           # else the console asks whether to go on with it
         source = ComingLink(coming or _started(launcher.start), name)
     tour = not config and first_time()
     app = TopdressApp(source, start=launcher.link, attach=attach, limits_kg_ha=(0.0, setup.crop.max_rate_kg_ha),
@@ -80,14 +76,6 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
     lines.close()
     if app.not_started:
         raise CommandError(app.not_started)
-
-
-def _nothing_left(job: JobFiles) -> bool:
-    """Whether no job was left on this field. Raises CommandError where its files cannot say."""
-    try:
-        return job.offer() is None
-    except ValueError as error:
-        raise CommandError(str(error)) from None
 
 
 def own_job(name: str) -> str:

@@ -32,7 +32,7 @@ def serve(
         from console.serve.server import TabletServer
     except ImportError:
         raise CommandError(f"serve needs textual-serve: {install_line('serve')}") from None
-    from console.running import WorkerFailed, find_running
+    from console.running import find_running
     command = [sys.executable, "-P", "-m", "console.cli.tablet"]
     if token_file is not None:
         made = prepare_token(token_file)
@@ -40,10 +40,7 @@ def serve(
         command += ["--token-file", str(token_file.resolve())]
     else:
         typer.echo("key          none: tabs only look")
-    try:
-        running = find_running()
-    except WorkerFailed as error:
-        raise CommandError(str(error)) from None
+    running = find_running()
     typer.echo(f"worker       {f'process {running.pid}' if running else 'none runs: tabs say so until one does'}")
     typer.echo(f"console      http://{'[' + host + ']' if ':' in host else host}:{port}  (Ctrl-C ends)")
     if not _loopback(host):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from console.cli.inputs import JobName, MachineName, PlantedEffects
 from console.cli.outputs import Force, Output, refuse_collisions
 from console.cli.plain_errors import CommandError
 from drivers import day_clock
@@ -20,12 +21,10 @@ PLANT_STEP_S = 0.02
 
 def serve_machine(
     *,
-    machine: Annotated[str, typer.Option(metavar="MACHINE",
-                                         help="Machine file, or name of a shipped one.")] = "huanghai",
-    job: Annotated[str, typer.Option(metavar="JOB", help="Job file, or name of a shipped one.")] = "demo",
+    machine: MachineName = "huanghai",
+    job: JobName = "demo",
     seed: Annotated[int, typer.Option(metavar="NUMBER", min=0, help="Of canopy and noise.")] = 1,
-    effect: Annotated[list[str] | None, typer.Option(metavar="ID=SIZE[@ONSET_S][#MEMBER]", help="Plant an effect that "
-                                                     "the controller does not know (repeatable).")] = None,
+    effect: PlantedEffects = None,
     fault: Annotated[list[str] | None, typer.Option(
         metavar="KIND:DEVICE@FROM_S[+FOR_S]", help="Spoil a device's line: unplug, garbage, half_lines, frozen, "
         "delayed, duplicated, bit_flips, wrong_baud (repeatable). DEVICE heads: all of them. Or a drive that does "

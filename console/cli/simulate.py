@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
+from console.cli.inputs import JobName, MachineName, PlantedEffects
 from console.cli.map_notes import print_map_notes
 from console.cli.outputs import Force, new_log_files, refuse_collisions
 from console.cli.plain_errors import CommandError
@@ -43,15 +44,13 @@ TRUTH_COLUMNS = ("time_s", "shaft_rpm", "opening_mm", "flow_kg_s", "landed_rate_
 
 def simulate(
     *,
-    machine: Annotated[str, typer.Option(metavar="MACHINE",
-                                         help="Machine file, or name of a shipped one.")] = "huanghai",
-    job: Annotated[str, typer.Option(metavar="JOB", help="Job file, or name of a shipped one.")] = "demo",
+    machine: MachineName = "huanghai",
+    job: JobName = "demo",
     seconds: Annotated[float, typer.Option(metavar="SECONDS", min=1.0, help="Simulated time.")] = 600.0,
     seed: Annotated[int, typer.Option(metavar="NUMBER", min=0, help="Of canopy and noise.")] = 1,
     out: Annotated[Path | None, typer.Option(metavar="LOG.csv", help="Run log; LOG.truth.csv is written next to it. "
                                              "Without it: nothing is written.")] = None,
-    effect: Annotated[list[str] | None, typer.Option(metavar="ID=SIZE[@ONSET_S][#MEMBER]", help="Plant an effect that "
-                                                     "the controller does not know (repeatable).")] = None,
+    effect: PlantedEffects = None,
     term: Annotated[list[str] | None, typer.Option(metavar="TERM", help="Plant a term that the controller does not "
                                                    "know (repeatable), e.g. \"flow_percent bend speed_mps bend=-4.4 "
                                                    "at=1.2\"; see topdress effects.")] = None,
