@@ -80,7 +80,8 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
 
 def own_job(name: str) -> str:
     """A name of one of the user's jobs as its file; a path and a shipped name as they are."""
-    own = Path(platformdirs.user_data_dir("topdress", appauthor=False)) / "jobs" / f"{name}.yaml"
+    from console.services.launcher import data_folder
+    own = data_folder() / "jobs" / f"{name}.yaml"
     return str(own) if "/" not in name and "\\" not in name and own.is_file() else name
 
 
@@ -157,7 +158,8 @@ def run_services(setup: Setup, found: Mapping[str, Loaded[BaseModel]], effects: 
 
 def first_time() -> bool:
     """Whether this user never saw the console; from now on they did."""
-    mark = Path(platformdirs.user_data_dir("topdress", appauthor=False)) / "seen"
+    from console.services.launcher import data_folder
+    mark = data_folder() / "seen"
     try:
         mark.parent.mkdir(parents=True, exist_ok=True)
         mark.touch(exist_ok=False)

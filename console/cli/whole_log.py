@@ -41,9 +41,6 @@ def log_output(log: Path, *with_it: Path) -> Output:
 
 
 def _computed(log: Path) -> bool:
-    from drivers.files.run_meta import meta_from_yaml
-    try:
-        meta = meta_from_yaml(log.with_suffix(".yaml").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return False
-    return "replay_of" in meta.extra or (meta.seed is not None and meta.started_utc is None)
+    from drivers.files.run_meta import meta_beside
+    meta = meta_beside(log)
+    return meta is not None and ("replay_of" in meta.extra or (meta.seed is not None and meta.started_utc is None))

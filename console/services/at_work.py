@@ -1,20 +1,20 @@
 """What a running machine goes by, as its log's sidecar has it; what its run did before, as its snapshot has it."""
 from __future__ import annotations
 
-from pathlib import Path
-
 from console.app.pages.job.service import AtWork, Earlier
 from console.worker import resume
-from drivers.files.run_meta import meta_from_yaml
+from drivers.files.run_meta import meta_beside
 
 
 def at_work(log_path: str) -> AtWork | None:
     """None where the log has no sidecar, or one that does not say."""
+    meta = meta_beside(log_path)
+    if meta is None:
+        return None
+    crop, machine = meta.crop or {}, meta.machine or {}
     try:
-        meta = meta_from_yaml(Path(log_path).with_suffix(".yaml").read_text(encoding="utf-8"))
-        crop, machine = meta.crop or {}, meta.machine or {}
         return AtWork(float(crop["max_rate_kg_ha"]), float(machine["flow"]["full_kg"]))
-    except (OSError, ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError):
         return None
 
 

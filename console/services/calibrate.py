@@ -8,11 +8,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import platformdirs
-
 from console.app.pages.calibrate.catch import CatchPoint
 from console.app.pages.calibrate.job import CalibrateJob, CurvePoint, Estimate, Fitted, LagTable, Number
 from console.app.pages.calibrate.wheel import WheelSample
+from console.services.launcher import data_folder
 from control.machine.flow import grams_per_rev
 from control.machine.machine import Machine
 from drivers import day_clock
@@ -34,7 +33,7 @@ def calibrate_job(machine: Machine, wheel_circumference_m: float | None = None, 
     wheel_circumference_m: what the wheel is counted by, where a cab file says so. folder: where new machine files go;
     the run logs' folder is next to it. tables: further folders in which lag tables are looked for.
     """
-    place = folder or Path(platformdirs.user_data_dir("topdress", appauthor=False)) / "machines"
+    place = folder or data_folder() / "machines"
     look_in = (place.parent / "logs", place, Path.cwd(), *tables)
     limits, points = machine.limits, machine.set_points
     counted_m = wheel_circumference_m or machine.speed.wheel_circumference_m

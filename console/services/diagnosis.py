@@ -12,8 +12,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import platformdirs
-
 from console.app.pages.diagnosis.adoption import offer_of, undecided
 from console.app.pages.diagnosis.data import (
     IMPORT,
@@ -31,6 +29,7 @@ from console.app.pages.diagnosis.data import (
 from console.reports.said import others
 from console.services.diagnosis_job import REPORT, RESULT, VIEW, Order
 from console.services.foreign_files import is_listed, may_be_brought_in
+from console.services.launcher import data_folder
 from console.threads import ONE_THREAD
 from drivers import day_clock
 from drivers.files.atomic import free_path
@@ -44,11 +43,6 @@ if TYPE_CHECKING:
 MOST_FILES = 200
 HEADER_BYTES = 8_192
 PROGRAM = ("-P", "-m", "console.services.diagnosis_job")
-
-
-def data_folder() -> Path:
-    """The user's own folder for what the program writes."""
-    return Path(platformdirs.user_data_dir("topdress", appauthor=False))
 
 
 def diagnosis_files(found: Mapping[str, Loaded[BaseModel]], effects: tuple[str, ...] = ()) -> DiagnosisFiles:

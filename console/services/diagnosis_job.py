@@ -97,16 +97,8 @@ def compared_before_and_after(order: Order, tell: Tell) -> None:
 
 def machine_of(order: Order) -> Machine:
     """The machine that the data is held against."""
-    from drivers.files.config import load, validated
-    from drivers.files.kinds import MACHINE
-    from drivers.files.read_log import meta_of
-    if order.machine is not None:
-        return load(order.machine, MACHINE).model
-    if order.kind == "run":
-        meta = meta_of(Path(order.data))
-        if meta is not None and meta.machine is not None:
-            return validated(meta.machine, MACHINE, str(Path(order.data).with_suffix(".yaml")))
-    return load(order.default_machine, MACHINE).model
+    from console.services.live_check import machine_of_log
+    return machine_of_log(Path(order.data), order.machine, order.default_machine)
 
 
 def drive(order: Order, machine: Machine, out: Path, tell: Tell) -> None:

@@ -43,7 +43,7 @@ def field_picture(frame: Frame) -> FieldPicture | None:
     try:
         job = JOB.model.model_validate(dict(meta.job))
         machine = MACHINE.model.model_validate(dict(meta.machine)) if meta.machine else None
-        picture = picture_of(job, _folder(meta, job, described.parent),
+        picture = picture_of(job, folder_of(meta, job, described.parent),
                              2.4 if machine is None else machine.geometry.working_width_m)
         if machine is None or not machine.switched:
             return picture
@@ -59,7 +59,7 @@ def plane_of_map(meta: RunMeta, log_folder: Path) -> TangentPlane | None:
     from drivers.files.prescriptions.for_job import map_of_job
     try:
         job = JOB.model.model_validate(dict(meta.job or {}))
-        profile = None if job.field.boundary_m else map_of_job(job, _folder(meta, job, log_folder))
+        profile = None if job.field.boundary_m else map_of_job(job, folder_of(meta, job, log_folder))
     except (ValueError, OSError):
         return None
     return None if profile is None else profile.plane
@@ -90,11 +90,12 @@ def picture_of(job: Job, folder: Path, width_m: float) -> FieldPicture:
     return FieldPicture(job.field.title or job.title or job.id, rings, area_ha, width_m, planned)
 
 
-def _folder(meta: RunMeta, job: Job, log_folder: Path) -> Path:
-    """Next to the log where the job's files lie there, else next to the job file of the run."""
+def folder_of(meta: RunMeta, job: Job, log_folder: Path) -> Path:
+    """Where map and plants of a recorded job are looked for: next to the log where they lie there, else next to the job
+    file of the run."""
     names = job.named_files
     written = meta.extra.get("job_folder")
-    if not isinstance(written, str) or (names and all((log_folder / name).exists() for name in names)):
+    if not isinstance(written, str) or all((log_folder / name).exists() for name in names):
         return log_folder
     return Path(written)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 import contextlib
 import shutil
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
@@ -50,6 +50,15 @@ if TYPE_CHECKING:
     from drivers.files.setup import Setup
 
 
+@contextlib.contextmanager
+def one_line() -> Iterator[None]:
+    """What is wrong with a configuration file as the ValueError of the screens: the first of its lines."""
+    try:
+        yield
+    except ConfigError as error:
+        raise ValueError(error.lines[0]) from None
+
+
 class JobFiles:
     """`console.app.job_desk.JobService` on real files."""
 
@@ -66,13 +75,11 @@ class JobFiles:
     def facts(self) -> Facts:
         """Raises ValueError."""
         from drivers.files.setup import setup_of
-        try:
+        with one_line():
             found = self._found()
             setup = setup_of(found, day_clock.today())
             job_path, machine_path = _path_of(found, JOB.format, "demo"), _path_of(found, MACHINE.format, "huanghai")
             crop = load(setup.job.crop, CROP, base=setup.folder)
-        except ConfigError as error:
-            raise ValueError(error.lines[0]) from None
         job, machine = setup.job, setup.machine
         name, area = self._field(job, machine, found)
         nrich = job.ndvi_nrich if job.ndvi_nrich is not None else setup.crop.ndvi_nrich
@@ -152,7 +159,7 @@ class JobFiles:
     def take(self, kind: str, value: str) -> None:
         """Raises ValueError."""
         value = _typed(value)
-        try:
+        with one_line():
             if kind == "crop":
                 load(Path(value), CROP)
                 self._new_job({"crop": value}, f"crop {Path(value).stem}")
@@ -160,8 +167,6 @@ class JobFiles:
             wanted = {"job": JOB, "machine": MACHINE}[kind]
             load(Path(value), wanted)
             self._replace(wanted.format, value)
-        except ConfigError as error:
-            raise ValueError(error.lines[0]) from None
 
     def recent(self) -> tuple[Recent, ...]:
         from console.services.recent import recent
@@ -170,23 +175,19 @@ class JobFiles:
     def take_recent(self, recent: Recent) -> None:
         """Raises ValueError."""
         from drivers.files.setup import by_kind, setup_of
-        try:
+        with one_line():
             setup_of(by_kind(recent.files), day_clock.today())
-        except ConfigError as error:
-            raise ValueError(error.lines[0]) from None
         self._next = recent.files
 
     def take_strip(self, strip: StripValue) -> str:
         """Raises ValueError."""
         what = "N-rich strip" if strip.which == "nrich" else "Farmer check"
         how = "" if strip.se is None else f", standard error {strip.se:.4f}, {strip.samples} samples"
-        try:
+        with one_line():
             said = f"{what} taken back" if strip.ndvi is None else f"{what}: NDVI {strip.ndvi:.4f}{how}"
             path = self._new_job({f"ndvi_{strip.which}": strip.ndvi}, said)
             self._launcher.config, self._next = self._next or self._launcher.config, None
             return path
-        except ConfigError as error:
-            raise ValueError(error.lines[0]) from None
 
     def maps(self) -> tuple[MapFile, ...]:
         from console.services.sticks import maps_in, places
@@ -254,9 +255,8 @@ class JobFiles:
             write_atomically(place, Path(preview.kept).read_bytes())
             source = target.source if target.source in BY_MAP else TargetSource.MAP
             changed = target.model_copy(update={"map": str(place), "source": source, "hold_mean_kg_ha": None})
-            return self._new_job({"target": changed}, said)
-        except ConfigError as error:
-            raise ValueError(error.lines[0]) from None
+            with one_line():
+                return self._new_job({"target": changed}, said)
         except OSError as error:
             raise ValueError(f"{place}: {error.strerror or error}") from None
 
@@ -264,23 +264,19 @@ class JobFiles:
         """Raises ValueError: edges that cross, too few corners."""
         from console.services.driven_field import driven_field
         ground = load(_path_of(self._found(), JOB.format, "demo"), JOB).model.field
-        try:
+        with one_line():
             field, area_ha = driven_field(ground, ring_deg)
             said = f"Boundary driven, {area_ha:.2f} ha, {len(field.boundary_m)} corners"
             return self._new_job({"field": field}, said)
-        except ConfigError as error:
-            raise ValueError(error.lines[0]) from None
 
     def take_names(self, who: JobNames) -> str:
         """Raises ValueError."""
         job = load(_path_of(self._found(), JOB.format, "demo"), JOB).model
         field = job.field.model_copy(update={"title": who.field})
-        try:
+        with one_line():
             return self._new_job({"client": who.client, "farm": who.farm, "product": who.product,
                                   "product_file": who.product_file or None, "operator": who.operator,
                                   "field": field}, "Names given in the cab")
-        except ConfigError as error:
-            raise ValueError(error.lines[0]) from None
 
     def outline(self, job: str) -> tuple[Ring, ...]:
         from control.field.boundary import Boundary
@@ -439,11 +435,9 @@ class JobFiles:
         now, config = day_clock.utc_now(), self._next or self._launcher.config
         if not config:
             return [OpenJob(*one, 1.0) for one in resume.open_jobs(self._launcher.logs, now)][:1]
-        try:
+        with one_line():
             found = by_kind(config)
             setup = setup_of(found, day_clock.today())
-        except ConfigError as error:
-            raise ValueError(error.lines[0]) from None
         return jobs_here(self._launcher.logs, _on_its_ground(setup.job, setup.machine, found), _is_simulated(found),
                          now)
 

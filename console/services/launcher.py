@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 
 def data_folder() -> Path:
+    """The user's own folder for what the program writes."""
     return Path(platformdirs.user_data_dir("topdress", appauthor=False))
 
 
@@ -56,10 +57,9 @@ class Launcher:
         from drivers.files.config import load_any
         from drivers.files.config_error import ConfigError
         from drivers.files.kinds import CAB, JOB, KINDS, MACHINE
-        from drivers.files.run_meta import meta_from_yaml
-        try:
-            meta = meta_from_yaml(Path(log_path).with_suffix(".yaml").read_text(encoding="utf-8"))
-        except (OSError, ValueError):
+        from drivers.files.run_meta import meta_beside
+        meta = meta_beside(log_path)
+        if meta is None:
             return None
         found = []
         for file in meta.sha256:

@@ -11,13 +11,14 @@ import numpy as np
 
 from console.app.laid import Harvest, LaidFile
 from console.app.layers import Layer
-from console.app.pages.diagnosis.data import IMPORT, OpenQuestions
+from console.app.pages.diagnosis.data import OpenQuestions
 from console.app.pages.replay.log_files import LogFile
 from console.app.worked import Box, Worked, spot_of
 from console.frame import Frame
 from console.services.diagnosis import DiagnosisFiles
 from console.services.field import plane_of_job
-from console.services.foreign_files import IMPORT_FILE, YAML, brought_in
+from console.services.foreign_files import IMPORT_FILE, brought_in
+from console.services.logs import logs_among
 
 if TYPE_CHECKING:
     from control.geodesy import TangentPlane
@@ -37,13 +38,12 @@ class MapLayers:
         self._files = files or DiagnosisFiles()
 
     def files(self, running_log: str) -> tuple[LogFile, ...]:
-        listed = [one for one in self._files.sources(running_log)
-                  if one.kind in ("run", IMPORT) and not one.working and not one.name.endswith(YAML)]
-        return tuple(LogFile(one.path, one.name, one.changed, one.size) for one in listed)
+        return logs_among(one for one in self._files.sources(running_log) if not one.working)
 
     def lay(self, path: str, frame: Frame) -> LaidFile:
         """Raises ValueError in one line: not such a file, open questions, no places, no rate and no harvest in it."""
-        meta = _meta_of(frame)
+        from drivers.files.run_meta import meta_beside
+        meta = meta_beside(frame.log_path) if frame.log_path else None
         try:
             log = _opened(Path(path))
             return laid(log, plane_of(frame, meta), _width_m(meta), frame)
@@ -115,17 +115,6 @@ def plane_of(frame: Frame, meta: RunMeta | None) -> TangentPlane:
         east, north = plane.to_m(row.lat_deg, row.lon_deg)
         plane = TangentPlane(*plane.to_deg(east - antenna[0], north - antenna[1]))
     return plane
-
-
-def _meta_of(frame: Frame) -> RunMeta | None:
-    from drivers.files.atomic import sidecar
-    from drivers.files.run_meta import meta_from_yaml
-    if not frame.log_path:
-        return None
-    try:
-        return meta_from_yaml(sidecar(Path(frame.log_path)).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
 
 
 def _width_m(meta: RunMeta | None) -> float:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from console.app.kept_lines import KeptLines, kept_lines
 from console.worker import resume
 from console.worker.side_files import SideFiles
-from drivers.files.run_meta import meta_from_yaml
+from drivers.files.run_meta import meta_beside
 
 ENDING = ".lines.jsonl"
 
@@ -67,14 +67,12 @@ class _Field(NamedTuple):
 
 def _field_of(log: Path) -> _Field | None:
     """None: its job has no field, or cannot be read."""
-    try:
-        meta = meta_from_yaml(log.with_suffix(".yaml").read_text(encoding="utf-8"))
-        field = (meta.job or {}).get("field")
-        if not isinstance(field, dict) or not field.get("boundary_m"):
-            return None
-        return _Field((field["origin_lat_deg"], field["origin_lon_deg"], field["boundary_m"]), meta.started_utc or "")
-    except (OSError, ValueError, KeyError):
+    meta = meta_beside(log)
+    field = None if meta is None else (meta.job or {}).get("field")
+    if meta is None or not isinstance(field, dict) or not field.get("boundary_m"):
         return None
+    return _Field(tuple(field.get(key) for key in ("origin_lat_deg", "origin_lon_deg", "boundary_m")),
+                  meta.started_utc or "")
 
 
 def _drive_on(kept: KeptLines, log: Path, after_s: float) -> None:

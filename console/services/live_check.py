@@ -36,7 +36,7 @@ class Look(NamedTuple):
     newest: bool = True
 
 
-def machine_of_log(log: Path, machine: str | None) -> Machine:
+def machine_of_log(log: Path, machine: str | None, default: str = DEFAULT_MACHINE) -> Machine:
     """As given, else as the log names it, else the default one. Raises ConfigError."""
     from drivers.files.config import load, validated
     from drivers.files.kinds import MACHINE
@@ -45,7 +45,7 @@ def machine_of_log(log: Path, machine: str | None) -> Machine:
         meta = meta_of(log)
         if meta is not None and meta.machine is not None:
             return validated(meta.machine, MACHINE, str(log.with_suffix(".yaml")))
-    return load(machine or DEFAULT_MACHINE, MACHINE).model
+    return load(machine or default, MACHINE).model
 
 
 def followed(log: Path, machine: str | None, wait: Callable[[], bool],

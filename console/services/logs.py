@@ -1,13 +1,19 @@
 """The logs that the Replay page can open: those of the user's folder and of the present one."""
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
-from console.app.pages.diagnosis.data import IMPORT
+from console.app.pages.diagnosis.data import IMPORT, Source
 from console.app.pages.replay.log_files import LogFile
 from console.app.replay_job import ReplayJob
 from console.services.diagnosis import DiagnosisFiles
 from console.services.foreign_files import YAML
+
+
+def logs_among(sources: Iterable[Source]) -> tuple[LogFile, ...]:
+    return tuple(LogFile(one.path, one.name, one.changed, one.size) for one in sources
+                 if one.kind in ("run", IMPORT) and not one.name.endswith(YAML))
 
 
 class RunLogs:
@@ -17,8 +23,7 @@ class RunLogs:
         self._files = files or DiagnosisFiles()
 
     def logs(self) -> tuple[LogFile, ...]:
-        runs = [one for one in self._files.sources("") if one.kind in ("run", IMPORT) and not one.name.endswith(YAML)]
-        return tuple(LogFile(one.path, one.name, one.changed, one.size) for one in runs)
+        return logs_among(self._files.sources(""))
 
     def open(self, path: str) -> ReplayJob:
         from console.services.replay_frames import replay_job

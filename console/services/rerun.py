@@ -3,9 +3,9 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from pathlib import Path
 
-from control.field.job import Job, rule_of
+from console.services.field import folder_of
+from control.field.job import rule_of
 from control.loop import Tick
 from control.orders import Do, Order, State, Strategy
 from control.simulation.assembly import control_loop
@@ -66,17 +66,6 @@ def _operator(state: str, speed_mps: float) -> list[Order]:
     return []
 
 
-def _folder(recorded: RunLog, job: Job) -> Path:
-    """Where the map and the plants of a recorded job are looked for: next to the log if they lie there, else next to
-    the job file of the run."""
-    names = job.named_files
-    log_folder = recorded.path.parent
-    written = recorded.meta.extra.get("job_folder") if recorded.meta is not None else None
-    if not isinstance(written, str) or all((log_folder / name).exists() for name in names):
-        return log_folder
-    return Path(written)
-
-
 def setup_of(recorded: RunLog, machine: str | None, job: str | None, strategy: Strategy | None) -> Setup:
     """Machine, crop and job: as given, else as the log's yaml has them, else the shipped ones."""
     meta = recorded.meta
@@ -88,7 +77,7 @@ def setup_of(recorded: RunLog, machine: str | None, job: str | None, strategy: S
         crop = validated(meta.crop, CROP, label)
         own = validated(meta.job, JOB, label)
         setup = dataclasses.replace(setup, crop=crop, job=own, rule=rule_of(crop, own),
-                                    folder=_folder(recorded, own))
+                                    folder=folder_of(meta, own, recorded.path.parent))
     if strategy is not None:
         setup = dataclasses.replace(setup, job=setup.job.model_copy(update={"strategy": strategy}))
     return setup

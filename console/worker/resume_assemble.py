@@ -19,8 +19,7 @@ from control.loop import ControlLoop
 from control.machine.machine import Machine
 from control.orders import Strategy
 from control.simulation.tractor import field_path
-from drivers.files.atomic import sidecar
-from drivers.files.run_meta import meta_from_yaml
+from drivers.files.run_meta import meta_beside
 
 SEARCH_M = 0.5              # along the simulated tractor's way
 
@@ -47,17 +46,10 @@ def before_of(named: Path | None, folder: Path, job: Job, sha256: Mapping[str, s
     boundary. folder: of the logs; sha256: of the files. Raises ValueError, OSError: what is named cannot be read."""
     here = jobs_here(folder, job, simulated, now) if job.field.boundary_m else []
     goes_on = next((one.snapshot for one in here if one.goes_on), None) if named is None else resume.read(named)
-    same = goes_on is None or _sha256_of(goes_on.log_path) in (None, dict(sha256))
+    written = None if goes_on is None else meta_beside(goes_on.log_path)
+    same = written is None or written.sha256 == dict(sha256)
     return Before(goes_on, tuple(one.snapshot for one in here if goes_on is None or (
         one.snapshot.log_path != goes_on.log_path)), same)
-
-
-def _sha256_of(log: str) -> Mapping[str, str] | None:
-    """Of the files with which a log was written; None: not known any more."""
-    try:
-        return meta_from_yaml(sidecar(Path(log)).read_text(encoding="utf-8")).sha256
-    except (OSError, ValueError):
-        return None
 
 
 def job_to_go_on(job: Job, machine: Machine, before: Snapshot, same_files: bool = True) -> Job:

@@ -4,11 +4,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Any
 
 import yaml
 from pydantic import BaseModel
 
+from drivers.files.atomic import sidecar
 from drivers.files.plain import plain
 from drivers.files.yaml_text import YamlProblem, dump_yaml, parse_yaml
 
@@ -72,6 +74,14 @@ def meta_from_yaml(text: str) -> RunMeta:
         sha256={str(k): str(v) for k, v in checksums.items()} if isinstance(checksums, dict) else {},
         started_utc=str(data["started_utc"]) if data.get("started_utc") else None,
         extra={k: v for k, v in data.items() if k not in known})
+
+
+def meta_beside(log: str | Path) -> RunMeta | None:
+    """Of the sidecar next to a log; None: there is none that can be read."""
+    try:
+        return meta_from_yaml(sidecar(Path(log)).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
 
 
 def _plain(value: BaseModel | Resolved | None) -> Resolved | None:
