@@ -18,6 +18,7 @@ from console.reports.said import (
     headlined,
     headlines_first,
     left,
+    not_seen,
     others,
     sentence,
     tied,
@@ -171,31 +172,19 @@ def _alike(bias: float, rmse: float, noise: float) -> tuple[str, str, str]:
 
 
 def _not_shown(found: Diagnosis) -> str:
-    seen, blind, elsewhere = [], [], []
-    for one in found.not_shown:
-        size = one.smallest_detectable
-        if size.value is None and not _hoped_for(one.id, found.data.kind):
-            elsewhere.append(one.id)
-        elif size.value is None:
-            blind.append((one.id, title_of(one.id)))
-        else:
-            seen.append((one.id, title_of(one.id), f"{number(abs(size.value), 2)} {size.unit}"))
+    seen, blind, elsewhere = not_seen(found)
     inside = []
     if seen:
         inside += [paragraph("Not found; each would have been seen from this size on:"),
-                   table(("effect", "what happens", "smallest size seen"), seen)]
+                   table(("effect", "what happens", "smallest size seen"), [(one.id, title_of(one.id), (
+                       f"{number(abs(one.smallest_detectable.value or 0.0), 2)} {one.smallest_detectable.unit}"))
+                       for one in seen])]
     if blind:
         inside += [paragraph("Cannot be seen in this data at all, though data of this kind might show it:"),
-                   table(("effect", "what happens"), blind)]
+                   table(("effect", "what happens"), [(one, title_of(one)) for one in blind])]
     if elsewhere:
         inside.append(paragraph(f"Other kinds of data are needed for: {', '.join(elsewhere)}.", "dim"))
     return section("Not shown", *inside)
-
-
-def _hoped_for(effect_id: str, kind: str) -> bool:
-    """Whether data of this kind may show the effect (several kinds are joined by a plus)."""
-    entry = CATALOGUE.get(effect_id)
-    return entry is not None and any(one in where for one in kind.split("+") for where in entry.effect.seen_in)
 
 
 def _provenance(found: Diagnosis, tools: Mapping[str, Any]) -> str:

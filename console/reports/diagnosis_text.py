@@ -3,7 +3,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from console.reports.said import VERDICTS, headlined, headlines_first, left, name_of, not_judged, others, sized, when
+from console.reports.numbers import p_value
+from console.reports.said import (
+    VERDICTS,
+    headlined,
+    headlines_first,
+    left,
+    name_of,
+    not_judged,
+    not_seen,
+    others,
+    sized,
+    when,
+)
 from console.reports.term_words import compensation, sentence
 from control.diagnosis.extend import adoptable, adoptable_terms, not_adoptable, taken_whole, term_not_adoptable
 from control.diagnosis.result import Cause, Diagnosis, Fitted
@@ -25,8 +37,8 @@ def summary(found: Diagnosis) -> list[str]:
     if found.channels:
         lines.append("")
         lines.append(f"{'channel':8s} {'rows':>9s} {'bias':>10s} {'rmse':>10s} {'noise':>10s}  p(structure)")
-        lines += [f"{c.channel:8s} {c.n:9d} {c.bias:10.4g} {c.rmse:10.4g} {c.noise_floor:10.4g}  {_p(c.structure_p)} "
-                  f"({c.unit})" for c in found.channels]
+        lines += [f"{c.channel:8s} {c.n:9d} {c.bias:10.4g} {c.rmse:10.4g} {c.noise_floor:10.4g}  "
+                  f"{p_value(c.structure_p)} ({c.unit})" for c in found.channels]
     if len(found.rates) > 1:
         lines += ["", f"{'pass':>4s} {'from s':>9s} {'to s':>9s} {'rows':>6s}  applied against target"]
         lines += [f"{fit.number:4d} {fit.begin_s:9.1f} {fit.end_s:9.1f} {fit.rows:6d}  {in_words(fit)}"
@@ -138,24 +150,13 @@ def _cause(cause: Cause) -> list[str]:
 
 
 def _not_shown(found: Diagnosis) -> list[str]:
-    seen = [one for one in found.not_shown if one.smallest_detectable.value is not None]
-    blind = [one.id for one in found.not_shown if one.smallest_detectable.value is None and _meant(one.id, found)]
+    seen, blind, _elsewhere = not_seen(found)
     lines = []
     if seen:
         detectable = [f"{one.id} {abs(one.smallest_detectable.value or 0.0):.2g} {one.smallest_detectable.unit}"
-                for one in seen[:SHOWN_LIMIT]]
+                      for one in seen[:SHOWN_LIMIT]]
         more = f" and {len(seen) - SHOWN_LIMIT} more (--json)" if len(seen) > SHOWN_LIMIT else ""
         lines.append(f"would have been seen from: {'; '.join(detectable)}{more}")
     if blind:
         lines.append(f"cannot be seen in this data: {', '.join(blind)}")
     return lines
-
-
-def _meant(effect_id: str, found: Diagnosis) -> bool:
-    """Whether one would have hoped to see this effect in data of this kind."""
-    entry = CATALOGUE.get(effect_id)
-    return entry is not None and any(found.data.kind in where for where in entry.effect.seen_in)
-
-
-def _p(value: float) -> str:
-    return f"{value:.3f}" if value >= 0.001 else "<0.001"

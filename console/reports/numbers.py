@@ -60,7 +60,7 @@ def percent(share: float) -> str:
 
 
 def p_value(value: float) -> str:
-    return f"{value:.3f}" if value >= 0.001 else "< 0.001"
+    return f"{value:.3f}" if value >= 0.001 else "<0.001"
 
 
 def span_of(duration_s: float) -> str:

@@ -20,7 +20,7 @@ from console.reports.panels import (
     smooth_line,
     zero_line,
 )
-from console.reports.run_views import View
+from console.reports.run_views import View, view_of
 from control.diagnosis.result import TableFit, Unexplained
 from control.diagnosis.runs.hypothesis import EffectInstance
 from control.machine.machine import CATALOGUE
@@ -39,7 +39,7 @@ BAND = "The band is the 90 % interval of each mean."
 def cause_pictures(views: Sequence[View], parts: Sequence[EffectInstance], part: EffectInstance,
                    name: str) -> list[Picture]:
     """One cause: its residual before and after along the variable that tells it, and a stretch where it shows most."""
-    found = _view_of(views, parts, part)
+    found = view_of(views, parts, part)
     if found is None:
         return []
     view, effect = found
@@ -77,22 +77,6 @@ def _panels(view: View, axis: Axis, share: float, part: EffectInstance) -> list[
     stretch = view.name in STRETCH_S and (share < ALL_SHARE or part.onset_s is not None or axis.sign is not None)
     means = share >= LEAST_SHARE or not stretch
     return [word for word, wanted in (("means", means), ("stretch", stretch)) if wanted]
-
-
-def _view_of(views: Sequence[View], parts: Sequence[EffectInstance], part: EffectInstance) -> tuple[View, Array] | None:
-    """The view of the effect's own stage where it shows there, else the one in which it shows most."""
-    best: tuple[float, View, Array] | None = None
-    for view in views:
-        own = view.own(parts)
-        if part not in own:
-            continue
-        effect = view.effect(parts, part)
-        z = float(np.sqrt(np.sum(effect ** 2)) / max(1e-12, float(np.std(view.residual(parts)))))
-        if view.name == CATALOGUE[part.id].stage:
-            z *= 1e6
-        if z > 0.0 and (best is None or z > best[0]):
-            best = (z, view, effect)
-    return None if best is None else (best[1], best[2])
 
 
 def _stretch(axes: Any, view: View, others: tuple[EffectInstance, ...], effect: Array, part: EffectInstance) -> None:

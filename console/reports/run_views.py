@@ -118,6 +118,21 @@ def parts_of(causes: Sequence[Cause]) -> tuple[EffectInstance, ...]:
     return tuple(found)
 
 
+def view_of(views: Sequence[View], parts: Sequence[EffectInstance], part: EffectInstance) -> tuple[View, Array] | None:
+    """The view of the effect's own stage where it shows there, else the one in which it shows most."""
+    best: tuple[float, View, Array] | None = None
+    for view in views:
+        own = view.own(parts)
+        if part not in own:
+            continue
+        effect = view.effect(parts, part)
+        z = float(np.sqrt(np.sum(effect ** 2)) / max(1e-12, float(np.std(view.residual(parts)))))
+        z *= 1e6 if view.name == CATALOGUE[part.id].stage else 1.0
+        if z > 0.0 and (best is None or z > best[0]):
+            best = (z, view, effect)
+    return None if best is None else (best[1], best[2])
+
+
 def run_views(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, file: Machine | None = None,
               of_this_run: tuple[EffectInstance, ...] = ()) -> tuple[View, ...]:
     """Views of a run log's columns (contract of the run log), in the order of the stages. file : the machine file with

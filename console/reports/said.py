@@ -5,6 +5,7 @@ Causes are asked for by their ids, channels and variables by theirs; whoever sho
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 from console.locale import N_, _
 from console.reports.numbers import decimals_of, fixed, number, percent, plain, short
@@ -16,6 +17,7 @@ from control.diagnosis.result import (
     Diagnosis,
     FieldCost,
     Fitted,
+    NotShown,
     Size,
     Unexplained,
 )
@@ -166,6 +168,24 @@ def whole_gain(of: Fitted) -> str:
     return _("Which of these is wrong is not told apart. Adopted together they predict rows that were not fitted to: "
              "error {before} -> {after} {unit}.").format(before=plain(number(of.before)), after=plain(number(of.after)),
                                                          unit=_(of.unit))
+
+
+class NotSeen(NamedTuple):
+    """Effects that were not found: seen, with the size from which on each would have been; blind: that this data cannot
+    show, though data of its kind might; elsewhere: that need other data."""
+
+    seen: tuple[NotShown, ...]
+    blind: tuple[str, ...]
+    elsewhere: tuple[str, ...]
+
+
+def not_seen(found: Diagnosis) -> NotSeen:
+    """Several kinds of data are joined by a plus."""
+    blind = [one.id for one in found.not_shown if one.smallest_detectable.value is None]
+    hoped_for = [one for one in blind if one in CATALOGUE and any(
+        kind in where for kind in found.data.kind.split("+") for where in CATALOGUE[one].effect.seen_in)]
+    return NotSeen(tuple(one for one in found.not_shown if one.smallest_detectable.value is not None),
+                   tuple(hoped_for), tuple(one for one in blind if one not in hoped_for))
 
 
 # --- the verdict -----------------------------------------------------------------------------------------------------

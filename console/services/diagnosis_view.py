@@ -11,7 +11,7 @@ import numpy as np
 from console.app.pages.diagnosis.adoption import whole_id
 from console.app.pages.diagnosis.data import Curve, DiagnosisView, Drawn
 from console.reports.binned import Array, Axis, Binned
-from console.reports.run_views import View, parts_of, run_views
+from console.reports.run_views import View, parts_of, run_views, view_of
 from console.reports.said import headlines_first
 from console.reports.table_views import TableView, table_views
 from console.services.separating_run import drivable
@@ -76,18 +76,10 @@ def _curves(cause: Cause, views: Sequence[View], tables: Sequence[TableView], pa
         return Drawn()
     if tables:
         return Drawn(_of_table(cause, tables))
-    best: tuple[float, View, Array] | None = None
-    for view in views:
-        if own[0] not in view.own(parts):
-            continue
-        effect = view.effect(parts, own[0])
-        shown = float(np.sqrt(np.sum(effect ** 2)) / max(1e-12, float(np.std(view.residual(parts)))))
-        shown *= 1e6 if view.name == CATALOGUE[cause.id].stage else 1.0        # its own stage where it shows there
-        if shown > 0.0 and (best is None or shown > best[0]):
-            best = shown, view, effect
-    if best is None:
+    shown = view_of(views, parts, own[0])
+    if shown is None:
         return Drawn()
-    _shown, view, effect = best
+    view, effect = shown
     onset = None if own[0].onset_s is None else own[0].onset_s / 60.0
     return Drawn(_curve(view, view.axis_of(own[0], effect), parts), _over_time(view, parts, onset))
 

@@ -160,7 +160,7 @@ def test_interval_decides_the_digits(value: float, low: float | None, high: floa
 def test_shares_never_claim_certainty() -> None:
     assert [percent(p) for p in (1.0, 0.9951, 0.9949, 0.26, 0.006, 0.0049, 0.0)] == [
         ">99 %", ">99 %", "99 %", "26 %", "1 %", "<1 %", "<1 %"]
-    assert [p_value(p) for p in (0.0, 0.00099, 0.0012, 0.0134)] == ["< 0.001", "< 0.001", "0.001", "0.013"]
+    assert [p_value(p) for p in (0.0, 0.00099, 0.0012, 0.0134)] == ["<0.001", "<0.001", "0.001", "0.013"]
 
 
 def test_spans_read_like_a_clock() -> None:

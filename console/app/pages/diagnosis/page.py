@@ -156,7 +156,7 @@ class DiagnosisScreen(Page):
 
     def _work_view(self, now_s: float) -> WorkView:
         share, left_s = self._expected.at(now_s - self._started_s, self._share)
-        return WorkView(self._title, words.stage_word(self._stage), int(100 * share),
+        return WorkView(self._title, _(words.STAGES.get(self._stage, self._stage)), int(100 * share),
                         None if left_s is None else max(1, round(left_s)))
 
     def views(self) -> tuple[View, ...]:

@@ -38,7 +38,9 @@ def _cause(cause: Cause, mean_target_kg_ha: float | None, units: Units) -> Cause
     tied = sentences.ties(cause)
     title = _("one of these {count}, this data cannot tell which").format(count=len(tied)) if tied else (
         sentences.suspicion(cause))
-    return CauseLine(title, words.size(cause), percent(cause.probability), "" if tied else words.rivals(cause),
+    rivals = "" if tied else ", ".join(f"{sentences.title_of(one)} {percent(share)}"
+                                       for one, share in sentences.others(cause))
+    return CauseLine(title, words.size(cause), percent(cause.probability), rivals,
                      words.cost(cause, mean_target_kg_ha, units),
                      _("Drive the next test before anything is changed.") if tied else _(cause.advice),
                      interval(cause.size), tied)
@@ -72,7 +74,9 @@ def _whole(found: Diagnosis) -> tuple[str, ...]:
 
 
 def _channel(one: Channel, after: float | None) -> ChannelLine:
-    share = words.beyond_noise(one.rmse, one.noise_floor) if one.structure_p < STRUCTURE_P else 0.0
+    share = 0.0                     # of the mean square error, that is not the sensor's noise
+    if one.structure_p < STRUCTURE_P and one.rmse > 0.0:
+        share = 1.0 - (one.noise_floor / one.rmse) ** 2
     wrong = share >= LEAST_SHARE
     return ChannelLine(sentences.channel_word(one.channel), one.unit, words.figure(one.rmse),
                        "" if after is None else words.figure(after), words.figure(one.noise_floor),
@@ -101,5 +105,6 @@ def time(view: DiagnosisView, at: int) -> PlotView | None:
 def _plot(view: DiagnosisView, curve: Curve | None) -> PlotView | None:
     if curve is None:
         return None
-    return PlotView(words.curve_title(curve), recorded(curve.variable, view.found.data.kind).label, curve.at,
+    title = _("error of {channel}, {unit}").format(channel=sentences.channel_word(curve.channel), unit=curve.unit)
+    return PlotView(title, recorded(curve.variable, view.found.data.kind).label, curve.at,
                     curve.before, curve.after, curve.names, curve.onset, not view.drawn, in_use())

@@ -5,12 +5,12 @@ What it says of the data itself is said for all: `console.reports.said`.
 from __future__ import annotations
 
 from console.app.pages.diagnosis.adoption import whole_id
-from console.app.pages.diagnosis.data import IMPORT, ComparedShown, Curve, DiagnosisView
+from console.app.pages.diagnosis.data import IMPORT, ComparedShown, DiagnosisView
 from console.app.units import Units
 from console.app.view import duration
 from console.locale import N_, _
-from console.reports.numbers import number, percent, plain
-from console.reports.said import better, channel_word, headlined, others, title, title_of, when, whole
+from console.reports.numbers import number, plain
+from console.reports.said import better, channel_word, headlined, title, when, whole
 from control.diagnosis.result import Cause
 
 KINDS = {"run": N_("run log"), "lag": N_("lag table"), "catch": N_("catch test"), "weigh": N_("weighed plots"),
@@ -25,10 +25,6 @@ STAGES = {"reading": N_("reading the file"), "importing": N_("bringing in the fi
           "search": N_("searching causes"), "what is left": N_("what is left"), "gain": N_("measuring the gain")}
 
 LEAST_PLACE_M = 0.005           # less is not said
-
-
-def stage_word(stage: str) -> str:
-    return _(STAGES.get(stage, stage))
 
 
 def figure(value: float, digits: int = 3) -> str:
@@ -102,21 +98,8 @@ def cost(cause: Cause, mean_target_kg_ha: float | None, units: Units) -> str:
     return _("not known") if percent_ is None and place_m is None else _("no effect on rate or place")
 
 
-def rivals(cause: Cause) -> str:
-    return ", ".join(f"{title_of(one)} {percent(share)}" for one, share in others(cause))
-
-
-def curve_title(curve: Curve) -> str:
-    return _("error of {channel}, {unit}").format(channel=channel_word(curve.channel), unit=curve.unit)
-
-
 def compared(found: ComparedShown) -> list[str]:
     """A line for each channel: error before and after, and which is better beyond chance."""
     lines = [f"{channel_word(one.channel)}: {figure(one.old)} -> {figure(one.new)} {one.unit}   "
              f"{better(one.old, one.new, one.low, one.high)}" for one in found.rows]
     return lines or [_("no channel of this log could be held against both")]
-
-
-def beyond_noise(error: float, noise: float) -> float:
-    """Share of a channel's mean square error that is not its sensor's noise, 0 to 1."""
-    return max(0.0, 1.0 - (noise / error) ** 2) if error > 0.0 else 0.0
