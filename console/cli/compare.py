@@ -10,7 +10,7 @@ import typer
 from console.cli.inputs import machine_of
 from console.cli.outputs import Force, log_files, machine_file, marked, refuse_collisions
 from console.cli.plain_errors import NOT_JUDGED, say_notes
-from console.cli.progress_line import ProgressLine
+from console.cli.progress import ProgressLine
 
 if TYPE_CHECKING:
     from control.diagnosis.runs.compared import Compared

@@ -13,7 +13,7 @@ from console.cli.adopting import adopted, refuse_picks
 from console.cli.inputs import LOG, MachineName, machine_of, need_ending, refuse_other
 from console.cli.outputs import Force, Output, log_files, machine_file, marked, refuse_collisions
 from console.cli.plain_errors import NOT_JUDGED, CommandError, say_notes
-from console.cli.progress_line import ProgressLine
+from console.cli.progress import ProgressLine
 from drivers import day_clock
 
 if TYPE_CHECKING:

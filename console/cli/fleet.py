@@ -12,7 +12,7 @@ import typer
 
 from console.cli.outputs import Force, marked, refuse_collisions
 from console.cli.plain_errors import CANCELLED, CommandError
-from console.cli.progress_line import ProgressLine
+from console.cli.progress import ProgressLine
 from drivers import day_clock
 
 REPORT = "report.html"

@@ -15,6 +15,7 @@ from console.services.launcher import data_folder
 from control.machine.flow import grams_per_rev
 from control.machine.machine import Machine
 from drivers import day_clock
+from drivers.files.atomic import free_path
 
 if TYPE_CHECKING:
     from control.calibration.bench_table import BenchTable
@@ -48,7 +49,7 @@ def calibrate_job(machine: Machine, wheel_circumference_m: float | None = None, 
         fit_lag=lambda path, label: fit_lag(machine, path, label),
         fit_wheel=lambda samples: fit_wheel(machine, counted_m, samples),
         save=lambda fitted, name: save(machine, fitted, name, place, counted_m),
-        name_for=lambda kind: free_name(machine, kind, place))
+        name_for=lambda kind: free_path(place, f"{machine.id}-{kind}-{day_clock.today():%Y%m%d}", ".yaml").stem)
 
 
 # --- catch ------------------------------------------------------------------------------------------------------------
@@ -202,13 +203,6 @@ def _wheel(machine: Machine, counted_m: float, samples: Sequence[WheelSample],
 
 
 # --- files ------------------------------------------------------------------------------------------------------------
-
-
-def free_name(machine: Machine, kind: str, folder: Path) -> str:
-    """`huanghai-catch-20260318`, with a number where that is taken."""
-    base = f"{machine.id}-{kind}-{day_clock.today():%Y%m%d}"
-    names = (base, *(f"{base}-{number}" for number in range(2, 1000)))
-    return next((name for name in names if not (folder / f"{name}.yaml").exists()), base)
 
 
 def save(machine: Machine, fitted: Fitted, name: str, folder: Path, counted_m: float) -> str:
