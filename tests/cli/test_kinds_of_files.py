@@ -150,13 +150,6 @@ def test_a_report_as_pdf_is_told_how(tmp_path: Path) -> None:
 runner = CliRunner()
 
 
-@pytest.mark.parametrize("name", ["drive_alone", "planter", "spreader"])
-def test_check_accepts_them(name: str) -> None:
-    result = runner.invoke(app, ["check", str(shipped("machines")[name])])
-    assert result.exit_code == 0 and "ok (topdress-machine/1)" in result.output
-    assert "typical figures" in shipped("machines")[name].read_text(encoding="utf-8")
-
-
 def test_effects_of_a_machine_have_its_bounds(tmp_path: Path) -> None:
     plain = runner.invoke(app, ["effects", "--machine", "drive_alone"]).output
     assert "shaft.dead_band  (r/min; 0 to 390)" in plain and "(% lost at 650 r/min; -10 to 60)" in plain
@@ -168,21 +161,6 @@ def test_effects_of_a_machine_have_its_bounds(tmp_path: Path) -> None:
     assert runner.invoke(app, ["effects", "--machine", "spreader", "--markdown", str(page)]).exit_code == 0
     assert "Ranges are those of machine `spreader`" in page.read_text(encoding="utf-8")
     assert "| mm/s lost | -40 to 39, a share of gate.slew_mm_s |" in page.read_text(encoding="utf-8")
-
-
-def test_effects_writes_over_no_machine_file(tmp_path: Path) -> None:
-    own = tmp_path / "own.yaml"
-    own.write_bytes(shipped("machines")["spreader"].read_bytes())
-    result = runner.invoke(app, ["effects", "--machine", str(own), "--markdown", str(own), "--force"])
-    assert result.exit_code != 0 and own.read_bytes() == shipped("machines")["spreader"].read_bytes()
-
-
-def test_a_size_out_of_bounds_is_refused_with_the_machines_range() -> None:
-    result = runner.invoke(app, ["simulate", "--machine", "spreader", "--job", "spreader_demo", "--seconds", "5",
-                                 "--effect", "gate.offset=70"])
-    assert result.exit_code != 0
-    assert "gate.offset: size 70: allowed -66.6667 to 66.6667" in result.output
-    assert "where limits.opening_high_mm is 200" in result.output
 
 
 @pytest.mark.exam

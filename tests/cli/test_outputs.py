@@ -29,7 +29,7 @@ INPUTS = {           # command -> arguments that name each of its inputs, in the
     "check": ("machine.yaml", "machine.json"),
     "history": ("machine.yaml", "--undo"),
     "serve-machine": ("--job", "job.yaml", "--machine", "machine.yaml", *SHORT, "--port", "0"),
-    "effects": (),
+    "effects": ("--machine", "./machine.yaml"),
     "reproduce": (),
     "record": ("run.csv", "--machine", "machine.yaml"),
     "field": ("plan.geojson", "--job", "job.yaml"),
@@ -47,6 +47,7 @@ READ = {             # and the files that it reads with them
     "map": ("run.csv", "run.yaml", "machine.yaml"),
     "check": ("machine.yaml", "machine.json"),
     "history": ("machine.yaml",),
+    "effects": ("machine.yaml",),
     "serve-machine": (*OF_JOB, "machine.yaml"),
     "field": ("plan.geojson", "job.yaml"),
     "record": ("run.csv", "run.yaml", "machine.yaml"),
@@ -189,7 +190,7 @@ ALL_NAMES, TWO_NAMES = {("map", "--out"), ("calibrate", "--out")}, {itself, symb
 
 @pytest.mark.parametrize(("command", "option", "alias"), [
     pytest.param(*one, alias, marks=() if one in ALL_NAMES or alias in TWO_NAMES else pytest.mark.exam)
-    for one in sorted(WRITES - FOLDERS - {("effects", "--markdown")}) for alias in ALIASES])
+    for one in sorted(WRITES - FOLDERS) for alias in ALIASES])
 def test_an_output_that_is_an_input_is_refused(place: Path, command: str, option: str,
                                                alias: Callable[[Path], str]) -> None:
     force = alias in (itself, round_about, symbolic_link, hard_link)
