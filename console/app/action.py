@@ -22,7 +22,7 @@ class Action(NamedTuple):
     shown: str
     label: str
     help: str
-    do: Callable[[Any], None]
+    do: Callable[[Any], object]
     where: str = ANYWHERE
     bar: int = 0
     locked: bool = False
@@ -36,3 +36,8 @@ def bindings(actions: Iterable[Action]) -> list[BindingType]:
     """As Textual bindings, with their ids for a keymap."""
     return [Binding(action.keys, f"app.do('{action.id}')", action.label, id=action.id, priority=action.priority,
                     show=False) for action in actions]
+
+
+def on(where: str, *actions: Action) -> tuple[Action, ...]:
+    """All of them on one page."""
+    return tuple(action._replace(where=where) for action in actions)

@@ -22,7 +22,7 @@ from console.app import actions, pressed, themes, words
 from console.app.action import ANYWHERE, JOB, MAP, REPLAY, RUN, Action, bindings
 from console.app.alarms import Bell
 from console.app.company import CompanyView, arrival_words, company_view, list_words, news
-from console.app.dialogs import Choice, ChoiceDialog, TextDialog
+from console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
 from console.app.fields import FieldPictures
 from console.app.first_question import MAY_CHANGE, ask_first, start_with
 from console.app.guide_line import GuideLine
@@ -36,9 +36,9 @@ from console.app.pages.all import Pages
 from console.app.pages.job.day import file_name
 from console.app.pages.job.service import Recent
 from console.app.pages.page import Page
+from console.app.pages.replay.service import ReplayJob
 from console.app.plain_lines import PlainLines
 from console.app.reasons import key_first
-from console.app.replay_job import ReplayJob
 from console.app.screens.alarm_list import AlarmList
 from console.app.screens.gone import GoneScreen
 from console.app.screens.help import HelpScreen
@@ -382,15 +382,12 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.push_screen(TextDialog(heading, text))
             return
 
-        def answer(which: str | None) -> None:
-            if which == "mine":
-                self._use_named(joined)
-
         works = frame.row.state not in MAY_CHANGE
         mine = _("end that machine and use {files}").format(files=", ".join(map(file_name, joined.named)))
-        self.push_screen(ChoiceDialog(heading, (
+        self.ask(ChoiceDialog(heading, (
             Choice("theirs", _("go on with that machine")),
-            Choice("mine", mine, _("it works: hold or stop it first") if works else "")), "", text), answer)
+            Choice("mine", mine, _("it works: hold or stop it first") if works else "")), "", text),
+            lambda which: self._use_named(joined) if which == "mine" else None)
 
     def _use_named(self, joined: Joined) -> None:
         if self.services.job is not None:
@@ -444,6 +441,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.crop_limits_kg_ha, self.hopper_kg = (0.0, limits.most_rate_kg_ha), limits.hopper_kg
             store = self.services.settings
             limit_rates(self, None if store is None else store.settings.manual_rate)
+
     def keep_line(self, record: str) -> None:
         """Of the A-B line or a boundary that is being driven: the next console on this log has it too."""
         frame, files = self.arrival.frame, self.services.lines
@@ -482,6 +480,18 @@ class TopdressApp(App[None], inherit_bindings=False):
         offered = {action.id for action in self.offered(self.page.where)}
         return tuple(action for action in actions.menu(self.page.where) if action.id in offered)
 
+    def ask(self, question: Screen[T | None], then: Callable[[T], object]) -> None:
+        """`then` has the answer; one that was not given is nobody's concern."""
+        def answered(answer: T | None) -> None:
+            if answer is not None:
+                then(answer)
+
+        self.push_screen(question, answered)
+
+    def confirm(self, title: str, text: str, then: Callable[[], object]) -> None:
+        """A yes or nothing."""
+        self.ask(Confirm(title, text), lambda _yes: then())
+
     def why_no_stop(self) -> str:
         """One line for the key bar where hold and STOP are not offered."""
         return ""
@@ -492,29 +502,26 @@ class TopdressApp(App[None], inherit_bindings=False):
         if self.page.is_mounted:
             self.page.show_keys()
 
-    def list_files(self, work: Callable[[], T], then: Callable[[T], None]) -> None:
+    def list_files(self, work: Callable[[], T], then: Callable[[T], object]) -> None:
         """What is asked about after files are looked at: `then` has it, if the page is still the one that is seen.
         As `with_files` for the rest."""
         page = self.page
+        self.with_files(work, lambda found: then(found) if self.page is page else None)
 
-        def ask(found: T) -> None:
-            if self.page is page:
-                then(found)
-
-        self.with_files(work, ask)
-
-    def with_files(self, work: Callable[[], T], then: Callable[[T], None],
-                   failed: Callable[[str], None] | None = None) -> None:
-        """Files are read and written in a thread, for a disk may take its time. Errors (ValueError, OSError) are one
-        line, to `failed` or in the key bar. A second one takes the place of one that is not done."""
-        self.run_worker(self._with_files(work, then, failed or self.notice), group="files", exclusive=True,
-                        exit_on_error=False)
+    def with_files(self, work: Callable[[], T], then: Callable[[T], object],
+                   failed: Callable[[str], object] | None = None, *, group: str = "files",
+                   exclusive: bool = True) -> Worker[None]:
+        """Files and long work in a thread, for a disk may take its time. An error is one line, to `failed` or in the
+        key bar. One that is cancelled is not heard of any more; work that goes on long asks `get_current_worker()`
+        whether it was. exclusive: a second one of the group takes the place of one that is not done."""
+        return self.run_worker(self._with_files(work, then, failed or self.notice), group=group, exclusive=exclusive,
+                               exit_on_error=False)
 
     @staticmethod
-    async def _with_files(work: Callable[[], T], then: Callable[[T], None], failed: Callable[[str], None]) -> None:
+    async def _with_files(work: Callable[[], T], then: Callable[[T], object], failed: Callable[[str], object]) -> None:
         try:
             found = await asyncio.to_thread(work)
-        except (ValueError, OSError) as error:
+        except Exception as error:      # whatever it is, nobody must wait for an answer that never comes
             failed((str(error).splitlines() or [type(error).__name__])[0])
         else:
             then(found)
@@ -766,10 +773,4 @@ class TopdressApp(App[None], inherit_bindings=False):
             if action.id != "palette":
                 why = self.why_not(action)
                 said = _("not now: {why}").format(why=why) if why else _(action.help)
-                yield SystemCommand(_(action.label), f"{action.shown}  {said}", self._command(action.id))
-
-    def _command(self, name: str) -> Callable[[], Awaitable[None]]:
-        async def run() -> None:
-            await self.action_do(name)
-
-        return run
+                yield SystemCommand(_(action.label), f"{action.shown}  {said}", partial(self.action_do, action.id))

@@ -12,33 +12,18 @@ from control.log_row import COLUMNS, NDRE_COLUMNS, TEXT_COLUMNS, LogRow
 UnitOf = Callable[[Units], Unit]
 
 
-def _rate(units: Units) -> Unit:
-    return units.rate
+def _of(name: str, decimals: int | None = None) -> UnitOf:
+    """One of the units in use, to as many decimals where they are said."""
+    def unit(units: Units) -> Unit:
+        found: Unit = getattr(units, name)
+        return found if decimals is None else found._replace(decimals=decimals)
 
-
-def _speed(units: Units) -> Unit:
-    return units.speed._replace(decimals=2)
-
-
-def _shaft(units: Units) -> Unit:
-    return units.shaft
-
-
-def _opening(units: Units) -> Unit:
-    return units.opening
-
-
-def _mass(units: Units) -> Unit:
-    return units.mass._replace(decimals=1)
+    return unit
 
 
 def _plain(name: str, decimals: int, per_si: float = 1.0) -> UnitOf:
     unit = Unit(name, per_si, decimals)
     return lambda units: unit
-
-
-def _distance(units: Units) -> Unit:
-    return units.fine_distance
 
 
 class Channel(NamedTuple):
@@ -52,14 +37,16 @@ class Channel(NamedTuple):
 
 ERROR = "rate_error_percent"
 _DEGREES, _NDVI, _COUNT = _plain("deg", 1), _plain("", 3), _plain("", 0)
+_RATE, _SPEED, _MASS = _of("rate"), _of("speed", 2), _of("mass", 1)
+_SHAFT, _OPENING, _DISTANCE = _of("shaft"), _of("opening"), _of("fine_distance")
 
 CHANNELS = (
-    Channel("target_rate_kg_ha", N_("target rate"), _rate, "rate"),
-    Channel("applied_rate_kg_ha", N_("applied rate"), _rate, "rate"),
+    Channel("target_rate_kg_ha", N_("target rate"), _RATE, "rate"),
+    Channel("applied_rate_kg_ha", N_("applied rate"), _RATE, "rate"),
     Channel(ERROR, N_("rate error"), _plain("%", 1)),
-    Channel("speed_used_mps", N_("speed used"), _speed, "speed"),
-    Channel("speed_mps", N_("GNSS speed"), _speed, "speed"),
-    Channel("wheel_speed_mps", N_("wheel speed"), _speed, "speed"),
+    Channel("speed_used_mps", N_("speed used"), _SPEED, "speed"),
+    Channel("speed_mps", N_("GNSS speed"), _SPEED, "speed"),
+    Channel("wheel_speed_mps", N_("wheel speed"), _SPEED, "speed"),
     Channel("ndvi", N_("NDVI, fused"), _NDVI, "ndvi"),
     Channel("ndvi_1", N_("NDVI, head 1"), _NDVI, "ndvi"),
     Channel("ndvi_2", N_("NDVI, head 2"), _NDVI, "ndvi"),
@@ -67,14 +54,14 @@ CHANNELS = (
     Channel("ndvi_4", N_("NDVI, head 4"), _NDVI, "ndvi"),
     Channel("ndvi_5", N_("NDVI, head 5"), _NDVI, "ndvi"),
     Channel("ndvi_6", N_("NDVI, head 6"), _NDVI, "ndvi"),
-    Channel("shaft_rpm_cmd", N_("shaft, set"), _shaft, "shaft"),
-    Channel("shaft_rpm", N_("shaft, measured"), _shaft, "shaft"),
-    Channel("opening_mm_cmd", N_("opening, set"), _opening, "opening"),
-    Channel("opening_mm", N_("opening, measured"), _opening, "opening"),
-    Channel("hopper_kg", N_("hopper"), _mass),
+    Channel("shaft_rpm_cmd", N_("shaft, set"), _SHAFT, "shaft"),
+    Channel("shaft_rpm", N_("shaft, measured"), _SHAFT, "shaft"),
+    Channel("opening_mm_cmd", N_("opening, set"), _OPENING, "opening"),
+    Channel("opening_mm", N_("opening, measured"), _OPENING, "opening"),
+    Channel("hopper_kg", N_("hopper"), _MASS),
     Channel("flow_trim", N_("scale trim"), _NDVI),
     Channel("lag_s", N_("look-ahead, time"), _plain("s", 2)),
-    Channel("lag_m", N_("look-ahead, way"), _distance),
+    Channel("lag_m", N_("look-ahead, way"), _DISTANCE),
     Channel("nudge_percent", N_("nudge"), _plain("%", 0)),
     Channel("heading_deg", N_("heading"), _DEGREES),
     Channel("pitch_deg", N_("pitch"), _DEGREES, "tilt"),

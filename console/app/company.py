@@ -59,11 +59,7 @@ def order_words(one: Ordered, frame: Frame, own: str, utc_offset_s: float) -> st
     back_s = max(0.0, frame.row.time_s - one.time_s)
     when = wall_clock(frame.row.utc, utc_offset_s, back_s) or _("{duration} ago").format(duration=duration(back_s))
     return _("{order} by {name}, {when}").format(
-        order=_order(one), name=_("this console") if one.name == own else one.name, when=when)
-
-
-def _order(one: Ordered) -> str:
-    return order_text(one.do, one.value, METRIC)
+        order=order_text(one.do, one.value, METRIC), name=_("this console") if one.name == own else one.name, when=when)
 
 
 def news(before: Frame, now: Frame, own: str) -> str:
@@ -71,21 +67,14 @@ def news(before: Frame, now: Frame, own: str) -> str:
     was, here = ({one.name: one for one in others(frame, own)} for frame in (before, now))
     lines = [_("attached: {name} ({kind})").format(name=one.name, kind=kind_of(one))
              for name, one in here.items() if name not in was]
-    lines += [_left(one, now) for name, one in was.items() if name not in here]
-    lines += [_silent(was[name], now) for name, one in here.items()
+    lines += [_("gone: {name}").format(name=name) + _what_then(one, now)
+              for name, one in was.items() if name not in here]
+    lines += [_("silent: {name}").format(name=name) + _what_then(was[name], now) for name, one in here.items()
               if name in was and was[name].keeps and not one.keeps]
     known = set(before.ordered)
-    lines += [_("{name}: {order}").format(name=one.name, order=_order(one)) for one in now.ordered
-              if one not in known and one.name != own]
+    lines += [_("{name}: {order}").format(name=one.name, order=order_text(one.do, one.value, METRIC))
+              for one in now.ordered if one not in known and one.name != own]
     return ";  ".join(lines)
-
-
-def _left(one: Attached, now: Frame) -> str:
-    return _("gone: {name}").format(name=one.name) + _what_then(one, now)
-
-
-def _silent(one: Attached, now: Frame) -> str:
-    return _("silent: {name}").format(name=one.name) + _what_then(one, now)
 
 
 def _what_then(one: Attached, now: Frame) -> str:

@@ -14,6 +14,7 @@ from textual.widgets import Button, Static
 from console.app.stray import PAUSE_S
 from console.app.widgets.choice_list import Choice as Choice
 from console.app.widgets.choice_list import ChoiceList, ChoicesView
+from console.app.widgets.panel import Picked
 from console.locale import _
 
 if TYPE_CHECKING:
@@ -207,7 +208,7 @@ class ChoiceDialog(Dialog[str | None]):
             self._typed, self._wrong = "", typed
             self._mark()
 
-    def on_choice_list_picked(self, event: ChoiceList.Picked) -> None:
+    def on_picked(self, event: Picked) -> None:
         self._go_to(event.index)
 
     def on_choice_list_wheeled(self, event: ChoiceList.Wheeled) -> None:

@@ -1,8 +1,8 @@
 """The pictures of fields, loaded once each along with the screens; until then, or where there is none, nothing."""
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING
 
 from console.app.field_picture import FieldPicture
@@ -29,15 +29,10 @@ class FieldPictures:
         key = (frame.log_path, frame.job)
         if key not in self._known:
             self._known[key] = None
-            self._app.run_worker(self._bring(key, frame, self._load), group="field", exit_on_error=False)
+            self._app.with_files(partial(self._load, frame), partial(self._keep, key), group="field", exclusive=False)
         return self._known[key]
 
-    async def _bring(self, key: tuple[str, str], frame: Frame, load: Load) -> None:
-        try:
-            picture = await asyncio.to_thread(load, frame)
-        except ValueError as error:
-            self._app.notice(str(error))
-            return
+    def _keep(self, key: tuple[str, str], picture: FieldPicture | None) -> None:
         while len(self._known) > _KEPT:
             del self._known[next(iter(self._known))]
         self._known[key] = picture

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from console.app.dialogs import Choice, ChoiceDialog, Confirm
+from console.app.dialogs import Choice, ChoiceDialog
 from console.app.pages.job.day import file_name
 from console.app.view import wall_clock
 from console.locale import _
@@ -21,11 +21,7 @@ def ask_first(app: TopdressApp, service: JobService) -> None:
     def listed(found: tuple[Recent, ...]) -> None:
         frame = app.arrival.frame
         if found and app.screen is app.page and (frame is None or frame.row.state in MAY_CHANGE):
-            app.push_screen(_question(app, found), lambda number: answer(number, found))
-
-    def answer(number: str | None, found: tuple[Recent, ...]) -> None:
-        if number is not None:
-            start_with(app, service, found[int(number)])
+            app.ask(_question(app, found), lambda number: start_with(app, service, found[int(number)]))
 
     app.list_files(service.recent, listed)
 
@@ -73,14 +69,6 @@ def _words(one: Recent, utc_offset_s: float) -> str:
     return "  ".join(part for part in (since, field, job, one.machine) if part)
 
 
-if TYPE_CHECKING:
-    from console.app.app import TopdressApp
-
-
 def start_from_any_page(app: TopdressApp) -> None:
     """Where the numbers of the machine are not in sight, START is asked."""
-    def answer(yes: bool | None) -> None:
-        if yes:
-            app.give(Do.START)
-
-    app.push_screen(Confirm(_("Start to work?"), _("The machine begins to spread as soon as it moves.")), answer)
+    app.confirm(_("Start to work?"), _("The machine begins to spread as soon as it moves."), lambda: app.give(Do.START))

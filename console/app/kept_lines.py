@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from console.app.boundary_drive import BoundaryDrive, Corner
 from console.app.guide_line import GuideLine, Place
@@ -25,15 +25,6 @@ class KeptLines(NamedTuple):
     until_s: float = 0.0
     changed: bool = False
     of_day: str = ""
-
-
-class LineFiles(Protocol):
-    def append(self, log_path: str, record: str) -> None:
-        """Kept next to the log; returns at once."""
-
-    def read(self, log_path: str) -> KeptLines:
-        """What holds, with what the log tells of the drive since; where nothing was said of a line, that of the last
-        job on the same field. Takes its time; never raises."""
 
 
 def guide_record(guide: GuideLine) -> str:

@@ -21,13 +21,12 @@ from console.app.action import (
 )
 from console.app.alarms import entries
 from console.app.company import leave_words
-from console.app.dialogs import Choice, ChoiceDialog, Confirm
+from console.app.dialogs import Choice, ChoiceDialog
 from console.app.first_question import start_from_any_page
-from console.app.pages.replay import keys as replay
 from console.app.reasons import why_no_acknowledge, why_no_menu, why_no_start, why_no_tour, why_no_undo
 from console.app.screens.alarm_list import AlarmList
 from console.app.screens.help import HelpScreen
-from console.app.screens.jump import JumpScreen, Place, labels, letters, places_of, press
+from console.app.screens.jump import JumpScreen, labels, letters, places_of, press
 from console.app.tour import Tour
 from console.app.units import UNITS
 from console.locale import N_, _, in_use, languages, use
@@ -40,14 +39,10 @@ if TYPE_CHECKING:
 
 def hold(app: TopdressApp) -> None:
     if app.source is None and app.replay_page.job is not None:
-        replay.play(app.replay_page)
+        app.replay_page.player.toggle()
         app.replay_page.hurry()
     else:
         app.give(Do.HOLD)
-
-
-def stop(app: TopdressApp) -> None:
-    app.give(Do.STOP)
 
 
 def acknowledge(app: TopdressApp) -> None:
@@ -63,14 +58,6 @@ def show_help(app: TopdressApp) -> None:
         app.push_screen(HelpScreen(app.offered(app.page.where)))
 
 
-def opens(where: str) -> Callable[[TopdressApp], None]:
-    """Turns to a page."""
-    def turn(app: TopdressApp) -> None:
-        app.turn_to(where)
-
-    return turn
-
-
 def alarm_list(app: TopdressApp) -> None:
     """Of the run, or of the log that is played."""
     if isinstance(app.screen, AlarmList):
@@ -82,15 +69,10 @@ def alarm_list(app: TopdressApp) -> None:
 
 
 def lock(app: TopdressApp) -> None:
-    if not app.locked:
+    if app.locked:
+        app.confirm(_("Unlock the keys?"), "", lambda: app.lock_keys(False))
+    else:
         app.lock_keys(True)
-        return
-
-    def answer(yes: bool | None) -> None:
-        if yes:
-            app.lock_keys(False)
-
-    app.push_screen(Confirm(_("Unlock the keys?")), answer)
 
 
 def next_theme(app: TopdressApp) -> None:
@@ -146,37 +128,19 @@ def _asked_while_working(app: TopdressApp, question: str, change: Callable[[], N
     frame = app.arrival.frame
     if frame is None or app.gone or frame.row.state != State.WORKING:
         change()
-        return
-
-    def answer(yes: bool | None) -> None:
-        if yes:
-            change()
-
-    app.push_screen(Confirm(question, _("The machine works. Everything on the screen is written anew.")), answer)
-
-
-def start_asked(app: TopdressApp) -> None:
-    start_from_any_page(app)
+    else:
+        app.confirm(question, _("The machine works. Everything on the screen is written anew."), change)
 
 
 def pages(app: TopdressApp) -> None:
-    def answer(name: str | None) -> None:
-        if name is not None:
-            app.turn_to(name)
-
     choices = [Choice(one.id.removesuffix("_screen"), f"{_(one.label)}  ({one.shown})") for one in app.page_actions]
-    app.push_screen(ChoiceDialog(_("Go to which page?"), choices, app.page.where), answer)
+    app.ask(ChoiceDialog(_("Go to which page?"), choices, app.page.where), app.turn_to)
 
 
 def menu(app: TopdressApp) -> None:
     """The page's menu: what has no letter of its own, for a letter means one thing on all pages."""
     choices = [Choice(one.id, _(one.label), app.why_not(one)) for one in app.menu()]
-
-    def answer(name: str | None) -> None:
-        if name is not None:
-            app.call_later(app.action_do, name)
-
-    app.push_screen(ChoiceDialog(_("What else this page does"), choices, ""), answer)
+    app.ask(ChoiceDialog(_("What else this page does"), choices, ""), lambda name: app.call_later(app.action_do, name))
 
 
 def jump(app: TopdressApp) -> None:
@@ -184,72 +148,63 @@ def jump(app: TopdressApp) -> None:
     if isinstance(app.screen, JumpScreen):
         return
     places = places_of(app.screen)
-
-    def there(place: Place | None) -> None:
-        if place is not None:
-            press(place)
-
-    app.push_screen(JumpScreen(places, labels(len(places), letters(app.bound_keys))), there)
+    app.ask(JumpScreen(places, labels(len(places), letters(app.bound_keys))), press)
 
 
 def take_back(app: TopdressApp) -> None:
     change = app.undo.newest
     assert change is not None, "said by why_no_undo"
 
-    def answer(yes: bool | None) -> None:
-        if yes:
-            app.undo.take()
-            change.back()
+    def back() -> None:
+        app.undo.take()
+        change.back()
 
-    before = _("Again as before: {what}").format(what=change.what)
-    app.push_screen(Confirm(_("Take the last change back?"), before), answer)
+    app.confirm(_("Take the last change back?"), _("Again as before: {what}").format(what=change.what), back)
 
 
 def leave(app: TopdressApp) -> None:
     frame = app.arrival.frame
     if app.gone or app.source is None or (frame is not None and frame.row.state != "working"):
         app.exit()
-        return
-
-    def answer(yes: bool | None) -> None:
-        if yes:
-            app.exit()
-
-    text = "" if frame is None else leave_words(frame, app.own_name, app.keeps_working)
-    app.push_screen(Confirm(_("Leave the console?"), text), answer)
+    else:
+        text = "" if frame is None else leave_words(frame, app.own_name, app.keeps_working)
+        app.confirm(_("Leave the console?"), text, app.exit)
 
 
 ACTIONS = (
     Action("hold", "space", "Space", N_("hold"), N_("Stops the flow at once; Start resumes. In a replay alone: pause."),
            hold, bar=1, locked=True, priority=True),
-    Action("stop", "x,f12", "X", N_("STOP"), N_("Machine off, from any state and on every screen (also F12)."), stop,
-           bar=2, locked=True, priority=True),
+    Action("stop", "x,f12", "X", N_("STOP"), N_("Machine off, from any state and on every screen (also F12)."),
+           lambda app: app.give(Do.STOP), bar=2, locked=True, priority=True),
     Action("acknowledge", "a", "A", N_("acknowledge"), N_("Acknowledges the alarms that are shown."), acknowledge,
            bar=9, why=why_no_acknowledge),
     Action("menu", "q", "Q", N_("menu"), N_("What else this page does: a list; digit or arrow, then Enter."), menu,
            bar=3, why=why_no_menu),
     Action("help", "f1", "F1", N_("help"), N_("This page."), show_help, bar=3, locked=True),
-    Action("run_screen", "f2", "F2", N_("run"), N_("The machine at work."), opens(RUN), locked=True),
-    Action("map_screen", "f3", "F3", N_("map"), N_("The field: applied, target, error, NDVI, plan."), opens(MAP),
-           locked=True),
+    Action("run_screen", "f2", "F2", N_("run"), N_("The machine at work."), lambda app: app.turn_to(RUN), locked=True),
+    Action("map_screen", "f3", "F3", N_("map"), N_("The field: applied, target, error, NDVI, plan."),
+           lambda app: app.turn_to(MAP), locked=True),
     Action("trends_screen", "f4", "F4", N_("trends"), N_("Any channel over any time span; freeze it, read off values."),
-           opens(TRENDS), locked=True),
+           lambda app: app.turn_to(TRENDS), locked=True),
     Action("devices_screen", "f5", "F5", N_("devices"), N_("Every port and what it sends; test it, record raw data."),
-           opens(DEVICES), locked=True),
+           lambda app: app.turn_to(DEVICES), locked=True),
     Action("calibrate_screen", "f6", "F6", N_("calibrate"), N_("Catch test, lag test, heads check, wheel."),
-           opens(CALIBRATE), locked=True),
-    Action("replay_screen", "f7", "F7", N_("replay"), N_("A log, played again."), opens(REPLAY), locked=True),
+           lambda app: app.turn_to(CALIBRATE), locked=True),
+    Action("replay_screen", "f7", "F7", N_("replay"), N_("A log, played again."), lambda app: app.turn_to(REPLAY),
+           locked=True),
     Action("diagnosis_screen", "f9", "F9", N_("diagnosis"),
-           N_("What is wrong with the machine, and why: from its logs."), opens(DIAGNOSIS), locked=True),
+           N_("What is wrong with the machine, and why: from its logs."), lambda app: app.turn_to(DIAGNOSIS),
+           locked=True),
     Action("job_screen", "f10", "F10", N_("job"), N_("Before work, totals, refills, N-rich strip, end of the job."),
-           opens(JOB), locked=True),
+           lambda app: app.turn_to(JOB), locked=True),
     Action("settings_screen", "f11", "F11", N_("settings"), N_("Units, language, look, sound, limits, keys."),
-           opens(SETTINGS), locked=True),
+           lambda app: app.turn_to(SETTINGS), locked=True),
     Action("pages", "tab", "Tab", N_("pages"), N_("Goes to a page, where the terminal keeps the F-keys to itself."),
            pages, bar=10, locked=True),
     Action("start_anywhere", "ctrl+s", "^S", N_("start, asked"),
-           N_("Ready or held: begins to work, from any page; asks first."), start_asked,
-           bar=2, why=why_no_start),
+           N_("Ready or held: begins to work, from any page; asks first."),
+           lambda app: start_from_any_page(app), bar=2,
+           why=why_no_start),
     Action("undo", "ctrl+z", "^Z", N_("undo"),
            N_("Takes the last change back: dose, source, strategy, strip, switch, refill, setting; asks first."),
            take_back, why=why_no_undo),

@@ -5,13 +5,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from console.app.field_picture import FieldPicture
-from console.app.kept_lines import LineFiles
-from console.app.pages.calibrate.job import CalibrateJob
+from console.app.pages.calibrate.service import CalibrateService
 from console.app.pages.diagnosis.data import DiagnosisService
 from console.app.pages.job.service import Earlier, JobService
-from console.app.pages.map.laid_files import LayerFiles
-from console.app.pages.replay.log_files import LogFiles
-from console.app.settings import SettingsStore
+from console.app.pages.map.service import LayerFiles, LineFiles
+from console.app.pages.replay.service import LogFiles
+from console.app.pages.settings.service import SettingsStore
 from console.frame import Frame
 from control.diagnosis.result import Departure
 
@@ -21,7 +20,7 @@ class Services:
     """Each field belongs to one screen. Its errors are one-line ValueErrors; long work runs in a thread and asks
     `cancelled` between steps."""
 
-    calibrate: CalibrateJob | None = None
+    calibrate: CalibrateService | None = None
 
     settings: SettingsStore | None = None
 

@@ -2,8 +2,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from itertools import combinations
 from typing import TYPE_CHECKING
 
@@ -29,17 +28,6 @@ _VARIABLES = {"red": "alarm-red", "on-red": "on-alarm-red", "amber": "alarm-ambe
               "keybar": "keybar", "on-keybar": "on-keybar", "keybar-key": "keybar-key", "stale": "stale",
               "muted": "muted", "target": "target"}
 _OWN = ("background", "surface", "panel", "foreground", "primary")
-
-
-@dataclass(slots=True)
-class SettingsStore:
-    """Where settings come from and go to. trouble: why the file was not used. write: raises OSError."""
-
-    settings: Settings
-    write: Callable[[Settings], None]
-    place: str = ""
-    trouble: str = ""
-    themes: tuple[ThemeData, ...] = ()
 
 
 def keymap_problem(keymap: Mapping[str, str]) -> str:
@@ -70,20 +58,16 @@ def clash(keymap: Mapping[str, str]) -> str:
 def theme_of(data: ThemeData) -> Theme:
     """A theme as Textual wants it: one of ours, with other colours."""
     like = {theme.name: theme for theme in themes.THEMES}[data.like]
-    own = {name: colour for name, colour in data.colours.items() if name in _OWN}
+    own = {name: data.colours.get(name, getattr(like, name)) for name in _OWN}
     variables = dict(like.variables)
     for name, colour in data.colours.items():
         if name in _VARIABLES:
             variables[_VARIABLES[name]] = colour
     variables["applied"] = data.colours.get("foreground", like.variables["applied"])
     return Theme(
-        name=data.name, dark=like.dark if data.dark is None else data.dark,
-        primary=own.get("primary", like.primary), background=own.get("background", like.background),
-        surface=own.get("surface", like.surface), panel=own.get("panel", like.panel),
-        foreground=own.get("foreground", like.foreground), secondary=variables["target"],
-        accent=own.get("primary", like.primary), warning=variables["alarm-amber"], error=variables["alarm-red"],
-        success=variables["target"], boost=own.get("surface", like.surface), text_alpha=like.text_alpha,
-        variables=variables)
+        name=data.name, dark=like.dark if data.dark is None else data.dark, **own, secondary=variables["target"],
+        accent=own["primary"], warning=variables["alarm-amber"], error=variables["alarm-red"],
+        success=variables["target"], boost=own["surface"], text_alpha=like.text_alpha, variables=variables)
 
 
 def apply(app: TopdressApp, settings: Settings) -> str:

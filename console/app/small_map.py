@@ -3,10 +3,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from console.app.braille import BITS, BLANK
 from console.app.field_picture import FieldPicture, Planned, Ring
 
 SHADES = "░▒▓█"             # from the lowest planned rate to the highest
-_BITS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))       # of a braille character, row by row
 
 
 def outline(rings: Sequence[Ring], columns: int, rows: int) -> tuple[str, ...]:
@@ -24,9 +24,9 @@ def outline(rings: Sequence[Ring], columns: int, rows: int) -> tuple[str, ...]:
             for step in range(steps + 1):
                 x = round((a_east + (b_east - a_east) * step / steps - min(east)) / metres)
                 y = round((max(north) - a_north - (b_north - a_north) * step / steps) / metres)
-                cells[min(y, height - 1) // 4][min(x, width - 1) // 2] |= _BITS[min(y, height - 1) % 4][
+                cells[min(y, height - 1) // 4][min(x, width - 1) // 2] |= BITS[min(y, height - 1) % 4][
                     min(x, width - 1) % 2]
-    return tuple("".join(chr(0x2800 + cell) if cell else " " for cell in row).rstrip() for row in cells)
+    return tuple("".join(chr(BLANK + cell) if cell else " " for cell in row).rstrip() for row in cells)
 
 
 def shaded(planned: Planned, columns: int, rows: int) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from console.app.pages.calibrate.catch import CatchPoint
-from console.app.pages.calibrate.job import CalibrateJob, CurvePoint, Estimate, Fitted, LagTable, Number
+from console.app.pages.calibrate.service import CalibrateService, CurvePoint, Estimate, Fitted, LagTable, Number
 from console.app.pages.calibrate.wheel import WheelSample
 from console.services.launcher import data_folder
 from control.machine.flow import grams_per_rev
@@ -28,7 +28,7 @@ SPREAD_MM = 0.5               # openings closer than this are one opening
 
 
 def calibrate_job(machine: Machine, wheel_circumference_m: float | None = None, folder: Path | None = None,
-                  tables: Sequence[Path] = ()) -> CalibrateJob:
+                  tables: Sequence[Path] = ()) -> CalibrateService:
     """The calibrations of this machine.
 
     wheel_circumference_m: what the wheel is counted by, where a cab file says so. folder: where new machine files go;
@@ -38,7 +38,7 @@ def calibrate_job(machine: Machine, wheel_circumference_m: float | None = None, 
     look_in = (place.parent / "logs", place, Path.cwd(), *tables)
     limits, points = machine.limits, machine.set_points
     counted_m = wheel_circumference_m or machine.speed.wheel_circumference_m
-    return CalibrateJob(
+    return CalibrateService(
         machine=machine.id, shaft_rpm=(limits.shaft_low_rpm, limits.shaft_high_rpm),
         opening_mm=(limits.opening_low_mm, limits.opening_high_mm), set_shaft_rpm=points.shaft_rpm,
         set_opening_mm=points.opening_mm, wheel_circumference_m=counted_m, most_kg=machine.flow.full_kg,

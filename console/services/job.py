@@ -6,7 +6,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TypedDict
+from typing import TYPE_CHECKING
 
 from console.app.field_picture import Ring
 from console.app.pages.job.service import (
@@ -60,7 +60,7 @@ def one_line() -> Iterator[None]:
 
 
 class JobFiles:
-    """`console.app.job_desk.JobService` on real files."""
+    """`console.app.pages.job.service.JobService` on real files."""
 
     def __init__(self, launcher: Launcher, folder: Path | None = None) -> None:
         """folder: of the user's own files; new job files go to its folder jobs."""
@@ -74,37 +74,19 @@ class JobFiles:
 
     def facts(self) -> Facts:
         """Raises ValueError."""
-        from drivers.files.setup import setup_of
+        from drivers.files.setup import product_of, setup_of
         with one_line():
             found = self._found()
             setup = setup_of(found, day_clock.today())
             job_path, machine_path = _path_of(found, JOB.format, "demo"), _path_of(found, MACHINE.format, "huanghai")
             crop = load(setup.job.crop, CROP, base=setup.folder)
-        job, machine = setup.job, setup.machine
-        name, area = self._field(job, machine, found)
-        nrich = job.ndvi_nrich if job.ndvi_nrich is not None else setup.crop.ndvi_nrich
+        product = product_of(setup.job, setup.folder)
+        field, area = self._field(setup.job, setup.machine, found)
         return Facts(
-            job=job.title or job.id, job_file=str(job_path), crop=setup.crop.name, crop_file=str(crop.path),
-            crop_warnings=setup.crop.warnings, source=job.target.source.value, ndvi_nrich=nrich,
-            nrich_from="" if nrich is None else "job" if job.ndvi_nrich is not None else "crop",
-            ndvi_check=setup.rule.ndvi_check, response_index=setup.rule.response_rule, rule=setup.rule,
-            fixed_yield_t_ha=setup.crop.fixed_yield_t_ha, max_rate_kg_ha=setup.crop.max_rate_kg_ha,
-            fallback_rate_kg_ha=setup.crop.fallback_rate_kg_ha, client=job.client, farm=job.farm,
-            growth=setup.growth, **self._product(setup), operator=job.operator, field=name, field_ha=area,
-            **self._map(job, machine, found, setup.crop.max_rate_kg_ha, setup.folder),
-            machine=machine.title or machine.id, machine_file=str(machine_path), effects=_effects(machine),
-            shipped_machine=machine_path in shipped(MACHINE.folder).values(),
-            jobs=self._files("jobs", job_path), crops=self._files("crops", crop.path),
-            machines=self._files("machines", machine_path))
-
-    def _product(self, setup: Setup) -> _ProductFacts:
-        product, path = setup.product, _product_path(setup)
-        test = None if product is None else product.newest_test(setup.machine.id)
-        return _ProductFacts(
-            product=setup.job.product or ("" if product is None else product.name), product_file=path,
-            product_n_fraction=setup.crop.product_n_fraction, product_grams=setup.machine.flow.grams_per_rev_mm,
-            product_test="" if test is None else test.date.isoformat(),
-            products=self._files(PRODUCT.folder, Path(path) if path else None))
+            setup, str(job_path), str(crop.path), str(machine_path), machine_path in shipped(MACHINE.folder).values(),
+            "" if product is None else str(product.path), field, area, *self._map(setup, found),
+            self._files("jobs", job_path), self._files("crops", crop.path), self._files("machines", machine_path),
+            self._files(PRODUCT.folder, None if product is None else product.path))
 
     @staticmethod
     def _field(job: Job, machine: Machine, found: dict[str, Loaded[BaseModel]]) -> tuple[str, float | None]:
@@ -112,21 +94,21 @@ class JobFiles:
         ground = _on_its_ground(job, machine, found).field
         return ground.title, Boundary(ground.boundary_m, ground.holes_m).area_ha if ground.boundary_m else None
 
-    def _map(self, job: Job, machine: Machine, found: dict[str, Loaded[BaseModel]], limit_kg_ha: float,
-             folder: Path) -> _MapFacts:
-        """Looked at anew only when the file or the job has changed: a large one takes seconds."""
+    def _map(self, setup: Setup, found: dict[str, Loaded[BaseModel]]) -> tuple[str, MapCheck | None, str]:
+        """Where the job's map stands, what of it will not be applied, why it cannot be used. Looked at anew only when
+        the file or the job has changed: a large one takes seconds."""
         from drivers.files.archives import files_of
         from drivers.files.prescriptions.for_job import check_of_job
-        if job.target.map is None:
-            return _MapFacts(map_file="", map_check=None, map_trouble="")
-        path = folder / job.target.map
-        job = _on_its_ground(job, machine, found)
+        if setup.job.target.map is None:
+            return "", None, ""
+        path, limit_kg_ha = setup.folder / setup.job.target.map, setup.crop.max_rate_kg_ha
+        job = _on_its_ground(setup.job, setup.machine, found)
         stands = tuple((file, file.stat().st_mtime_ns, file.stat().st_size) for file in files_of(path)
                        if file.is_file())
         key = (stands, job.target, job.field, limit_kg_ha)
         if self._checked is None or self._checked[0] != key:
             try:
-                check = check_of_job(job, limit_kg_ha, folder)
+                check = check_of_job(job, limit_kg_ha, setup.folder)
                 assert check is not None
                 self._checked = key, check
             except (Refused, OSError) as error:
@@ -134,10 +116,10 @@ class JobFiles:
         checked = self._checked[1]
         if isinstance(checked, Refused):
             from console.services.map_refused import in_words
-            return _MapFacts(map_file=str(path), map_check=None, map_trouble=f"{path}: {in_words(checked, path)}")
+            return str(path), None, f"{path}: {in_words(checked, path)}"
         if isinstance(checked, OSError):
-            return _MapFacts(map_file=str(path), map_check=None, map_trouble=f"{path}: {checked.strerror or checked}")
-        return _MapFacts(map_file=str(path), map_check=checked, map_trouble="")
+            return str(path), None, f"{path}: {checked.strerror or checked}"
+        return str(path), checked, ""
 
     def _files(self, folder: str, now: Path | None) -> tuple[File, ...]:
         """The one in use, the user's own, the newest first, and those that are shipped."""
@@ -472,23 +454,6 @@ def implausible(rates_kg_ha: Sequence[float], most_kg_ha: float) -> str:
     return ""
 
 
-class _ProductFacts(TypedDict):
-    product: str
-    product_file: str
-    product_n_fraction: float
-    product_grams: float
-    product_test: str
-    products: tuple[File, ...]
-
-
-class _MapFacts(TypedDict):
-    """Of `Facts`, by these names."""
-
-    map_file: str
-    map_check: MapCheck | None
-    map_trouble: str
-
-
 def _on_its_ground(job: Job, machine: Machine, found: dict[str, Loaded[BaseModel]]) -> Job:
     """The job on the field where it will be worked: on the simulated machine one without a boundary gets one."""
     from control.simulation.assembly import with_simulated_field
@@ -503,19 +468,6 @@ def _is_simulated(found: dict[str, Loaded[BaseModel]]) -> bool:
 def _path_of(found: dict[str, Loaded[BaseModel]], kind: str, nominal: str) -> Path:
     folder = {JOB.format: JOB.folder, MACHINE.format: MACHINE.folder}[kind]
     return found[kind].path if kind in found else shipped(folder)[nominal]
-
-
-def _effects(machine: Machine) -> tuple[str, ...]:
-    """Adopted effects with the data that they come from."""
-    return tuple(f"{one.id} {one.size:+g} {one.unit}".rstrip() + (f"  ({one.data}, {one.date})" if one.data else "")
-                 for one in machine.adopted)
-
-
-def _product_path(setup: Setup) -> str:
-    """Where the job's product file stands; empty where it names none."""
-    from drivers.files.setup import product_of
-    found = product_of(setup.job, setup.folder)
-    return "" if found is None else str(found.path)
 
 
 def _from(folder: Path, name: str) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from console.app.laid import Harvest, LaidFile
 from console.app.layers import Layer
 from console.app.pages.diagnosis.data import OpenQuestions
-from console.app.pages.replay.log_files import LogFile
+from console.app.pages.replay.service import LogFile
 from console.app.worked import Box, Worked, spot_of
 from console.frame import Frame
 from console.services.diagnosis import DiagnosisFiles
@@ -32,7 +32,7 @@ HARVESTS = ("yield", "ertrag", "产量", "crop_flow", "grain")     # the first t
 
 
 class MapLayers:
-    """`console.app.pages.map.laid_files.LayerFiles` on real files."""
+    """`console.app.pages.map.service.LayerFiles` on real files."""
 
     def __init__(self, files: DiagnosisFiles | None = None) -> None:
         self._files = files or DiagnosisFiles()

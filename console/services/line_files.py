@@ -17,7 +17,7 @@ def lines_path(log_path: str | Path) -> Path:
 
 
 class KeptLineFiles:
-    """`console.app.kept_lines.LineFiles` on real files."""
+    """`console.app.pages.map.service.LineFiles` on real files."""
 
     def __init__(self) -> None:
         self._files = SideFiles()

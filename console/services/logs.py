@@ -5,8 +5,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from console.app.pages.diagnosis.data import IMPORT, Source
-from console.app.pages.replay.log_files import LogFile
-from console.app.replay_job import ReplayJob
+from console.app.pages.replay.service import LogFile, ReplayJob
 from console.services.diagnosis import DiagnosisFiles
 from console.services.foreign_files import YAML
 
@@ -17,7 +16,7 @@ def logs_among(sources: Iterable[Source]) -> tuple[LogFile, ...]:
 
 
 class RunLogs:
-    """`console.app.log_files.LogFiles` on real files."""
+    """`console.app.pages.replay.service.LogFiles` on real files."""
 
     def __init__(self, files: DiagnosisFiles | None = None) -> None:
         self._files = files or DiagnosisFiles()

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
-from console.app.replay_job import Cancelled, ReplayJob, Tell, WhatIf
+from console.app.pages.replay.service import Cancelled, ReplayJob, Tell, WhatIf
 from console.app.replay_source import ReplaySource
 from console.frame import Frame
 from console.services.field import plane_of_job

@@ -1,7 +1,7 @@
 """The user's settings for the console: read once, written when the Settings screen changes them."""
 from __future__ import annotations
 
-from console.app.settings import SettingsStore
+from console.app.pages.settings.service import SettingsStore
 from drivers.files.settings import read_settings, settings_path, write_settings
 from drivers.files.settings_theme import read_themes
 

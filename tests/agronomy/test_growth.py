@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import datetime as dt
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +9,6 @@ from pydantic import ValidationError
 from typer.testing import CliRunner
 
 from console.app.pages.job.day import LOOK, OK, checks
-from console.app.pages.job.sample import FACTS
 from console.app.units import METRIC
 from console.cli import app
 from console.reports.job_about import About, happened, named
@@ -25,6 +23,7 @@ from drivers.files.config import load, save
 from drivers.files.kinds import JOB
 from drivers.files.setup import load_setup
 from drivers.files.weather import WeatherError, growing_days, read_weather
+from tests.app.made_up.job import facts_of
 
 FEEKES = GrowthWindow(scale="feekes", first=4, last=6)
 
@@ -94,7 +93,8 @@ def test_check_says_it(tmp_path):
 
 def test_the_list_before_work_says_it():
     for stage, level in ((None, LOOK), (8.0, LOOK), (5.0, OK)):
-        facts = replace(FACTS, growth=Growth("feekes", 4, 6, stage))
+        seen = None if stage is None else GrowthStage(scale="feekes", stage=stage)
+        facts = facts_of({"growth_window": GrowthWindow(scale="feekes", first=4, last=6)}, {"growth": seen})
         line = next(one for one in checks(None, 0.0, facts, "", None, METRIC) if one.label == "growth stage")
         assert line.level == level and "Feekes" in line.text
 

@@ -17,12 +17,12 @@ from textual.app import App  # noqa: E402
 from textual.css.stylesheet import Stylesheet  # noqa: E402
 from textual.pilot import Pilot  # noqa: E402
 
-from console.app import sample  # noqa: E402
 from console.app.app import TopdressApp  # noqa: E402
-from console.app.gallery import Picture, StillClock, StillSource, still_app  # noqa: E402
-from console.app.replay_job import ReplayJob  # noqa: E402
+from console.app.pages.replay.service import ReplayJob  # noqa: E402
 from console.app.replay_source import ReplaySource  # noqa: E402
 from console.locale import ENGLISH, use  # noqa: E402
+from tests.app.gallery import Picture, StillClock, StillSource, still_app  # noqa: E402
+from tests.app.made_up import run as sample  # noqa: E402
 
 LOOK_S = 0.02               # as Textual's own wait: what falls due sooner is waited for,
 IDLE_S = 0.001              # and so little is done meanwhile by a thread that only waits

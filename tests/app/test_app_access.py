@@ -14,12 +14,12 @@ from console.app import actions, themes, words
 from console.app.action import ANYWHERE, RUN, Action
 from console.app.app import TopdressApp
 from console.app.dialogs import TextDialog
-from console.app.gallery import StillSource
-from console.app.sample import sample_services
 from console.app.screens.help import HelpScreen
 from console.app.widgets.key_bar import KeyBar, laid_out
 from console.app.widgets.status_line import StatusLine
 from control.orders import Do
+from tests.app.gallery import StillSource
+from tests.app.made_up.run import sample_services
 
 THEMES = pytest.mark.parametrize("theme", themes.THEMES, ids=lambda theme: theme.name)
 XTERM = ("#000000", "#cd0000", "#00cd00", "#cdcd00", "#0000ee", "#cd00cd", "#00cdcd", "#e5e5e5", "#7f7f7f", "#ff0000",
@@ -168,7 +168,7 @@ async def test_no_colour_tells_states_and_alarms_in_symbol_and_word_on_every_pag
                                                                                   turned):
     from dataclasses import replace
 
-    from console.app.sample import sample_alarms
+    from tests.app.made_up.run import sample_alarms
     monkeypatch.setenv("NO_COLOR", "1")
     source = StillSource(replace(frames[-1], alarms=sample_alarms(frames[-1].at_s)))
     app = TopdressApp(source, clock, live=False, services=sample_services())

@@ -9,13 +9,13 @@ import pytest
 
 from console.app import themes
 from console.app.alarms import entries
-from console.app.sample import sample_alarms
 from console.app.units import METRIC
 from console.app.view import alarms
 from console.app.widgets.alarm_bar import AlarmBar
 from console.frame import from_json, to_json
 from console.worker.resume_alarms import AlarmBook
 from control.orders import Severity
+from tests.app.made_up.run import sample_alarms
 
 
 def frame_with(frame, *, acknowledged=False, gone=False, state="working", why=""):

@@ -11,13 +11,13 @@ from console.app.dialogs import ChoiceDialog
 from console.app.name_dialog import NameDialog
 from console.app.number_dialog import NumberDialog
 from console.app.pages.calibrate.guide import Guide
-from console.app.pages.calibrate.sample import POINTS, lag_under_way, many_devices, sample_calibrate_job, standing
 from console.app.pages.calibrate.sheet import Bar, Sheet
 from console.app.services import Services
 from console.app.widgets.chips import Chips, placed
 from console.link import WorkerGone
 from control.orders import Answer, Do, Order
 from control.safety import BenchRun
+from tests.app.made_up.calibrate import POINTS, lag_under_way, many_devices, sample_calibrate_job, standing
 
 SIZE = (100, 30)
 BEGIN = [Order(Do.CALIBRATE), Order(Do.CALIBRATE_OPENING, 25.0), Order(Do.CALIBRATE_SHAFT, 70.0)]
@@ -276,7 +276,7 @@ async def test_a_name_that_is_taken_is_said_in_one_line_and_nothing_counts_as_sa
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot)
         page.calibration.test.points = list(POINTS)
-        page.calibration.take(page.job.fit_catch(POINTS))
+        page.calibration.take(page.service.fit_catch(POINTS))
         await pilot.press("e")
         app.screen.query_one("#name-input").value = "a/b"
         await pilot.press("enter")
@@ -297,7 +297,7 @@ async def test_escape_forgets_a_computation(app, opened):
             gate.wait(5.0)
             return sample_calibrate_job().fit_catch(points)
 
-        page.job = replace(page.job, fit_catch=slow)
+        page.service = replace(page.service, fit_catch=slow)
         page.calibration.test.points = list(POINTS)
         await pilot.press("q", "5", "enter")
         assert page.busy
@@ -311,7 +311,7 @@ async def test_points_can_be_taken_back_and_then_nothing_is_fitted(app, opened):
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot)
         page.calibration.test.points = list(POINTS[:3])
-        page.calibration.take(page.job.fit_catch(POINTS[:3]))
+        page.calibration.take(page.service.fit_catch(POINTS[:3]))
         await pilot.press("backspace")
         assert len(page.calibration.test.points) == 2 and page.calibration.fitted is None
         await pilot.press("q", "5", "enter", "e")

@@ -10,10 +10,10 @@ from console.app.company import leave_words
 from console.app.dialogs import TextDialog
 from console.app.joined import Joined
 from console.app.ordered_words import ORDERS
-from console.app.pages.job.sample import SampleJobService
 from console.app.services import Services
 from console.attached import Attached, Ordered
 from control.orders import Do
+from tests.app.made_up.job import SampleJobService
 
 OWN = Attached("ann@cab pts/3", False, True, True)
 LAB = Attached("lab@cab pts/4", False, True, True)

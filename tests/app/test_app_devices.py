@@ -6,12 +6,12 @@ from dataclasses import replace
 import pytest
 
 from console.app.dialogs import Confirm
-from console.app.pages.calibrate.sample import many_devices
 from console.app.pages.devices import device_view
 from console.app.pages.devices.device_table import DeviceTable
 from console.app.widgets.chips import Chips, placed
 from console.frame import DeviceDo, DeviceTest
 from control.orders import Answer
+from tests.app.made_up.calibrate import many_devices
 
 SIZE = (120, 40)
 

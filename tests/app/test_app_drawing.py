@@ -13,18 +13,18 @@ from rich.style import Style
 
 from console.app import camera, view
 from console.app.actions import ACTIONS
+from console.app.braille import trace
 from console.app.digits import ROWS, draw, largest
 from console.app.history import History
 from console.app.pace import Pace
 from console.app.pages.calibrate.curve import Curve, CurveView
-from console.app.sample import run_frames
 from console.app.scale import STEPS, calm_ends, colour
 from console.app.units import IMPERIAL, METRIC
 from console.app.widgets.heads import bar
 from console.app.widgets.panel import fit, right, spread
-from console.app.widgets.trend import trace
 from console.app.worked import Box
 from control.log_row import LogRow
+from tests.app.made_up.run import run_frames
 
 
 @pytest.mark.parametrize(("scale", "rows"), [(1, 3), (2, 5)])

@@ -13,7 +13,6 @@ from console.app.app import TopdressApp
 from console.app.dialogs import ChoiceDialog
 from console.app.first_question import ask_first
 from console.app.pages.job.service import Offer
-from console.app.sample import sample_services
 from console.cli import app as command
 from console.cli import screens
 from console.services.job import JobFiles
@@ -24,6 +23,7 @@ from drivers.files.config import load, save, shipped
 from drivers.files.kinds import JOB
 from drivers.files.run_log import PlainLogWriter
 from drivers.files.run_meta import run_meta
+from tests.app.made_up.run import sample_services
 
 SIZES = [(120, 40), (80, 24), (60, 20)]
 

@@ -10,13 +10,11 @@ import pytest
 
 from console.app.app import TopdressApp
 from console.app.dialogs import ChoiceDialog, Confirm
-from console.app.gallery import StillSource
 from console.app.number_dialog import NumberDialog
-from console.app.pages.job.check_list import CheckList, ChecksView, with_room
+from console.app.pages.job.check_list import CheckList, with_room
 from console.app.pages.job.day import LOOK, OK, STOP, Check, checks, totals, worst
 from console.app.pages.job.nrich import StripRun, standard_error
 from console.app.pages.job.refill import RefillWatch
-from console.app.pages.job.sample import FACTS, SampleJobService
 from console.app.pages.job.service import Earlier, Offer
 from console.app.services import Services
 from console.app.units import METRIC
@@ -24,8 +22,11 @@ from console.frame import Tally
 from console.link import WorkerGone
 from console.worker.resume_alarms import AlarmRecord
 from control.agronomy.strips import Strips, read_strip
+from control.field.job import Wanted
 from control.log_row import LogRow
 from control.orders import Do, Order, Severity
+from tests.app.gallery import StillSource
+from tests.app.made_up.job import FACTS, SampleJobService, facts_of
 
 SIZE = (120, 40)
 OFFER = Offer("a.resume.json", "2026-03-18T14:18:00+00:00", "2026-03-18T15:02:00+00:00", "division 2", 1.2)
@@ -77,7 +78,7 @@ def test_what_is_to_be_looked_at_before_work(frames):
     frame = frames[-1]
     assert levels(frame) == {"devices": OK, "crop": LOOK, "N-rich strip": OK, "limits": OK, "field": OK, "machine": OK,
                              "hopper": OK, "log": OK}
-    assert worst(checks(frame, 0.0, replace(FACTS, crop_warnings=()), "", 10**11, METRIC)) == OK
+    assert worst(checks(frame, 0.0, facts_of({"examples": ()}), "", 10**11, METRIC)) == OK
     silent = replace(frame, devices=tuple(replace(one, age_s=5.0) if one.name == "gnss" else one
                                           for one in frame.devices))
     assert levels(silent)["devices"] == LOOK
@@ -85,11 +86,12 @@ def test_what_is_to_be_looked_at_before_work(frames):
                                          for one in frame.devices))
     assert levels(board)["devices"] == STOP
     assert levels(frame, age_s=2.0)["devices"] == STOP and levels(None)["devices"] == STOP
-    assert levels(frame, replace(FACTS, nrich_from="crop"))["N-rich strip"] == LOOK
-    assert levels(frame, replace(FACTS, ndvi_nrich=None))["N-rich strip"] == LOOK
-    assert levels(frame, replace(FACTS, ndvi_nrich=None, source="map"))["N-rich strip"] == OK
+    assert levels(frame, facts_of({"ndvi_nrich": 0.7}, {"ndvi_nrich": None}))["N-rich strip"] == LOOK
+    fixed, none = {"fixed_yield_t_ha": 6.0}, {"ndvi_nrich": None}
+    assert levels(frame, facts_of(fixed, none))["N-rich strip"] == LOOK
+    assert levels(frame, facts_of(fixed, none | {"target": Wanted(source="map", map="a.csv")}))["N-rich strip"] == OK
     assert levels(frame, replace(FACTS, field_ha=None))["field"] == LOOK
-    assert levels(frame, replace(FACTS, effects=(), shipped_machine=True))["machine"] == LOOK
+    assert levels(frame, facts_of(machine={"adopted": ()}, shipped_machine=True))["machine"] == LOOK
     assert [levels(frame, free=free)["log"] for free in (10**8, 10**9, 10**10, None)] == [STOP, LOOK, OK, LOOK]
     assert levels(replace(frame, log_path=""))["log"] == STOP
     assert levels(replace(frame, tally=Tally(trouble="a.resume.json: disk full")))["log"] == LOOK
@@ -108,15 +110,15 @@ def test_what_is_well_gives_way_where_not_all_have_room():
 def test_the_list_fills_its_rows_and_no_more(height):
     """What is to be looked at is said in further rows, as far as there are any."""
     some = tuple(Check(str(k), level, "short", ("one", "two")) for k, level in enumerate((OK, LOOK, OK, OK, STOP)))
-    rows = CheckList(ChecksView(some, "en")).lines(ChecksView(some, "en"), 60, height)
+    rows = CheckList(some).lines(some, 60, height)
     assert len(rows) == min(height, 1 + len(some) + 4)
     assert any("more" in row.plain for row in rows) == (height < 1 + len(some))
 
 
 def test_every_warning_of_the_crop_stands_in_full(frames):
-    facts = replace(FACTS, crop_warnings=("first", "second"))
+    facts = facts_of({"flag": "first", "examples": ("second",)})
     crop = next(check for check in checks(frames[-1], 0.0, facts, "", None, METRIC) if check.label == "crop")
-    assert {"first", "second"} <= set(crop.full)
+    assert {"first", "example values, not of this field: second"} <= set(crop.full)
 
 
 def test_totals_in_words(frames):
@@ -141,7 +143,7 @@ def test_ground_covered_and_doses_in_words(frames):
 
 
 async def test_the_screen_says_what_is_wrong_and_shows_it_in_full(job_app, desk, shown):
-    desk.known = replace(FACTS, crop_warnings=("what is not to be forgotten " * 8,))
+    desk.known = facts_of({"flag": "what is not to be forgotten " * 8, "examples": ()})
     async with job_app.run_test(size=(80, 24)) as pilot:
         await on_job(job_app, pilot)
         rows = shown(job_app)
@@ -207,7 +209,7 @@ async def test_a_strip_is_driven_counts_at_once_and_is_kept(job_app, desk, sourc
 
 async def test_by_the_fields_index_the_strip_is_chosen_and_the_index_judged(job_app, desk, source):
     app = job_app
-    desk.known = replace(FACTS, response_index="field", ndvi_nrich=0.60)
+    desk.known = facts_of(job={"response_index": "field", "ndvi_nrich": 0.60})
     async with app.run_test(size=SIZE) as pilot:
         await on_job(app, pilot)
         await pilot.press("b")
@@ -224,7 +226,7 @@ async def test_by_the_fields_index_the_strip_is_chosen_and_the_index_judged(job_
 
 
 def test_strips_and_index_on_the_list(frames):
-    frame, facts = frames[-1], replace(FACTS, response_index="field")
+    frame, facts = frames[-1], facts_of(job={"response_index": "field"})
     texts = {check.label: (check.level, check.text) for check in checks(frame, 0.0, facts, "", 10**11, METRIC)}
     assert texts["response index"] == (LOOK, "farmer check missing: drive one with B")
     live = replace(frame, strips=Strips(0.66, 0.55))

@@ -12,12 +12,12 @@ from console.app.field_picture import FieldPicture, Planned
 from console.app.name_dialog import NameDialog
 from console.app.number_dialog import NumberDialog
 from console.app.pages.job.map_dialog import MapDialog
-from console.app.pages.job.sample import FACTS, SampleJobService
 from console.app.pages.job.service import File
 from console.app.remaining_work import remaining_work
-from console.app.sample import sample_services
 from console.app.small_map import outline, shaded
 from console.app.units import METRIC
+from tests.app.made_up.job import FACTS, SampleJobService
+from tests.app.made_up.run import sample_services
 
 SIZE = (120, 40)
 

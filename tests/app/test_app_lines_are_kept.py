@@ -8,14 +8,14 @@ import pytest
 
 from console.app.app import TopdressApp
 from console.app.boundary_drive import BoundaryDrive, Corner
-from console.app.gallery import StillClock, StillSource
 from console.app.guide_line import GuideLine
 from console.app.kept_lines import corner_record, drive_record, guide_record, kept_lines
-from console.app.sample import sample_services
 from console.services.line_files import KeptLineFiles, lines_path
 from control.log_row import LogRow
 from drivers.files.run_log import PlainLogWriter
 from drivers.files.run_meta import meta_to_yaml, run_meta
+from tests.app.gallery import StillClock, StillSource
+from tests.app.made_up.run import sample_services
 
 SIZE = (120, 40)
 CORNERS = [Corner(34.8 + 0.0001 * k, 113.6, 0.0) for k in range(4)]

@@ -8,18 +8,18 @@ import pytest
 
 from console.app.app import TopdressApp
 from console.app.field_picture import FieldPicture, Planned
-from console.app.gallery import Picture, StillSource, settle, still_app
 from console.app.layers import Layer
 from console.app.map_image import DONE, LAID, OUTLINE, PASSAGE, PLAN, image
 from console.app.pages.map.map_pane import MapPane
-from console.app.replay_job import ReplayJob
+from console.app.pages.replay.service import ReplayJob
 from console.app.replay_source import ReplaySource
-from console.app.sample import run_frames, sample_field, sample_services
 from console.app.services import Services
 from console.app.widgets.canvas import Canvas
 from console.app.widgets.field_map import FieldMap
 from console.app.widgets.map_legend import MapLegend
 from console.app.widgets.panel import Panel
+from tests.app.gallery import Picture, StillSource, settle, still_app
+from tests.app.made_up.run import run_frames, sample_field, sample_services
 
 SIZE = (120, 40)
 ON_MAP = Picture("map", SIZE, screen="map")

@@ -4,12 +4,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 from console.app.app import TopdressApp
-from console.app.gallery import StillSource
 from console.app.pages.run.model_check import ModelCheck, model_check_texts
 from console.app.services import Services
 from console.locale import use
 from console.reports.live_words import departure_line
 from control.diagnosis.result import Departure
+from tests.app.gallery import StillSource
 
 FOUND = Departure("flow", "flow.gain", -4.0, 600.0, adoptable=True)
 

@@ -9,16 +9,16 @@ from textual.widgets import Input
 
 from console.app.app import TopdressApp
 from console.app.dialogs import ChoiceDialog, TextDialog
-from console.app.gallery import StillSource
 from console.app.joined import Joined
 from console.app.name_dialog import NameDialog
-from console.app.pages.job.sample import SampleJobService
 from console.app.pages.job.service import Offer
 from console.app.screens.alarm_list import AlarmList
 from console.app.screens.gone import GoneScreen
 from console.app.screens.help import HelpScreen
 from console.app.services import Services
 from console.link import WorkerGone
+from tests.app.gallery import StillSource
+from tests.app.made_up.job import SampleJobService
 
 SIZES = ((120, 40), (80, 24), (60, 20))
 OFFER = Offer("/logs/a.resume.json", "2026-03-18T06:18:00Z", "2026-03-18T07:02:00Z", "division 2", 1.2)

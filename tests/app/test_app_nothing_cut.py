@@ -17,7 +17,6 @@ from textual.widgets import Button
 from console.app import words
 from console.app.app import TopdressApp
 from console.app.dialogs import Dialog
-from console.app.gallery import PICTURES, Picture, settle, still_app
 from console.app.number_dialog import NumberDialog
 from console.app.pages.page import NoticeRows
 from console.app.units import IMPERIAL, METRIC, UNITS
@@ -31,6 +30,7 @@ from console.app.widgets.status_line import StatusLine
 from console.locale import languages, use
 from control.orders import Alarm, Severity
 from control.safety import ALARMS
+from tests.app.gallery import PICTURES, Picture, settle, still_app
 
 SIZES = ((120, 40), (100, 30), (80, 24), (60, 20))
 WIDTHS = tuple(width for width, _rows in SIZES)

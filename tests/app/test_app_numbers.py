@@ -15,12 +15,12 @@ from console.app.number_dialog import NumberDialog
 from console.app.pages.calibrate.catch import Turned
 from console.app.pages.calibrate.catch_calibration import CatchCalibration
 from console.app.pages.calibrate.page import CalibrateScreen
-from console.app.pages.calibrate.sample import sample_calibrate_job
 from console.app.services import Services
 from console.app.typed_number import inside, plain_number, read, read_between
 from console.app.units import IMPERIAL, METRIC
 from console.locale import use
 from control.orders import Do, Order
+from tests.app.made_up.calibrate import sample_calibrate_job
 
 SIZE = (120, 40)
 

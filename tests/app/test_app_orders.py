@@ -184,13 +184,13 @@ async def test_a_refusal_is_said_in_words_and_goes_after_a_while(app, source, cl
 
 
 async def test_acknowledge_names_each_red_alarm_that_stands(app, source):
-    from console.app.sample import sample_alarms
+    from tests.app.made_up.run import sample_alarms
     source.newest = replace(source.newest, alarms=sample_alarms(source.newest.at_s))
     assert await press(app, "a") == [Order(Do.ACKNOWLEDGE, "shaft_silent")]
 
 
 async def test_a_click_on_the_alarms_acknowledges(app, source):
-    from console.app.sample import sample_alarms
+    from tests.app.made_up.run import sample_alarms
     source.newest = replace(source.newest, alarms=sample_alarms(source.newest.at_s))
     async with app.run_test(size=SIZE) as pilot:
         await pilot.click(AlarmBar)

@@ -11,16 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from console.app.app import TopdressApp
-from console.app.gallery import StillClock, StillSource
-from console.app.pages.replay.log_files import LogFile
-from console.app.replay_job import ReplayJob, WhatIf
+from console.app.pages.replay.service import LogFile, ReplayJob, WhatIf
 from console.app.replay_source import FASTEST, SLOWEST, ReplaySource
-from console.app.sample import run_frames
 from console.app.services import Services
 from console.app.widgets.field_map import FieldMap
 from console.app.widgets.rates import Rates
 from console.app.widgets.trend import Trend
 from control.orders import Alarm, Answer, Do, Order, Severity
+from tests.app.gallery import StillClock, StillSource
+from tests.app.made_up.run import run_frames
 
 SIZE = (100, 30)
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 import pytest
 
 from console.app.app import TopdressApp
-from console.app.gallery import StillSource
 from console.app.screens.gone import GoneScreen
 from console.app.view import STALE_S, why_other_rate
 from console.app.widgets.alarm_bar import AlarmBar
@@ -17,6 +16,7 @@ from console.link import WorkerGone
 from console.running import WorkerFailed
 from control.orders import Alarm, Do, Order, Severity
 from control.safety import Allowances
+from tests.app.gallery import StillSource
 
 SIZE = (120, 40)
 

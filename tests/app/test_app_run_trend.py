@@ -4,10 +4,10 @@ from __future__ import annotations
 import pytest
 
 from console.app.app import TopdressApp
-from console.app.gallery import StillSource
 from console.app.history import Point
 from console.app.widgets.tile_graphs import TileGraphs, graph
 from console.app.widgets.trend import Trend, TrendView
+from tests.app.gallery import StillSource
 
 SIZE = (120, 40)
 

@@ -11,7 +11,6 @@ from console.app.app import TopdressApp
 from console.app.dialogs import TextDialog
 from console.app.joined import Joined
 from console.app.pages.job.map_words import map_words
-from console.app.pages.job.sample import SampleJobService
 from console.app.pages.job.service import AtWork
 from console.app.services import Services
 from console.app.units import METRIC
@@ -23,6 +22,7 @@ from console.services.launcher import Launcher
 from control.orders import Alarm, Answer, Severity
 from control.safety import REFUSALS
 from control.targets.map_check import MapCheck
+from tests.app.made_up.job import SampleJobService
 
 SIZES = ((120, 40), (80, 24))
 

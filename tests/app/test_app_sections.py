@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from console.app.app import TopdressApp
-from console.app.gallery import StillSource
 from console.app.pages.run.allowing import allow_choices
 from console.app.pages.run.section_bar import section_choices, section_parts
 from console.app.words import SECTIONS
@@ -16,6 +15,7 @@ from console.frame import Frame, from_json, to_json
 from console.locale import use
 from control.log_row import LogRow
 from control.orders import WHY_CLOSED, Do, Order, SectionState
+from tests.app.gallery import StillSource
 
 OPEN = SectionState(True)
 STATES = (OPEN, OPEN, SectionState(False, "outside"), SectionState(False, "hand"))

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from console.app.channels import CHANNELS, ERROR, value_of, values_of
 from console.app.pages.trends.plots import round_ends
-from console.app.sample import run_frames
 from console.app.series import KEPT, WIDTHS_S, LogSeries, Pyramid, sums
 from console.frame import Frame
 from control.log_row import COLUMNS, NDRE_COLUMNS, TEXT_COLUMNS, LogRow
+from tests.app.made_up.run import run_frames
 
 
 def frame(time_s: float, ndvi: float | None) -> Frame:

@@ -12,14 +12,15 @@ from console.app.app import TopdressApp
 from console.app.dialogs import Choice
 from console.app.pages.all import SCREENS
 from console.app.pages.settings.page import ThemeDialog
+from console.app.pages.settings.service import SettingsStore
 from console.app.pages.settings.settings_list import SettingsList
-from console.app.sample import sample_services
 from console.app.services import Services
-from console.app.settings import SettingsStore, clash, keymap_problem, theme_of
+from console.app.settings import clash, keymap_problem, theme_of
 from console.locale import in_use, languages
 from control.orders import Do, Order
 from drivers.files.settings import Settings, read_settings, write_settings
 from drivers.files.settings_theme import ThemeData
+from tests.app.made_up.run import sample_services
 
 SIZE = (120, 40)
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import pytest
 
-from console.app.gallery import PICTURES, Picture, settle, still_app
+from tests.app.gallery import PICTURES, Picture, settle, still_app
 
 EXTRA = (
     Picture("run-100x30-night", (100, 30), "night"),

@@ -12,15 +12,12 @@ from textual.widgets import Input
 from console.app import actions, pressed
 from console.app.app import TopdressApp
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, Dialog, NudgeDialog, TextDialog
-from console.app.gallery import StillSource
 from console.app.name_dialog import NameDialog
 from console.app.number_dialog import NumberDialog
 from console.app.pages.job.map_dialog import MapDialog
-from console.app.pages.job.sample import SampleJobService
 from console.app.pages.job.service import Reading
 from console.app.pages.settings import page as settings_page
 from console.app.pages.trends.channel_dialog import ChannelDialog
-from console.app.sample import sample_services
 from console.app.screens.alarm_list import AlarmList
 from console.app.screens.gone import GoneScreen
 from console.app.screens.help import HelpScreen
@@ -30,6 +27,9 @@ from console.app.tablet import Key, KeyDialog, TabletApp
 from console.app.units import METRIC
 from console.app.widgets.key_bar import KeyBar, laid_out
 from control.orders import Answer, Do, Order
+from tests.app.gallery import StillSource
+from tests.app.made_up.job import SampleJobService
+from tests.app.made_up.run import sample_services
 
 SIZE = (120, 40)
 STOP, HOLD = Order(Do.STOP), Order(Do.HOLD)

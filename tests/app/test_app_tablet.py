@@ -7,7 +7,6 @@ import pytest
 
 from console.app import actions
 from console.app.action import ANYWHERE, CALIBRATE, DIAGNOSIS, RUN, SETTINGS
-from console.app.gallery import StillClock, StillSource
 from console.app.guide_line import GuideLine
 from console.app.kept_lines import guide_record
 from console.app.pages.diagnosis.sample import MadeUpDiagnosis
@@ -17,6 +16,7 @@ from console.app.services import Services
 from console.app.tablet import CLOSED, Key, KeyDialog, TabletApp
 from console.services.line_files import KeptLineFiles, LinesSeen
 from control.orders import Do
+from tests.app.gallery import StillClock, StillSource
 
 
 @pytest.fixture

@@ -7,12 +7,13 @@ from datetime import datetime, timedelta
 import pytest
 
 from console.app.app import TopdressApp
-from console.app.gallery import Picture, StillClock, StillSource, settle, still_app
+from console.app.braille import Piece, traced
+from console.app.pages.replay.service import ReplayJob
 from console.app.pages.trends.channel_dialog import ChannelDialog
-from console.app.pages.trends.plots import Piece, Plots, traced
-from console.app.replay_job import ReplayJob
+from console.app.pages.trends.plots import Plots
 from console.app.replay_source import ReplaySource
-from console.app.sample import run_frames
+from tests.app.gallery import Picture, StillClock, StillSource, settle, still_app
+from tests.app.made_up.run import run_frames
 
 SIZE = (100, 30)
 ON_TRENDS = Picture("trends", SIZE, screen="trends")

@@ -154,8 +154,7 @@ def drive(app, source, metres, **values):
 def strip_desk(full):
     """The shipped crop's rule, whose strip reads 0.75."""
     desk = full.services.job
-    rule = load_setup("huanghai", "demo", dt.date(2014, 3, 7)).rule
-    desk.known = replace(desk.known, rule=rule, ndvi_nrich=rule.ndvi_nrich)
+    desk.known = replace(desk.known, setup=load_setup("huanghai", "demo", dt.date(2014, 3, 7)))
     return desk
 
 
@@ -168,7 +167,7 @@ async def settled(app, pilot):
 
 async def test_a_strip_says_the_target_before_and_after_and_can_be_taken_back(full, source, strip_desk):
     source.newest = replace(source.newest, strips=Strips(0.75), row=source.newest.row._replace(state="ready"))
-    rule = strip_desk.known.rule
+    rule = strip_desk.known.setup.rule
     async with full.run_test(size=SIZE) as pilot:
         await pilot.press("f10")
         await settled(full, pilot)
@@ -216,7 +215,6 @@ def test_the_field_is_what_is_no_strip_and_keeps_no_samples(full):
 
 
 async def test_where_there_was_no_strip_none_counts_again(full, source, strip_desk):
-    strip_desk.known = replace(strip_desk.known, ndvi_nrich=None)
     source.newest = replace(source.newest, strips=Strips(), allow=Allowances())
     assert orders_back([Order(Do.STRIP, "nrich 0.7")], source.newest) == (
         Order(Do.STRIP, StripValue("nrich", None).text),)

@@ -11,7 +11,6 @@ import pytest
 
 import console.app
 from console.app import words
-from console.app.gallery import Picture, settle, still_app
 from console.app.pages.job.day import crop_note
 from console.locale import N_, _, catalogue, in_use, languages, preferred, use
 from console.locale.po import read_po
@@ -20,6 +19,7 @@ from control.orders import Alarm, Severity, State, Strategy, TargetSource
 from control.safety import ALARMS, INTERLOCKS, REFUSALS
 from drivers.files.config import load, shipped
 from drivers.files.kinds import CROP
+from tests.app.gallery import Picture, settle, still_app
 
 APP = Path(console.app.__file__).parent
 

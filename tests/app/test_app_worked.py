@@ -14,10 +14,10 @@ from console.app.field_picture import FieldPicture, Planned
 from console.app.history import History, LogHistory
 from console.app.layers import Layer, scale_of
 from console.app.map_image import DONE, EMPTY, OUTLINE, PASSAGE, PLAN, ground, image
-from console.app.sample import run_frames
 from console.app.scale import STEPS
 from console.app.units import IMPERIAL, METRIC
 from console.app.worked import KINDS, Box, Spot, Worked, spot_of
+from tests.app.made_up.run import run_frames
 
 
 def straight(length_m: float, step_m: float = 0.8, applied: float = 300.0, east_m: float = 0.5) -> list[Spot]:

@@ -133,15 +133,15 @@ def desk(tmp_path):
 async def test_another_product_in_the_cab_brings_its_flow(desk, tmp_path):
     """Before, it was a name only: 5.5 g a turn and mm stayed whatever was filled in."""
     facts = desk.facts()
-    assert facts.product_grams == 5.5 and not facts.product_file
+    assert facts.setup.machine.flow.grams_per_rev_mm == 5.5 and not facts.product_file
     mine = next(one.value for one in facts.products if one.label == "mine")
     assert {one.label for one in facts.products} >= {"mine", "urea_prilled", "can_27"}
     desk.take_names(JobNames(product="mine", product_file=mine))
     await desk.restart()
     facts = desk.facts()
-    assert (facts.product_grams, facts.product_n_fraction, facts.product_test) == (6.2, 0.46, "2026-03-17")
+    assert (facts.setup.machine.flow.grams_per_rev_mm, facts.setup.crop.product_n_fraction) == (6.2, 0.46)
     line = next(one for one in checks(None, 0.0, facts, "", None, METRIC) if one.label == "product")
-    assert line.level == OK and "6.20 g a turn and mm" in line.text
+    assert line.level == OK and "6.20 g a turn and mm (catch test of 2026-03-17)" in line.text
     desk.take_names(JobNames(product="can_27", product_file=str(shipped("products")["can_27"])))
     await desk.restart()
     line = next(one for one in checks(None, 0.0, desk.facts(), "", None, METRIC) if one.label == "product")
@@ -149,4 +149,5 @@ async def test_another_product_in_the_cab_brings_its_flow(desk, tmp_path):
     desk.take_names(JobNames(product="from a neighbour"))
     await desk.restart()
     facts = desk.facts()
-    assert (facts.product, facts.product_file, facts.product_grams) == ("from a neighbour", "", 5.5)
+    assert (facts.names.product, facts.product_file) == ("from a neighbour", "")
+    assert facts.setup.machine.flow.grams_per_rev_mm == 5.5

@@ -15,7 +15,6 @@ from typer.testing import CliRunner, Result
 
 from console.app.pages.job.day import LOOK, STOP, checks
 from console.app.pages.job.map_words import map_words
-from console.app.pages.job.sample import FACTS
 from console.app.units import METRIC
 from console.app.words import alarm_words
 from console.cli import app
@@ -31,6 +30,7 @@ from control.targets.rate_map import Floats
 from drivers.files.config import shipped
 from drivers.files.prescriptions.read import read_prescription
 from drivers.files.prescriptions.words import Choice, RateQuestion
+from tests.app.made_up.job import FACTS
 
 runner = CliRunner()
 LAT, LON, STEP = 34.28, 119.88, 0.0005

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from console.app.history import TREND_POINTS, History
-from console.app.sample import run_frames
 from console.app.worked import CELLS_M, MOST_TILES
 from console.worker import resume_keeper
 from console.worker.resume import Snapshot
@@ -20,6 +19,7 @@ from control.field.cells import TILE
 from control.field.coverage import Coverage
 from control.log_row import LogRow
 from control.machine.machine import Machine
+from tests.app.made_up.run import run_frames
 
 DAY_S = 12 * 3600.0
 SPEED_MPS, PASS_M, WIDTH_M = 1.25, 300.0, 2.4

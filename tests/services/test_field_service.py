@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from console.app.replay_job import WhatIf
+from console.app.pages.replay.service import WhatIf
 from console.frame import Frame
 from console.services.field import MOST_CELLS, field_picture
 from console.services.replay_frames import frames_of, replay_job

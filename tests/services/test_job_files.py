@@ -60,14 +60,14 @@ def test_a_start_that_fails_leaves_the_files_of_before(desk, launcher):
         patch.setattr(Launcher, "start", lambda self, resumed=None: (_ for _ in ()).throw(WorkerFailed("no port")))
         with pytest.raises(WorkerFailed):
             asyncio.run(desk.restart())
-    assert launcher.config == () and desk.facts().source == "canopy"
+    assert launcher.config == () and desk.facts().setup.job.target.source == "canopy"
 
 
 def test_facts_of_what_is_shipped(desk):
     facts = desk.facts()
-    assert facts.crop.startswith("Winter wheat") and facts.crop_warnings and facts.shipped_machine
-    assert facts.ndvi_nrich is None and facts.fixed_yield_t_ha == pytest.approx(6.73)
-    assert facts.field_ha == pytest.approx(8.64, abs=0.01) and facts.source == "canopy"
+    assert facts.setup.crop.name.startswith("Winter wheat") and facts.setup.crop.warnings and facts.shipped_machine
+    assert facts.setup.rule.ndvi_nrich is None and facts.setup.crop.fixed_yield_t_ha == pytest.approx(6.73)
+    assert facts.field_ha == pytest.approx(8.64, abs=0.01) and facts.setup.job.target.source == "canopy"
     assert Path(facts.job_file) == shipped("jobs")["demo"] and facts.job_file == facts.jobs[0].value
     assert {file.label for file in facts.crops} >= {"huanghai_wheat", "osu_durum_2006"}
 
@@ -79,9 +79,9 @@ def test_the_strip_goes_into_a_new_job_file_that_is_used_next(desk, launcher, tm
     assert path.parent == tmp_path / "jobs" and launcher.config == (str(path),)
     assert load(path, JOB).model.ndvi_nrich == 0.71 and shipped("jobs")["demo"].read_bytes() == before
     facts = desk.facts()
-    assert facts.ndvi_nrich == 0.71 and facts.nrich_from == "job" and facts.job_file == str(path)
+    assert facts.setup.rule.ndvi_nrich == facts.setup.job.ndvi_nrich == 0.71 and facts.job_file == str(path)
     both = load(Path(desk.take_strip(StripValue("check", 0.55))), JOB).model
-    assert (both.ndvi_nrich, both.ndvi_check) == (0.71, 0.55) and desk.facts().ndvi_check == 0.55
+    assert (both.ndvi_nrich, both.ndvi_check) == (0.71, 0.55) and desk.facts().setup.rule.ndvi_check == 0.55
 
 
 def test_a_map_beside_the_job_is_found_from_the_new_file_too(desk, launcher):
@@ -231,14 +231,14 @@ def test_a_prescription_is_looked_at_and_then_taken_in_kilograms_of_ours(desk, l
     job = load(Path(desk.take_map(seen)), JOB).model
     assert job.target.source == "map" and Path(job.target.map).parent == tmp_path / "maps"
     stick.unlink()                                          # the stick is pulled
-    assert desk.facts().source == "canopy", "until the worker starts again with it"
+    assert desk.facts().setup.job.target.source == "canopy", "until the worker starts again with it"
     desk.drop()
     started(desk)
-    assert desk.facts().source == "canopy", "not taken"
+    assert desk.facts().setup.job.target.source == "canopy", "not taken"
     desk.take("job", str(next((tmp_path / "jobs").iterdir())))
     started(desk)
     facts = desk.facts()
-    assert facts.source == "map" and facts.map_trouble == "" and facts.map_check is not None
+    assert facts.setup.job.target.source == "map" and facts.map_trouble == "" and facts.map_check is not None
 
 
 def test_a_map_takes_the_place_of_a_held_mean_and_stays_under_the_heads(desk, tmp_path):
@@ -281,9 +281,7 @@ def test_maps_are_found_on_a_stick_and_not_searched_for_without_end(tmp_path):
 def test_names_go_into_a_new_job_and_come_back(desk, launcher):
     desk.take_names(JobNames("Li Ming", "East farm", "division 2", "urea 46-0-0", "Ann"))
     started(desk)
-    facts = desk.facts()
-    assert (facts.client, facts.farm, facts.field, facts.product, facts.operator) == (
-        "Li Ming", "East farm", "division 2", "urea 46-0-0", "Ann")
+    assert desk.facts().names == JobNames("Li Ming", "East farm", "division 2", "urea 46-0-0", "Ann")
     with pytest.raises(ValueError, match="client"):
         desk.take_names(JobNames("x" * 200))
 

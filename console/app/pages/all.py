@@ -7,7 +7,7 @@ from types import ModuleType
 
 from console.app.action import CALIBRATE, DEVICES, DIAGNOSIS, JOB, MAP, REPLAY, RUN, SETTINGS, TRENDS
 from console.app.pages.page import Page
-from console.app.replay_job import ReplayJob
+from console.app.pages.replay.service import ReplayJob
 from console.app.services import Services
 
 SCREENS = {RUN: "RunScreen", MAP: "MapScreen", TRENDS: "TrendsScreen", DEVICES: "DevicesScreen",

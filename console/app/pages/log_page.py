@@ -8,7 +8,7 @@ from console.app.history import TREND_SPAN_S, LogHistory, Point, points_of
 from console.app.laid import LaidFile, LaidView
 from console.app.layers import Layer, LayerScale, scale_of
 from console.app.pages.page import Page
-from console.app.replay_job import ReplayJob
+from console.app.pages.replay.service import ReplayJob
 from console.app.series import Series
 from console.app.view import STALE_S, RunView, alarms
 from console.app.widgets.field_map import MapView

@@ -25,7 +25,7 @@ from console.app.widgets.small import Small, SmallView
 from console.app.widgets.status_line import StatusLine
 from console.app.widgets.tour_bar import TourBar, TourView, rows_of
 from console.frame import Frame
-from console.locale import _, in_use
+from console.locale import _
 
 
 class NoticeRows(Panel[str]):
@@ -97,8 +97,8 @@ class Page(Screen[None]):
         with Horizontal(id="body"):
             yield from self.body()
         yield Small(SmallView(view.rates, view.tiles, ""), id="small")
-        yield PageBar(PagesView((), "", in_use()), id="pages")
-        yield KeyBar(KeysView((), False, "", in_use()), id="keys")
+        yield PageBar(PagesView((), ""), id="pages")
+        yield KeyBar(KeysView((), False, ""), id="keys")
         yield NoticeRows("", id="notice")
 
     def extra(self) -> ComposeResult:
@@ -115,8 +115,9 @@ class Page(Screen[None]):
         self.hurry()
 
     def perform(self, action: Action) -> None:
-        """One of the page's own actions. A subclass says what comes before and after each."""
+        """One of the page's own actions, seen at once. A subclass says what comes before."""
         action.do(self)
+        self.app.look()
 
     def gather(self, frame: Frame) -> None:
         """A new frame has come; called also while another page is looked at."""
@@ -194,15 +195,15 @@ class Page(Screen[None]):
         bar.display = tour is not None
         if tour is not None:
             bar.styles.height = rows_of(_(tour.text), self.size.width)
-            bar.show(TourView(tour.index + 1, len(tour.steps), _(tour.text), in_use()))
+            bar.show(TourView(tour.index + 1, len(tour.steps), _(tour.text)))
 
     def show_keys(self) -> None:
         offered = self.app.offered(self.where)
         off = frozenset(action.id for action in offered if action.bar and self.app.why_not(action))
         keys, text = self.query_one("#keys", KeyBar), self.app.notice_text
-        keys.show(KeysView(offered, self.app.locked, text, in_use(), self.app.why_no_stop(), off))
+        keys.show(KeysView(offered, self.app.locked, text, self.app.why_no_stop(), off))
         self.query_one("#notice", NoticeRows).say(text, keys.room_for_notice(offered), self.size.width)
-        self.query_one("#pages", PageBar).show(PagesView(self.app.page_actions, self.where, in_use()))
+        self.query_one("#pages", PageBar).show(PagesView(self.app.page_actions, self.where))
 
     def marks(self) -> tuple[str, ...]:
         """Words that stand in the status line until they are untrue."""

@@ -14,21 +14,21 @@ from console.app.view import STALE_S, RunView, duration, look, wall_clock
 from console.app.widgets.field_map import FieldMap
 from console.app.widgets.heads import Heads
 from console.app.widgets.items import Items
-from console.app.widgets.map_legend import MapLegend, legend_of
+from console.app.widgets.map_legend import LegendView, MapLegend
 from console.app.widgets.panel import Panel, line
 from console.app.widgets.rates import Rates
 from console.app.widgets.tile_graphs import CHANNELS, GraphsView, TileGraphs, graph
 from console.app.widgets.tiles import Tiles
 from console.app.widgets.trend import Reading, Trend, TrendView, columns_of
 from console.frame import Frame
-from console.locale import _, in_use
+from console.locale import _
 
 
-class MapTitle(Panel[tuple[str, str]]):
-    """Shows (name of the rate's unit, language in use)."""
+class MapTitle(Panel[str]):
+    """Shows the name of the rate's unit."""
 
-    def lines(self, view: tuple[str, str], width: int, height: int) -> list[Content]:
-        return [line((f" {_('map')} ", "bold"), (f"{_('applied')} {view[0]}", "$muted"))]
+    def lines(self, view: str, width: int, height: int) -> list[Content]:
+        return [line((f" {_('map')} ", "bold"), (f"{_('applied')} {view}", "$muted"))]
 
     async def on_click(self, event: events.Click) -> None:
         event.stop()
@@ -55,9 +55,9 @@ class PanelScreen(LogPage):
             yield Items(view.items, id="items-low")
             yield Trend(TrendView((), self.app.units.rate), id="trend")
         with Vertical(id="right"):
-            yield MapTitle((self.app.units.rate.name, in_use()), id="map-title")
+            yield MapTitle(self.app.units.rate.name, id="map-title")
             yield FieldMap(EMPTY_MAP, id="map")
-            yield MapLegend(legend_of(EMPTY_MAP.scale, 1.0, self.app.units.distance, False), id="map-legend")
+            yield MapLegend(LegendView(EMPTY_MAP.scale, 1.0, self.app.units.distance, False), id="map-legend")
             yield Items(view.items, id="items-side")
 
     def tick(self, now_s: float) -> None:
@@ -136,9 +136,9 @@ class PanelScreen(LogPage):
         camera = self._camera(frame, field_map.view.camera, width, 2 * height)
         view = self.map_view(frame, age_s, Layer.APPLIED, camera)
         field_map.show(view)
-        self.query_one("#map-title", MapTitle).show((units.rate.name, in_use()))
+        self.query_one("#map-title", MapTitle).show(units.rate.name)
         self.query_one("#map-legend", MapLegend).show(
-            legend_of(view.scale, camera.metres, units.distance,
+            LegendView(view.scale, camera.metres, units.distance,
                       view.picture is not None and view.picture.planned is not None))
 
     def _camera(self, frame: Frame | None, before: Camera, columns: int, rows: int) -> Camera:

@@ -8,7 +8,7 @@ from rich.style import Style
 from textual.strip import Strip
 from textual.widget import Widget
 
-from console.app.widgets.panel import fit
+from console.locale import in_use
 
 V = TypeVar("V")
 
@@ -20,7 +20,7 @@ class Canvas(Widget, Generic[V]):
 
     def __init__(self, view: V, *, id: str | None = None, classes: str | None = None) -> None:
         super().__init__(id=id, classes=classes)
-        self.view = view
+        self.view, self._language = view, in_use()
         self.redraws = 0
         self._painted: list[Strip] = []
         self._painted_for: object = None
@@ -30,8 +30,8 @@ class Canvas(Widget, Generic[V]):
         return ()
 
     def show(self, view: V) -> None:
-        if view != self.view:
-            self.view = view
+        if (view, in_use()) != (self.view, self._language):
+            self.view, self._language = view, in_use()
             self.redraws += 1
             self._painted_for = None
             self.refresh()
@@ -63,6 +63,3 @@ class Canvas(Widget, Generic[V]):
     def text_strip(self, width: int, *parts: tuple[str, Style]) -> Strip:
         """A row of texts, cut or filled to `width`."""
         return Strip([Segment(text, style) for text, style in parts]).adjust_cell_length(width, self.rich_style)
-
-    def words(self, text: str, width: int) -> str:
-        return fit(text, width)

@@ -10,7 +10,7 @@ from textual.content import Content
 from textual.geometry import Size
 from textual.message import Message
 
-from console.app.widgets.panel import Panel, fit, line, right, wrapped
+from console.app.widgets.panel import Panel, Picked, fit, line, right, wrapped
 from console.locale import _
 
 
@@ -32,12 +32,7 @@ class ChoicesView(NamedTuple):
 
 
 class ChoiceList(Panel[ChoicesView]):
-    """Off lines, which cannot be taken, are muted."""
-
-    class Picked(Message):
-        def __init__(self, index: int) -> None:
-            super().__init__()
-            self.index = index
+    """Off lines, which cannot be taken, are muted. Posts Picked."""
 
     class Wheeled(Message):
         def __init__(self, lines: int) -> None:
@@ -99,7 +94,7 @@ class ChoiceList(Panel[ChoicesView]):
         event.stop()
         shown = self._shown()
         if 0 <= event.y < len(shown):
-            self.post_message(self.Picked(shown[event.y][0]))
+            self.post_message(Picked(shown[event.y][0]))
 
     def on_mouse_scroll_down(self, event: events.MouseScrollDown) -> None:
         event.stop()

@@ -16,7 +16,6 @@ class KeysView(NamedTuple):
     actions: tuple[Action, ...]
     locked: bool
     notice: str
-    language: str
     why_none: str = ""         # why hold and STOP are not among the actions
     off: frozenset[str] = frozenset()      # ids of actions that cannot be done now
 

@@ -7,13 +7,14 @@ from rich.cells import cell_len
 from rich.color import Color
 from rich.style import Style
 from textual.strip import Strip
+from textual.widget import Widget
 
 from console.app.layers import RATES, Layer, LayerScale
 from console.app.terminal import few_colours
 from console.app.units import Unit
 from console.app.widgets.canvas import Canvas
-from console.app.widgets.field_map import LEVELS_DONE, LEVELS_ERROR, LEVELS_PLAN
-from console.locale import _, in_use
+from console.app.widgets.field_map import LEVELS_DONE, LEVELS_ERROR, LEVELS_PLAN, mixed, rgb_of
+from console.locale import _
 
 _BAR_CELLS = 6
 _LEAST_CELLS, _MOST_CELLS = 6, 32
@@ -26,11 +27,16 @@ class LegendView(NamedTuple):
     metres: float
     distance: Unit
     planned: bool
-    language: str = ""
 
 
-def legend_of(scale: LayerScale, metres: float, distance: Unit, planned: bool) -> LegendView:
-    return LegendView(scale, metres, distance, planned, in_use())
+def ramp_of(on: Widget, scale: LayerScale, cells: int, levels: str, share: float = 1.0) -> list[tuple[str, Style]]:
+    """The colours of a scale; characters where there are too few. share: of them over the background of `on`."""
+    base = on.rich_style
+    if few_colours(on.app):
+        return [(levels, base)]
+    ground = rgb_of(base.bgcolor, (0, 0, 0))
+    colours = [Color.from_rgb(*mixed(scale.colour(step / (cells - 1)), ground, share)) for step in range(cells)]
+    return [("█", base + Style(color=colour, bgcolor=colour)) for colour in colours]
 
 
 class MapLegend(Canvas[LegendView]):
@@ -51,13 +57,7 @@ class MapLegend(Canvas[LegendView]):
         unit = unit if cell_len(unit) + _LEAST_CELLS <= room else ""
         room -= cell_len(unit)
         planned = planned if cell_len(planned) + _LEAST_CELLS <= room else ""
-        ramp = self._ramp(scale, max(_LEAST_CELLS, min(_MOST_CELLS, room - cell_len(planned))))
+        levels = LEVELS_ERROR if scale.layer is Layer.ERROR else LEVELS_DONE
+        ramp = ramp_of(self, scale, max(_LEAST_CELLS, min(_MOST_CELLS, room - cell_len(planned))), levels)
         return [self.text_strip(width, (low, muted), *ramp, (f"{high}{unit}{planned}  ", muted),
                                 ("▀" * _BAR_CELLS, muted), (bar, muted))]
-
-    def _ramp(self, scale: LayerScale, cells: int) -> list[tuple[str, Style]]:
-        base = self.rich_style
-        if few_colours(self.app):
-            return [("".join(LEVELS_ERROR if scale.layer is Layer.ERROR else LEVELS_DONE), base)]
-        colours = [Color.from_rgb(*scale.colour(step / (cells - 1))) for step in range(cells)]
-        return [("█", base + Style(color=colour, bgcolor=colour)) for colour in colours]

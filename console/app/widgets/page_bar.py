@@ -8,7 +8,7 @@ from textual import events
 from textual.content import Content
 
 from console.app.action import Action
-from console.app.widgets.panel import Panel, Part, line
+from console.app.widgets.panel import Panel, Part, at_cell, in_row, line
 from console.locale import _
 
 
@@ -17,31 +17,24 @@ class PagesView(NamedTuple):
 
     actions: tuple[Action, ...]
     where: str
-    language: str
-
-
-def laid_out(actions: tuple[Action, ...], width: int) -> tuple[tuple[Action, str, int], ...]:
-    """Actions that fit, each with its text and its first cell."""
-    placed, start = [], 0
-    for action in actions:
-        text = f" {action.shown} {_(action.label)} "
-        if start + cell_len(text) <= width:
-            placed.append((action, text, start))
-            start += cell_len(text)
-    return tuple(placed)
 
 
 class PageBar(Panel[PagesView]):
     def lines(self, view: PagesView, width: int, height: int) -> list[Content]:
-        parts: list[Part] = [(text, "bold reverse" if action.id == f"{view.where}_screen" else "$muted")
-                             for action, text, _start in laid_out(view.actions, width)]
+        parts: list[Part] = [(text, "bold reverse" if name == f"{view.where}_screen" else "$muted")
+                             for name, text, _start in self._row(width)]
         return [line(*parts)]
 
+    def _row(self, width: int) -> tuple[tuple[str, str, int], ...]:
+        """Ids of the actions that fit."""
+        row = in_row((action.id, f" {action.shown} {_(action.label)} ") for action in self.view.actions)
+        return tuple(one for one in row if one[2] + cell_len(one[1]) <= width)
+
     def places(self) -> tuple[tuple[int, int], ...]:
-        return tuple((start, 0) for _action, _text, start in laid_out(self.view.actions, self.content_size.width))
+        return tuple((start, 0) for _name, _text, start in self._row(self.content_size.width))
 
     async def on_click(self, event: events.Click) -> None:
         event.stop()
-        for action, text, start in laid_out(self.view.actions, self.content_size.width):
-            if start <= event.x < start + cell_len(text):
-                await self.run_action(f"app.do('{action.id}')")
+        name = at_cell(self._row(self.content_size.width), event.x)
+        if name is not None:
+            await self.run_action(f"app.do('{name}')")

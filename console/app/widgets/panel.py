@@ -7,13 +7,25 @@ from typing import ClassVar, Generic, TypeVar
 
 from rich.cells import cell_len, chop_cells, set_cell_size
 from textual.content import Content
+from textual.message import Message
 from textual.widget import Widget
 
+from console.locale import in_use
+
 V = TypeVar("V")
+K = TypeVar("K")
 Part = str | tuple[str, str]
 # Where a text may be broken: between words, and between any two Chinese characters; but no row begins with these.
 _PIECES = re.compile(r"[ \t]+|[⺀-鿿　-〿＀-￯]|[^\s⺀-鿿　-〿＀-￯]+")
 _NOT_FIRST = "，。；：、！？）」』】》"
+
+
+class Picked(Message):
+    """A line of a list was clicked."""
+
+    def __init__(self, index: int) -> None:
+        super().__init__()
+        self.index = index
 
 
 class Panel(Widget, Generic[V]):
@@ -26,13 +38,13 @@ class Panel(Widget, Generic[V]):
 
     def __init__(self, view: V, *, id: str | None = None, classes: str | None = None) -> None:
         super().__init__(id=id, classes=classes)
-        self.view = view
+        self.view, self._language = view, in_use()
         self.redraws = 0
 
     def show(self, view: V) -> None:
-        """Take a new view; the screen is touched only when it differs from the old one."""
-        if view != self.view:
-            self.view = view
+        """Take a new view; the screen is touched only when it differs from the old one, or in another language."""
+        if (view, in_use()) != (self.view, self._language):
+            self.view, self._language = view, in_use()
             self.redraws += 1
             self.refresh()
 
@@ -63,6 +75,20 @@ def solid(text: str, colour: str, off: str = "") -> list[Part]:
     back = f" on {off}" if off else ""
     return [(run, f"{colour} on {colour}" if run[0] == "█" else f"{colour}{back}")
             for run in re.findall("█+|[^█]+", text)]
+
+
+def in_row(texts: Iterable[tuple[K, str]], start: int = 0) -> tuple[tuple[K, str, int], ...]:
+    """What stands in a row one after the other, each with its text and its first cell."""
+    found = []
+    for what, text in texts:
+        found.append((what, text, start))
+        start += cell_len(text)
+    return tuple(found)
+
+
+def at_cell(row: Iterable[tuple[K, str, int]], x: int) -> K | None:
+    """What of a row stands at this cell."""
+    return next((what for what, text, start in row if start <= x < start + cell_len(text)), None)
 
 
 def fit(text: str, width: int) -> str:

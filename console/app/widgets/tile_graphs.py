@@ -7,8 +7,8 @@ from typing import ClassVar, NamedTuple
 from rich.segment import Segment
 from textual.strip import Strip
 
+from console.app.braille import BLANK, trace
 from console.app.widgets.canvas import Canvas
-from console.app.widgets.trend import trace
 
 CHANNELS = ("speed_used_mps", "shaft_rpm", "opening_mm", "hopper_kg")      # of the tiles, in their order
 LEAST_SHARE = 0.05             # of the largest value: less than that is shown as a flat line, not as a mountain
@@ -46,7 +46,7 @@ class TileGraphs(Canvas[GraphsView]):
         for row in range(height):
             segments: list[Segment] = []
             for cells in dots:
-                drawn = "".join(chr(0x2800 | cells[place]) if (place := (column, row)) in cells else " "
+                drawn = "".join(chr(BLANK | cells[place]) if (place := (column, row)) in cells else " "
                                 for column in range(each - 2))
                 segments += [Segment(" ", self.rich_style), Segment(drawn, style), Segment(" ", self.rich_style)]
             rows.append(Strip(segments).adjust_cell_length(width, self.rich_style))

@@ -7,7 +7,7 @@ from rich.cells import cell_len
 from textual import events
 from textual.content import Content
 
-from console.app.widgets.panel import Panel, fit, line, wrapped
+from console.app.widgets.panel import Panel, at_cell, fit, in_row, line, wrapped
 from console.locale import _
 
 
@@ -15,14 +15,12 @@ class TourView(NamedTuple):
     number: int
     of: int
     text: str
-    language: str
 
 
 def ends(width: int) -> tuple[tuple[str, str, int], ...]:
     """What can be clicked: action id, text, first cell."""
-    skip, end = f" ^N {_('next')} ", f" ^E {_('end the tour')} "
-    start = width - cell_len(skip) - cell_len(end)
-    return ("tour_next", skip, start), ("tour_end", end, start + cell_len(skip))
+    texts = ("tour_next", f" ^N {_('next')} "), ("tour_end", f" ^E {_('end the tour')} ")
+    return in_row(texts, width - sum(cell_len(text) for _action, text in texts))
 
 
 def rows_of(text: str, width: int) -> int:
@@ -46,8 +44,6 @@ class TourBar(Panel[TourView | None]):
 
     async def on_click(self, event: events.Click) -> None:
         event.stop()
-        if event.y != self.content_size.height - 1:
-            return
-        for action, text, start in ends(self.content_size.width):
-            if start <= event.x < start + cell_len(text):
-                await self.run_action(f"app.do('{action}')")
+        action = at_cell(ends(self.content_size.width), event.x) if event.y == self.content_size.height - 1 else None
+        if action is not None:
+            await self.run_action(f"app.do('{action}')")

@@ -1,7 +1,7 @@
 """Target and applied rate over the last two minutes, in braille: 2 x 4 dots a cell. A click reads a time off."""
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import ClassVar, NamedTuple
 
 from rich.segment import Segment
@@ -10,6 +10,7 @@ from textual import events
 from textual.message import Message
 from textual.strip import Strip
 
+from console.app.braille import BITS, BLANK, Dots, trace
 from console.app.history import TREND_SPAN_S, Point
 from console.app.scale import calm_ends
 from console.app.units import Unit
@@ -18,7 +19,6 @@ from console.app.widgets.canvas import Canvas
 from console.app.widgets.panel import right
 from console.locale import _
 
-_DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))     # row, column of a braille cell
 _AXIS = 6
 
 
@@ -42,47 +42,6 @@ class TrendView(NamedTuple):
 def columns_of(width: int) -> int:
     """Cells of the plot itself."""
     return width - _AXIS - 1
-
-
-Dots = dict[tuple[int, int], int]            # (column, row) of a cell -> braille bits
-
-
-def trace(values: Sequence[tuple[float, float | None]], columns: int, rows: int) -> Dots:
-    """Braille cells of a line through (x, y), x and y in 0 ... 1 of the plot; None breaks the line.
-
-    columns, rows: the plot in cells.
-    """
-    wide, high = columns * 2, rows * 4
-    cells: Dots = {}
-
-    def dot(x: int, y: int) -> None:
-        if 0 <= x < wide and 0 <= y < high:
-            place = (x // 2, y // 4)
-            cells[place] = cells.get(place, 0) | _DOTS[y % 4][x % 2]
-
-    last: tuple[int, int] | None = None
-    for share_x, share_y in values:
-        if share_y is None:
-            last = None
-            continue
-        x = round(share_x * (wide - 1))
-        y = high - 1 - round(max(0.0, min(1.0, share_y)) * (high - 1))
-        for across, down in _between(last, (x, y)):
-            dot(across, down)
-        last = (x, y)
-    return cells
-
-
-def _between(start: tuple[int, int] | None, end: tuple[int, int]) -> Iterator[tuple[int, int]]:
-    """Dots from the last value to the next: held level, then straight up or down (a step, as the drives see it)."""
-    if start is None:
-        yield end
-        return
-    for x in range(start[0], end[0]):
-        yield x, start[1]
-    low, high = sorted((start[1], end[1]))
-    for y in range(low, high + 1):
-        yield end[0], y
 
 
 class Trend(Canvas[TrendView]):
@@ -162,14 +121,14 @@ class Trend(Canvas[TrendView]):
         for column in range(columns):
             target, applied = targets.get((column, row), 0), applieds.get((column, row), 0)
             if applied:
-                yield Segment(chr(0x2800 | applied), tinted if target else applied_style)
+                yield Segment(chr(BLANK | applied), tinted if target else applied_style)
             else:
                 yield Segment(_solid(target) if target else " ", target_style if target else applied_style)
 
 
 def _solid(dots: int) -> str:
     """The half of a cell that these dots lie in; both halves of one that they pass through."""
-    upper, lower = (dots & sum(left | right for left, right in half) for half in (_DOTS[:2], _DOTS[2:]))
+    upper, lower = (dots & sum(left | right for left, right in half) for half in (BITS[:2], BITS[2:]))
     return "█" if upper and lower else "▀" if upper else "▄"
 
 

@@ -1,22 +1,22 @@
-"""What the Calibrate screen needs of each calibration."""
+"""What each calibration of the Calibrate screen is made of."""
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Protocol
-
-from textual.screen import ModalScreen
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 from console.app import words
 from console.app.pages.calibrate.curve import CurveView
-from console.app.pages.calibrate.guide import GuideView, Mark
-from console.app.pages.calibrate.job import CalibrateJob, Estimate, Fitted
+from console.app.pages.calibrate.guide import GuideView, Step
+from console.app.pages.calibrate.service import Estimate, Fitted
 from console.app.pages.calibrate.sheet import Row
-from console.app.units import Units
 from console.app.widgets.chips import Chip
 from console.frame import Frame
 from console.locale import N_, _
-from control.orders import Do, Order
+from control.orders import Order
+
+if TYPE_CHECKING:
+    from console.app.pages.calibrate.page import CalibrateScreen
 
 ESTIMATES = {
     "grams_per_rev_mm": N_("flow"), "zero_offset": N_("at zero opening"), "fill_falloff": N_("lost at 100 r/min"),
@@ -26,22 +26,6 @@ ESTIMATES = {
 UNIT_WORDS = {"g/rev/mm": N_("g per turn and mm"), "g/rev": N_("g per turn"), "s per r/min": N_("s per r/min")}
 AXES = {"opening mm": N_("opening, mm"), "shaft r/min": N_("shaft, r/min"), "g per turn": N_("g per turn"),
         "lag s": N_("lag, s")}
-
-
-class Bench(Protocol):
-    """What a calibration may ask of the screen that it stands on."""
-
-    @property
-    def job(self) -> CalibrateJob | None: ...
-    @property
-    def units(self) -> Units: ...
-    @property
-    def busy(self) -> str: ...
-    def give(self, do: Do, value: float | None = None) -> None: ...
-    def ask(self, dialog: ModalScreen[Any], answered: Callable[[Any], None]) -> None: ...
-    def compute(self, what: Callable[[], Any], done: Callable[[Any], None]) -> None: ...
-    def lag_test(self, begin: bool) -> None: ...
-    def tell(self, text: str) -> None: ...
 
 
 class FrameSeen(NamedTuple):
@@ -64,19 +48,23 @@ class FrameSeen(NamedTuple):
         return self.state in ("ready", "calibrating")
 
 
+Deed = Callable[[FrameSeen], object]
+
+
 class Calibration:
-    """One calibration: what it has gathered, what is to be done next, what it shows."""
+    """A list of steps: what is to be done in each, which of them is next, and what was found in the end.
 
-    kind = ""
-    holds = False                  # has a run that goes on while a key is held
+    kind: as its machine files are named. name, heading: untranslated. holds: has a run that goes on while a key is
+    held. deeds: what its keys do, by action; a key that none has belongs to another calibration.
+    """
 
-    def __init__(self, bench: Bench) -> None:
-        self.bench = bench
+    kind = name = heading = ""
+    holds = False
+
+    def __init__(self, page: CalibrateScreen, deeds: Mapping[str, Deed]) -> None:
+        self.page, self.deeds = page, deeds
         self.fitted: Fitted | None = None
         self.saved = ""
-
-    def title(self) -> str:
-        raise NotImplementedError
 
     def see(self, seen: FrameSeen) -> None:
         """A new frame has come."""
@@ -85,8 +73,19 @@ class Calibration:
         """For shaft and gate at the beginning of a held run."""
         return ()
 
-    def guide(self, seen: FrameSeen, said: str) -> GuideView:
+    def steps(self, seen: FrameSeen) -> tuple[Step, ...]:
         raise NotImplementedError
+
+    def step(self, seen: FrameSeen) -> int:
+        """Which of them is to be done now."""
+        raise NotImplementedError
+
+    def guide(self, seen: FrameSeen, said: str) -> GuideView:
+        return GuideView(_(self.heading), self.steps(seen), self.step(seen), self.trouble(seen, said), self.found())
+
+    def trouble(self, seen: FrameSeen, said: str) -> str:
+        """Why it does not go on, in words; said: what was refused."""
+        return "" if seen.frame is not None else _("No control worker is connected.")
 
     def sheet(self, seen: FrameSeen) -> tuple[Row, ...]:
         return ()
@@ -96,35 +95,6 @@ class Calibration:
 
     def chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
         raise NotImplementedError
-
-    def ask_shaft(self, seen: FrameSeen) -> None:
-        self._of_another()
-
-    def ask_opening(self, seen: FrameSeen) -> None:
-        self._of_another()
-
-    def ask_mass(self, seen: FrameSeen) -> None:
-        self._of_another()
-
-    def again(self, seen: FrameSeen) -> None:
-        self._of_another()
-
-    def undo(self) -> None:
-        self._of_another()
-
-    def begin(self, seen: FrameSeen) -> None:
-        self._of_another()
-
-    def ask_table(self) -> None:
-        self._of_another()
-
-    def fit(self) -> None:
-        self._of_another()
-
-    def _of_another(self) -> None:
-        self.bench.tell(_("this key belongs to another calibration"))
-
-    # --- what they share -----------------------------------------------------------------------------------------
 
     def take(self, fitted: Fitted) -> None:
         self.fitted, self.saved = fitted, ""
@@ -149,11 +119,17 @@ class Calibration:
         return tuple(rows)
 
     def save_chip(self) -> Chip:
-        on = self.fitted is not None and not self.saved and not self.bench.busy
+        on = self.fitted is not None and not self.saved and not self.page.busy
         return Chip("cal_save", "E", _("save as new"), on, lead=on)
 
-    def why_not(self, seen: FrameSeen, said: str) -> str:
-        """Why a held run does not go, in words: what was refused, what keeps the shaft still."""
+
+class HeldRun(Calibration):
+    """One whose shaft turns while a key is held."""
+
+    holds = True
+
+    def trouble(self, seen: FrameSeen, said: str) -> str:
+        """Why a held run does not go: what was refused, what keeps the shaft still."""
         if said:
             return said
         frame = seen.frame
@@ -173,10 +149,6 @@ def short_path(path: str) -> str:
     """The home folder as ~."""
     home = os.path.expanduser("~")
     return "~" + path.removeprefix(home) if path.startswith(home + os.sep) else path
-
-
-def mark(index: int, now: int) -> Mark:
-    return "done" if index < now else "now" if index == now else "later"
 
 
 def estimate_words(one: Estimate) -> str:

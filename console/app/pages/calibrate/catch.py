@@ -104,7 +104,7 @@ class CatchTest:
         return says is not None and abs(mass_kg - says) > max(SCALE_OFF_KG, SCALE_SHARE * max(says, mass_kg))
 
     def expected_kg(self, of: Callable[[float, float, float], float]) -> float:
-        """of: `CalibrateJob.expected_kg`; asked for what turned in this catch."""
+        """of: `CalibrateService.expected_kg`; asked for what turned in this catch."""
         turned = self.turned
         return of(turned.shaft_rpm_rev / turned.revolutions, turned.opening_mm_rev / turned.revolutions,
                   turned.revolutions)

@@ -1,37 +1,39 @@
 """The catch test on the screen: settle, catch, weigh, at three settings or more; then flow per turn."""
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 from console.app.number_dialog import NumberDialog
-from console.app.pages.calibrate.calibration import Bench, Calibration, FrameSeen, curve_of, mark
+from console.app.pages.calibrate.calibration import Deed, FrameSeen, HeldRun, curve_of
 from console.app.pages.calibrate.catch import LEAST_POINTS, MODEL_FACTOR, SETTLE_S, WEIGH_S, CatchTest
 from console.app.pages.calibrate.curve import CurveView
-from console.app.pages.calibrate.guide import GuideView, Step
-from console.app.pages.calibrate.job import CalibrateJob
+from console.app.pages.calibrate.guide import Step
 from console.app.pages.calibrate.sheet import Bar, Cells, Line, Row
 from console.app.typed_number import in_words, inside
 from console.app.view import STALE_S
 from console.app.widgets.chips import Chip
-from console.locale import _
+from console.locale import N_, _
 from control.orders import Do, Order
+
+if TYPE_CHECKING:
+    from console.app.pages.calibrate.page import CalibrateScreen
 
 SPEEDS_APART_RPM = 1.0        # closer settings are one setting
 OPENINGS_APART_MM = 0.5
 BENCH_STATES = ("calibrating", "ready")      # let go of, a run is over at once, and the shaft stands a little later
 
 
-class CatchCalibration(Calibration):
-    kind = "catch"
-    holds = True
+class CatchCalibration(HeldRun):
+    kind, name, heading = "catch", N_("catch test"), N_("Catch test: how much flows per turn")
 
-    def __init__(self, bench: Bench) -> None:
-        super().__init__(bench)
-        job = bench.job
-        self.test = CatchTest(job.set_shaft_rpm if job else 50.0, job.set_opening_mm if job else 25.0)
-
-    def title(self) -> str:
-        return _("catch test")
+    def __init__(self, page: CalibrateScreen) -> None:
+        super().__init__(page, {
+            "cal_shaft": self._standing(self._ask_shaft), "cal_opening": self._standing(self._ask_opening),
+            "cal_weigh": self._standing(self._ask_mass), "cal_again": self._standing(lambda: self.test.again()),
+            "cal_undo": lambda _seen: self._undo(), "cal_fit": lambda _seen: self._fit()})
+        service = page.service
+        self.test = CatchTest(service.set_shaft_rpm if service else 50.0, service.set_opening_mm if service else 25.0)
 
     def see(self, seen: FrameSeen) -> None:
         frame = seen.frame
@@ -57,24 +59,19 @@ class CatchCalibration(Calibration):
             return 1
         return 3 if test.can_weigh and not seen.calibrating else 2
 
-    def guide(self, seen: FrameSeen, said: str) -> GuideView:
-        now = self.step(seen)
+    def steps(self, seen: FrameSeen) -> tuple[Step, ...]:
         rest = max(0, LEAST_POINTS - len(self.test.points))
-        texts = (
-            (_("make ready"), _("The tractor stands still. R makes the machine ready; nothing turns yet.")),
-            (_("settle"), _("Enough: let go of I.") if self.test.turned.seconds >= SETTLE_S else
+        return (
+            Step(_("make ready"), _("The tractor stands still. R makes the machine ready; nothing turns yet.")),
+            Step(_("settle"), _("Enough: let go of I.") if self.test.turned.seconds >= SETTLE_S else
              _("A vessel under the outlets. Hold I until the bar is full; what fell is put back.")),
-            (_("catch"), _("Enough: let go of I.") if self.test.turned.seconds >= WEIGH_S else
+            Step(_("catch"), _("Enough: let go of I.") if self.test.turned.seconds >= WEIGH_S else
              _("Empty vessels of known weight under all outlets. Hold I for about {seconds} s, then let go.").format(
                  seconds=f"{WEIGH_S:.0f}")),
-            (_("weigh"), _("Q3: type what all outlets together gave. If in doubt, Q4 settles again.")),
-            (_("fit and save"),
+            Step(_("weigh"), _("Q3: type what all outlets together gave. If in doubt, Q4 settles again.")),
+            Step(_("fit and save"),
              _("Q5 fits the curve. More settings make it better: Q1 and Q2 change them.") if not rest else
-             _("{rest} more catches: change the setting with Q1 or Q2, for a wide range.").format(rest=rest)),
-        )
-        return GuideView(_("Catch test: how much flows per turn"),
-                         tuple(Step(mark(index, now), title, text) for index, (title, text) in enumerate(texts)),
-                         self.why_not(seen, said), self.found())
+             _("{rest} more catches: change the setting with Q1 or Q2, for a wide range.").format(rest=rest)))
 
     def sheet(self, seen: FrameSeen) -> tuple[Row, ...]:
         test, row = self.test, seen.frame.row if seen.frame else None
@@ -94,10 +91,10 @@ class CatchCalibration(Calibration):
             Bar(_("catch"), round(min(1.0, caught_s / WEIGH_S), 2), caught,
                 "lead" if not settling and seen.calibrating else "")]
         says = test.scale_says_kg
-        mass = self.bench.units.mass._replace(decimals=1)
+        mass = self.page.app.units.mass._replace(decimals=1)
         bars.append(Line(_("hopper scale"), "--" if says is None else
                          _("about {mass} less").format(mass=mass.full(says))))
-        kilograms = self.bench.units.mass._replace(decimals=3)
+        kilograms = self.page.app.units.mass._replace(decimals=3)
         bars.append(Cells(("r/min", "mm", "s", _("turns"), kilograms.name, _("g/turn")), heading=True))
         bars += [Cells((f"{one.shaft_rpm:.1f}", f"{one.opening_mm:.1f}", f"{one.duration_s:.1f}",
                         f"{one.revolutions:.1f}", kilograms.text(one.mass_kg), f"{one.grams_per_revolution:.1f}"))
@@ -123,79 +120,64 @@ class CatchCalibration(Calibration):
                 Chip("cal_again", "Q4", _("settle again"), free and test.phase == "weigh"),
                 Chip("cal_weigh", "Q3", _("weighed"), free and test.can_weigh, lead=step == 3),
                 Chip("cal_undo", "Bksp", _("drop last point"), bool(test.points)),
-                Chip("cal_fit", "Q5", _("fit"), enough and not self.bench.busy, lead=step == 4 and self.fitted is None
+                Chip("cal_fit", "Q5", _("fit"), enough and not self.page.busy, lead=step == 4 and self.fitted is None
                      and enough),
                 self.save_chip())
 
-    def _turning(self, seen: FrameSeen) -> bool:
-        if seen.calibrating:
-            self.bench.tell(_("let go first: the shaft turns"))
-        return seen.calibrating
+    def _standing(self, do: Callable[[], object]) -> Deed:
+        """Refused while the shaft turns."""
+        def run(seen: FrameSeen) -> None:
+            if seen.calibrating:
+                self.page.app.notice(_("let go first: the shaft turns"))
+            else:
+                do()
 
-    def ask_shaft(self, seen: FrameSeen) -> None:
-        job = self.bench.job
-        if job is not None and not self._turning(seen):
-            self.bench.ask(NumberDialog(_("Shaft speed"), "r/min", *job.shaft_rpm,
-                                        _("The shaft turns only while I is held.")), self._set_shaft)
+        return run
 
-    def ask_opening(self, seen: FrameSeen) -> None:
-        job = self.bench.job
-        if job is not None and not self._turning(seen):
-            self.bench.ask(NumberDialog(_("Opening"), "mm", *job.opening_mm), self._set_opening)
+    def _ask_shaft(self) -> None:
+        self.page.ask(NumberDialog(_("Shaft speed"), "r/min", *self.page.served.shaft_rpm,
+                                   _("The shaft turns only while I is held.")),
+                      lambda shaft_rpm: self.test.set(shaft_rpm=shaft_rpm))
 
-    def ask_mass(self, seen: FrameSeen) -> None:
-        job = self.bench.job
-        if job is not None and not self._turning(seen):
-            self._ask_mass(job)
+    def _ask_opening(self) -> None:
+        self.page.ask(NumberDialog(_("Opening"), "mm", *self.page.served.opening_mm),
+                      lambda opening_mm: self.test.set(opening_mm=opening_mm))
 
-    def again(self, seen: FrameSeen) -> None:
-        if not self._turning(seen):
-            self.test.again()
-
-    def undo(self) -> None:
+    def _undo(self) -> None:
         self.test.undo()
         self.forget()
 
-    def _set_shaft(self, shaft_rpm: float | None) -> None:
-        if shaft_rpm is not None:
-            self.test.set(shaft_rpm=shaft_rpm)
-
-    def _set_opening(self, opening_mm: float | None) -> None:
-        if opening_mm is not None:
-            self.test.set(opening_mm=opening_mm)
-
-    def _ask_mass(self, job: CalibrateJob) -> None:
+    def _ask_mass(self) -> None:
         if not self.test.can_weigh:
-            self.bench.tell(_("nothing is caught yet: hold I first"))
+            self.page.app.notice(_("nothing is caught yet: hold I first"))
             return
-        unit = self.bench.units.mass
+        unit = self.page.app.units.mass
         text = _("{turns} turns in {seconds} s").format(turns=f"{self.test.turned.revolutions:.1f}",
                                                         seconds=f"{self.test.turned.seconds:.1f}")
-        low, high = inside(unit, 0.001, job.most_kg, 3)
-        self.bench.ask(NumberDialog(_("Weighed, all outlets together"), unit.name, low, high, text, unit.to_si,
-                                    doubt=lambda mass_kg: self._doubt(job, mass_kg)), self._weighed)
+        low, high = inside(unit, 0.001, self.page.served.most_kg, 3)
+        self.page.ask(NumberDialog(_("Weighed, all outlets together"), unit.name, low, high, text, unit.to_si,
+                                   doubt=self._doubt), self._weighed)
 
-    def _doubt(self, job: CalibrateJob, mass_kg: float) -> str:
+    def _doubt(self, mass_kg: float) -> str:
         """What speaks against a weighed mass: the hopper scale; where it says nothing, what the machine's model has."""
-        mass = self.bench.units.mass._replace(decimals=2)
+        mass = self.page.app.units.mass._replace(decimals=2)
         if self.test.scale_says_kg is not None:
             return _("The hopper scale lost about {mass}.").format(
                 mass=mass.full(self.test.scale_says_kg)) if self.test.scale_doubts(mass_kg) else ""
-        expected_kg = self.test.expected_kg(job.expected_kg)
+        expected_kg = self.test.expected_kg(self.page.served.expected_kg)
         if expected_kg <= 0.0 or 1.0 / MODEL_FACTOR <= mass_kg / expected_kg <= MODEL_FACTOR:
             return ""
         return _("By the machine file it would be about {mass}.").format(mass=mass.full(expected_kg))
 
-    def _weighed(self, mass_kg: float | None) -> None:
-        if mass_kg is not None and self.test.can_weigh:
+    def _weighed(self, mass_kg: float) -> None:
+        if self.test.can_weigh:
             self.test.weighed(mass_kg)
             self.forget()
-            self.bench.tell(_("weighed: {mass}").format(mass=in_words(self.bench.units.mass, mass_kg)))
+            self.page.app.notice(_("weighed: {mass}").format(mass=in_words(self.page.app.units.mass, mass_kg)))
 
-    def fit(self) -> None:
-        job, points = self.bench.job, tuple(self.test.points)
+    def _fit(self) -> None:
+        service, points = self.page.served, tuple(self.test.points)
         if len(points) < LEAST_POINTS:
-            self.bench.tell(_("{have} of {count} catches done").format(count=LEAST_POINTS,
-                                                                                    have=len(points)))
-        elif job is not None:
-            self.bench.compute(lambda: job.fit_catch(points), self.take)
+            self.page.app.notice(_("{have} of {count} catches done").format(count=LEAST_POINTS, have=len(points)))
+        else:
+            self.page.compute(lambda: service.fit_catch(points), self.take)

@@ -14,11 +14,11 @@ from rich.segment import Segment
 from rich.style import Style
 from textual.strip import Strip
 
+from console.app.braille import BITS, BLANK
 from console.app.widgets.canvas import Canvas
 from console.app.widgets.panel import fit, right
 from console.locale import _
 
-_DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
 _AXIS = 8
 
 
@@ -101,9 +101,9 @@ def _cell(column: int, row: int, *, marks: set[tuple[int, int]], line: set[tuple
     if (column, row) in marks:
         return Segment("o", point)
     for places, style in ((line, drawn), (edges, band)):
-        bits = sum(_DOTS[y][x] for y in range(4) for x in range(2) if (2 * column + x, 4 * row + y) in places)
+        bits = sum(BITS[y][x] for y in range(4) for x in range(2) if (2 * column + x, 4 * row + y) in places)
         if bits:
-            return Segment(chr(0x2800 | bits), style)
+            return Segment(chr(BLANK | bits), style)
     return None
 
 

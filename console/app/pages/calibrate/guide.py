@@ -1,31 +1,27 @@
 """A guided sequence: what is done, what is to be done now, what comes after; below it what was refused or found."""
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 from textual.content import Content
 
 from console.app.widgets.panel import Panel, fit, line, wrapped
 from console.locale import _
 
-Mark = Literal["done", "now", "later"]
-_MARKS = {"done": "✔", "now": "▸", "later": " "}
-_STYLES = {"done": "$muted", "now": "bold", "later": "$muted"}
-
 
 class Step(NamedTuple):
     """title: a few words; text: what to do, shown while it is the one to do."""
 
-    mark: Mark
     title: str
-    text: str = ""
+    text: str
 
 
 class GuideView(NamedTuple):
-    """said: why something is not possible now, in words. found: lines of the result."""
+    """now: the step to do. said: why something is not possible now, in words. found: lines of the result."""
 
     title: str
     steps: tuple[Step, ...]
+    now: int = 0
     said: str = ""
     found: tuple[str, ...] = ()
 
@@ -42,21 +38,21 @@ class Guide(Panel[GuideView]):
             tail += [line((f" {row}", "bold")) for one in view.found for row in wrapped(one, width - 2)]
         rows = [line((f" {row}", "bold $primary")) for row in wrapped(view.title, width - 1)]
         room = height - len(tail) - len(rows)
-        rows += self._steps(view.steps, width, room)
+        rows += self._steps(view.steps, view.now, width, room)
         rows += [line("")] * max(0, min(1, height - len(rows) - len(tail)))
         return (rows + tail) if len(rows) + len(tail) <= height else [*rows[:max(1, height - len(tail))], *tail]
 
     @staticmethod
-    def _steps(steps: tuple[Step, ...], width: int, room: int) -> list[Content]:
+    def _steps(steps: tuple[Step, ...], now: int, width: int, room: int) -> list[Content]:
         """Titles of all steps, the text of the one to do; done ones go first where rows are few."""
-        texts = {index: wrapped(step.text, width - 5) for index, step in enumerate(steps) if step.mark == "now"}
-        spare = room - len(steps) - sum(map(len, texts.values()))
+        texts = [wrapped(step.text, width - 5) if index == now else [] for index, step in enumerate(steps)]
+        spare = room - len(steps) - sum(map(len, texts))
         rows: list[Content] = []
         for index, step in enumerate(steps):
-            if step.mark == "done" and spare < 0:
+            if index < now and spare < 0:
                 spare += 1
                 continue
-            head = f" {_MARKS[step.mark]} {index + 1} {step.title}"
-            rows.append(line((fit(head, width), _STYLES[step.mark])))
-            rows += [line((f"     {text}", "")) for text in texts.get(index, ())]
+            mark = "✔" if index < now else "▸" if index == now else " "
+            rows.append(line((fit(f" {mark} {index + 1} {step.title}", width), "bold" if index == now else "$muted")))
+            rows += [line((f"     {text}", "")) for text in texts[index]]
         return rows

@@ -1,12 +1,17 @@
 """The heads check on the screen: six heads against their median for 30 s of driving."""
 from __future__ import annotations
 
-from console.app.pages.calibrate.calibration import Bench, Calibration, FrameSeen, mark
-from console.app.pages.calibrate.guide import GuideView, Step
+from typing import TYPE_CHECKING
+
+from console.app.pages.calibrate.calibration import Calibration, FrameSeen
+from console.app.pages.calibrate.guide import Step
 from console.app.pages.calibrate.heads import CHECK_S, HeadsCheck
 from console.app.pages.calibrate.sheet import Bar, Level, Line, Middle, Row
 from console.app.widgets.chips import Chip
 from console.locale import N_, _
+
+if TYPE_CHECKING:
+    from console.app.pages.calibrate.page import CalibrateScreen
 
 FULL_NDVI = 0.10              # the bars' ends
 VERDICTS = {"": "", "good": N_("good"), "fouled": N_("! FOULED"), "unsteady": N_("! UNSTEADY"),
@@ -17,14 +22,11 @@ LEVELS: dict[str, Level] = {"": "", "good": "", "fouled": "amber", "unsteady": "
 
 
 class HeadsCalibration(Calibration):
-    kind = "heads"
+    kind, name, heading = "heads", N_("heads check"), N_("Heads check: do all six see the same?")
 
-    def __init__(self, bench: Bench) -> None:
-        super().__init__(bench)
+    def __init__(self, page: CalibrateScreen) -> None:
+        super().__init__(page, {"cal_begin": self._begin})
         self.check = HeadsCheck()
-
-    def title(self) -> str:
-        return _("heads check")
 
     def see(self, seen: FrameSeen) -> None:
         frame = seen.frame
@@ -33,19 +35,17 @@ class HeadsCalibration(Calibration):
             ndvi = frame.head_ndvi or (row.ndvi_1, row.ndvi_2, row.ndvi_3, row.ndvi_4, row.ndvi_5, row.ndvi_6)
             self.check.see(frame.row.time_s, ndvi)
 
-    def guide(self, seen: FrameSeen, said: str) -> GuideView:
-        check = self.check
-        now = 0 if check.started_s is None else 1 if check.running else 2
-        texts = (
-            (_("drive"), _("Drive over even crop at working speed, heads at their usual height. B begins.")),
-            (_("measure"), _("Drive on for {seconds} s.").format(seconds=f"{CHECK_S:.0f}")),
-            (_("act"), _("Clean the marked heads, then check again with B. A head that still reads off goes back to "
-                         "the maker.")))
-        return GuideView(_("Heads check: do all six see the same?"),
-                         tuple(Step(mark(index, now), title, text) for index, (title, text) in enumerate(texts)),
-                         "" if seen.frame is not None else _("No control worker is connected."), self._found())
+    def step(self, seen: FrameSeen) -> int:
+        return 0 if self.check.started_s is None else 1 if self.check.running else 2
 
-    def _found(self) -> tuple[str, ...]:
+    def steps(self, seen: FrameSeen) -> tuple[Step, ...]:
+        return (
+            Step(_("drive"), _("Drive over even crop at working speed, heads at their usual height. B begins.")),
+            Step(_("measure"), _("Drive on for {seconds} s.").format(seconds=f"{CHECK_S:.0f}")),
+            Step(_("act"), _("Clean the marked heads, then check again with B. A head that still reads off goes back "
+                             "to the maker.")))
+
+    def found(self) -> tuple[str, ...]:
         if not self.check.done:
             return ()
         advice = tuple(_(ADVICE[one.verdict]).format(head=one.number) for one in self.check.found()
@@ -72,6 +72,6 @@ class HeadsCalibration(Calibration):
         label = _("begin again") if self.check.started_s is not None else _("begin")
         return (Chip("cal_begin", "B", label, seen.frame is not None, lead=not self.check.running),)
 
-    def begin(self, seen: FrameSeen) -> None:
+    def _begin(self, seen: FrameSeen) -> None:
         if seen.frame is not None:
             self.check.start(seen.frame.row.time_s)

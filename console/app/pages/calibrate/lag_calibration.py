@@ -2,17 +2,21 @@
 from __future__ import annotations
 
 from pathlib import PurePath
+from typing import TYPE_CHECKING
 
 from console.app.dialogs import Choice, ChoiceDialog
 from console.app.name_dialog import NameDialog
-from console.app.pages.calibrate.calibration import Bench, Calibration, FrameSeen, curve_of, mark
+from console.app.pages.calibrate.calibration import FrameSeen, HeldRun, curve_of
 from console.app.pages.calibrate.curve import CurveView
-from console.app.pages.calibrate.guide import GuideView, Step
-from console.app.pages.calibrate.job import LagTable
+from console.app.pages.calibrate.guide import Step
+from console.app.pages.calibrate.service import LagTable
 from console.app.pages.calibrate.sheet import Bar, Cells, Line, Row
 from console.app.widgets.chips import Chip
 from console.frame import LagTestView
 from console.locale import N_, _
+
+if TYPE_CHECKING:
+    from console.app.pages.calibrate.page import CalibrateScreen
 
 RIG = "lag_rig"
 OTHER = "other file"
@@ -22,18 +26,15 @@ PHASES = {"settling": N_("waiting until everything stands still"), "arming": N_(
           "running": N_("measuring"), "done": N_("all measured"), ENDED: N_("ended")}
 
 
-class LagCalibration(Calibration):
-    kind = "lag"
-    holds = True
+class LagCalibration(HeldRun):
+    kind, name, heading = "lag", N_("lag test"), N_("Lag test: from the command to the ground")
 
-    def __init__(self, bench: Bench) -> None:
-        super().__init__(bench)
+    def __init__(self, page: CalibrateScreen) -> None:
+        super().__init__(page, {"cal_begin": self._begin, "cal_table": lambda _seen: self._ask_table(),
+                                "cal_fit": lambda _seen: self._fit()})
         self.table: LagTable | None = None
         self.label: str | None = None
         self.test: LagTestView | None = None
-
-    def title(self) -> str:
-        return _("lag test")
 
     def see(self, seen: FrameSeen) -> None:
         """What was measured stays, also when the test is ended before all is measured."""
@@ -64,21 +65,20 @@ class LagCalibration(Calibration):
             return 3 if self.measured else 0
         return 1 if not seen.ready else 2
 
-    def guide(self, seen: FrameSeen, said: str) -> GuideView:
-        now = self.step(seen)
+    def steps(self, seen: FrameSeen) -> tuple[Step, ...]:
         begin = (_("B begins the test on the rig. Or J: a bench table measured before.") if self.has_rig(seen) else
                  _("No lag rig is in the cab file. J takes a bench table measured before."))
-        texts = (
-            (_("choose"), begin),
-            (_("make ready"), _("Rig under an outlet, tractor standing. R makes the machine ready.")),
-            (_("measure"), _("Hold I: the rig starts and stops the shaft by itself. Let go at any time; it goes on "
-                             "when I is held again.")),
-            (_("fit and save"), _("Q5 fits the line; E saves it as a new machine file.")),
-            (_("two rates"), _("Starts do not tell how the tube carries. A step from 40 to 80 r/min at the rig, ten "
-                               "times, does: its table by J.")))
-        return GuideView(_("Lag test: from the command to the ground"),
-                         tuple(Step(mark(index, now), title, text) for index, (title, text) in enumerate(texts)),
-                         self.why_not(seen, said) if self.measuring or said else "", self.found())
+        return (
+            Step(_("choose"), begin),
+            Step(_("make ready"), _("Rig under an outlet, tractor standing. R makes the machine ready.")),
+            Step(_("measure"), _("Hold I: the rig starts and stops the shaft by itself. Let go at any time; it goes "
+                                 "on when I is held again.")),
+            Step(_("fit and save"), _("Q5 fits the line; E saves it as a new machine file.")),
+            Step(_("two rates"), _("Starts do not tell how the tube carries. A step from 40 to 80 r/min at the rig, "
+                                   "ten times, does: its table by J.")))
+
+    def trouble(self, seen: FrameSeen, said: str) -> str:
+        return super().trouble(seen, said) if self.measuring or said else ""
 
     def sheet(self, seen: FrameSeen) -> tuple[Row, ...]:
         rows: list[Row] = []
@@ -112,63 +112,61 @@ class LagCalibration(Calibration):
                 Chip("cal_table", "J", _("bench table"), not seen.calibrating, lead=step == 0 and not rig),
                 Chip("cal_ready", "R", _("make ready"), not seen.ready and rig, lead=step == 1),
                 Chip("cal_run", "I", _("run while held"), self.measuring and seen.ready, lead=step == 2, held=True),
-                Chip("cal_fit", "Q5", _("fit"), source and not self.bench.busy,
+                Chip("cal_fit", "Q5", _("fit"), source and not self.page.busy,
                      lead=step == 3 and source and self.fitted is None),
                 self.save_chip())
 
-    def begin(self, seen: FrameSeen) -> None:
+    def _begin(self, seen: FrameSeen) -> None:
         if not self.has_rig(seen):
-            self.bench.tell(_("no lag rig is in the cab file"))
+            self.page.app.notice(_("no lag rig is in the cab file"))
             return
         begin = not self.measuring
-        self.bench.lag_test(begin)
+        self.page.app.run_worker(self.page.app.asked(lambda source: source.lag_test(begin)), group="orders",
+                                 exit_on_error=False)
         if begin:
             self.table, self.label = None, None
             self.forget()
 
-    def ask_table(self) -> None:
-        job = self.bench.job
-        if job is not None:
-            self.bench.compute(lambda: tuple(job.lag_tables()), self._offer)
+    def _ask_table(self) -> None:
+        service = self.page.served
+        self.page.compute(lambda: tuple(service.lag_tables()), self._offer)
 
     def _offer(self, tables: tuple[LagTable, ...]) -> None:
         choices = [Choice(table.path, f"{PurePath(table.path).name}  ({table.rows})") for table in tables]
         choices.append(Choice(OTHER, _("another file: type its path")))
 
-        def chosen(path: str | None) -> None:
+        def chosen(path: str) -> None:
             if path == OTHER:
-                self.bench.ask(NameDialog(_("Bench table (CSV)"), ""), self._open)
-            elif path is not None:
+                self.page.ask(NameDialog(_("Bench table (CSV)"), ""), self._open)
+            else:
                 self._take_table(next(table for table in tables if table.path == path))
 
         if tables:
-            self.bench.ask(ChoiceDialog(_("Which bench table?"), choices, ""), chosen)
+            self.page.ask(ChoiceDialog(_("Which bench table?"), choices, ""), chosen)
         else:
             chosen(OTHER)
 
-    def _open(self, path: str | None) -> None:
-        job = self.bench.job
-        if path and job is not None:
-            self.bench.compute(lambda: job.open_lag_table(path), self._take_table)
+    def _open(self, path: str) -> None:
+        service = self.page.served
+        self.page.compute(lambda: service.open_lag_table(path), self._take_table)
 
     def _take_table(self, table: LagTable) -> None:
         self.table, self.label = table, None
         self.forget()
         if table.labels:
-            self.bench.ask(ChoiceDialog(_("Which rows?"), [Choice(label, label) for label in table.labels], ""),
-                           self._label)
+            self.page.ask(ChoiceDialog(_("Which rows?"), [Choice(label, label) for label in table.labels], ""),
+                          self._label)
         else:
-            self.fit()
+            self._fit()
 
-    def _label(self, label: str | None) -> None:
-        if label is not None:
-            self.label = label
-            self.fit()
+    def _label(self, label: str) -> None:
+        self.label = label
+        self._fit()
 
-    def fit(self) -> None:
-        job, table, label = self.bench.job, self.table, self.label
+    def _fit(self) -> None:
+        service, table, label = self.page.served, self.table, self.label
         path = table.path if table is not None else self.test.table_path if self.measured and self.test else ""
         if not path:
-            self.bench.tell(_("nothing is measured yet: B on the rig, or J for a table"))
-        elif job is not None:
-            self.bench.compute(lambda: job.fit_lag(path, label), self.take)
+            self.page.app.notice(_("nothing is measured yet: B on the rig, or J for a table"))
+        else:
+            self.page.compute(lambda: service.fit_lag(path, label), self.take)

@@ -2,54 +2,56 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, ClassVar
+from functools import partial
+from typing import Any, ClassVar, TypeVar
 
 from textual import events
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 from textual.screen import ModalScreen
 from textual.timer import Timer
-from textual.worker import Worker, WorkerState
+from textual.worker import Worker
 
-from console.app.action import CALIBRATE, Action, bindings
+from console.app.action import CALIBRATE, bindings
 from console.app.name_dialog import NameDialog
 from console.app.pages.calibrate.calibration import Calibration, FrameSeen
 from console.app.pages.calibrate.catch_calibration import CatchCalibration
 from console.app.pages.calibrate.curve import Curve, CurveView
 from console.app.pages.calibrate.guide import Guide, GuideView
 from console.app.pages.calibrate.heads_calibration import HeadsCalibration
-from console.app.pages.calibrate.job import CalibrateJob
 from console.app.pages.calibrate.keys import ACTIONS
 from console.app.pages.calibrate.lag_calibration import LagCalibration
 from console.app.pages.calibrate.runner import Runner
+from console.app.pages.calibrate.service import CalibrateService
 from console.app.pages.calibrate.sheet import Sheet
 from console.app.pages.calibrate.tabs_row import TabsRow, TabsView
 from console.app.pages.calibrate.wheel_calibration import WheelCalibration
 from console.app.pages.page import Page
-from console.app.units import Units
 from console.app.view import RunView
 from console.app.widgets.chips import Chips
+from console.app.widgets.panel import Picked
 from console.frame import Frame
 from console.locale import _
-from control.orders import Do, Order
+from control.orders import Order
 
 WATCH_S = 0.05                # how often a held key is looked at
+COMPUTED = frozenset({"cal_shaft", "cal_opening", "cal_weigh", "cal_table", "cal_fit"})     # by the machine's file
+T = TypeVar("T")
 
 
 class CalibrateScreen(Page):
     where: ClassVar[str] = CALIBRATE
     BINDINGS: ClassVar = bindings(ACTIONS)
 
-    def __init__(self, job: CalibrateJob | None = None) -> None:
+    def __init__(self, service: CalibrateService | None = None) -> None:
         super().__init__()
-        self.job = job
+        self.service = service
         self.busy = ""
         self.runner = Runner(self._give, lambda asked: self.run_worker(asked, group="held", exit_on_error=False))
         self.calibrations: tuple[Calibration, ...] = (
             CatchCalibration(self), LagCalibration(self), HeadsCalibration(self), WheelCalibration(self))
         self.at = 0
-        self._computing: Worker[Any] | None = None
-        self._computed: Callable[[Any], None] | None = None
+        self._computing: Worker[None] | None = None
         self._watch: Timer | None = None
 
     # --- what it shows -------------------------------------------------------------------------------------------
@@ -73,8 +75,10 @@ class CalibrateScreen(Page):
         return self.calibrations[self.at]
 
     @property
-    def units(self) -> Units:
-        return self.app.units
+    def served(self) -> CalibrateService:
+        """For what is done only where this console can compute and save."""
+        assert self.service is not None
+        return self.service
 
     def now(self) -> FrameSeen:
         now_s = self.app.clock()
@@ -102,12 +106,9 @@ class CalibrateScreen(Page):
 
     def show_numbers(self, view: RunView) -> None:
         super().show_numbers(view)
-        self._show()
-
-    def _show(self) -> None:
         seen = self.now()
         self.query_one("#cal-tabs", TabsRow).show(TabsView(
-            tuple(calibration.title() for calibration in self.calibrations), self.at, "< >"))
+            tuple(_(calibration.name) for calibration in self.calibrations), self.at, "< >"))
         guide = self.calibration.guide(seen, self.busy or self.runner.said)
         self.query_one("#cal-guide", Guide).show(guide)
         self.query_one("#cal-sheet", Sheet).show(self.calibration.sheet(seen))
@@ -117,20 +118,23 @@ class CalibrateScreen(Page):
         self.query_one("#cal-chips", Chips).show(chips)
         self.query_one("#cal-curve", Curve).display = self.calibration.curve() is not None
 
-    def redraw(self) -> None:
-        super().redraw()
-        self._show()
-
     # --- what is done --------------------------------------------------------------------------------------------
 
-    def perform(self, action: Action) -> None:
-        super().perform(action)
-        self.hurry()
-        self.app.tick()
+    def do(self, name: str) -> None:
+        """What a key does in the calibration that is open."""
+        deed = self.calibration.deeds.get(name)
+        if name == "cal_fit" and self.busy:
+            self.app.notice(self.busy)
+        elif name in COMPUTED and self.service is None:
+            self.app.notice(_("calibration is not available here: start topdress run"))
+        elif deed is None:
+            self.app.notice(_("this key belongs to another calibration"))
+        else:
+            deed(self.now())
 
     def hold_key(self) -> None:
         if not self.calibration.holds:
-            self.tell(_("nothing turns in this calibration"))
+            self.app.notice(_("nothing turns in this calibration"))
             return
         self.runner.key(self.now().now_s)
         self.watch_hold()
@@ -141,14 +145,13 @@ class CalibrateScreen(Page):
         self.runner.said = ""
         self.at = index % len(self.calibrations)
 
-    def on_tabs_row_picked(self, event: TabsRow.Picked) -> None:
+    def on_picked(self, event: Picked) -> None:
         self.turn(event.index)
-        self.hurry()
-        self.app.tick()
+        self.app.look()
 
     def on_chips_held(self, event: Chips.Held) -> None:
         if event.down and self.app.locked:
-            self.tell(_("locked: F8 unlocks; hold and stop work"))
+            self.app.notice(_("locked: F8 unlocks; hold and stop work"))
             return
         self.runner.mouse(event.down)
         self.watch_hold()
@@ -170,34 +173,30 @@ class CalibrateScreen(Page):
 
     # --- for the calibrations ------------------------------------------------------------------------------------
 
-    def give(self, do: Do, value: float | None = None) -> None:
-        self.app.give(do, value)
-
-    def ask(self, dialog: ModalScreen[Any], answered: Callable[[Any], None]) -> None:
-        def then(answer: Any) -> None:
-            answered(answer)
-            self.hurry()
-            self.app.tick()
+    def ask(self, question: ModalScreen[T | None], then: Callable[[T], object]) -> None:
+        """The shaft stands while something is asked."""
+        def answered(answer: T) -> None:
+            then(answer)
+            self.app.look()
 
         self.runner.let_go(self.app.clock())
-        self.app.push_screen(dialog, then)
+        self.app.ask(question, answered)
 
-    def tell(self, text: str) -> None:
-        self.app.notice(text)
-
-    def lag_test(self, begin: bool) -> None:
-        self.app.run_worker(self.app.asked(lambda source: source.lag_test(begin)), group="orders", exit_on_error=False)
-
-    def compute(self, what: Callable[[], Any], done: Callable[[Any], None]) -> None:
+    def compute(self, what: Callable[[], T], then: Callable[[T], object]) -> None:
         """Long work in a thread; Escape forgets it, an error is one line in the key bar."""
-        self._cancel()
-        self.busy, self._computed = _("computing, Esc cancels"), done
-        self._computing = self.run_worker(what, group="calibrate", thread=True, exit_on_error=False)
+        def ended(say: Callable[[Any], object], found: Any) -> None:
+            self.busy = ""
+            say(found)
+            self.app.look()
+
+        self.busy = _("computing, Esc cancels")
+        self._computing = self.app.with_files(what, partial(ended, then), partial(ended, self.app.notice),
+                                              group="calibrate")
 
     def ask_name(self) -> None:
-        job, fitted, calibration = self.job, self.calibration.fitted, self.calibration
-        if job is None or fitted is None or calibration.saved:
-            self.tell(_("nothing new to save: measure and fit first"))
+        service, fitted, calibration = self.service, self.calibration.fitted, self.calibration
+        if service is None or fitted is None or calibration.saved:
+            self.app.notice(_("nothing new to save: measure and fit first"))
             return
 
         def saved(path: str) -> None:
@@ -205,38 +204,16 @@ class CalibrateScreen(Page):
             if self.app.services.job is not None:
                 self.app.job_page.ask_use(path)
 
-        def named(name: str | None) -> None:
-            if name is not None:
-                self.compute(lambda: job.save(fitted, name), saved)
-
         text = _("Calibrated from {machine}; nothing is overwritten, the machine at work stays as it is.").format(
-            machine=job.machine)
-        self.ask(NameDialog(_("Name of the new machine file"), job.name_for(fitted.kind), text, _wrong_name), named)
+            machine=service.machine)
+        self.ask(NameDialog(_("Name of the new machine file"), service.name_for(fitted.kind), text, _wrong_name),
+                 lambda name: self.compute(lambda: service.save(fitted, name), saved))
 
     def key_escape(self) -> None:
-        if self.busy:
-            self._cancel()
-            self.tell(_("cancelled"))
-
-    def _cancel(self) -> None:
-        if self._computing is not None:
+        if self.busy and self._computing is not None:
             self._computing.cancel()
-        self._computing, self.busy = None, ""
-
-    def on_worker_state_changed(self, event: Worker.StateChanged) -> None:
-        if event.worker is not self._computing:
-            return
-        if event.state is WorkerState.SUCCESS and self._computed is not None:
-            self._computing, self.busy = None, ""
-            self._computed(event.worker.result)
-        elif event.state is WorkerState.ERROR:
-            self._computing, self.busy = None, ""
-            self.tell(str(event.worker.error).splitlines()[0] if str(event.worker.error) else
-                      type(event.worker.error).__name__)
-        else:
-            return
-        self.hurry()
-        self.app.tick()
+            self.busy = ""
+            self.app.notice(_("cancelled"))
 
 
 def _wrong_name(name: str) -> str:

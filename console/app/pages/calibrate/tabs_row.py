@@ -3,12 +3,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from rich.cells import cell_len
 from textual import events
 from textual.content import Content
-from textual.message import Message
 
-from console.app.widgets.panel import Panel, Part, line
+from console.app.widgets.panel import Panel, Part, Picked, at_cell, in_row, line
 
 
 class TabsView(NamedTuple):
@@ -18,33 +16,23 @@ class TabsView(NamedTuple):
 
 
 class TabsRow(Panel[TabsView]):
-    class Picked(Message):
-        def __init__(self, index: int) -> None:
-            super().__init__()
-            self.index = index
+    """Posts Picked."""
 
-    @staticmethod
-    def _text(view: TabsView, index: int) -> str:
-        return f"[{view.names[index]}]" if index == view.at else f" {view.names[index]} "
+    def _row(self) -> tuple[tuple[int, str, int], ...]:
+        texts = (f"[{name}]" if index == self.view.at else f" {name} " for index, name in enumerate(self.view.names))
+        return tuple((index, text, start + index) for index, text, start in in_row(enumerate(texts), 1))    # gaps
 
     def lines(self, view: TabsView, width: int, height: int) -> list[Content]:
         parts: list[Part] = [" "]
-        for index in range(len(view.names)):
-            parts += [(self._text(view, index), "bold reverse" if index == view.at else ""), " "]
+        for index, text, _start in self._row():
+            parts += [(text, "bold reverse" if index == view.at else ""), " "]
         return [line(*parts, (view.hint, "$muted"))]
 
     def places(self) -> tuple[tuple[int, int], ...]:
-        found, start = [], 1
-        for index in range(len(self.view.names)):
-            found.append((start, 0))
-            start += cell_len(self._text(self.view, index)) + 1
-        return tuple(found)
+        return tuple((start, 0) for _index, _text, start in self._row())
 
     def on_click(self, event: events.Click) -> None:
         event.stop()
-        start = 1
-        for index in range(len(self.view.names)):
-            cells = cell_len(self._text(self.view, index))
-            if start <= event.x < start + cells:
-                self.post_message(self.Picked(index))
-            start += cells + 1
+        index = at_cell(self._row(), event.x)
+        if index is not None:
+            self.post_message(Picked(index))

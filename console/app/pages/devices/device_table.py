@@ -6,9 +6,8 @@ from typing import NamedTuple
 from rich.cells import cell_len
 from textual import events
 from textual.content import Content
-from textual.message import Message
 
-from console.app.widgets.panel import Panel, Part, fit, fullest, line, right
+from console.app.widgets.panel import Panel, Part, Picked, fit, fullest, line, right
 from console.locale import _
 
 
@@ -35,10 +34,7 @@ class TableView(NamedTuple):
 
 
 class DeviceTable(Panel[TableView]):
-    class Picked(Message):
-        def __init__(self, index: int) -> None:
-            super().__init__()
-            self.index = index
+    """Posts Picked."""
 
     def first_shown(self) -> int:
         """Index of the device in the row below the heading: the picked one is always in sight."""
@@ -85,4 +81,4 @@ class DeviceTable(Panel[TableView]):
         event.stop()
         index = self.first_shown() + event.y - 1
         if event.y >= 1 and index < len(self.view.lines):
-            self.post_message(self.Picked(index))
+            self.post_message(Picked(index))

@@ -15,6 +15,7 @@ from console.app.pages.devices.rows import Rows, RowsView
 from console.app.pages.page import Page
 from console.app.view import RunView
 from console.app.widgets.chips import Chip, Chips
+from console.app.widgets.panel import Picked
 from console.frame import DeviceDo, DeviceView, Frame
 from console.locale import _
 
@@ -56,10 +57,7 @@ class DevicesScreen(Page):
 
     def show_numbers(self, view: RunView) -> None:
         super().show_numbers(view)
-        self._show(self.app.clock())
-
-    def _show(self, now_s: float) -> None:
-        _frame, age_s = self.seen(now_s)
+        _frame, age_s = self.seen(self.app.clock())
         device, devices = self.device, self.devices
         at = devices.index(device) if device is not None else 0
         self.query_one("#device-table", DeviceTable).show(TableView(rows_of(devices, age_s), at))
@@ -88,10 +86,6 @@ class DevicesScreen(Page):
                      lead=capturing and on),
                 Chip("dev_plug", "C", _("disconnect") if plugged else _("connect"), on, lead=not plugged and on))
 
-    def redraw(self) -> None:
-        super().redraw()
-        self._show(self.app.clock())
-
     # --- what is done --------------------------------------------------------------------------------------------
 
     def perform(self, action: Action) -> None:
@@ -99,8 +93,6 @@ class DevicesScreen(Page):
             self.app.notice(_("no machine is connected"))
         else:
             super().perform(action)
-        self.hurry()
-        self.app.tick()
 
     @property
     def picked_device(self) -> DeviceView:
@@ -116,9 +108,8 @@ class DevicesScreen(Page):
         names = [one.name for one in self.devices]
         self.picked = names[(names.index(self.picked_device.name) + by) % len(names)]
 
-    def on_device_table_picked(self, event: DeviceTable.Picked) -> None:
+    def on_picked(self, event: Picked) -> None:
         devices = self.devices
         if event.index < len(devices):
             self.picked = devices[event.index].name
-            self.hurry()
-            self.app.tick()
+            self.app.look()

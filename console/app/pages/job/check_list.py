@@ -1,8 +1,6 @@
 """The list before work: what is looked at, a word for how it stands, and why. A click shows it in full."""
 from __future__ import annotations
 
-from typing import NamedTuple
-
 from rich.cells import cell_len
 from textual import events
 from textual.content import Content
@@ -17,11 +15,6 @@ SYMBOLS = {OK: " ", LOOK: "!", STOP: "✖"}
 
 MOST_ROWS = 2                 # of one check
 REST = " ... V"               # V shows the list in full
-
-
-class ChecksView(NamedTuple):
-    checks: tuple[Check, ...]
-    language: str
 
 
 def with_room(checks: tuple[Check, ...], rows: int, cells: int = 1000) -> tuple[Check, ...]:
@@ -62,16 +55,16 @@ def rows_of(checks: tuple[Check, ...], width: int) -> int:
                    for check in checks)
 
 
-class CheckList(Panel[ChecksView]):
-    def lines(self, view: ChecksView, width: int, height: int) -> list[Content]:
+class CheckList(Panel[tuple[Check, ...]]):
+    def lines(self, view: tuple[Check, ...], width: int, height: int) -> list[Content]:
         said = {OK: _("all is well"), LOOK: _("work is possible: look at what is marked"),
-                STOP: _("not ready for work")}[worst(view.checks)] if view.checks else _("being read")
+                STOP: _("not ready for work")}[worst(view)] if view else _("being read")
         head: list[Part] = [(f" {_('before work')} ", "bold $primary"), (f" {said}", "bold")]
-        label, word = _columns(view.checks)
+        label, word = _columns(view)
         rows = [line(*head)]
         room = max(8, width - label - word - 1)
-        shown = with_room(view.checks, height - 1, room)
-        spare = height - 1 - sum(len(_texts(check, room)) for check in shown) - (len(shown) < len(view.checks))
+        shown = with_room(view, height - 1, room)
+        spare = height - 1 - sum(len(_texts(check, room)) for check in shown) - (len(shown) < len(view))
         for check in shown:
             for k, text in enumerate(_texts(check, room)):
                 mark = f" {SYMBOLS[check.level]} {_(LEVEL_WORDS[check.level])}"
@@ -81,8 +74,8 @@ class CheckList(Panel[ChecksView]):
                 if spare > 0:
                     rows.append(line(" " * (label + word), (f" {text}", "$muted")))
                     spare -= 1
-        if len(shown) < len(view.checks):
-            left = _("+{count} more: V").format(count=len(view.checks) - len(shown))
+        if len(shown) < len(view):
+            left = _("+{count} more: V").format(count=len(view) - len(shown))
             rows.append(line((fit(f" {left}", width), "$muted")))
         return rows
 

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from console.app import words
 from console.app.field_picture import FieldPicture
@@ -18,6 +18,9 @@ from control.agronomy.strips import HARDLY_RICHER, Strips, StripValue, doubt, me
 from control.field.totals import Totals
 from control.orders import BY_CANOPY, BY_MAP
 
+if TYPE_CHECKING:
+    from control.machine.machine import Adopted
+
 OK, LOOK, STOP = "ok", "look", "stop"
 LEVEL_WORDS = {OK: N_("ok"), LOOK: N_("look"), STOP: N_("STOP")}
 LEAST_STOPPED_KG = 0.05   # shown to 0.1 kg; a stop's own run-down is some 0.1 kg
@@ -25,6 +28,12 @@ SILENT_S = 2.0              # a device that said nothing for this long
 LEAST_FREE_BYTES = 200_000_000
 LOW_FREE_BYTES = 2_000_000_000
 SCALES = {"feekes": N_("Feekes"), "bbch": N_("BBCH"), "days": N_("growing days")}
+STRIP_BEGINS = {"nrich": N_("N-rich strip begins here; B again at its end, after {least} or more"),
+                "check": N_("farmer check begins here; B again at its end, after {least} or more")}
+STRIP_RUNS = {"nrich": N_("N-rich strip: {way}  NDVI {ndvi}  CV {cv} %   B ends it"),
+              "check": N_("farmer check: {way}  NDVI {ndvi}  CV {cv} %   B ends it")}
+STRIP_TITLES = {"nrich": N_("NDVI {ndvi} as the N-rich strip of this job?"),
+                "check": N_("NDVI {ndvi} as the farmer check of this job?")}
 DEVICE_WORDS = {"gnss": N_("GNSS"), "heads": N_("canopy heads"), "board": N_("drive board"),
                 "rate_module": N_("rate module"), "lag_rig": N_("lag rig"), "tractor": N_("tractor")}
 
@@ -89,7 +98,8 @@ def _device(one: DeviceView) -> str:
 
 def _who(facts: Facts) -> tuple[Check, ...]:
     """Whose job it is; a line only where somebody said so."""
-    said = [one for one in (facts.client, facts.farm, facts.product, facts.operator) if one]
+    names = facts.names
+    said = [one for one in (names.client, names.farm, names.product, names.operator) if one]
     return (Check(_("for"), OK, ", ".join(said)),) if said else ()
 
 
@@ -102,15 +112,15 @@ def crop_note(note: str) -> str:
 
 
 def _crop(facts: Facts) -> Check:
-    if facts.crop_warnings:
-        notes = [crop_note(note) for note in facts.crop_warnings]
-        return Check(_("crop"), LOOK, f"{facts.crop}: {notes[0]}", (f"{facts.crop} ({facts.crop_file})", *notes))
-    return Check(_("crop"), OK, facts.crop, (facts.crop_file,))
+    name, notes = facts.setup.crop.name, [crop_note(note) for note in facts.setup.crop.warnings]
+    if notes:
+        return Check(_("crop"), LOOK, f"{name}: {notes[0]}", (f"{name} ({facts.crop_file})", *notes))
+    return Check(_("crop"), OK, name, (facts.crop_file,))
 
 
 def _growth(facts: Facts) -> tuple[Check, ...]:
     """Of a crop whose rule was made for some stages."""
-    growth = facts.growth
+    growth = facts.setup.growth
     if growth is None:
         return ()
     label, scale = _("growth stage"), _(SCALES[growth.scale])
@@ -129,22 +139,8 @@ def strips_now(frame: Frame | None, facts: Facts | None) -> Strips:
     live = frame.strips if frame is not None else Strips()
     if facts is None:
         return live
-    return Strips(live.nrich or facts.ndvi_nrich, live.check or facts.ndvi_check)
-
-
-def strip_begins(which: str) -> str:
-    return (_("farmer check begins here; B again at its end, after {least} or more") if which == "check" else
-            _("N-rich strip begins here; B again at its end, after {least} or more"))
-
-
-def strip_runs(which: str) -> str:
-    return (_("farmer check: {way}  NDVI {ndvi}  CV {cv} %   B ends it") if which == "check" else
-            _("N-rich strip: {way}  NDVI {ndvi}  CV {cv} %   B ends it"))
-
-
-def strip_title(which: str) -> str:
-    return (_("NDVI {ndvi} as the farmer check of this job?") if which == "check" else
-            _("NDVI {ndvi} as the N-rich strip of this job?"))
+    rule = facts.setup.rule
+    return Strips(live.nrich or rule.ndvi_nrich, live.check or rule.ndvi_check)
 
 
 def doubt_words(strips: Strips) -> str:
@@ -161,13 +157,13 @@ def doubt_words(strips: Strips) -> str:
 def strip_rates(facts: Facts | None, before: Strips, after: Strips, field_ndvi: float | None, units: Units) -> str:
     """The canopy's target on the field's ground without and with a strip, by the crop's rule; empty where it is not
     known."""
-    if facts is None or facts.rule is None or field_ndvi is None:
+    if facts is None or field_ndvi is None:
         return ""
     rates = []
     for strips in (before, after):
-        rule = replace(facts.rule, ndvi_nrich=strips.nrich, ndvi_check=strips.check)
+        rule = replace(facts.setup.rule, ndvi_nrich=strips.nrich, ndvi_check=strips.check)
         decided = rule.decide(field_ndvi)
-        rates.append(units.rate.full(decided.rate_kg_ha if rule.is_ready else facts.fallback_rate_kg_ha))
+        rates.append(units.rate.full(decided.rate_kg_ha if rule.is_ready else facts.setup.crop.fallback_rate_kg_ha))
     return _("Target from canopy in this field, NDVI {ndvi}: {before} now, {after} with it.").format(
         ndvi=f"{field_ndvi:.3f}", before=rates[0], after=rates[1])
 
@@ -183,7 +179,7 @@ def hardly_richer_words(strip: StripValue | None, field_ndvi: float | None) -> s
 
 def _response(facts: Facts, frame: Frame | None) -> tuple[Check, ...]:
     """Of a job that goes by the response index of the field."""
-    if facts.response_index != "field" or facts.source not in BY_CANOPY:
+    if facts.setup.rule.response_rule != "field" or facts.setup.job.target.source not in BY_CANOPY:
         return ()
     label, strips = _("response index"), strips_now(frame, facts)
     index = measured_index(strips)
@@ -199,38 +195,41 @@ def _response(facts: Facts, frame: Frame | None) -> tuple[Check, ...]:
 
 
 def _strip(facts: Facts, frame: Frame | None) -> Check:
-    label = _("N-rich strip")
-    if facts.source not in BY_CANOPY:
-        return Check(label, OK, _("not needed: {source} in use").format(source=words.source_word(facts.source)))
+    label, job, crop = _("N-rich strip"), facts.setup.job, facts.setup.crop
+    if job.target.source not in BY_CANOPY:
+        return Check(label, OK, _("not needed: {source} in use").format(source=words.source_word(job.target.source)))
     live = frame.strips.nrich if frame is not None else None
-    if live is not None and live != facts.ndvi_nrich:
+    if live is not None and live != facts.setup.rule.ndvi_nrich:
         return Check(label, OK, f"NDVI {live:.3f}  {_('measured on the way')}")
-    if facts.ndvi_nrich is not None:
-        where = _("of the job") if facts.nrich_from == "job" else _("of the crop file, not of this field")
-        level = OK if facts.nrich_from == "job" else LOOK
-        return Check(label, level, f"NDVI {facts.ndvi_nrich:.3f}  {where}")
-    if facts.fixed_yield_t_ha is not None:
+    if job.ndvi_nrich is not None:
+        return Check(label, OK, f"NDVI {job.ndvi_nrich:.3f}  {_('of the job')}")
+    if crop.ndvi_nrich is not None:
+        return Check(label, LOOK, f"NDVI {crop.ndvi_nrich:.3f}  {_('of the crop file, not of this field')}")
+    if crop.fixed_yield_t_ha is not None:
         return Check(label, LOOK, _("none; a fixed yield of {yield_t_ha} t/ha is used").format(
-            yield_t_ha=f"{facts.fixed_yield_t_ha:g}"))
+            yield_t_ha=f"{crop.fixed_yield_t_ha:g}"))
     return Check(label, LOOK, _("none: drive one with B"))
 
 
 def _product(facts: Facts) -> tuple[Check, ...]:
     """Of a job that takes a product of the library."""
-    if not facts.product_file:
+    product, machine = facts.setup.product, facts.setup.machine
+    if product is None:
         return ()
-    label, percent = _("product"), f"{100.0 * facts.product_n_fraction:.0f}"
-    if not facts.product_test:
+    label, name, percent = _("product"), facts.names.product, f"{100.0 * facts.setup.crop.product_n_fraction:.0f}"
+    test = product.newest_test(machine.id)
+    if test is None:
         return (Check(label, LOOK, _("{product}, {percent} % N: no catch test with this machine, whose own file "
-                                     "counts").format(product=facts.product, percent=percent), (facts.product_file,)),)
+                                     "counts").format(product=name, percent=percent), (facts.product_file,)),)
     return (Check(label, OK, _("{product}, {percent} % N, {grams} g a turn and mm (catch test of {date})").format(
-        product=facts.product, percent=percent, grams=f"{facts.product_grams:.2f}", date=facts.product_test),
+        product=name, percent=percent, grams=f"{machine.flow.grams_per_rev_mm:.2f}", date=test.date.isoformat()),
         (facts.product_file,)),)
 
 
 def _limits(facts: Facts, units: Units) -> Check:
     return Check(_("limits"), OK, _("at most {most}; without canopy {fallback}").format(
-        most=units.rate.full(facts.max_rate_kg_ha), fallback=units.rate.full(facts.fallback_rate_kg_ha)))
+        most=units.rate.full(facts.setup.crop.max_rate_kg_ha),
+        fallback=units.rate.full(facts.setup.crop.fallback_rate_kg_ha)))
 
 
 def _field(facts: Facts, units: Units) -> Check:
@@ -243,7 +242,7 @@ def _map(facts: Facts, units: Units) -> tuple[Check, ...]:
     """Of a job that names one."""
     label, name = _("map"), file_name(facts.map_file)
     if facts.map_trouble:
-        return (Check(label, STOP if facts.source in BY_MAP else LOOK, facts.map_trouble),)
+        return (Check(label, STOP if facts.setup.job.target.source in BY_MAP else LOOK, facts.map_trouble),)
     if facts.map_check is None:
         return ()
     said = map_words(facts.map_check, units)
@@ -254,15 +253,20 @@ def _map(facts: Facts, units: Units) -> tuple[Check, ...]:
 
 
 def _machine(facts: Facts) -> Check:
-    label = _("machine")
-    if facts.effects:
-        text = _("{machine}: effects adopted from data: {count}").format(machine=facts.machine,
-                                                                        count=len(facts.effects))
-        return Check(label, OK, text, (facts.machine_file, *facts.effects))
+    label, machine = _("machine"), facts.setup.machine
+    name = machine.title or machine.id
+    if machine.adopted:
+        text = _("{machine}: effects adopted from data: {count}").format(machine=name, count=len(machine.adopted))
+        return Check(label, OK, text, (facts.machine_file, *map(_adopted, machine.adopted)))
     if facts.shipped_machine:
-        return Check(label, LOOK, _("{machine}: as delivered, not calibrated here").format(machine=facts.machine),
+        return Check(label, LOOK, _("{machine}: as delivered, not calibrated here").format(machine=name),
                      (facts.machine_file,))
-    return Check(label, OK, facts.machine, (facts.machine_file,))
+    return Check(label, OK, name, (facts.machine_file,))
+
+
+def _adopted(one: Adopted) -> str:
+    """An adopted effect with the data that it comes from."""
+    return f"{one.id} {one.size:+g} {one.unit}".rstrip() + (f"  ({one.data}, {one.date})" if one.data else "")
 
 
 def _hopper(frame: Frame | None, age_s: float, units: Units) -> Check:

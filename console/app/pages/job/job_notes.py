@@ -19,7 +19,6 @@ class JobNote(NamedTuple):
 class NotesView(NamedTuple):
     notes: tuple[JobNote, ...]
     refills: tuple[str, ...]
-    language: str
 
 
 class JobNotes(Panel[NotesView]):

@@ -2,18 +2,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Concatenate, Literal, ParamSpec
 
-from console.app.action import JOB, Action
-from console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
+from console.app.action import JOB, Action, on
+from console.app.dialogs import Choice, ChoiceDialog, TextDialog
 from console.app.first_question import start_from_any_page
 from console.app.pages.job.day import (
+    STRIP_BEGINS,
+    STRIP_TITLES,
     checks,
     doubt_words,
     hardly_richer_words,
-    strip_begins,
     strip_rates,
-    strip_title,
     strips_now,
 )
 from console.app.pages.job.nrich import LEAST_M, StripRun
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 THUMB = (16, 2)             # columns and rows of a field's outline in the list of jobs
 Kind = Literal["job", "crop", "machine"]
+P = ParamSpec("P")
 ENDINGS = ((".geojson", "GeoJSON"), (".shp", "shapefile"), (".zip", "ISO 11783-10"), (".csv", "CSV"))
 
 
@@ -48,13 +49,12 @@ def strip(page: JobScreen) -> None:
     if not so_far.enough or so_far.ndvi is None:
         text = _("{way} with NDVI so far; at least {least} are needed.").format(
             way=page.app.units.distance.full(so_far.length_m), least=page.app.units.distance.full(LEAST_M))
-        question = Confirm(_("Cancel the strip?"), text)
-        page.app.push_screen(question, lambda yes: _forget_strip(page) if yes else None)
+        page.app.confirm(_("Cancel the strip?"), text, lambda: _forget_strip(page))
         return
     value = page.strip.value
 
-    def answer(yes: bool | None) -> None:
-        if yes and value is not None:
+    def use() -> None:
+        if value is not None:
             page.strip = None
             _use_strip(page, value)
 
@@ -62,28 +62,26 @@ def strip(page: JobScreen) -> None:
              "and goes into a new job file.").format(
         way=page.app.units.distance.full(so_far.length_m), cv=f"{so_far.cv_percent or 0.0:.1f}",
         se="--" if so_far.se is None else f"{so_far.se:.3f}", samples=so_far.samples)
-    title = strip_title(page.strip.which).format(ndvi=f"{so_far.ndvi:.3f}")
+    title = _(STRIP_TITLES[page.strip.which]).format(ndvi=f"{so_far.ndvi:.3f}")
     with_it = page.strips_with(value)
     said = (strip_rates(page.facts, strips_now(page.app.arrival.frame, page.facts), with_it, page.field_ndvi,
                         page.app.units), hardly_richer_words(value, page.field_ndvi), doubt_words(with_it), text)
-    page.app.push_screen(Confirm(title, "\n".join(part for part in said if part)), answer)
+    page.app.confirm(title, "\n".join(part for part in said if part), use)
 
 
 def _begin_strip(page: JobScreen) -> None:
     """Where the response index of the field counts, there are two strips: which one is asked first."""
-    def begin(which: str | None) -> None:
-        if which is not None:
-            page.strip = StripRun("check" if which == "check" else "nrich")
-            page.app.notice(strip_begins(page.strip.which).format(
-                least=page.app.units.distance.full(LEAST_M)))
-            page.hurry()
+    def begin(which: str) -> None:
+        page.strip = StripRun("check" if which == "check" else "nrich")
+        page.app.notice(_(STRIP_BEGINS[page.strip.which]).format(least=page.app.units.distance.full(LEAST_M)))
+        page.hurry()
 
-    if page.facts is None or page.facts.response_index != "field":
+    if page.facts is None or page.facts.setup.rule.response_rule != "field":
         begin("nrich")
         return
     choices = [Choice("nrich", _("N-rich strip: got enough nitrogen")),
                Choice("check", _("farmer check: got what the field got"))]
-    page.app.push_screen(ChoiceDialog(_("Which strip begins here?"), choices, ""), begin)
+    page.app.ask(ChoiceDialog(_("Which strip begins here?"), choices, ""), begin)
 
 
 def _forget_strip(page: JobScreen) -> None:
@@ -104,21 +102,18 @@ def _use_strip(page: JobScreen, value: StripValue) -> None:
     keep(value)
 
 
-def refill(page: JobScreen) -> None:
-    page.ask_refill()
-
-
-def _with_files(do: Callable[[JobScreen, JobService], None]) -> Callable[[JobScreen], None]:
+def _with_files(do: Callable[Concatenate[JobScreen, JobService, P], None]) -> Callable[Concatenate[JobScreen, P], None]:
     """Refused in words where this console has no files at hand."""
-    def run(page: JobScreen) -> None:
+    def run(page: JobScreen, /, *of: P.args, **named: P.kwargs) -> None:
         if page.service is None:
             page.app.notice(_("files are not available here"))
         else:
-            do(page, page.service)
+            do(page, page.service, *of, **named)
 
     return run
 
 
+@_with_files
 def _ask_file(page: JobScreen, service: JobService, kind: Kind) -> None:
     if page.facts is None:
         page.app.notice(page.trouble or _("being read"))
@@ -154,46 +149,21 @@ def _drawn(file: File, service: JobService) -> str:
 
 
 @_with_files
-def job(page: JobScreen, service: JobService) -> None:
-    _ask_file(page, service, "job")
-
-
-@_with_files
-def crop(page: JobScreen, service: JobService) -> None:
-    _ask_file(page, service, "crop")
-
-
-@_with_files
-def machine(page: JobScreen, service: JobService) -> None:
-    _ask_file(page, service, "machine")
-
-
-@_with_files
 def export(page: JobScreen, service: JobService) -> None:
     choices = [Choice(ending, f"{name} ({ending})") for ending, name in ENDINGS]
-
-    def answer(ending: str | None) -> None:
-        if ending is not None:
-            page.begin(_("export"), lambda log, progress, cancelled: service.export(log, ending, progress, cancelled))
-
-    page.app.push_screen(ChoiceDialog(_("Export as"), choices, ""), answer)
-
-
-@_with_files
-def report(page: JobScreen, service: JobService) -> None:
-    page.begin(_("report"), service.report)
+    page.app.ask(ChoiceDialog(_("Export as"), choices, ""), lambda ending: page.begin(
+        _("export"), lambda log, progress, cancelled: service.export(log, ending, progress, cancelled)))
 
 
 @_with_files
 def end_of_job(page: JobScreen, service: JobService) -> None:
-    def answer(yes: bool | None) -> None:
-        if yes:
-            page.app.give(Do.MARK, "job finished")
-            page.begin(_("export"), lambda log, progress, cancelled: (
-                *service.export(log, ".geojson", progress, cancelled), *service.report(log, progress, cancelled)))
+    def end() -> None:
+        page.app.give(Do.MARK, "job finished")
+        page.begin(_("export"), lambda log, progress, cancelled: (
+            *service.export(log, ".geojson", progress, cancelled), *service.report(log, progress, cancelled)))
 
-    page.app.push_screen(Confirm(_("End this job?"), _("It is exported and reported, and not offered again after "
-                                                       "a power cut.")), answer)
+    page.app.confirm(_("End this job?"), _("It is exported and reported, and not offered again after a power cut."),
+                     end)
 
 
 def why_no_log(page: JobScreen) -> str:
@@ -207,52 +177,33 @@ def why_no_end(page: JobScreen) -> str:
     return _("the machine works: hold or stop it first") if works else why_no_log(page)
 
 
-@_with_files
-def prescription(page: JobScreen, service: JobService) -> None:
-    """From a stick, the downloads or the user's own files: looked at first, then taken."""
-    page.look_for_maps(service)
-
-
-@_with_files
-def who(page: JobScreen, service: JobService) -> None:
-    page.ask_who(service)
-
-
-def ready(page: JobScreen) -> None:
-    """As on the Run page: the machine spreads nothing yet."""
-    page.app.give(Do.READY)
-
-
-def start(page: JobScreen) -> None:
-    """As on the Run page; asked, for the numbers of the machine are not in sight here."""
-    start_from_any_page(page.app)
-
-
-ACTIONS = (
-    Action("job_ready", "r", "R", N_("ready"), N_("Off, held or fault: make the machine ready."), ready, JOB, 3,
-           why=lambda page: why_not_ready(page.app), judged=True),
-    Action("job_start", "s", "S", N_("start"), N_("Ready or held: begins to work, from any page; asks first."), start,
-           JOB, 3, why=lambda page: why_no_start(page.app)),
-    Action("job_details", "v", "V", N_("details"), N_("The whole checklist, in full."), details,
-           JOB, 4, locked=True),
-    Action("job_file", "j", "J", N_("job"), N_("Takes another job file; the control worker starts again with it."), job,
-           JOB, 4),
-    Action("job_crop", "q_1", "Q1", N_("crop"), N_("Takes another crop: a new job file names it."), crop, JOB),
-    Action("job_machine", "q_2", "Q2", N_("machine"), N_("Takes another machine file."), machine, JOB),
+ACTIONS = on(
+    JOB,
+    Action("job_ready", "r", "R", N_("ready"), N_("Off, held or fault: make the machine ready."),
+           lambda page: page.app.give(Do.READY), bar=3, why=lambda page: why_not_ready(page.app), judged=True),
+    Action("job_start", "s", "S", N_("start"), N_("Ready or held: begins to work, from any page; asks first."),
+           lambda page: start_from_any_page(page.app), bar=3, why=lambda page: why_no_start(page.app)),
+    Action("job_details", "v", "V", N_("details"), N_("The whole checklist, in full."), details, bar=4, locked=True),
+    Action("job_file", "j", "J", N_("job"), N_("Takes another job file; the control worker starts again with it."),
+           lambda page: _ask_file(page, "job"), bar=4),
+    Action("job_crop", "q_1", "Q1", N_("crop"), N_("Takes another crop: a new job file names it."),
+           lambda page: _ask_file(page, "crop")),
+    Action("job_machine", "q_2", "Q2", N_("machine"), N_("Takes another machine file."),
+           lambda page: _ask_file(page, "machine")),
     Action("job_map", "p", "P", N_("prescription"),
-           N_("Picks a map from a stick or folder, shows it, takes it; column and unit can be chosen."), prescription,
-           JOB, 5),
-    Action("job_who", "q_3", "Q3", N_("whose"), N_("Client, farm, field, product and operator of the job."), who, JOB),
+           N_("Picks a map from a stick or folder, shows it, takes it; column and unit can be chosen."),
+           _with_files(lambda page, service: page.look_for_maps(service)), bar=5),
+    Action("job_who", "q_3", "Q3", N_("whose"), N_("Client, farm, field, product and operator of the job."),
+           _with_files(lambda page, service: page.ask_who(service))),
     Action("job_strip", "b", "B", N_("N strip"),
            N_("Begins at the strip's start, ends at its end: the mean NDVI between counts at once, and is kept."),
-           strip, JOB, 7),
+           strip, bar=7),
     Action("job_refill", "f", "F", N_("refill"), N_("Records kg filled in; a step of the scale is offered by itself."),
-           refill, JOB, 8, asks="number"),
+           lambda page: page.ask_refill(), bar=8, asks="number"),
     Action("job_export", "e", "E", N_("export"), N_("What was applied where, as a file for other programs."), export,
-           JOB, 9, why=why_no_log),
-    Action("job_report", "q_4", "Q4", N_("report"), N_("The job's report: sums, map, evenness."), report, JOB,
-           why=why_no_log),
+           bar=9, why=why_no_log),
+    Action("job_report", "q_4", "Q4", N_("report"), N_("The job's report: sums, map, evenness."),
+           _with_files(lambda page, service: page.begin(_("report"), service.report)), why=why_no_log),
     Action("job_end", "q_5", "Q5", N_("end of job"),
-           N_("Export and report; the job is not offered again after a power cut."), end_of_job, JOB,
-           why=why_no_end),
+           N_("Export and report; the job is not offered again after a power cut."), end_of_job, why=why_no_end),
 )

@@ -2,18 +2,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, ClassVar
 
 from textual.app import ComposeResult
 from textual.containers import Container, Vertical
-from textual.worker import Worker, WorkerState, get_current_worker
+from textual.worker import Worker, get_current_worker
 
-from console.app.action import JOB, Action, bindings
+from console.app.action import JOB, bindings
 from console.app.dialogs import Choice, ChoiceDialog, Confirm
 from console.app.name_dialog import NameDialog
 from console.app.number_dialog import NumberDialog
-from console.app.pages.job.check_list import CheckList, ChecksView, rows_of
-from console.app.pages.job.day import checks, file_name, refills, strip_runs, strips_now, totals
+from console.app.pages.job.check_list import CheckList, rows_of
+from console.app.pages.job.day import STRIP_RUNS, checks, file_name, refills, strips_now, totals
 from console.app.pages.job.job_notes import JobNote, JobNotes, NotesView
 from console.app.pages.job.keys import ACTIONS
 from console.app.pages.job.map_dialog import COLUMN, TAKE, UNIT, MapDialog
@@ -37,7 +38,7 @@ from console.app.view import RunView
 from console.app.widgets.chips import Chip, Chips
 from console.app.widgets.items import Items
 from console.frame import Frame
-from console.locale import _, in_use
+from console.locale import _
 from control.agronomy.strips import Strips, StripValue
 from control.orders import Do
 
@@ -66,10 +67,9 @@ class JobScreen(Page):
         self._run = ""                          # its log
         self.pending = ""                       # a file that was taken and that no worker has yet
         self.progress = ""
-        self._work: Worker[tuple[str, ...]] | None = None
+        self._work: Worker[None] | None = None
         self._looked_s: float | None = None
         self._looked_at: str | None = None
-        self._then: Callable[[Any], None] = lambda _result: None
 
     @property
     def service(self) -> JobService | None:
@@ -77,12 +77,12 @@ class JobScreen(Page):
 
     def body(self) -> ComposeResult:
         with Vertical(id="job"):
-            yield CheckList(ChecksView((), ""), id="job-checks")
+            yield CheckList((), id="job-checks")
             yield Chips((), id="job-next", large=True)
             with Container(id="job-lower"):
                 with Vertical(id="job-left"):
                     yield Items((), id="job-totals")
-                yield JobNotes(NotesView((), (), ""), id="job-notes")
+                yield JobNotes(NotesView((), ()), id="job-notes")
 
     # --- what comes in ------------------------------------------------------------------------------------------
 
@@ -117,7 +117,11 @@ class JobScreen(Page):
             except ValueError as error:
                 return None, str(error), free
 
-        self.run_worker(read, group="job-look", name="look", thread=True, exclusive=True, exit_on_error=False)
+        def looked(found: tuple[Facts | None, str, int | None]) -> None:
+            self.facts, self.trouble, self.free_bytes = found
+            self.hurry()
+
+        self.app.with_files(read, looked, group="job-look")
 
     def show_numbers(self, view: RunView) -> None:
         super().show_numbers(view)
@@ -126,14 +130,14 @@ class JobScreen(Page):
         trouble = self.trouble or ("" if self.service is not None else _("files are not available here"))
         found = checks(frame, age_s, self.facts, trouble, self.free_bytes, units)
         listed = self.query_one("#job-checks", CheckList)
-        listed.show(ChecksView(found, in_use()))
+        listed.show(found)
         most = MOST_CHECK_ROWS[0 if self.has_class("-low") else 1 if self.has_class("-middle") else 2]
         listed.styles.height = min(most, rows_of(found, self.size.width))
         self.query_one("#job-next", Chips).show(self._next())
         self.query_one("#job-totals", Items).show(totals(
             frame, age_s, units, self.app.fields.of(frame)))
         self.query_one("#job-notes", JobNotes).show(NotesView(
-            self._notes(frame), refills(frame, units, self.app.utc_offset_s), in_use()))
+            self._notes(frame), refills(frame, units, self.app.utc_offset_s)))
 
     def _next(self) -> tuple[Chip, ...]:
         """Where the list before work ends: make ready, then start."""
@@ -147,7 +151,7 @@ class JobScreen(Page):
             strip = self.strip.strip
             ndvi = "--" if strip.ndvi is None else f"{strip.ndvi:.3f}"
             cv = "--" if strip.cv_percent is None else f"{strip.cv_percent:.1f}"
-            notes.append(JobNote(strip_runs(self.strip.which).format(
+            notes.append(JobNote(_(STRIP_RUNS[self.strip.which]).format(
                 way=units.distance.full(strip.length_m), ndvi=ndvi, cv=cv), True))
         if self.refill.seen_kg is not None:
             notes.append(JobNote(_("the scale saw {kg} filled in: F records it").format(
@@ -181,10 +185,6 @@ class JobScreen(Page):
 
     # --- actions ------------------------------------------------------------------------------------------------
 
-    def perform(self, action: Action) -> None:
-        super().perform(action)
-        self.hurry()
-
     def key_escape(self) -> None:
         if self._work is not None:
             self._work.cancel()
@@ -198,12 +198,10 @@ class JobScreen(Page):
         typed = "" if seen_kg is None else f"{seen_kg * unit.per_si:.1f}"
         text = _("Measured by the scale; Enter records it.") if seen_kg is not None else ""
 
-        def answer(filled_kg: float | None) -> None:
-            if filled_kg is not None:
-                refill_kg = round(filled_kg, 3)
-                self.app.give(Do.REFILL, refill_kg)
-                self.app.notice(_("filled in: {mass}").format(mass=in_words(unit, filled_kg)))
-                self.refill.done()
+        def filled(filled_kg: float) -> None:
+            self.app.give(Do.REFILL, round(filled_kg, 3))
+            self.app.notice(_("filled in: {mass}").format(mass=in_words(unit, filled_kg)))
+            self.refill.done()
 
         def doubted(filled_kg: float) -> str:
             return doubt(filled_kg, seen_kg, hopper_kg, full_kg, unit)
@@ -212,8 +210,8 @@ class JobScreen(Page):
         missing_kg = full_kg if hopper_kg is None else full_kg - hopper_kg
         shown = seen_kg if seen_kg is not None else max(0.0, missing_kg)     # what the scale saw, else what is missing
         full = ("F", _("hopper full"), round(shown * unit.per_si, 1)) if low <= shown * unit.per_si <= high else None
-        self.app.push_screen(NumberDialog(_("Filled in"), unit.name, low, high, text, unit.to_si, typed=typed,
-                                          doubt=doubted, full=full), answer)
+        self.app.ask(NumberDialog(_("Filled in"), unit.name, low, high, text, unit.to_si, typed=typed, doubt=doubted,
+                                  full=full), filled)
 
     @property
     def at_work(self) -> bool:
@@ -269,14 +267,22 @@ class JobScreen(Page):
 
     def keep(self, work: Callable[[], str]) -> None:
         """A file for the next start, written by `work`; what runs now knows already."""
-        self.run_worker(work, group="job-keep", name="keep", thread=True, exit_on_error=False)
+        def kept(path: str) -> None:
+            self._looked_s = None
+            self.say_of_run(_("counts now; for the next start: {name}").format(name=file_name(path)))
+
+        self.app.with_files(work, kept, self._not_written, group="job-keep", exclusive=False)
+
+    def _not_written(self, why: str) -> None:
+        self.say(_("not written: {why}").format(why=why))
 
     def take(self, work: Callable[[], str]) -> None:
         """Another file for the job: written by `work`, which gives its name; then a new start is asked."""
         def taken() -> tuple[str, Offer | None]:
             return work(), None if self.service is None else self.service.offer()
 
-        self.run_worker(taken, group="job-take", name="take", thread=True, exit_on_error=False)
+        self.app.with_files(taken, lambda found: self.ask_restart(*found), lambda why: self.say_of_run(
+            _("not taken: {why}").format(why=why)), group="job-take", exclusive=False)
 
     # --- a prescription from a stick, and whose job it is --------------------------------------------------------
 
@@ -293,16 +299,16 @@ class JobScreen(Page):
                  text: str = "") -> None:
         """One of a list, or a file of this kind that lies elsewhere: walked to, typed or pasted. take: is given its
         path."""
-        def answer(path: str | None) -> None:
+        def answer(path: str) -> None:
             if path == FOLDERS:
                 self._walk("", kind, take)
             elif path == TYPED:
-                self.app.push_screen(NameDialog(title, "", _("A path, typed or pasted.")), answer)
-            elif path is not None:
+                self.app.ask(NameDialog(title, "", _("A path, typed or pasted.")), take)
+            else:
                 take(path)
 
         more = Choice(FOLDERS, _("look in folders ...")), Choice(TYPED, _("type or paste a path ..."))
-        self.app.push_screen(ChoiceDialog(title, [*choices, *more], now, text), answer)
+        self.app.ask(ChoiceDialog(title, [*choices, *more], now, text), answer)
 
     def _walk(self, folder: str, kind: str, take: Callable[[str], None]) -> None:
         """Folders up and down until a file is chosen."""
@@ -312,9 +318,7 @@ class JobScreen(Page):
                         lambda found: self._list_folder(folder, found, kind, take))
 
     def _list_folder(self, folder: str, found: tuple[MapFile, ...], kind: str, take: Callable[[str], None]) -> None:
-        def answer(path: str | None) -> None:
-            if path is None:
-                return
+        def answer(path: str) -> None:
             if any(one.path == path and (one.name.endswith(("/", "\\")) or one.name == "..") for one in found):
                 self._walk(path, kind, take)
             else:
@@ -322,7 +326,7 @@ class JobScreen(Page):
 
         choices = [Choice(one.path, f"{one.changed}  {one.name}".strip()) for one in found]
         nothing = "" if any(one.changed for one in found) or not folder else _("nothing of the kind lies here")
-        self.app.push_screen(ChoiceDialog(folder or _("Where does it lie?"), choices, "", nothing), answer)
+        self.app.ask(ChoiceDialog(folder or _("Where does it lie?"), choices, "", nothing), answer)
 
     def _read_map(self, path: str, reading: Reading) -> None:
         service = self.service
@@ -331,7 +335,7 @@ class JobScreen(Page):
             self._bring(lambda: service.preview(path, reading), self._show_map)
 
     def _show_map(self, shown: MapPreview) -> None:
-        def answer(what: str | None) -> None:
+        def answer(what: str) -> None:
             if what == TAKE and self.service is not None:
                 service = self.service
                 self.take(lambda: service.take_map(shown))
@@ -342,7 +346,7 @@ class JobScreen(Page):
                 self._ask_reading(shown, _("In which unit are the rates?"), [Choice(one, one) for one in RATE_UNITS],
                                   "unit")
 
-        self.app.push_screen(MapDialog(shown, self.app.units), answer)
+        self.app.ask(MapDialog(shown, self.app.units), answer)
 
     def _ask_reading(self, shown: MapPreview, title: str, choices: list[Choice], what: str) -> None:
         now = getattr(shown.reading, what)
@@ -358,14 +362,16 @@ class JobScreen(Page):
         if facts is None:
             self.app.notice(self.trouble or _("being read"))
             return
-        self._ask_name(service, JobNames(facts.client, facts.farm, facts.field, facts.product, facts.operator,
-                                 facts.product_file))
+        self._ask_name(service, facts.names)
 
     def _ask_name(self, service: JobService, who: JobNames) -> None:
         labels = {"client": _("client"), "farm": _("farm"), "field": _("field"), "product": _("product"),
                   "operator": _("operator")}
         choices = [Choice(name, f"{label}: {getattr(who, name) or '--'}") for name, label in labels.items()]
         choices.append(Choice(WRITE, _("write the job with these names")))
+
+        def type_name(name: str) -> None:
+            self.app.push_screen(NameDialog(labels[name].capitalize(), getattr(who, name)), partial(named, name))
 
         def named(name: str, text: str | None) -> None:
             if text is None:
@@ -374,19 +380,17 @@ class JobScreen(Page):
             file = "" if name == "product" else who.product_file      # a typed name is none of the library's
             self._ask_name(service, who._replace(**{name: text[:80]})._replace(product_file=file))
 
-        def answer(name: str | None) -> None:
+        def answer(name: str) -> None:
             if name == WRITE:
                 self.take(lambda: service.take_names(who))
             elif name == "product" and self.facts is not None and self.facts.products:
-                self._ask_product(service, who, lambda: self.app.push_screen(
-                    NameDialog(labels[name].capitalize(), who.product), lambda text: named(name, text)))
-            elif name is not None:
-                self.app.push_screen(NameDialog(labels[name].capitalize(), getattr(who, name)),
-                                     lambda text: named(name, text))
+                self._ask_product(service, who, lambda: type_name(name))
+            else:
+                type_name(name)
 
         question = ChoiceDialog(_("Whose job is it?"), choices, "")
         question.at = len(choices) - 1
-        self.app.push_screen(question, answer)
+        self.app.ask(question, answer)
 
     def _ask_product(self, service: JobService, who: JobNames, type_name: Callable[[], object]) -> None:
         """Of the library, with its flow and its N share; or a name that is typed."""
@@ -415,18 +419,21 @@ class JobScreen(Page):
             service.take("machine", machine)
             return machine
 
-        def answer(yes: bool | None) -> None:
-            if yes:
-                self.app.turn_to(JOB)
-                self.app.call_after_refresh(self.take, take)
+        def use() -> None:
+            self.app.turn_to(JOB)
+            self.app.call_after_refresh(self.take, take)
 
-        self.app.push_screen(Confirm(_("Use it now?"), _("{name} for this job: the control worker starts again with "
-                                                         "it.").format(name=file_name(machine))), answer)
+        self.app.confirm(_("Use it now?"), _("{name} for this job: the control worker starts again with it.").format(
+            name=file_name(machine)), use)
 
     def _bring(self, work: Callable[[], Any], then: Callable[[Any], None]) -> None:
         """What is read from files, along with the screen; an error is one line that stays."""
-        self._then = then
-        self.run_worker(work, group="job-bring", name="bring", thread=True, exclusive=True, exit_on_error=False)
+        def failed(why: str) -> None:
+            said = _("cannot be used: {why}").format(why=why)
+            self.say(said)
+            self.app.notice(said)
+
+        self.app.with_files(work, then, failed, group="job-bring")
 
     # --- long work -----------------------------------------------------------------------------------------------
 
@@ -450,57 +457,21 @@ class JobScreen(Page):
 
             return work(log_path, tell, lambda: me.is_cancelled)
 
+        def written(paths: tuple[str, ...]) -> None:
+            self._work, self.progress = None, ""
+            for path in paths:
+                name = file_name(path)
+                self.say(_("written: {name} in {folder}").format(name=name, folder=path.removesuffix(name) or "."))
+
+        def failed(why: str) -> None:
+            self._work, self.progress = None, ""
+            self._not_written(why)
+
         self.progress = _("{name}: begins").format(name=name)
-        self._work = self.run_worker(run, group="job-work", name="work", thread=True, exit_on_error=False)
-
-    def on_worker_state_changed(self, event: Worker.StateChanged) -> None:
-        worker = event.worker
-        if event.state not in (WorkerState.SUCCESS, WorkerState.ERROR):
-            return
-        done = event.state is WorkerState.SUCCESS
-        if worker is self._work:
-            self._end_work(worker, done)
-        elif worker.group == "job-look" and done and worker.result is not None:
-            self.facts, self.trouble, self.free_bytes = worker.result
-        elif worker.group == "job-bring":
-            self._brought(worker, done)
-        elif worker.group == "job-keep":
-            self._kept(worker, done)
-        elif worker.group == "job-take" and not done:
-            self.say_of_run(_("not taken: {why}").format(why=_one_line(worker.error)))
-        elif worker.group == "job-take":
-            path, left = worker.result or ("", None)
-            self.ask_restart(path, left)
-        self.hurry()
-
-    def _end_work(self, worker: Worker[Any], done: bool) -> None:
-        self._work, self.progress = None, ""
-        if not done:
-            self.say(_("not written: {why}").format(why=_one_line(worker.error)))
-        for path in worker.result or () if done else ():
-            name = file_name(path)
-            self.say(_("written: {name} in {folder}").format(name=name, folder=path.removesuffix(name) or "."))
-
-    def _brought(self, worker: Worker[Any], done: bool) -> None:
-        if done:
-            self._then(worker.result)
-        else:
-            self.say(_("cannot be used: {why}").format(why=_one_line(worker.error)))
-            self.app.notice(_("cannot be used: {why}").format(why=_one_line(worker.error)))
-
-    def _kept(self, worker: Worker[Any], done: bool) -> None:
-        if done:
-            self._looked_s = None
-            self.say_of_run(_("counts now; for the next start: {name}").format(name=file_name(str(worker.result))))
-        else:
-            self.say(_("not written: {why}").format(why=_one_line(worker.error)))
+        self._work = self.app.with_files(run, written, failed, group="job-work")
 
 
 def _after_cut(model_kg: float, scale_kg: float | None) -> str:
     scale = "--" if scale_kg is None else f"{scale_kg:.2f}"
     return _("released after the cut, and counted: about {kg} kg (by the scale {scale})").format(
         kg=f"{model_kg:.2f}", scale=scale)
-
-
-def _one_line(error: BaseException | None) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]

@@ -9,13 +9,12 @@ from console.app.field_picture import FieldPicture, Ring
 from console.app.source import FrameSource
 from console.locale import N_
 from console.worker.resume_alarms import AlarmRecord
-from control.agronomy.growth import Growth
 from control.agronomy.strips import StripValue
 from control.field.job_names import JobNames as JobNames
 from control.targets.map_check import MapCheck
 
 if TYPE_CHECKING:
-    from control.agronomy.noa import Rule
+    from drivers.files.setup import Setup
 
 READING, GATHERING, WRITING = N_("reading the log"), N_("gathering"), N_("writing")     # steps of an export
 
@@ -29,44 +28,34 @@ class File(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """What the configuration of the run says."""
+    """What the files of the run say, as its worker reads them, where they stand, and what else can be taken.
 
-    job: str = ""
-    job_file: str = ""
-    crop: str = ""
-    crop_file: str = ""
-    crop_warnings: tuple[str, ...] = ()
-    source: str = "canopy"
-    ndvi_nrich: float | None = None
-    nrich_from: str = ""                # job, crop; empty: no strip
-    ndvi_check: float | None = None     # farmer check
-    response_index: str = "paper"       # or field
-    rule: Rule | None = None            # by which the canopy's target is decided; None: not known
-    fixed_yield_t_ha: float | None = None
-    max_rate_kg_ha: float = 0.0
-    fallback_rate_kg_ha: float = 0.0
-    client: str = ""
-    farm: str = ""
-    product: str = ""
-    product_file: str = ""              # empty: machine and crop say what is spread
-    product_n_fraction: float = 0.0
-    product_grams: float = 0.0          # per turn and mm of opening, as it is metered
-    product_test: str = ""              # day of the catch test with this machine; empty: none
-    products: tuple[File, ...] = ()
-    growth: Growth | None = None        # None: the crop file has no window
-    operator: str = ""
-    field: str = ""
-    field_ha: float | None = None       # None: no boundary known
-    map_file: str = ""                  # of the job; empty: it names none
-    map_check: MapCheck | None = None
-    map_trouble: str = ""               # why the map cannot be used; one line
-    machine: str = ""
-    machine_file: str = ""
-    effects: tuple[str, ...] = ()       # adopted ones, with the data that they come from
+    product_file: empty: machine and crop say what is spread. field, field_ha: of the ground that is worked, None: no
+    boundary known. map_trouble: why the job's map cannot be used; one line.
+    """
+
+    setup: Setup
+    job_file: str
+    crop_file: str
+    machine_file: str
     shipped_machine: bool = False
+    product_file: str = ""
+    field: str = ""
+    field_ha: float | None = None
+    map_file: str = ""
+    map_check: MapCheck | None = None
+    map_trouble: str = ""
     jobs: tuple[File, ...] = ()
     crops: tuple[File, ...] = ()
     machines: tuple[File, ...] = ()
+    products: tuple[File, ...] = ()
+
+    @property
+    def names(self) -> JobNames:
+        """Whose job it is, and what is spread."""
+        job, product = self.setup.job, self.setup.product
+        return JobNames(job.client, job.farm, self.field, job.product or ("" if product is None else product.name),
+                        job.operator, self.product_file)
 
 
 class MapFile(NamedTuple):

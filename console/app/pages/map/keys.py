@@ -5,30 +5,18 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from console.app import layers
-from console.app.action import MAP, Action
+from console.app.action import MAP, Action, on
 from console.app.dialogs import Choice, ChoiceDialog
 from console.app.kept_lines import guide_record
 from console.locale import N_, _
 
 if TYPE_CHECKING:
     from console.app.pages.map.page import MapScreen
-    from console.app.pages.replay.log_files import LogFile
+    from console.app.pages.replay.service import LogFile
 
 
 def next_layer(page: MapScreen) -> None:
     page.shown_layer = layers.after(page.shown_layer)
-
-
-def nearer(page: MapScreen) -> None:
-    page.zoom(1)
-
-
-def farther(page: MapScreen) -> None:
-    page.zoom(-1)
-
-
-def follow(page: MapScreen) -> None:
-    page.toggle_follow()
 
 
 def whole_field(page: MapScreen) -> None:
@@ -53,31 +41,10 @@ def _choose_laid(page: MapScreen, listed: tuple[LogFile, ...]) -> None:
     if not listed and not page.laid.path:
         page.app.notice(_("there is no file yet that could be laid on the map"))
         return
-
-    def answer(path: str | None) -> None:
-        if path is not None:
-            page.lay(path)
-
     choices = [Choice(one.path, f"{one.name}  {one.changed}  {one.size}") for one in listed]
     if page.laid.path:
         choices.append(Choice("", _("none: take the file off")))
-    page.app.push_screen(ChoiceDialog(_("Lay a file on the map"), choices, page.laid.path), answer)
-
-
-def west(page: MapScreen) -> None:
-    page.pan(-1, 0)
-
-
-def east(page: MapScreen) -> None:
-    page.pan(1, 0)
-
-
-def north(page: MapScreen) -> None:
-    page.pan(0, 1)
-
-
-def south(page: MapScreen) -> None:
-    page.pan(0, -1)
+    page.app.ask(ChoiceDialog(_("Lay a file on the map"), choices, page.laid.path), page.lay)
 
 
 def machine_or_log(page: MapScreen) -> None:
@@ -90,44 +57,42 @@ def why_no_plan(page: MapScreen) -> str:
     return _("this job has no map of planned rates") if picture is None or picture.planned is None else ""
 
 
-def boundary(page: MapScreen) -> None:
-    page.boundary_key()
-
-
-def guide(page: MapScreen) -> None:
-    page.guide_key()
-
-
 def no_guide(page: MapScreen) -> None:
     page.app.guide.clear()
     page.app.keep_line(guide_record(page.app.guide))
 
 
-ACTIONS = (
+ACTIONS = on(
+    MAP,
     Action("map_boundary", "b", "B", N_("boundary"),
-           N_("Begins at the field's edge, ends after driving round it: the job's field from then on."), boundary, MAP,
-           8),
+           N_("Begins at the field's edge, ends after driving round it: the job's field from then on."),
+           lambda page: page.boundary_key(), bar=8),
     Action("map_guide", "n", "N", N_("A-B line"),
-           N_("Sets A, then B: the Run page shows how far the machine is off the line. It does not steer."), guide,
-           MAP, 8),
-    Action("map_no_guide", "delete,backspace", "Del", N_("no line"), N_("Takes the A-B line away."), no_guide, MAP,
+           N_("Sets A, then B: the Run page shows how far the machine is off the line. It does not steer."),
+           lambda page: page.guide_key(), bar=8),
+    Action("map_no_guide", "delete,backspace", "Del", N_("no line"), N_("Takes the A-B line away."), no_guide,
            why=lambda page: "" if page.app.guide.a is not None else _("there is no A-B line")),
     Action("map_layer", "v", "V", N_("colours"), N_("Applied, target, error or NDVI; also a click on its word."),
-           next_layer, MAP, 3),
-    Action("map_in", "plus,equals_sign,kp_plus", "+", N_("nearer"), N_("Nearer; also by the wheel."), nearer, MAP, 4),
-    Action("map_out", "minus,kp_minus", "-", N_("farther"), N_("Farther away; also by the wheel."), farther, MAP, 5),
-    Action("map_follow", "y", "Y", N_("follow"), N_("Follows the machine, or stops following."), follow, MAP, 6),
-    Action("map_whole", "z", "Z", N_("whole field"), N_("The whole field and all the work on it."), whole_field, MAP,
-           7),
+           next_layer, bar=3),
+    Action("map_in", "plus,equals_sign,kp_plus", "+", N_("nearer"), N_("Nearer; also by the wheel."),
+           lambda page: page.zoom(1), bar=4),
+    Action("map_out", "minus,kp_minus", "-", N_("farther"), N_("Farther away; also by the wheel."),
+           lambda page: page.zoom(-1), bar=5),
+    Action("map_follow", "y", "Y", N_("follow"), N_("Follows the machine, or stops following."),
+           lambda page: page.toggle_follow(), bar=6),
+    Action("map_whole", "z", "Z", N_("whole field"), N_("The whole field and all the work on it."), whole_field, bar=7),
     Action("map_plan", "p", "P", N_("plan"), N_("Shows or hides the planned rates of ground not yet worked."), plan,
-           MAP, 8, why=why_no_plan),
+           bar=8, why=why_no_plan),
     Action("map_file", "j", "J", N_("file"), N_("Lays a file on the map, as applied or harvested, or takes it off."),
-           lay_file, MAP, 8),
-    Action("map_west", "left", "<", N_("west"), N_("Moves the map; also by dragging it."), west, MAP),
-    Action("map_east", "right", ">", N_("east"), N_("Moves the map; also by dragging it."), east, MAP),
-    Action("map_north", "up", "up", N_("north"), N_("Moves the map; also by dragging it."), north, MAP),
-    Action("map_south", "down", "down", N_("south"), N_("Moves the map; also by dragging it."), south, MAP),
+           lay_file, bar=8),
+    Action("map_west", "left", "<", N_("west"), N_("Moves the map; also by dragging it."),
+           lambda page: page.pan(-1, 0)),
+    Action("map_east", "right", ">", N_("east"), N_("Moves the map; also by dragging it."),
+           lambda page: page.pan(1, 0)),
+    Action("map_north", "up", "up", N_("north"), N_("Moves the map; also by dragging it."),
+           lambda page: page.pan(0, 1)),
+    Action("map_south", "down", "down", N_("south"), N_("Moves the map; also by dragging it."),
+           lambda page: page.pan(0, -1)),
     Action("map_log", "q_1", "Q1", N_("machine / log"), N_("The machine at work, or the log of the replay."),
-           machine_or_log, MAP,
-           why=lambda page: page.why_no_turn()),
+           machine_or_log, why=lambda page: page.why_no_turn()),
 )

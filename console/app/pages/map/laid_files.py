@@ -1,24 +1,12 @@
 """The file that is laid on the map, read along with the screen, and again where another job has another plane."""
 from __future__ import annotations
 
-import asyncio
-from typing import TYPE_CHECKING, Protocol
+from functools import partial
+from typing import TYPE_CHECKING
 
 from console.app.laid import LaidFile
-from console.app.pages.replay.log_files import LogFile
 from console.frame import Frame
 from console.locale import _
-
-
-class LayerFiles(Protocol):
-    """Errors are one-line ValueErrors."""
-
-    def files(self, running_log: str) -> tuple[LogFile, ...]:
-        """The newest first, without the log that is being written."""
-
-    def lay(self, path: str, frame: Frame) -> LaidFile:
-        """Reads a file onto the plane of a frame that has a position; seconds for a long one."""
-
 
 if TYPE_CHECKING:
     from console.app.pages.page import Page
@@ -47,17 +35,16 @@ class LaidFiles:
         key = (self.path, frame.log_path, frame.job)
         if key != self._asked:
             self._asked, self._laid = key, None
-            self._page.app.run_worker(self._bring(key, frame, files), group="laid", exit_on_error=False)
+            self._page.app.with_files(partial(files.lay, self.path, frame), partial(self._have, key),
+                                      partial(self._not_laid, key), group="laid")
         return self._laid
 
-    async def _bring(self, key: tuple[str, str, str], frame: Frame, files: LayerFiles) -> None:
-        try:
-            laid = await asyncio.to_thread(files.lay, self.path, frame)
-        except ValueError as error:
-            if key == self._asked:
-                self.want("")
-                self._page.app.notice(str(error))
-            return
+    def _not_laid(self, key: tuple[str, str, str], why: str) -> None:
+        if key == self._asked:
+            self.want("")
+            self._page.app.notice(why)
+
+    def _have(self, key: tuple[str, str, str], laid: LaidFile) -> None:
         if key != self._asked:
             return
         self._laid = laid

@@ -4,14 +4,12 @@ from __future__ import annotations
 from typing import ClassVar, NamedTuple
 
 from rich.cells import cell_len
-from rich.color import Color
-from rich.style import Style
 from textual.strip import Strip
 
 from console.app.layers import LABELS, Layer, LayerScale
-from console.app.terminal import few_colours
 from console.app.widgets.canvas import Canvas
-from console.app.widgets.field_map import LAID_SHARE, LEVELS_ERROR, LEVELS_LAID, mixed, rgb_of
+from console.app.widgets.field_map import LAID_SHARE, LEVELS_ERROR, LEVELS_LAID
+from console.app.widgets.map_legend import ramp_of
 from console.app.widgets.panel import fit
 from console.locale import _
 
@@ -25,7 +23,6 @@ class LaidLegendView(NamedTuple):
     label: str
     scale: LayerScale | None
     said: str
-    language: str = ""
 
 
 class LaidLegend(Canvas[LaidLegendView]):
@@ -43,17 +40,9 @@ class LaidLegend(Canvas[LaidLegendView]):
         room = width - sum(map(cell_len, (low, high)))
         name = fit(name, min(cell_len(name), max(0, room - _LEAST_CELLS)))
         cells = max(_LEAST_CELLS, min(_MOST_CELLS, room - cell_len(name)))
-        return [self.text_strip(width, (name, self.rich_style), (low, muted), *self._ramp(scale, cells),
-                                (high, muted))]
-
-    def _ramp(self, scale: LayerScale, cells: int) -> list[tuple[str, Style]]:
-        base = self.rich_style
-        if few_colours(self.app):
-            return [(LEVELS_ERROR if scale.layer is Layer.ERROR else LEVELS_LAID, base)]
-        ground = rgb_of(base.bgcolor, (0, 0, 0))
-        colours = [Color.from_rgb(*mixed(scale.colour(step / (cells - 1)), ground, LAID_SHARE))
-                   for step in range(cells)]
-        return [("█", base + Style(color=colour, bgcolor=colour)) for colour in colours]
+        levels = LEVELS_ERROR if scale.layer is Layer.ERROR else LEVELS_LAID
+        return [self.text_strip(width, (name, self.rich_style), (low, muted),
+                                *ramp_of(self, scale, cells, levels, LAID_SHARE), (high, muted))]
 
 
 def label_of(scale: LayerScale | None, harvest: str) -> str:

@@ -10,24 +10,18 @@ from textual.message import Message
 
 from console.app.layers import LABELS, Layer
 from console.app.pages.map.reading import Reading
-from console.app.widgets.panel import Panel, Part, line, spread
+from console.app.widgets.panel import Panel, Part, at_cell, in_row, line, spread
 from console.locale import _
 
 
 class MapBarView(NamedTuple):
     layer: Layer
     states: tuple[str, ...]
-    language: str
 
 
 def laid_out() -> tuple[tuple[Layer, str, int], ...]:
     """Layers with their texts and first cells."""
-    placed, start = [], 0
-    for layer in Layer:
-        text = f"  {_(LABELS[layer])}  "
-        placed.append((layer, text, start))
-        start += cell_len(text)
-    return tuple(placed)
+    return in_row((layer, f"  {_(LABELS[layer])}  ") for layer in Layer)
 
 
 class MapBar(Panel[MapBarView]):
@@ -46,9 +40,9 @@ class MapBar(Panel[MapBarView]):
 
     def on_click(self, event: events.Click) -> None:
         event.stop()
-        for layer, text, start in laid_out():
-            if start <= event.x < start + cell_len(text):
-                self.post_message(self.Chosen(layer))
+        layer = at_cell(laid_out(), event.x)
+        if layer is not None:
+            self.post_message(self.Chosen(layer))
 
 
 class ReadingLine(Panel[Reading]):

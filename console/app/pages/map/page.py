@@ -7,10 +7,10 @@ from typing import ClassVar
 from textual.app import ComposeResult
 from textual.containers import Vertical
 
-from console.app.action import JOB, MAP, Action, bindings
+from console.app.action import JOB, MAP, bindings
 from console.app.boundary_drive import BoundaryDrive
 from console.app.camera import Camera, fit
-from console.app.dialogs import Choice, ChoiceDialog, Confirm
+from console.app.dialogs import Choice, ChoiceDialog
 from console.app.guide_line import LEAST_M
 from console.app.kept_lines import corner_record, drive_record, guide_record
 from console.app.laid import LaidFile, LaidView
@@ -22,13 +22,13 @@ from console.app.pages.map.laid_legend import LaidLegend, LaidLegendView, label_
 from console.app.pages.map.map_bar import MapBar, MapBarView, ReadingLine
 from console.app.pages.map.map_pane import MapPane, Place
 from console.app.pages.map.reading import Reading, job_items, reading
-from console.app.replay_job import ReplayJob
+from console.app.pages.replay.service import ReplayJob
 from console.app.view import STALE_S, RunView, look
 from console.app.widgets.items import Items
-from console.app.widgets.map_legend import MapLegend, legend_of
+from console.app.widgets.map_legend import LegendView, MapLegend
 from console.app.widgets.seat_rates import SeatRates
 from console.frame import Frame
-from console.locale import _, in_use
+from console.locale import _
 
 PAN_SHARE = 0.2                # of the picture's width, by an arrow key
 NEAR_M = 0.5                   # of a pixel, when the machine is followed from the whole field's picture
@@ -55,9 +55,9 @@ class MapScreen(LogPage):
         rates = look(None, 0.0, self.app.units).rates
         with Vertical(id="map-left"):
             yield SeatRates(rates, id="map-strip")
-            yield MapBar(MapBarView(self.shown_layer, (), in_use()), id="map-bar")
+            yield MapBar(MapBarView(self.shown_layer, ()), id="map-bar")
             yield MapPane(EMPTY_MAP, id="map-pane")
-            yield MapLegend(legend_of(EMPTY_MAP.scale, 1.0, self.app.units.distance, False), id="map-scale")
+            yield MapLegend(LegendView(EMPTY_MAP.scale, 1.0, self.app.units.distance, False), id="map-scale")
             yield LaidLegend(LaidLegendView("", "", None, ""), id="map-laid")
             yield ReadingLine(Reading("", ()), id="map-reading")
         with Vertical(id="map-right"):
@@ -114,13 +114,12 @@ class MapScreen(LogPage):
         half_m = 0.5 * (picture.width_m if picture is not None else 0.0)
         distance = self.app.units.fine_distance
 
-        def begin(side: str | None) -> None:
-            if side is not None:
-                self._drive_is(BoundaryDrive({"left": -half_m, "right": half_m}.get(side, 0.0)))
-                self.app.notice(_("the boundary begins here: drive round the field, then B again"))
-                self._at_once()
+        def begin(side: str) -> None:
+            self._drive_is(BoundaryDrive({"left": -half_m, "right": half_m}.get(side, 0.0)))
+            self.app.notice(_("the boundary begins here: drive round the field, then B again"))
+            self.app.look()
 
-        self.app.push_screen(ChoiceDialog(_("Drive round the field. Where is its edge?"), [
+        self.app.ask(ChoiceDialog(_("Drive round the field. Where is its edge?"), [
             Choice("right", _("to the right, half a width ({half}): driven clockwise").format(
                 half=distance.full(half_m))),
             Choice("left", _("to the left, half a width ({half}): driven anticlockwise").format(
@@ -130,21 +129,20 @@ class MapScreen(LogPage):
     def _end_drive(self, drive: BoundaryDrive) -> None:
         way, units = self.app.units.distance.full(drive.way_m), self.app.units
 
-        def drop(yes: bool | None) -> None:
-            if yes:
-                self._drive_is(None)
-                self._at_once()
+        def drop() -> None:
+            self._drive_is(None)
+            self.app.look()
 
         if not drive.enough:
-            self.app.push_screen(Confirm(_("Cancel the boundary?"), _(
+            self.app.confirm(_("Cancel the boundary?"), _(
                 "{way} driven, {open} from the end back to its beginning: that is no field yet. Esc goes on.").format(
-                    way=way, open=units.distance.full(drive.open_m))), drop)
+                    way=way, open=units.distance.full(drive.open_m)), drop)
             return
 
-        def keep(answer: str | None) -> None:
+        def keep(answer: str) -> None:
             service = self.app.services.job
             if answer == "drop":
-                drop(True)
+                drop()
             elif answer == "keep" and service is not None:
                 ring = drive.ring_deg()
                 self._drive_is(None)
@@ -153,7 +151,7 @@ class MapScreen(LogPage):
 
         no_files = _("files are not available here") if self.app.services.job is None else (
             _("stop the machine first (X); the boundary waits") if self.app.job_page.at_work else "")
-        self.app.push_screen(ChoiceDialog(_("The boundary ends here"), [
+        self.app.ask(ChoiceDialog(_("The boundary ends here"), [
             Choice("keep", _("keep it as the job's field"), no_files), Choice("more", _("go on driving")),
             Choice("drop", _("cancel it"))], "", _("{way} driven; the last {open} back to its beginning are drawn "
                                                   "straight.").format(way=way, open=units.distance.full(drive.open_m))),
@@ -205,8 +203,8 @@ class MapScreen(LogPage):
             view = view._replace(lines=(*view.lines, self.driven))
         self.pane.show(view)
         planned = self.plan and view.picture is not None and view.picture.planned is not None
-        self.query_one("#map-scale", MapLegend).show(legend_of(view.scale, camera.metres, units.distance, planned))
-        self.query_one("#map-bar", MapBar).show(MapBarView(self.shown_layer, self._states(), in_use()))
+        self.query_one("#map-scale", MapLegend).show(LegendView(view.scale, camera.metres, units.distance, planned))
+        self.query_one("#map-bar", MapBar).show(MapBarView(self.shown_layer, self._states()))
         self._tell_laid(laid, view.laid)
         self._read(camera)
 
@@ -216,17 +214,17 @@ class MapScreen(LogPage):
         if laid is None:
             waits = self._frame is None or self._frame.place_m is None
             said = _("no position yet") if waits else _("reading the file")
-            legend.show(LaidLegendView(Path(self.laid.path).name, "", None, said, in_use()))
+            legend.show(LaidLegendView(Path(self.laid.path).name, "", None, said))
             return
         scale = shown.scale if shown is not None else None
         label = label_of(scale, laid.harvest.label if laid.harvest is not None else "")
         lacks = _("no {what} in it").format(what=_(LABELS[self.shown_layer]))
-        legend.show(LaidLegendView(laid.name, label, scale, "" if scale is not None else lacks, in_use()))
+        legend.show(LaidLegendView(laid.name, label, scale, "" if scale is not None else lacks))
 
     def lay(self, path: str) -> None:
         """"": none."""
         self.laid.want(path)
-        self._at_once()
+        self.app.look()
 
     @property
     def driven(self) -> tuple[tuple[float, float], ...]:
@@ -258,10 +256,6 @@ class MapScreen(LogPage):
 
     # --- what is pressed, clicked, pulled -----------------------------------------------------------------------
 
-    def perform(self, action: Action) -> None:
-        super().perform(action)
-        self._at_once()
-
     def zoom(self, steps: int) -> None:
         self.camera = self._camera().zoomed(steps)
 
@@ -281,17 +275,13 @@ class MapScreen(LogPage):
     def _move(self, columns: int, rows: int) -> None:
         self.camera, self.follow = self._camera().moved(columns, rows), False
 
-    def _at_once(self) -> None:
-        self.maps.hurry()
-        self.tick(self.app.clock())
-
     def on_resize(self, event: object) -> None:
         self.maps.hurry()
 
     def on_map_bar_chosen(self, event: MapBar.Chosen) -> None:
         if not self.app.locked:
             self.shown_layer = event.layer
-            self._at_once()
+            self.app.look()
 
     def on_map_pane_pointed(self, event: MapPane.Pointed) -> None:
         self.pointed = event.place
@@ -301,7 +291,7 @@ class MapScreen(LogPage):
         if not self.app.locked:
             self._move(-event.columns, event.rows)
             self.marked = False
-            self._at_once()
+            self.app.look()
 
     def on_map_pane_wheeled(self, event: MapPane.Wheeled) -> None:
         if self.app.locked:
@@ -312,4 +302,4 @@ class MapScreen(LogPage):
         east, north = event.place
         self.camera = near._replace(east_m=east + share * (before.east_m - east),
                                     north_m=north + share * (before.north_m - north))
-        self._at_once()
+        self.app.look()

@@ -5,13 +5,13 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from console.app import words
-from console.app.action import REPLAY, Action
+from console.app.action import REPLAY, Action, on
 from console.app.dialogs import Choice, ChoiceDialog, TextDialog
 from console.locale import N_, _
 
 if TYPE_CHECKING:
-    from console.app.pages.replay.log_files import LogFile, LogFiles
     from console.app.pages.replay.page import ReplayScreen
+    from console.app.pages.replay.service import LogFile, LogFiles
 
 SEEK_S = 30.0
 
@@ -28,53 +28,12 @@ def _choose_log(page: ReplayScreen, files: LogFiles, listed: tuple[LogFile, ...]
     if not listed:
         page.app.notice(_("there is no log yet"))
         return
-
-    def answer(path: str | None) -> None:
-        if path is not None:
-            page.read_log(files, path)
-
     choices = [Choice(one.path, f"{one.name}  {one.changed}  {one.size}") for one in listed]
-    page.app.push_screen(ChoiceDialog(_("Open a log"), choices, ""), answer)
-
-
-def play(page: ReplayScreen) -> None:
-    page.played.source.toggle()
-
-
-def step_back(page: ReplayScreen) -> None:
-    page.played.source.step(-1)
-
-
-def step_on(page: ReplayScreen) -> None:
-    page.played.source.step(1)
-
-
-def seek_back(page: ReplayScreen) -> None:
-    page.played.source.seek(page.played.source.at_s - SEEK_S)
-
-
-def seek_on(page: ReplayScreen) -> None:
-    page.played.source.seek(page.played.source.at_s + SEEK_S)
-
-
-def seek_start(page: ReplayScreen) -> None:
-    page.played.source.seek(page.played.source.start_s)
-
-
-def seek_end(page: ReplayScreen) -> None:
-    page.played.source.seek(page.played.source.end_s)
-
-
-def slower(page: ReplayScreen) -> None:
-    page.played.source.change_speed(-1)
-
-
-def faster(page: ReplayScreen) -> None:
-    page.played.source.change_speed(1)
+    page.app.ask(ChoiceDialog(_("Open a log"), choices, ""), lambda path: page.read_log(files, path))
 
 
 def next_alarm(page: ReplayScreen) -> None:
-    if not page.played.source.next_alarm():
+    if not page.player.next_alarm():
         page.app.notice(_("no further alarm in this log"))
 
 
@@ -84,16 +43,7 @@ def what_if(page: ReplayScreen) -> None:
                for name in words.STRATEGIES]
     choices += [Choice(f"crop:{name}", f"{_('crop')}: {name}") for name in job.crops]
     choices += [Choice(f"machine:{name}", f"{_('machine')}: {name}") for name in job.machines]
-    page.app.push_screen(ChoiceDialog(_("What if"), choices, "", _("changes add up; Del goes back to the log")),
-                         page.begin)
-
-
-def cancel_what_if(page: ReplayScreen) -> None:
-    page.cancel()
-
-
-def as_recorded(page: ReplayScreen) -> None:
-    page.back_to_recorded()
+    page.app.ask(ChoiceDialog(_("What if"), choices, "", _("changes add up; Del goes back to the log")), page.begin)
 
 
 def findings(page: ReplayScreen) -> None:
@@ -115,29 +65,35 @@ def why_no_cancel(page: ReplayScreen) -> str:
     return _("no what-if is being computed") if page.computing is None else ""
 
 
-ACTIONS = (
-    Action("open_log", "j", "J", N_("open"), N_("Another log, the newest first."), open_log, REPLAY, 3),
-    Action("play", "y", "Y", N_("play / pause"), N_("Plays or pauses the log."), play, REPLAY, 3, why=why_no_log),
-    Action("step_back", "left", "<", N_("back"), N_("One row back."), step_back, REPLAY, 4, why=why_no_log),
-    Action("step_on", "right", ">", N_("on"), N_("One row on."), step_on, REPLAY, 5, why=why_no_log),
-    Action("seek_back", "pageup,shift+left", "PgUp", N_("-30 s"), N_("30 s back."), seek_back, REPLAY, 6,
+ACTIONS = on(
+    REPLAY,
+    Action("open_log", "j", "J", N_("open"), N_("Another log, the newest first."), open_log, bar=3),
+    Action("play", "y", "Y", N_("play / pause"), N_("Plays or pauses the log."), lambda page: page.player.toggle(),
+           bar=3, why=why_no_log),
+    Action("step_back", "left", "<", N_("back"), N_("One row back."), lambda page: page.player.step(-1), bar=4,
            why=why_no_log),
-    Action("seek_on", "pagedown,shift+right", "PgDn", N_("+30 s"), N_("30 s on."), seek_on, REPLAY, 7, why=why_no_log),
-    Action("seek_start", "home", "Home", N_("start of log"), N_("To the first row."), seek_start, REPLAY,
+    Action("step_on", "right", ">", N_("on"), N_("One row on."), lambda page: page.player.step(1), bar=5,
            why=why_no_log),
-    Action("seek_end", "end", "End", N_("end of log"), N_("To the last row."), seek_end, REPLAY, why=why_no_log),
-    Action("slower", "left_square_bracket", "[", N_("slower"), N_("Half as fast, down to 0.1x."), slower, REPLAY,
-           8, why=why_no_log),
-    Action("faster", "right_square_bracket", "]", N_("faster"), N_("Twice as fast, up to 1000x."), faster,
-           REPLAY, 8, why=why_no_log),
+    Action("seek_back", "pageup,shift+left", "PgUp", N_("-30 s"), N_("30 s back."),
+           lambda page: page.player.seek(page.player.at_s - SEEK_S), bar=6, why=why_no_log),
+    Action("seek_on", "pagedown,shift+right", "PgDn", N_("+30 s"), N_("30 s on."),
+           lambda page: page.player.seek(page.player.at_s + SEEK_S), bar=7, why=why_no_log),
+    Action("seek_start", "home", "Home", N_("start of log"), N_("To the first row."),
+           lambda page: page.player.seek(page.player.start_s), why=why_no_log),
+    Action("seek_end", "end", "End", N_("end of log"), N_("To the last row."),
+           lambda page: page.player.seek(page.player.end_s), why=why_no_log),
+    Action("slower", "left_square_bracket", "[", N_("slower"), N_("Half as fast, down to 0.1x."),
+           lambda page: page.player.change_speed(-1), bar=8, why=why_no_log),
+    Action("faster", "right_square_bracket", "]", N_("faster"), N_("Twice as fast, up to 1000x."),
+           lambda page: page.player.change_speed(1), bar=8, why=why_no_log),
     Action("next_alarm", "down", "Down", N_("next alarm"), N_("To the next row on which a new alarm stands."),
-           next_alarm, REPLAY, why=why_no_log),
+           next_alarm, why=why_no_log),
     Action("what_if", "q_1", "Q1", N_("what if"), N_("The same log with another strategy, crop or machine."), what_if,
-           REPLAY, why=why_no_what_if),
-    Action("cancel_what_if", "escape", "Esc", N_("cancel"), N_("Stops computing a what-if."), cancel_what_if, REPLAY,
-           why=why_no_cancel),
+           why=why_no_what_if),
+    Action("cancel_what_if", "escape", "Esc", N_("cancel"), N_("Stops computing a what-if."),
+           lambda page: page.cancel(), why=why_no_cancel),
     Action("as_recorded", "delete,backspace", "Del", N_("as recorded"), N_("Back to the log as it was recorded."),
-           as_recorded, REPLAY, why=why_no_log),
+           lambda page: page.back_to_recorded(), why=why_no_log),
     Action("findings", "q_2", "Q2", N_("findings"), N_("What was found in this log when it was opened."), findings,
-           REPLAY, why=why_no_log),
+           why=why_no_log),
 )

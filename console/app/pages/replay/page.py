@@ -3,22 +3,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import islice
-from threading import Event
 from typing import ClassVar
 
 from textual.app import ComposeResult
-from textual.worker import Worker, WorkerState
+from textual.worker import Worker, get_current_worker
 
 from console.app import words
-from console.app.action import REPLAY, Action, bindings
+from console.app.action import REPLAY, bindings
 from console.app.field_picture import FieldPicture
 from console.app.history import LogHistory, Point
 from console.app.pages.log_page import EMPTY_GROUND
 from console.app.pages.panel_page import PanelScreen
 from console.app.pages.replay.keys import ACTIONS
-from console.app.pages.replay.log_files import LogFiles
 from console.app.pages.replay.replay_bar import ReplayBar, ReplayView
-from console.app.replay_job import ReplayJob, WhatIf
+from console.app.pages.replay.service import LogFiles, ReplayJob, WhatIf
+from console.app.replay_source import ReplaySource
 from console.app.view import RunView, duration
 from console.app.worked import Worked
 from console.frame import Frame
@@ -37,11 +36,9 @@ class ReplayScreen(PanelScreen):
         self.add_class("replay")
         self.job: ReplayJob | None = None
         self.chosen = WhatIf()
-        self.computing: Worker[Sequence[Frame]] | None = None
-        self.opening: Worker[ReplayJob] | None = None
-        self._wanted = WhatIf()
+        self.computing: Worker[None] | None = None
         self._history = LogHistory(())
-        self._stop, self._share = Event(), 0.0
+        self._share = 0.0
         if job is not None:
             self.open(job)
 
@@ -128,77 +125,67 @@ class ReplayScreen(PanelScreen):
             source.seek(source.start_s + event.share * (source.end_s - source.start_s))
             self.hurry()
 
-    def perform(self, action: Action) -> None:
-        super().perform(action)
-        self.hurry()
-
     @property
     def played(self) -> ReplayJob:
         """For the actions, which are done only where a log is open."""
         assert self.job is not None
         return self.job
 
+    @property
+    def player(self) -> ReplaySource:
+        return self.played.source
+
     def back_to_recorded(self) -> None:
         self.cancel()
-        self.played.source.replace(self._recorded)
+        self.player.replace(self._recorded)
         self.chosen = WhatIf()
         self._note_alarms()
 
     def read_log(self, files: LogFiles, path: str) -> None:
-        self.app.notice(_("reading the log"))
-        self.opening = self.run_worker(lambda: files.open(path), group="open-log", thread=True, exclusive=True,
-                                       exit_on_error=False)
-
-    def _opened(self, event: Worker.StateChanged) -> None:
-        if event.state is WorkerState.SUCCESS and event.worker.result is not None:
+        def opened(job: ReplayJob) -> None:
             self.cancel()
-            self.open(event.worker.result)
-        elif event.state is WorkerState.ERROR:
-            self.app.notice(str(event.worker.error))
+            self.open(job)
 
-    def begin(self, choice: str | None) -> None:
-        if choice is None or self.job is None or self.job.what_if is None:
+        self.app.notice(_("reading the log"))
+        self.app.with_files(lambda: files.open(path), opened, group="open-log")
+
+    def begin(self, choice: str) -> None:
+        if self.job is None or self.job.what_if is None:
             return
         field, _colon, value = choice.partition(":")
-        self._wanted = self.chosen._replace(**{field: value})
-        compute, wanted = self.job.what_if, self._wanted
+        compute, wanted = self.job.what_if, self.chosen._replace(**{field: value})
         self.cancel()
-        self._stop, self._share = Event(), 0.0
-        stop = self._stop
+        self._share = 0.0
 
-        def tell(share: float) -> None:
-            if not stop.is_set():
-                self._share = share
+        def run() -> Sequence[Frame]:
+            me = get_current_worker()
 
-        self.computing = self.run_worker(lambda: compute(wanted, stop.is_set, tell), group="what-if", thread=True,
-                                         exit_on_error=False)
+            def tell(share: float) -> None:
+                if not me.is_cancelled:
+                    self._share = share
+
+            return compute(wanted, lambda: me.is_cancelled, tell)
+
+        def computed(frames: Sequence[Frame]) -> None:
+            self.cancel()
+            try:
+                self.player.replace(frames)
+            except ValueError as error:
+                self.app.notice(str(error))
+                return
+            self.chosen = wanted
+            self._note_alarms()
+
+        def failed(why: str) -> None:
+            self.cancel()
+            self.app.notice(why)
+
+        self.computing = self.app.with_files(run, computed, failed, group="what-if")
         self.hurry()
 
     def cancel(self) -> None:
         """The thread ends at its next row; its result is no longer looked at."""
-        self._stop.set()
         if self.computing is not None:
             self.computing.cancel()
             self.computing = None
-            self.hurry()
-
-    def on_worker_state_changed(self, event: Worker.StateChanged) -> None:
-        if event.worker is self.opening:
-            self._opened(event)
-            return
-        if event.worker is not self.computing or self.job is None:
-            return
-        if event.state is WorkerState.SUCCESS:
-            self.computing = None
-            try:
-                self.job.source.replace(event.worker.result or ())
-            except ValueError as error:
-                self.app.notice(str(error))
-                return
-            self.chosen = self._wanted
-            self._note_alarms()
-            self.hurry()
-        elif event.state is WorkerState.ERROR:
-            self.computing = None
-            self.app.notice(str(event.worker.error))
             self.hurry()

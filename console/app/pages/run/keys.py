@@ -5,8 +5,8 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from console.app import words
-from console.app.action import RUN, Action
-from console.app.dialogs import Choice, ChoiceDialog, Confirm, NudgeDialog
+from console.app.action import RUN, Action, on
+from console.app.dialogs import Choice, ChoiceDialog, NudgeDialog
 from console.app.number_dialog import NumberDialog
 from console.app.pages.run.allowing import SECTIONS, allow_choices, allowances
 from console.app.pages.run.section_bar import section_choices
@@ -29,27 +29,17 @@ def start(page: RunScreen) -> None:
     page.app.give(Do.START, True if page.start_key.down(now_s) else None)
 
 
-def ready(page: RunScreen) -> None:
-    page.app.give(Do.READY)
-
-
-def nudge_up(page: RunScreen) -> None:
-    _ask_nudge(page, 1)
-
-
-def nudge_down(page: RunScreen) -> None:
-    _ask_nudge(page, -1)
-
-
 def _ask_nudge(page: RunScreen, first: int) -> None:
     frame = page.app.arrival.frame
     now = (frame.row.nudge_percent if frame else None) or 0.0
 
-    def answer(percent: float | None) -> None:
-        if percent is not None and percent != now:
-            page.app.give(Do.NUDGE, percent)
+    page.app.ask(NudgeDialog(now, first), lambda percent: _give_new(page, Do.NUDGE, percent, now))
 
-    page.app.push_screen(NudgeDialog(now, first), answer)
+
+def _give_new(page: RunScreen, do: Do, value: str | float, now: str | float) -> None:
+    """What holds already is no order."""
+    if value != now:
+        page.app.give(do, value)
 
 
 def strategy(page: RunScreen) -> None:
@@ -73,25 +63,19 @@ def source(page: RunScreen) -> None:
 
 
 def _ask_choice(page: RunScreen, title: str, choices: Sequence[Choice], now: str, do: Do) -> None:
-    def answer(value: str | None) -> None:
-        if value is not None and value != now:
-            page.app.give(do, value)
-
-    page.app.push_screen(ChoiceDialog(title, choices, now), answer)
+    page.app.ask(ChoiceDialog(title, choices, now), lambda value: _give_new(page, do, value, now))
 
 
 def manual_rate(page: RunScreen) -> None:
     unit = page.app.units.rate
     low, high = inside(unit, *page.app.limits_kg_ha, 0)
 
-    def answer(rate_kg_ha: float | None) -> None:
-        if rate_kg_ha is None:
-            return
+    def give(rate_kg_ha: float) -> None:
         page.app.give(Do.MANUAL_RATE, rate_kg_ha)
         if ordered_source(page.app.arrival.frame) != TargetSource.MANUAL:
             _ask_to_use(page, rate_kg_ha, Order(Do.SOURCE, TargetSource.MANUAL.value))
 
-    page.app.push_screen(NumberDialog(_("Manual rate"), unit.name, low, high, to_si=unit.to_si), answer)
+    page.app.ask(NumberDialog(_("Manual rate"), unit.name, low, high, to_si=unit.to_si), give)
 
 
 def preset(number: int) -> Callable[[RunScreen], None]:
@@ -110,133 +94,83 @@ def preset(number: int) -> Callable[[RunScreen], None]:
 
 
 def _ask_to_use(page: RunScreen, rate_kg_ha: float, *orders: Order) -> None:
-    def answer(yes: bool | None) -> None:
-        if yes:
-            page.app.give_all(*orders)
-
-    page.app.push_screen(Confirm(_("Use the manual rate of {rate} now?").format(
-        rate=in_words(page.app.units.rate, rate_kg_ha)), _("It takes the place of canopy or map, everywhere.")), answer)
-
-
-def refill(page: RunScreen) -> None:
-    page.app.job_page.ask_refill()
-
-
-def mark(page: RunScreen) -> None:
-    page.app.give(Do.MARK, "mark")
+    page.app.confirm(_("Use the manual rate of {rate} now?").format(
+        rate=in_words(page.app.units.rate, rate_kg_ha)), _("It takes the place of canopy or map, everywhere."),
+        lambda: page.app.give_all(*orders))
 
 
 def look_ahead(page: RunScreen) -> None:
     frame = page.app.arrival.frame
     on = frame.look_ahead if frame else True
     title = _("Switch the look-ahead off?") if on else _("Switch the look-ahead on?")
-    _ask_switch(page, title, _("Without it every rate change lands late by the lag distance."), Do.LOOK_AHEAD, on)
+    page.app.confirm(title, _("Without it every rate change lands late by the lag distance."),
+                     lambda: page.app.give(Do.LOOK_AHEAD, not on))
 
 
 def flow_trim(page: RunScreen) -> None:
     frame = page.app.arrival.frame
     on = frame.flow_trim_on if frame else True
     title = _("Switch the scale trim off?") if on else _("Switch the scale trim on?")
-    _ask_switch(page, title, _("With it the hopper scale slowly corrects how much flows per revolution."), Do.FLOW_TRIM,
-                on)
-
-
-def _ask_switch(page: RunScreen, title: str, text: str, do: Do, on: bool) -> None:
-    def answer(yes: bool | None) -> None:
-        if yes:
-            page.app.give(do, not on)
-
-    page.app.push_screen(Confirm(title, text), answer)
+    page.app.confirm(title, _("With it the hopper scale slowly corrects how much flows per revolution."),
+                     lambda: page.app.give(Do.FLOW_TRIM, not on))
 
 
 def allow(page: RunScreen) -> None:
-    def answer(value: str | None) -> None:
+    def turn(value: str) -> None:
         if value == SECTIONS:
-            _ask_section(page)
-        elif value is not None:
-            one = offered[value]
-            page.app.give(one.do, one.to)
+            page.app.ask(ChoiceDialog(_("Sections"), section_choices(page.app.arrival.frame), "", _(
+                "A section closed by hand stays closed until it is given back.")),
+                lambda value: page.app.give(Do.SECTION, value))
+        else:
+            page.app.give(offered[value].do, offered[value].to)
 
     frame = page.app.arrival.frame
     offered = allowances(frame)
-    page.app.push_screen(ChoiceDialog(_("Allow"), allow_choices(frame), "", _(
-        "All but the second dose end with STOP.")), answer)
+    page.app.ask(ChoiceDialog(_("Allow"), allow_choices(frame), "", _("All but the second dose end with STOP.")), turn)
 
 
-def _ask_section(page: RunScreen) -> None:
-    def answer(value: str | None) -> None:
-        if value is not None:
-            page.app.give(Do.SECTION, value)
-
-    page.app.push_screen(ChoiceDialog(_("Sections"), section_choices(page.app.arrival.frame), "", _(
-        "A section closed by hand stays closed until it is given back.")), answer)
-
-
-def cursor_back(page: RunScreen) -> None:
-    page.move_cursor(-1)
-
-
-def cursor_on(page: RunScreen) -> None:
-    page.move_cursor(1)
-
-
-def cursor_far_back(page: RunScreen) -> None:
-    page.move_cursor(-FAR_CELLS)
-
-
-def cursor_far_on(page: RunScreen) -> None:
-    page.move_cursor(FAR_CELLS)
-
-
-def cursor_away(page: RunScreen) -> None:
-    page.drop_cursor()
-
-
-def connect(page: RunScreen) -> None:
-    page.app.ask_connection()
-
-
-ACTIONS = (
-    Action("start", "s", "S", N_("start"), N_("Ready or held: begin to work."), start, RUN, 3,
+ACTIONS = on(
+    RUN,
+    Action("start", "s", "S", N_("start"), N_("Ready or held: begin to work."), start, bar=3,
            why=lambda page: why_no_start(page.app), judged=True),
-    Action("ready", "r", "R", N_("ready"), N_("Off, held or fault: make the machine ready."), ready, RUN, 4,
-           why=lambda page: why_not_ready(page.app), judged=True),
+    Action("ready", "r", "R", N_("ready"), N_("Off, held or fault: make the machine ready."),
+           lambda page: page.app.give(Do.READY), bar=4, why=lambda page: why_not_ready(page.app), judged=True),
     Action("nudge_up", "plus,equals_sign,kp_plus", "+", N_("more"),
-           N_("More than the target, in steps of 5 %; asks first."), nudge_up, RUN, 5,
+           N_("More than the target, in steps of 5 %; asks first."), lambda page: _ask_nudge(page, 1), bar=5,
            asks="number"),
     Action("nudge_down", "minus,kp_minus", "-", N_("less"), N_("Less than the target, in steps of 5 %; asks first."),
-           nudge_down, RUN, 6,
-           asks="number"),
+           lambda page: _ask_nudge(page, -1), bar=6, asks="number"),
     Action("strategy", "t", "T", N_("strategy"), N_("Opening first, speed first or balanced; asks first."), strategy,
-           RUN, 7),
+           bar=7),
     Action("source", "o", "O", N_("target from"), N_("Canopy, map, plants, manual or fallback rate; asks first."),
-           source, RUN, 8),
+           source, bar=8),
     Action("manual_rate", "m", "M", N_("manual rate"), N_("Type a rate; the allowed range is shown."), manual_rate,
-           RUN, 8, asks="number"),
+           bar=8, asks="number"),
     Action("preset_1", "comma", ",", N_("preset 1"), N_("The first preset rate of the settings; asks first."),
-           preset(0), RUN, 9),
+           preset(0), bar=9),
     Action("preset_2", "full_stop", ".", N_("preset 2"), N_("The second preset rate of the settings; asks first."),
-           preset(1), RUN, 9),
+           preset(1), bar=9),
     Action("preset_3", "slash", "/", N_("preset 3"), N_("The third preset rate of the settings; asks first."),
-           preset(2), RUN, 9),
-    Action("refill", "f", "F", N_("refill"), N_("Type how much was filled in; the log keeps it."), refill, RUN,
-           8, asks="number"),
-    Action("mark", "k", "K", N_("mark"), N_("A mark in the log's events at this moment."), mark, RUN),
-    Action("look_ahead", "l", "L", N_("look-ahead"), N_("Switches the lag correction; asks first."), look_ahead, RUN),
+           preset(2), bar=9),
+    Action("refill", "f", "F", N_("refill"), N_("Type how much was filled in; the log keeps it."),
+           lambda page: page.app.job_page.ask_refill(), bar=8, asks="number"),
+    Action("mark", "k", "K", N_("mark"), N_("A mark in the log's events at this moment."),
+           lambda page: page.app.give(Do.MARK, "mark")),
+    Action("look_ahead", "l", "L", N_("look-ahead"), N_("Switches the lag correction; asks first."), look_ahead),
     Action("flow_trim", "w", "W", N_("scale trim"), N_("Lets the hopper scale correct the flow model; asks first."),
-           flow_trim, RUN),
-    Action("allow", "h", "H", N_("allow"), N_("Reversing, outside the field, without a log; asks first."), allow, RUN,
-           9),
+           flow_trim),
+    Action("allow", "h", "H", N_("allow"), N_("Reversing, outside the field, without a log; asks first."), allow,
+           bar=9),
     Action("trend_left", "left", "<", N_("cursor back"), N_("Reads the trend at a time; also a click in it."),
-           cursor_back, RUN, why=lambda page: page.why_no_cursor()),
+           lambda page: page.move_cursor(-1), why=lambda page: page.why_no_cursor()),
     Action("trend_right", "right", ">", N_("cursor on"), N_("Reads the trend at a time; also a click in it."),
-           cursor_on, RUN, why=lambda page: page.why_no_cursor()),
-    Action("trend_far_left", "shift+left", "S-<", N_("cursor far back"), N_("Ten steps at once."), cursor_far_back,
-           RUN, why=lambda page: page.why_no_cursor()),
-    Action("trend_far_right", "shift+right", "S->", N_("cursor far on"), N_("Ten steps at once."), cursor_far_on,
-           RUN, why=lambda page: page.why_no_cursor()),
-    Action("trend_cursor_off", "escape", "Esc", N_("cursor away"), N_("Ends reading the trend."), cursor_away, RUN,
-           why=lambda page: _("no cursor is set") if page.cursor_s is None else ""),
+           lambda page: page.move_cursor(1), why=lambda page: page.why_no_cursor()),
+    Action("trend_far_left", "shift+left", "S-<", N_("cursor far back"), N_("Ten steps at once."),
+           lambda page: page.move_cursor(-FAR_CELLS), why=lambda page: page.why_no_cursor()),
+    Action("trend_far_right", "shift+right", "S->", N_("cursor far on"), N_("Ten steps at once."),
+           lambda page: page.move_cursor(FAR_CELLS), why=lambda page: page.why_no_cursor()),
+    Action("trend_cursor_off", "escape", "Esc", N_("cursor away"), N_("Ends reading the trend."),
+           lambda page: page.drop_cursor(), why=lambda page: _("no cursor is set") if page.cursor_s is None else ""),
     Action("connect", "c", "C", N_("connect"), N_("Control worker gone: start it again or attach to one that runs."),
-           connect, RUN, locked=True),
+           lambda page: page.app.ask_connection(), locked=True),
 )

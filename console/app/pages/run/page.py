@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from textual.app import ComposeResult
 
-from console.app.action import RUN, bindings
+from console.app.action import RUN, Action, bindings
 from console.app.held_key import HeldKey
 from console.app.pages.panel_page import PanelScreen
 from console.app.pages.run.keys import ACTIONS
@@ -23,6 +23,10 @@ class RunScreen(PanelScreen):
     def __init__(self) -> None:
         super().__init__()
         self.start_key = HeldKey()          # held down it lets the flow begin with the creep: the launch
+
+    def perform(self, action: Action) -> None:
+        """An order waits for nothing to be drawn."""
+        action.do(self)
 
     def extra(self) -> ComposeResult:
         yield ModelCheck((), id="model-check")

@@ -2,14 +2,13 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
 from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
 from textual import events
 from textual.app import ComposeResult
 from textual.binding import Binding
-from textual.widgets import Button, Static
+from textual.widgets import Static
 
 from console.app import actions, themes
 from console.app.action import ANYWHERE, SETTINGS, Action, bindings
@@ -17,12 +16,14 @@ from console.app.dialogs import Choice, ChoiceDialog, Dialog
 from console.app.number_dialog import NumberDialog
 from console.app.pages.page import Page
 from console.app.pages.settings.keys import ACTIONS
+from console.app.pages.settings.service import SettingsStore
 from console.app.pages.settings.settings_list import SettingLine, SettingsList, SettingsView
-from console.app.settings import SettingsStore, apply, clash, keymap_problem
+from console.app.settings import apply, clash, keymap_problem
 from console.app.typed_number import inside
 from console.app.units import Unit
 from console.app.view import RunView
-from console.locale import N_, _, in_use, languages
+from console.app.widgets.panel import Picked
+from console.locale import N_, _, languages
 from drivers.files.settings import ManualRate, Presets, Rates, Settings
 
 UNIT_WORDS = {"metric": N_("metric: km/h, kg/ha, ha"), "imperial": N_("imperial: mph, lb/ac, ac")}
@@ -58,19 +59,19 @@ class SettingsScreen(Page):
         return self.app.services.settings
 
     def body(self) -> ComposeResult:
-        yield SettingsList(SettingsView((), 0, "", "", ""), id="settings-list")
+        yield SettingsList(SettingsView((), 0, "", ""), id="settings-list")
 
     def show_numbers(self, view: RunView) -> None:
         super().show_numbers(view)
         if self.store is None:
             self.query_one("#settings-list", SettingsList).show(
-                SettingsView((), 0, _("settings are not saved here"), "", in_use()))
+                SettingsView((), 0, _("settings are not saved here"), ""))
             return
         default = Settings()
         lines = tuple(SettingLine(row.group, row.label, row.shown, _at(self.store.settings, row.path)
                                   != _at(default, row.path), row.hint) for row in self.rows())
         self.query_one("#settings-list", SettingsList).show(SettingsView(
-            lines, self.at, self.store.place, self.store.trouble, in_use()))
+            lines, self.at, self.store.place, self.store.trouble))
 
     def rows(self) -> list[Row]:
         """Every setting, in the language and units in use."""
@@ -112,14 +113,13 @@ class SettingsScreen(Page):
             self.app.notice(_("settings are not saved here"))
             return
         super().perform(action)
-        self._look()
 
     def move(self, by: int) -> None:
         self.at = max(0, min(len(self.rows()) - 1, self.at + by))
 
-    def on_settings_list_picked(self, event: SettingsList.Picked) -> None:
+    def on_picked(self, event: Picked) -> None:
         self.at = event.index
-        self._look()
+        self.app.look()
         if self.app.locked:
             self.app.notice(_("locked: F8 unlocks; hold and stop work"))
         else:
@@ -133,41 +133,25 @@ class SettingsScreen(Page):
             value = _at(now, row.path)
             value = {True: "on", False: "off"}.get(value, value) if isinstance(value, bool) else value
             kind = ThemeDialog if row.path == ("theme",) else ChoiceDialog
-            self.app.push_screen(kind(row.label, row.choices, str(value)), self._chosen(row.path))
+            self.app.ask(kind(row.label, row.choices, str(value)),
+                         lambda value: self._set(row.path, value == "on" if row.path == ("sound",) else value))
         elif row.number is not None:
             low, high, unit = row.number
-            self.app.push_screen(NumberDialog(f"{row.group}: {row.label}", unit.name, low, high, to_si=unit.to_si),
-                                 self._typed(row.path))
+            self.app.ask(NumberDialog(f"{row.group}: {row.label}", unit.name, low, high, to_si=unit.to_si),
+                         lambda value: self._set(row.path, round(value, 3)))
         else:
-            self.app.push_screen(KeyDialog(row.label, row.shown), self._pressed(row.path[1]))
+            self.app.ask(KeyDialog(row.label, row.shown), lambda key: self._take_key(row.path[1], key))
 
-    def _chosen(self, path: tuple[str, ...]) -> Callable[[str | None], None]:
-        def take(value: str | None) -> None:
-            if value is not None:
-                self._set(path, value == "on" if path == ("sound",) else value)
+    def _take_key(self, name: str, key: str) -> None:
+        assert self.store is not None
+        keymap = {**self.store.settings.keymap, name: key}
+        self._set_keymap(keymap, keymap_problem({name: key}) or clash(keymap))
 
-        return take
-
-    def _typed(self, path: tuple[str, ...]) -> Callable[[float | None], None]:
-        def take(value: float | None) -> None:
-            if value is not None:
-                self._set(path, round(value, 3))
-
-        return take
-
-    def _pressed(self, name: str) -> Callable[[str | None], None]:
-        def take(key: str | None) -> None:
-            if key is None:
-                return
-            assert self.store is not None
-            keymap = {**self.store.settings.keymap, name: key}
-            trouble = keymap_problem({name: key}) or clash(keymap)
-            if trouble:
-                self.app.notice(_("refused: {why}").format(why=trouble))
-            else:
-                self._set(("keymap",), keymap)
-
-        return take
+    def _set_keymap(self, keymap: dict[str, str], trouble: str) -> None:
+        if trouble:
+            self.app.notice(_("refused: {why}").format(why=trouble))
+        else:
+            self._set(("keymap",), keymap)
 
     def put_back(self) -> None:
         """Resets the selected setting."""
@@ -177,11 +161,7 @@ class SettingsScreen(Page):
             self._set(path, _at(Settings(), path))
             return
         keymap = {name: keys for name, keys in self.store.settings.keymap.items() if name != path[1]}
-        trouble = clash(keymap)
-        if trouble:
-            self.app.notice(_("refused: {why}").format(why=trouble))
-        else:
-            self._set(("keymap",), keymap)
+        self._set_keymap(keymap, clash(keymap))
 
     def _set(self, path: tuple[str, ...], value: Any) -> None:
         assert self.store is not None
@@ -229,11 +209,7 @@ class SettingsScreen(Page):
         for page in self.app.pages.made.values():
             if page.is_mounted:
                 page.redraw()
-        self._look()
-
-    def _look(self) -> None:
-        self.hurry()
-        self.app.tick()
+        self.app.look()
 
 
 class ThemeDialog(ChoiceDialog):
@@ -275,9 +251,6 @@ class KeyDialog(Dialog[str | None]):
         event.prevent_default()
         self.key = event.key
         self.query_one("#key-value", Static).update(actions.key_name(event.key))
-
-    def on_button_pressed(self, event: Button.Pressed) -> None:
-        super().on_button_pressed(event)
 
     def action_yes(self) -> None:
         if self.key:

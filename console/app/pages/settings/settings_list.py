@@ -6,10 +6,9 @@ from typing import NamedTuple
 from rich.cells import cell_len
 from textual import events
 from textual.content import Content
-from textual.message import Message
 
 from console.app.pages.job.day import file_name
-from console.app.widgets.panel import Panel, Part, fit, fullest, line, wrapped
+from console.app.widgets.panel import Panel, Part, Picked, fit, fullest, line, wrapped
 
 
 class SettingLine(NamedTuple):
@@ -27,16 +26,10 @@ class SettingsView(NamedTuple):
     at: int
     place: str                  # the file
     trouble: str                # why it was not used
-    language: str
 
 
 class SettingsList(Panel[SettingsView]):
-    class Picked(Message):
-        """A line was clicked."""
-
-        def __init__(self, index: int) -> None:
-            super().__init__()
-            self.index = index
+    """Posts Picked."""
 
     def lines(self, view: SettingsView, width: int, height: int) -> list[Content]:
         head = self._head(view, width)
@@ -102,4 +95,4 @@ class SettingsList(Panel[SettingsView]):
         if 0 <= event.y - head < len(rows):
             picked = rows[event.y - head]
             if isinstance(picked, int):
-                self.post_message(self.Picked(picked))
+                self.post_message(Picked(picked))

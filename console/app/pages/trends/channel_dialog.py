@@ -9,8 +9,7 @@ from textual.widgets import Button
 from console.app.channels import CHANNELS, Channel
 from console.app.dialogs import Choice, ChoiceDialog
 from console.app.units import Units
-from console.app.widgets.choice_list import ChoiceList
-from console.app.widgets.panel import fit
+from console.app.widgets.panel import Picked, fit
 from console.locale import _
 
 MOST = 3
@@ -40,7 +39,7 @@ class ChannelDialog(ChoiceDialog):
         if not self._wrong:
             self._turn(self.choices[self.at].value)
 
-    def on_choice_list_picked(self, event: ChoiceList.Picked) -> None:
+    def on_picked(self, event: Picked) -> None:
         """A click takes or drops: it is seen, and another one takes it back."""
         self._turn(self.choices[event.index].value)
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from console.app.action import TRENDS, Action
+from console.app.action import TRENDS, Action, on
 from console.locale import N_, _
 
 if TYPE_CHECKING:
@@ -13,56 +13,12 @@ FAR_SHARE = 0.1                # of the span, by which the cursor goes far
 SCROLL_SHARE = 0.5
 
 
-def channels(page: TrendsScreen) -> None:
-    page.ask_channels()
-
-
-def shorter(page: TrendsScreen) -> None:
-    page.change_span(-1)
-
-
-def longer(page: TrendsScreen) -> None:
-    page.change_span(1)
-
-
-def freeze(page: TrendsScreen) -> None:
-    page.toggle_freeze()
-
-
 def whole_run(page: TrendsScreen) -> None:
     page.span, page.ends_s = None, None
 
 
-def fixed_scale(page: TrendsScreen) -> None:
-    page.toggle_scale()
-
-
-def cursor_back(page: TrendsScreen) -> None:
-    page.move_cursor(-page.cell_s())
-
-
-def cursor_on(page: TrendsScreen) -> None:
-    page.move_cursor(page.cell_s())
-
-
-def cursor_far_back(page: TrendsScreen) -> None:
-    page.move_cursor(-FAR_SHARE * page.window().length_s)
-
-
-def cursor_far_on(page: TrendsScreen) -> None:
-    page.move_cursor(FAR_SHARE * page.window().length_s)
-
-
 def cursor_away(page: TrendsScreen) -> None:
     page.cursor_s = None
-
-
-def earlier(page: TrendsScreen) -> None:
-    page.scroll_span(-SCROLL_SHARE)
-
-
-def later(page: TrendsScreen) -> None:
-    page.scroll_span(SCROLL_SHARE)
 
 
 def machine_or_log(page: TrendsScreen) -> None:
@@ -70,31 +26,33 @@ def machine_or_log(page: TrendsScreen) -> None:
     page.ends_s = page.cursor_s = page.fixed = None
 
 
-ACTIONS = (
+ACTIONS = on(
+    TRENDS,
     Action("trends_channels", "v", "V", N_("channels"), N_("What is plotted, up to three; also a click on a name."),
-           channels, TRENDS, 3),
+           lambda page: page.ask_channels(), bar=3),
     Action("trends_shorter", "plus,equals_sign,kp_plus", "+", N_("shorter"), N_("A shorter span; also by the wheel."),
-           shorter, TRENDS, 4),
-    Action("trends_longer", "minus,kp_minus", "-", N_("longer"), N_("A longer span; also by the wheel."), longer,
-           TRENDS, 5),
-    Action("trends_freeze", "y", "Y", N_("freeze"), N_("Freezes the plots, or lets them run."), freeze, TRENDS, 6),
-    Action("trends_whole", "z", "Z", N_("whole run"), N_("All of the run or log."), whole_run, TRENDS, 7),
+           lambda page: page.change_span(-1), bar=4),
+    Action("trends_longer", "minus,kp_minus", "-", N_("longer"), N_("A longer span; also by the wheel."),
+           lambda page: page.change_span(1), bar=5),
+    Action("trends_freeze", "y", "Y", N_("freeze"), N_("Freezes the plots, or lets them run."),
+           lambda page: page.toggle_freeze(), bar=6),
+    Action("trends_whole", "z", "Z", N_("whole run"), N_("All of the run or log."), whole_run, bar=7),
     Action("trends_scale", "q_2", "Q2", N_("fixed scale"),
-           N_("Keeps the scales as they are, or fits them to the values."), fixed_scale, TRENDS),
+           N_("Keeps the scales as they are, or fits them to the values."), lambda page: page.toggle_scale()),
     Action("trends_left", "left", "<", N_("cursor back"), N_("Reads the values at a time; also a click in the plot."),
-           cursor_back, TRENDS),
+           lambda page: page.move_cursor(-page.cell_s())),
     Action("trends_right", "right", ">", N_("cursor on"), N_("Reads the values at a time; also a click in the plot."),
-           cursor_on, TRENDS),
+           lambda page: page.move_cursor(page.cell_s())),
     Action("trends_far_left", "shift+left", "S-<", N_("cursor far back"), N_("A tenth of the span at once."),
-           cursor_far_back, TRENDS),
+           lambda page: page.move_cursor(-FAR_SHARE * page.window().length_s)),
     Action("trends_far_right", "shift+right", "S->", N_("cursor far on"), N_("A tenth of the span at once."),
-           cursor_far_on, TRENDS),
+           lambda page: page.move_cursor(FAR_SHARE * page.window().length_s)),
     Action("trends_cursor_off", "escape", "Esc", N_("cursor away"), N_("Back to the newest values."), cursor_away,
-           TRENDS, why=lambda page: _("no cursor is set") if page.cursor_s is None else ""),
-    Action("trends_earlier", "pageup", "PgUp", N_("earlier"), N_("Half a span back; the plots stand still."), earlier,
-           TRENDS),
-    Action("trends_later", "pagedown", "PgDn", N_("later"), N_("Half a span on."), later, TRENDS),
+           why=lambda page: _("no cursor is set") if page.cursor_s is None else ""),
+    Action("trends_earlier", "pageup", "PgUp", N_("earlier"), N_("Half a span back; the plots stand still."),
+           lambda page: page.scroll_span(-SCROLL_SHARE)),
+    Action("trends_later", "pagedown", "PgDn", N_("later"), N_("Half a span on."),
+           lambda page: page.scroll_span(SCROLL_SHARE)),
     Action("trends_log", "q_1", "Q1", N_("machine / log"), N_("The machine at work, or the log of the replay."),
-           machine_or_log, TRENDS,
-           why=lambda page: page.why_no_turn()),
+           machine_or_log, why=lambda page: page.why_no_turn()),
 )

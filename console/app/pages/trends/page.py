@@ -8,19 +8,20 @@ from textual.app import ComposeResult
 from textual.containers import Vertical
 from textual.content import Content
 
-from console.app.action import TRENDS, Action, bindings
+from console.app.action import TRENDS, bindings
+from console.app.braille import Piece
 from console.app.channels import AT_FIRST, BY_ID, Channel
 from console.app.pages.log_page import LogPage
+from console.app.pages.replay.service import ReplayJob
 from console.app.pages.trends.channel_dialog import ChannelDialog
 from console.app.pages.trends.keys import ACTIONS
-from console.app.pages.trends.plots import Piece, Plot, Plots, PlotsView, empty_plots, round_ends
-from console.app.replay_job import ReplayJob
+from console.app.pages.trends.plots import Plot, Plots, PlotsView, round_ends
 from console.app.series import Stretch, sums
 from console.app.units import Unit
 from console.app.view import STALE_S, duration, wall_clock
 from console.app.widgets.panel import Panel, spread
 from console.frame import Frame
-from console.locale import _, in_use
+from console.locale import _
 
 
 class SpanView(NamedTuple):
@@ -70,7 +71,7 @@ class TrendsScreen(LogPage):
     def body(self) -> ComposeResult:
         with Vertical(id="trends-all"):
             yield SpanBar(SpanView("", (), False), id="trends-bar")
-            yield Plots(empty_plots(), id="plots")
+            yield Plots(PlotsView((), "", "", ""), id="plots")
 
     def replayed(self) -> ReplayJob | None:
         return self.app.replay_page.job if self.app.source is None or self.wants_log else None
@@ -106,8 +107,7 @@ class TrendsScreen(LogPage):
         times = (window.from_s, 0.5 * (window.from_s + window.to_s), window.to_s)
         begin, middle, end = (self._time(time_s, frame) for time_s in times)
         pane.show(PlotsView(plots, begin, middle, end, cursor,
-                            "" if self.cursor_s is None else self._time(self.cursor_s, frame), age_s > STALE_S,
-                            in_use()))
+                            "" if self.cursor_s is None else self._time(self.cursor_s, frame), age_s > STALE_S))
         self.query_one("#trends-bar", SpanBar).show(
             SpanView(self._span_words(window), self._states(), self.ends_s is not None))
 
@@ -163,10 +163,6 @@ class TrendsScreen(LogPage):
 
     # --- what is pressed and clicked ----------------------------------------------------------------------------
 
-    def perform(self, action: Action) -> None:
-        super().perform(action)
-        self._at_once()
-
     def toggle_freeze(self) -> None:
         self.ends_s = self.window().to_s if self.ends_s is None else None
         self.span = FIRST_SPAN if self.span is None and self.ends_s is not None else self.span
@@ -177,7 +173,7 @@ class TrendsScreen(LogPage):
     def ask_channels(self) -> None:
         def tell(chosen: tuple[str, ...]) -> None:
             self.channels, self.fixed = chosen, None
-            self._at_once()
+            self.app.look()
 
         self.app.push_screen(ChannelDialog(self.channels, self.app.units, tell))
 
@@ -218,16 +214,12 @@ class TrendsScreen(LogPage):
         self.ends_s = (self.ends_s or 0.0) + share * self.window().length_s
         self._stay_inside()
 
-    def _at_once(self) -> None:
-        self.plots.hurry()
-        self.tick(self.app.clock())
-
     def on_plots_pointed(self, event: Plots.Pointed) -> None:
         if not self.app.locked:
             self._hold()
             window = self.window()
             self.cursor_s = window.from_s + max(0.0, min(1.0, event.share)) * window.length_s
-            self._at_once()
+            self.app.look()
 
     def on_plots_named(self, event: Plots.Named) -> None:
         if not self.app.locked:
@@ -236,7 +228,7 @@ class TrendsScreen(LogPage):
     def on_plots_wheeled(self, event: Plots.Wheeled) -> None:
         if not self.app.locked:
             self.change_span(-event.steps)
-            self._at_once()
+            self.app.look()
 
 
 def _plain(shown: float, unit: Unit) -> str:

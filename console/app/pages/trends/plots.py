@@ -13,24 +13,14 @@ from textual import events
 from textual.message import Message
 from textual.strip import Strip
 
+from console.app.braille import BLANK, Dots, Piece, traced
 from console.app.widgets.canvas import Canvas
 from console.app.widgets.panel import fit, right
-from console.app.widgets.trend import Dots
-from console.locale import _, in_use
+from console.locale import _
 
-_BITS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
 _AXIS = 9                       # cells of the axis' numbers
 LEAST_ROWS = 3                  # a title and two rows of plot
 LEAST_LABELLED = 5              # rows of a plot whose middle is labelled too
-
-
-class Piece(NamedTuple):
-    """at: place in the span, 0 ... 1; low, high: of the axis, 0 ... 1; joined: to the piece before."""
-
-    at: float
-    low: float
-    high: float
-    joined: bool
 
 
 class Plot(NamedTuple):
@@ -57,41 +47,6 @@ class PlotsView(NamedTuple):
     cursor: float | None = None
     cursor_time: str = ""
     stale: bool = False
-    language: str = ""
-
-
-def empty_plots() -> PlotsView:
-    return PlotsView((), "", "", "", language=in_use())
-
-
-def traced(pieces: tuple[Piece, ...], columns: int, rows: int) -> Dots:
-    """Braille cells of pieces: from lowest to highest at their time, held level from one to the next."""
-    wide, high = 2 * columns, 4 * rows
-    cells: Dots = {}
-
-    def level(share: float) -> int:
-        return high - 1 - round(max(0.0, min(1.0, share)) * (high - 1))
-
-    def column(x: int, top: int, bottom: int) -> None:
-        for y in range(top, bottom + 1):
-            place = (x // 2, y // 4)
-            cells[place] = cells.get(place, 0) | _BITS[y % 4][x % 2]
-
-    last: tuple[int, int, int] | None = None
-    for piece in pieces:
-        x = round(piece.at * (wide - 1))
-        top, bottom = level(piece.high), level(piece.low)
-        if not 0 <= x < wide:
-            last = None
-            continue
-        if piece.joined and last is not None:
-            held = (last[1] + last[2]) // 2
-            for between in range(last[0] + 1, x):
-                column(between, held, held)
-            top, bottom = min(top, last[2]), max(bottom, last[1])
-        column(x, top, bottom)
-        last = (x, level(piece.high), level(piece.low))
-    return cells
 
 
 def _runs(text: str, style: Style) -> Iterator[Segment]:
@@ -174,7 +129,7 @@ class Plots(Canvas[PlotsView]):
     def _cells(dots: Dots, row: int, columns: int, cursor: int | None, line: Style, cursor_style: Style
                ) -> Iterator[Segment]:
         """Cells before the cursor, its own, and those after it."""
-        row_of = [chr(0x2800 | bits) if (bits := dots.get((column, row), 0)) else " " for column in range(columns)]
+        row_of = [chr(BLANK | bits) if (bits := dots.get((column, row), 0)) else " " for column in range(columns)]
         if cursor is None or not 0 <= cursor < columns:
             yield from _runs("".join(row_of), line)
             return

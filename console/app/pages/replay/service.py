@@ -1,9 +1,9 @@
-"""What the Replay screen is given along with the frames: findings about the log, and how a what-if is computed."""
+"""What the Replay page is given: a log to play, how a what-if of it is computed, and the logs that can be opened."""
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from console.app.replay_source import ReplaySource
 from console.frame import Frame
@@ -33,3 +33,22 @@ class ReplayJob:
     what_if: ComputeAnew | None = None
     crops: tuple[str, ...] = ()
     machines: tuple[str, ...] = ()
+
+
+class LogFile(NamedTuple):
+    """changed: local date and time, to the minute. size: "12.3 MB"."""
+
+    path: str
+    name: str
+    changed: str
+    size: str
+
+
+class LogFiles(Protocol):
+    """Errors are one-line ValueErrors."""
+
+    def logs(self) -> tuple[LogFile, ...]:
+        """The newest first."""
+
+    def open(self, path: str) -> ReplayJob:
+        """Reads a log for the page; seconds for a long one."""

@@ -1,4 +1,4 @@
-"""Pictures of the screens: `python -m console.app.gallery docs/screens` draws them all again, the same every time."""
+"""Pictures of the screens: `python -m tests.app.gallery docs/screens` draws them all again, the same every time."""
 from __future__ import annotations
 
 import asyncio
@@ -11,14 +11,11 @@ from typing import NamedTuple
 
 from console.app.action import CALIBRATE, DEVICES, DIAGNOSIS
 from console.app.app import TopdressApp
-from console.app.pages.calibrate.poses import pose
 from console.app.pages.diagnosis.page import DiagnosisScreen
 from console.app.pages.diagnosis.sample import OPEN
-from console.app.pages.job.sample import CUT_OFF, SampleJobService
 from console.app.pages.map.page import MapScreen
-from console.app.replay_job import ReplayJob
+from console.app.pages.replay.service import ReplayJob
 from console.app.replay_source import ReplaySource
-from console.app.sample import run_frames, sample_alarms, sample_services
 from console.app.services import Services
 from console.app.units import METRIC
 from console.frame import DeviceDo, Frame
@@ -26,6 +23,9 @@ from console.locale import ENGLISH, use
 from console.worker.resume_alarms import AlarmBook
 from control.diagnosis.result import Departure
 from control.orders import Answer, Order, State
+from tests.app.made_up.job import CUT_OFF, SampleJobService
+from tests.app.made_up.poses import pose
+from tests.app.made_up.run import run_frames, sample_alarms, sample_services
 
 
 class StillSource:
@@ -291,5 +291,5 @@ def main(folder: str) -> None:
 
 if __name__ == "__main__":
     if len(sys.argv) != 2:
-        sys.exit("python -m console.app.gallery FOLDER")
+        sys.exit("python -m tests.app.gallery FOLDER")
     main(sys.argv[1])

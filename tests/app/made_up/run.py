@@ -10,18 +10,18 @@ import numpy as np
 from console.app.field_picture import FieldPicture, Planned
 from console.app.laid import LaidFile
 from console.app.layers import Layer
-from console.app.pages.calibrate.sample import sample_calibrate_job
 from console.app.pages.diagnosis.sample import MadeUpDiagnosis
-from console.app.pages.job.sample import SampleJobService
-from console.app.pages.replay.log_files import LogFile
+from console.app.pages.replay.service import LogFile
+from console.app.pages.settings.service import SettingsStore
 from console.app.services import Services
-from console.app.settings import SettingsStore
 from console.app.worked import Spot, Worked
 from console.frame import DeviceView, Frame, Tally
 from control.field.totals import Totaliser
 from control.log_row import LogRow
 from control.orders import Alarm, Severity
 from drivers.files.settings import Settings
+from tests.app.made_up.calibrate import sample_calibrate_job
+from tests.app.made_up.job import SampleJobService
 
 _BEGAN = datetime(2026, 3, 18, 6, 12, 0, tzinfo=UTC)
 REFILLS = (("2026-03-18T06:13:05Z", 250.0), ("2026-03-18T06:16:40Z", 275.0))
@@ -110,7 +110,7 @@ def sample_field() -> FieldPicture:
 
 
 class SampleLayers:
-    """`console.app.pages.map.laid_files.LayerFiles`: one file that was applied crosswise, and one that is none."""
+    """`console.app.pages.map.service.LayerFiles`: one file that was applied crosswise, and one that is none."""
 
     def files(self, running_log: str) -> tuple[LogFile, ...]:
         return (LogFile("/logs/autumn.geojson", "autumn.geojson", "2025-10-02 17:20", "0.4 MB"),

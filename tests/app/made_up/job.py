@@ -1,6 +1,11 @@
 """A made-up job service for the Job screen's pictures and tests: every answer at once, nothing read or written."""
 from __future__ import annotations
 
+import datetime as dt
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 
 from console.app.field_picture import FieldPicture, Planned, Ring
@@ -20,17 +25,38 @@ from console.app.pages.job.service import (
 )
 from console.app.source import FrameSource
 from control.agronomy.strips import StripValue
+from control.field.job import rule_of
+from control.machine.machine import Adopted
 from control.targets.map_check import MapCheck
+from drivers.files.config import load
+from drivers.files.kinds import CROP
+from drivers.files.setup import load_setup
 
-FACTS = Facts(
-    job="Topdressing winter wheat, division 2", job_file="jobs/division-2.yaml", crop="winter wheat",
-    crop_file="crops/winter_wheat.yaml", crop_warnings=("example values, not of this field: efficiency",),
-    ndvi_nrich=0.712, nrich_from="job", max_rate_kg_ha=500.0, fallback_rate_kg_ha=260.0, field="division 2",
-    field_ha=8.64, machine="huanghai", machine_file="machines/huanghai-0318.yaml",
-    effects=("flow.gain +3.1 %  (catch test, 2026-03-18)",), jobs=(
-        File("jobs/division-2.yaml", "division-2"), File("jobs/demo.yaml", "demo")),
-    crops=(File("crops/winter_wheat.yaml", "winter_wheat"), File("crops/durum.yaml", "durum")),
-    machines=(File("machines/huanghai-0318.yaml", "huanghai-0318"), File("machines/bench.yaml", "bench")))
+NOMINAL = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
+DURUM = load("osu_durum_2006", CROP).model          # which has nothing to be warned of
+OF_CROP = {"name": "winter wheat", "flag": "", "examples": ("efficiency",), "response_index": "paper",
+           "ndvi_nrich": None, "ndvi_check": None, "max_rate_kg_ha": 500.0, "fallback_rate_kg_ha": 260.0}
+OF_JOB = {"title": "Topdressing winter wheat, division 2", "ndvi_nrich": 0.712}
+OF_MACHINE = {"title": "huanghai", "adopted": (Adopted(id="flow.gain", size=3.1, unit="%", data="catch test",
+                                                       date="2026-03-18"),)}
+
+
+def facts_of(crop: Mapping[str, object] = {}, job: Mapping[str, object] = {},
+             machine: Mapping[str, object] = {}, **others: Any) -> Facts:
+    """Of a made-up job; what is other in its files, and of what stands next to them."""
+    of_crop, of_job = DURUM.model_copy(update=OF_CROP | crop), NOMINAL.job.model_copy(update=OF_JOB | job)
+    setup = replace(NOMINAL, crop=of_crop, job=of_job, rule=rule_of(of_crop, of_job, 82),
+                    machine=NOMINAL.machine.model_copy(update=OF_MACHINE | machine))
+    return Facts(setup, **{
+        "job_file": "jobs/division-2.yaml", "crop_file": "crops/winter_wheat.yaml",
+        "machine_file": "machines/huanghai-0318.yaml", "field": "division 2", "field_ha": 8.64,
+        "jobs": (File("jobs/division-2.yaml", "division-2"), File("jobs/demo.yaml", "demo")),
+        "crops": (File("crops/winter_wheat.yaml", "winter_wheat"), File("crops/durum.yaml", "durum")),
+        "machines": (File("machines/huanghai-0318.yaml", "huanghai-0318"), File("machines/bench.yaml", "bench")),
+    } | others)
+
+
+FACTS = facts_of()
 CUT_OFF = Offer("run.resume.json", "2026-03-18T06:18:00+00:00", "2026-03-18T07:02:00+00:00",
                 "Topdressing winter wheat, division 2", 1.2)
 

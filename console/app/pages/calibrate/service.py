@@ -58,7 +58,7 @@ class LagTable(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class CalibrateJob:
+class CalibrateService:
     """Ranges of the machine in force, and the long work. Errors are one-line ValueErrors or OSErrors.
 
     machine: name of the file calibrated from. shaft_rpm, opening_mm: lowest and highest; set: the machine's own.

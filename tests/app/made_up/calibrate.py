@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from console.app.pages.calibrate.catch import CatchPoint
-from console.app.pages.calibrate.job import CalibrateJob, CurvePoint, Estimate, Fitted, LagTable
+from console.app.pages.calibrate.service import CalibrateService, CurvePoint, Estimate, Fitted, LagTable
 from console.app.pages.calibrate.wheel import WheelSample
 from console.frame import DeviceTest, DeviceView, Frame, LagTestView
 
@@ -48,8 +48,8 @@ def _save(fitted: Fitted, name: str) -> str:
     return f"machines/{name}.yaml"
 
 
-def sample_calibrate_job() -> CalibrateJob:
-    return CalibrateJob(
+def sample_calibrate_job() -> CalibrateService:
+    return CalibrateService(
         machine="huanghai", shaft_rpm=(10.0, 100.0), opening_mm=(5.0, 60.0), set_shaft_rpm=70.0, set_opening_mm=25.0,
         wheel_circumference_m=2.5, most_kg=300.0,
         expected_kg=lambda shaft_rpm, opening_mm, revolutions: GRAMS * opening_mm * revolutions / 1000.0,

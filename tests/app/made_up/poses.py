@@ -9,11 +9,11 @@ from console.app.pages.calibrate.catch_calibration import CatchCalibration
 from console.app.pages.calibrate.heads import CHECK_S
 from console.app.pages.calibrate.heads_calibration import HeadsCalibration
 from console.app.pages.calibrate.page import CalibrateScreen
-from console.app.pages.calibrate.sample import POINTS, lag_under_way, many_devices, standing
 from console.app.pages.calibrate.wheel import WheelDrive
 from console.app.pages.calibrate.wheel_calibration import WheelCalibration
 from console.app.pages.devices.page import DevicesScreen
 from control.safety import BenchRun
+from tests.app.made_up.calibrate import POINTS, lag_under_way, many_devices, standing
 
 if TYPE_CHECKING:
     from console.app.app import TopdressApp
@@ -42,8 +42,8 @@ def pose(app: TopdressApp, screen: str, frame: Frame) -> Frame:
             calibration.test.phase, calibration.test.turned = "weigh", Turned(12.4, 18.6, 18.6 * 90.0, 18.6 * 50.0)
             row = frame.row._replace(state="calibrating", shaft_rpm=89.8, opening_mm=50.0)
             return replace(frame, row=row, bench=BenchRun(90.0, 50.0, 12.6, 107.4))
-        assert page.job is not None
-        calibration.take(page.job.fit_catch(POINTS))
+        assert page.service is not None
+        calibration.take(page.service.fit_catch(POINTS))
     elif isinstance(calibration, HeadsCalibration):
         _check_heads(calibration, frame)
     elif isinstance(calibration, WheelCalibration):

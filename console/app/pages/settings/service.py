@@ -1,0 +1,19 @@
+"""What the Settings page is given."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from drivers.files.settings import Settings
+from drivers.files.settings_theme import ThemeData
+
+
+@dataclass(slots=True)
+class SettingsStore:
+    """Where settings come from and go to. trouble: why the file was not used. write: raises OSError."""
+
+    settings: Settings
+    write: Callable[[Settings], None]
+    place: str = ""
+    trouble: str = ""
+    themes: tuple[ThemeData, ...] = ()
