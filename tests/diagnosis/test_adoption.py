@@ -22,7 +22,8 @@ from control.diagnosis.runs.diagnose import diagnose_run
 from drivers.files.config import load, save
 from drivers.files.kinds import MACHINE
 from drivers.files.plain import typed
-from tests.diagnosis.test_drive_curves import DRIVE, error_on, staircase, steps
+from tests.diagnosis.logs import DRIVE, staircase, steps
+from tests.diagnosis.planted import error_on
 
 LOG = "stairs.csv"
 

@@ -16,8 +16,7 @@ from control.diagnosis.runs.row_order import COMMANDS, in_order
 from control.diagnosis.runs.stages import run_data
 from control.machine.machine import Limits, Machine, Noise, Shaft, Tolerance
 from control.machine.over_log import MOST_STEP_S
-from drivers.files.config import load
-from drivers.files.kinds import MACHINE
+from tests.diagnosis.logs import HUANGHAI, Columns, stairs_work
 
 ROWS = 400
 
@@ -105,11 +104,10 @@ def test_readings_alike_to_their_last_printed_digit_are_one_reading() -> None:
     assert np.isnan(huge.columns["hopper_kg"]).all() and any("beyond 1e+09" in one for one in huge.findings)
 
 
-# --- Logs of others, which hold a command and what answered it in other rows than ours: in simulated work, re... -----
+# --- Logs of others, which hold a command and what answered it in other rows than ours --------------------------------
 
-Columns = dict[str, np.ndarray]
 ANSWERS = ("shaft_rpm", "opening_mm")
-MODEL = load("huanghai", MACHINE).model
+WORK = stairs_work()
 STEPS_S = (0.05, 1.0)
 
 
@@ -131,12 +129,12 @@ def in_force(log: Columns) -> Columns:
 
 
 def as_said(log: Columns) -> Clean:
-    return in_order(gate(log), MODEL)
+    return in_order(gate(log), HUANGHAI)
 
 
 @pytest.mark.parametrize("step_s", STEPS_S)
-def test_a_log_in_our_order_stays_as_it_is(work: Columns, step_s: float) -> None:
-    log = every(work, step_s)
+def test_a_log_in_our_order_stays_as_it_is(step_s: float) -> None:
+    log = every(WORK, step_s)
     seen = as_said(log)
     assert seen.findings == gate(log).findings
     assert all(np.array_equal(seen.columns[name], log[name]) for name in (*ANSWERS, *COMMANDS))
@@ -145,9 +143,9 @@ def test_a_log_in_our_order_stays_as_it_is(work: Columns, step_s: float) -> None
 @pytest.mark.parametrize("step_s", STEPS_S)
 @pytest.mark.parametrize(("rewritten", "said"), [(late, "read a row late"), (in_one_row, "with what answered it"),
                                                  (in_force, "under which it was read")])
-def test_rows_of_others_are_put_in_order_and_said(work: Columns, rewritten: Callable[[Columns], Columns], said: str,
+def test_rows_of_others_are_put_in_order_and_said(rewritten: Callable[[Columns], Columns], said: str,
                                                   step_s: float) -> None:
-    log = every(work, step_s)
+    log = every(WORK, step_s)
     seen = as_said(rewritten(log))
     off = {name: np.mean(seen.columns[name][2:-2] != log[name][2:-2]) for name in (*ANSWERS, *COMMANDS)}
     by = {name: np.mean(seen.columns[name][2:-2] != np.roll(log[name], -1)[2:-2]) for name in (*ANSWERS, *COMMANDS)}
@@ -157,27 +155,27 @@ def test_rows_of_others_are_put_in_order_and_said(work: Columns, rewritten: Call
 
 
 @pytest.mark.exam
-def test_what_one_drive_answers_late_is_no_order_of_rows(work: Columns) -> None:
-    slow = {**work, "shaft_rpm": np.r_[work["shaft_rpm"][:2], work["shaft_rpm"][:-2]]}
+def test_what_one_drive_answers_late_is_no_order_of_rows() -> None:
+    slow = {**WORK, "shaft_rpm": np.r_[WORK["shaft_rpm"][:2], WORK["shaft_rpm"][:-2]]}
     assert as_said(slow).findings == gate(slow).findings
-    found = diagnose_run(slow, MODEL)
+    found = diagnose_run(slow, HUANGHAI)
     assert found.verdict != "none"
     assert {left.channel for left in found.unexplained} | {c.id.split(".")[0] for c in found.causes} == {"shaft"}
 
 
-def test_nothing_is_wrong_with_a_machine_whose_logger_reads_a_row_late(work: Columns) -> None:
-    found = diagnose_run(late(every(work, 1.0)), MODEL)
+def test_nothing_is_wrong_with_a_machine_whose_logger_reads_a_row_late() -> None:
+    found = diagnose_run(late(every(WORK, 1.0)), HUANGHAI)
     assert found.verdict == "none"
     assert any("read a row late" in finding for finding in found.findings)
 
 
-def test_the_scale_is_predicted_for_the_time_at_which_it_was_read(work: Columns) -> None:
+def test_the_scale_is_predicted_for_the_time_at_which_it_was_read() -> None:
     """One reading a second stands at the begin of its second: half a second of flow before the middle."""
-    log = every({name: work[name] for name in ("time_s", *COMMANDS, *ANSWERS)}, 1.0)
-    log["hopper_kg"] = (290.0 - np.cumsum(5.5e-3 * work["shaft_rpm"] * work["opening_mm"] / 60.0) * 0.05)[::20]
-    data = run_data(gate(log), MODEL)
-    left = hopper_channel(data.hopper, MODEL)
-    off_kg = left.measured - left.predict(schedule(stages_of(MODEL), ()), MOST_STEP_S)
+    log = every({name: WORK[name] for name in ("time_s", *COMMANDS, *ANSWERS)}, 1.0)
+    log["hopper_kg"] = (290.0 - np.cumsum(5.5e-3 * WORK["shaft_rpm"] * WORK["opening_mm"] / 60.0) * 0.05)[::20]
+    data = run_data(gate(log), HUANGHAI)
+    left = hopper_channel(data.hopper, HUANGHAI)
+    off_kg = left.measured - left.predict(schedule(stages_of(HUANGHAI), ()), MOST_STEP_S)
     assert np.allclose(data.hopper.read_at, 0.0)
     assert np.std(np.diff(off_kg)) < 0.02, "half a second of a flow of 0.05 to 0.4 kg/s makes 0.04 kg"
 

@@ -3,70 +3,21 @@ from __future__ import annotations
 
 import math
 import random
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from control.diagnosis.extend import extend, not_adoptable
 from control.diagnosis.result import Diagnosis
 from control.diagnosis.runs.adoption import adoptable_of
-from control.diagnosis.runs.channels import channels, drive_rows
+from control.diagnosis.runs.channels import channels
 from control.diagnosis.runs.diagnose import diagnose_run, series_of_log
-from control.diagnosis.runs.drives import whole_drives
-from control.diagnosis.runs.hypothesis import EffectInstance, schedule, stages_of
-from control.diagnosis.runs.log import gate
+from control.diagnosis.runs.hypothesis import EffectInstance
 from control.diagnosis.runs.search import Search
-from control.log_row import COMMANDS_HELD
-from control.machine.machine import Flow, Limits, Machine, Noise, Tolerance
-from control.machine.over_log import MOST_STEP_S
-from control.machine.shaft import Shaft, lag_s
-
-Array = npt.NDArray[np.float64]
-FULL_RPM = 650.0
-DRIVE = Machine(id="drive", shaft=Shaft(dead_time_s=0.02, time_constant_s=0.06, acceleration_rpm_s=1e6,
-                                        full_rpm=FULL_RPM), flow=Flow(full_rpm=FULL_RPM),
-                limits=Limits(shaft_low_rpm=0.0, shaft_high_rpm=FULL_RPM), noise=Noise(shaft_rpm=2.0),
-                tolerance=Tolerance(shaft_percent=0.5, time_constant_s=0.015))
-
-
-def staircase(seed: int) -> dict[str, Any]:
-    """A settled answer a row: a motor that saturates and turns from 110 r/min of its command on."""
-    rng = np.random.default_rng(seed)
-    told = np.concatenate((np.arange(0.0, 640.0, 16.0), np.arange(632.0, 0.0, -16.0)))
-    turns = 610.0 * (1.0 - np.exp(-np.maximum(0.0, told - 110.0) / 110.0))
-    read = turns + 2.0 * rng.standard_normal(len(told)) * (turns > 0.0)
-    events = np.full(len(told), "", dtype=object)
-    events[0] = COMMANDS_HELD
-    return {"time_s": 1.1 * np.arange(len(told) + 1), "shaft_rpm_cmd": np.append(told, told[-1]),
-            "shaft_rpm": np.concatenate(([np.nan], read)), "events": np.append(events, "")}
-
-
-def steps(seed: int) -> dict[str, Any]:
-    """Random steps, rows of 20 ms: most of an answer comes at once, the rest with 1.2 s; it walks beside."""
-    rng = np.random.default_rng(seed)
-    time_s = np.arange(0.0, 120.0, 0.02)
-    told = np.repeat(rng.uniform(60.0, 600.0, 150), 40)
-    goal = 1.4 * np.maximum(0.0, told - 90.0)
-    read = 0.85 * lagged(goal, 0.03, 0.02) + 0.15 * lagged(goal, 1.2, 0.02)
-    walks = lagged(40.0 * rng.standard_normal(len(told)), 1.0, 0.02)
-    return {"time_s": time_s, "shaft_rpm_cmd": told, "shaft_rpm": read + walks + 2.0 * rng.standard_normal(len(told))}
-
-
-def lagged(goal: Array, tau_s: float, step_s: float) -> Array:
-    found, share = np.empty(len(goal)), np.exp(-step_s / tau_s)
-    found[0] = goal[0]
-    for row in range(1, len(goal)):
-        found[row] = goal[row - 1] + (found[row - 1] - goal[row - 1]) * share
-    return found
-
-
-def error_on(columns: dict[str, Any], machine: Machine) -> float:
-    clean = gate({name: np.asarray(values) for name, values in columns.items()}, machine.has)
-    drive = whole_drives(clean, machine)["shaft"]
-    predicted = drive_rows(drive)(schedule(stages_of(machine), ()), MOST_STEP_S)[:, 1]
-    return float(np.sqrt(np.nanmean(np.square(clean.columns["shaft_rpm"] - predicted)[1:])))
+from control.machine.machine import Limits
+from control.machine.shaft import lag_s
+from tests.diagnosis.logs import DRIVE, Columns, staircase, steps
+from tests.diagnosis.planted import error_on
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +72,7 @@ def test_a_drive_may_be_quicker_than_its_data_sheet_and_never_ahead() -> None:
     assert lag_s(DRIVE.shaft._replace(slow_s=-1.0)) > 0.0
 
 
-def eight_duties(seed: int) -> dict[str, Any]:
+def eight_duties(seed: int) -> Columns:
     """A motor asked for eight duties by turns: it starts at 68 r/min of its command, lags it by 30, ends at 283. Rows
     of 50 ms, its encoder counts 3.3 r/min."""
     draws, duty, speed_rpm, rows = random.Random(seed), 0, 0.0, []

@@ -16,14 +16,10 @@ from control.diagnosis.prediction.borne_out import adoptable, borne_out
 from control.diagnosis.prediction.on_log import OnLog
 from control.diagnosis.prediction.rival import rival_of
 from control.diagnosis.result import Cause, Diagnosis, FieldCost, Size
-from control.diagnosis.runs.channels import drive_rows
 from control.diagnosis.runs.diagnose import diagnose_run, series_of_log
-from control.diagnosis.runs.drives import whole_drives
-from control.diagnosis.runs.hypothesis import schedule, stages_of
-from control.diagnosis.runs.log import gate
 from control.machine.machine import Machine, with_effect
-from control.machine.over_log import MOST_STEP_S
-from tests.diagnosis.test_drive_curves import DRIVE, error_on, lagged, steps
+from tests.diagnosis.logs import DRIVE, lagged, steps
+from tests.diagnosis.planted import error_on, shaft_predicted
 
 Array = npt.NDArray[np.float64]
 
@@ -59,9 +55,8 @@ def test_a_recorded_variable_that_predicts_is_said_and_taken_up() -> None:
 def made(machine: Machine, seed: int) -> dict[str, Any]:
     """Random steps that a machine answers as its file says, with a sensor's noise."""
     columns = steps(seed)
-    clean = gate({name: np.asarray(one) for name, one in columns.items()})
-    read = drive_rows(whole_drives(clean, machine)["shaft"])(schedule(stages_of(machine), ()), MOST_STEP_S)[:, 1]
-    return {**columns, "shaft_rpm": read + 2.0 * np.random.default_rng(seed).standard_normal(len(read))}
+    _, answers = shaft_predicted(columns, machine)
+    return columns | {"shaft_rpm": answers + 2.0 * np.random.default_rng(seed).standard_normal(len(answers))}
 
 
 def wrong_name(found: Diagnosis) -> Diagnosis:

@@ -164,13 +164,3 @@ def test_too_short_passes_are_said_and_end_with_code_3(tmp_path):
     done = CliRunner().invoke(app, ["diagnose", str(short)])
     assert done.exit_code == 3, done.output
     assert "applied against target is not judged: no pass of 18 s with both rates in 12 rows and more" in done.output
-
-
-def test_a_log_with_drives_is_judged_as_ever(tmp_path):
-    rng, time = np.random.default_rng(1), np.arange(0.0, 240.0, 0.1)
-    speed = 1.3 + 0.2 * np.sin(time / 7.0)
-    found = diagnose_run({"time_s": time, "speed_mps": speed + 0.03 * rng.standard_normal(2400),
-                          "wheel_speed_mps": speed + 0.02 * rng.standard_normal(2400),
-                          "target_rate_kg_ha": np.full(2400, 200.0), "applied_rate_kg_ha": np.full(2400, 190.0)},
-                         Machine())
-    assert found.verdict == "none" and not found.rates

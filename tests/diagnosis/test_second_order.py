@@ -18,18 +18,14 @@ from control.diagnosis.runs.compared import compared
 from control.diagnosis.runs.diagnose import diagnose_run, judged_run
 from control.diagnosis.runs.hypothesis import EffectInstance
 from control.diagnosis.runs.selection import Board
-from control.machine.machine import Flow, Limits, Machine, Noise, Tolerance, effect_sizes
-from control.machine.shaft import Shaft
+from control.machine.machine import effect_sizes
 from drivers.files.config import load, save
 from drivers.files.kinds import MACHINE
+from tests.diagnosis.logs import DRIVE, Columns
 
 Array = npt.NDArray[np.float64]
 Response = Callable[[Array], Array]
-FULL_RPM, DEAD_S, ROW_S, HOLD_ROWS, NOISE_RPM = 650.0, 0.02, 0.02, 50, 2.0
-DRIVE = Machine(id="drive", shaft=Shaft(dead_time_s=DEAD_S, time_constant_s=0.06, acceleration_rpm_s=1e6,
-                                        full_rpm=FULL_RPM), flow=Flow(full_rpm=FULL_RPM),
-                limits=Limits(shaft_low_rpm=0.0, shaft_high_rpm=FULL_RPM), noise=Noise(shaft_rpm=NOISE_RPM),
-                tolerance=Tolerance(shaft_percent=0.5, time_constant_s=0.015))
+DEAD_S, ROW_S, HOLD_ROWS, NOISE_RPM = 0.02, 0.02, 50, 2.0
 
 
 def rings(omega: float, damping: float) -> Response:
@@ -47,7 +43,7 @@ def one_lag(tau_s: float) -> Response:
     return lambda t: 1.0 - np.exp(-t / tau_s)
 
 
-def log_of(seed: int, response: Response, steps: int = 40) -> dict[str, Any]:
+def log_of(seed: int, response: Response, steps: int = 40) -> Columns:
     rng = np.random.default_rng(seed)
     asked = np.repeat(rng.uniform(60.0, 600.0, steps), HOLD_ROWS)
     time_s = ROW_S * np.arange(len(asked))
@@ -136,6 +132,6 @@ def test_a_dead_time_of_a_while_leaves_tolerances_where_they_are() -> None:
     columns = next(iter(judged_run(log_of(1, one_lag(0.06)), DRIVE).groups)).search.columns
     for later, moved in ((EffectInstance("shaft.dead_time", 0.1), True),
                          (EffectInstance("shaft.dead_time", 0.1, 10.0, until_s=12.0), False)):
-        lags = [next(c.coefficients["shaft"] for c in columns._nuisances(parts) if c.label.name.endswith("constant_s"))
+        lags = [next(c.coefficients["shaft"] for c in columns.fixed(parts) if c.label.name.endswith("constant_s"))
                 for parts in ((), (later,))]
         assert np.array_equal(*lags) is not moved

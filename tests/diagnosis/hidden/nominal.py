@@ -72,7 +72,7 @@ IDS: dict[str, Kind] = {
     "shaft.back_gain": Kind(0, 0.2, 30.0, "%", ()),
     "shaft.back_zone": Kind(0, 1.0, 40.0, "r/min", ()),
     "shaft.second_order": Kind(1, 0.02, 1.0, "s", ()),      # tests/diagnosis/test_second_order.py
-    "shaft.ramp": Kind(1, 0.1, 10.0, "s", ()),              # tests/diagnosis/test_ramp.py
+    "shaft.ramp": Kind(1, 0.1, 10.0, "s", ()),              # tests/diagnosis/test_planted_drives.py
     "shaft.voltage_sag": Kind(1, 0.2, 10.0, "%/V", ("run",)),
     "shaft.load_droop": Kind(1, 0.5, 30.0, "%", ("run",)),
     "shaft.coarse_encoder": Kind(1, 0.8, 6.0, "r/min", ("run",), by_z=False),

@@ -7,9 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from .machines import MACHINES, Table
-from .spoil import ALL, REFUSABLE, Spoiler
+from .spoil import SPOILERS, Spoiler
 
-SPOILERS = (*ALL, *REFUSABLE)
 FURTHER = 2                 # of the spoilers, at most, on top of the one that the number names
 
 

@@ -1,7 +1,4 @@
-"""What careless loggers, spreadsheets and sensors do to a recording: one function a kind, drawn with a seed.
-
-`refusable`: a file that a program may refuse in one clear line (exit code 2), for it cannot be read as it stands.
-"""
+"""What careless loggers, spreadsheets and sensors do to a recording, by name; what is random in it comes of a seed."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -12,12 +9,16 @@ import numpy as np
 from .machines import Table
 
 Rng = np.random.Generator
+Array = np.ndarray
+Change = Callable[[Rng, Table], Table]
 
 
 class Spoiler(NamedTuple):
+    """`refusable`: a program may refuse the file in one clear line (exit code 2): it cannot be read as it stands."""
+
     name: str
-    apply: Callable[[Rng, Table], Table]
-    refusable: bool = False
+    apply: Change
+    refusable: bool
 
 
 def _some(rng: Rng, table: Table) -> str:
@@ -25,159 +26,65 @@ def _some(rng: Rng, table: Table) -> str:
     return str(rng.choice(names))
 
 
-def _cells(rng: Rng, n: int, share: float) -> np.ndarray:
+def _cells(rng: Rng, n: int, share: float) -> Array:
     return rng.random(n) < share
 
 
-def _rows(table: Table, kept: np.ndarray) -> Table:
+def _rows(table: Table, kept: Array) -> Table:
     return {name: column[kept] for name, column in table.items()}
 
 
-def _with(table: Table, **columns: np.ndarray) -> Table:
-    return {**table, **columns}
+def _column(change: Callable[[Rng, Array], Array]) -> Change:
+    """One column of numbers is changed."""
+    def apply(rng: Rng, table: Table) -> Table:
+        name = _some(rng, table)
+        return {**table, name: change(rng, table[name])}
+    return apply
 
 
-def _set(rng: Rng, table: Table, value: float, share: float) -> Table:
-    name = _some(rng, table)
-    return _with(table, **{name: np.where(_cells(rng, len(table[name]), share), value, table[name])})
+def _every(change: Callable[[str, Array], Array], texts: bool = False) -> Change:
+    """Every column but the times is changed, those of texts too or not."""
+    return lambda rng, table: {name: column if name == "time_s" or (column.dtype == object and not texts)
+                               else change(name, column) for name, column in table.items()}
 
 
-def constant_reading(rng: Rng, table: Table) -> Table:
-    name = _some(rng, table)
-    return _with(table, **{name: np.full(len(table[name]), float(np.median(table[name])))})
+def _times(change: Callable[[Rng, Array], Array]) -> Change:
+    return lambda rng, table: {**table, "time_s": change(rng, table["time_s"])}
 
 
-def constant_commands(rng: Rng, table: Table) -> Table:
-    return {name: np.full(len(column), column[len(column) // 2]) if name.endswith("_cmd") else column
-            for name, column in table.items()}
+def _kept(rows: Callable[[Rng, int], Array]) -> Change:
+    """Which rows stand in the file."""
+    return lambda rng, table: _rows(table, rows(rng, len(table["time_s"])))
 
 
-def constant_everywhere(rng: Rng, table: Table) -> Table:
-    return {name: column if name == "time_s" else np.full(len(column), column[0], column.dtype)
-            for name, column in table.items()}
+def _cells_are(*values_and_shares: tuple[float, float]) -> Change:
+    """A share of the cells of some column is a value; then another one."""
+    def apply(rng: Rng, table: Table) -> Table:
+        for value, share in values_and_shares:
+            table = _column(lambda rng, x, value=value, share=share: np.where(  # type: ignore[misc]
+                _cells(rng, len(x), share), value, x))(rng, table)
+        return table
+    return apply
 
 
-def all_zero(rng: Rng, table: Table) -> Table:
-    return {name: np.zeros(len(column)) if name != "time_s" and column.dtype != object else column
-            for name, column in table.items()}
-
-
-def constant_but_one_row(rng: Rng, table: Table) -> Table:
-    out = constant_everywhere(rng, table)
-    name = _some(rng, out)
-    out[name] = out[name].copy()
-    out[name][len(out[name]) // 3] += 1.0
-    return out
-
-
-def infinite_cells(rng: Rng, table: Table) -> Table:
-    return _set(rng, _set(rng, table, np.inf, 0.02), -np.inf, 0.01)
-
-
-def infinite_column(rng: Rng, table: Table) -> Table:
-    return _set(rng, table, np.inf, 1.1)
-
-
-def infinite_times(rng: Rng, table: Table) -> Table:
-    return _with(table, time_s=np.where(_cells(rng, len(table["time_s"]), 0.01), np.inf, table["time_s"]))
-
-
-def not_a_number(rng: Rng, table: Table) -> Table:
-    return _set(rng, _set(rng, table, np.nan, 0.3), np.nan, 0.05)
-
-
-def empty_column(rng: Rng, table: Table) -> Table:
-    return _set(rng, table, np.nan, 1.1)
-
-
-def nearly_empty_column(rng: Rng, table: Table) -> Table:
-    return _set(rng, table, np.nan, 0.985)
-
-
-def empty_stretch(rng: Rng, table: Table) -> Table:
+def _empty_stretch(rng: Rng, table: Table) -> Table:
     n = len(table["time_s"])
-    begin = int(rng.integers(0, n // 2))
-    out = dict(table)
-    for name in list(table)[1:]:
-        if table[name].dtype != object:
-            out[name] = table[name].copy()
-            out[name][begin:begin + n // 3] = np.nan
-    return out
+    begin, row = int(rng.integers(0, n // 2)), np.arange(n)
+    return _every(lambda _, x: np.where((row >= begin) & (row < begin + n // 3), np.nan, x))(rng, table)
 
 
-def huge_cells(rng: Rng, table: Table) -> Table:
-    return _set(rng, table, 1e300, 0.003)
-
-
-def huge_column(rng: Rng, table: Table) -> Table:
-    name = _some(rng, table)
-    return _with(table, **{name: table[name] * 1e200})
-
-
-def tiny_column(rng: Rng, table: Table) -> Table:
-    name = _some(rng, table)
-    return _with(table, **{name: table[name] * 1e-300})
-
-
-def huge_times(rng: Rng, table: Table) -> Table:
-    """A count of an unknown clock: the steps between rows drown in the digits that a float has."""
-    return _with(table, time_s=table["time_s"] + 1e15)
-
-
-def unix_times(rng: Rng, table: Table) -> Table:
-    return _with(table, time_s=table["time_s"] + 1_782_000_000.0)
-
-
-def long_times(rng: Rng, table: Table) -> Table:
-    """Hours between two parts of it: the logger was switched on again after a week."""
-    late = np.arange(len(table["time_s"])) > len(table["time_s"]) // 2
-    return _with(table, time_s=table["time_s"] + np.where(late, 604_800.0, 0.0))
-
-
-def spread_times(rng: Rng, table: Table) -> Table:
-    return _with(table, time_s=table["time_s"] * 1e6)
-
-
-def jumping_times(rng: Rng, table: Table) -> Table:
-    return _with(table, time_s=table["time_s"] + rng.exponential(0.4, len(table["time_s"])).cumsum())
-
-
-def backward_times(rng: Rng, table: Table) -> Table:
-    time_s = table["time_s"].copy()
-    time_s[len(time_s) // 2:] -= 0.3 * time_s[-1]
-    return _with(table, time_s=time_s)
-
-
-def repeated_times(rng: Rng, table: Table) -> Table:
-    return _with(table, time_s=np.floor(table["time_s"]))
-
-
-def doubled_rows(rng: Rng, table: Table) -> Table:
-    n = len(table["time_s"])
-    return _rows(table, np.sort(np.concatenate((np.arange(n), rng.integers(0, n, n // 3)))))
-
-
-def shuffled_rows(rng: Rng, table: Table) -> Table:
-    return _rows(table, rng.permutation(len(table["time_s"])))
-
-
-def missing_rows(rng: Rng, table: Table) -> Table:
-    return _rows(table, ~_cells(rng, len(table["time_s"]), 0.4))
-
-
-def long_gaps(rng: Rng, table: Table) -> Table:
-    n = len(table["time_s"])
+def _without_gaps(rng: Rng, n: int) -> Array:
     kept = np.ones(n, bool)
     for begin in rng.integers(0, n, 4):
         kept[begin:begin + n // 7] = False
-    return _rows(table, kept)
+    return kept
 
 
-def few_rows(rng: Rng, table: Table) -> Table:
-    return _rows(table, np.arange(len(table["time_s"])) < int(rng.integers(38, 70)))
+def _back(time_s: Array) -> Array:
+    return np.where(np.arange(len(time_s)) < len(time_s) // 2, time_s, time_s - 0.3 * time_s[-1])
 
 
-def wide(rng: Rng, table: Table) -> Table:
+def _wide(rng: Rng, table: Table) -> Table:
     """1,999 columns: a bus log with every signal of it, some noise, some slow, some copies."""
     n, extra = len(table["time_s"]), {}
     some = _some(rng, table)
@@ -186,11 +93,10 @@ def wide(rng: Rng, table: Table) -> Table:
         extra[f"signal_{k}"] = (rng.integers(0, 100, n) / 10.0 if kind == 0 else np.round(table[some] * (1 + k), 3)
                                 if kind == 1 else np.full(n, float(k)) if kind == 2
                                 else np.round(np.sin(np.arange(n) / (40.0 + k)), 3))
-    kept = np.arange(n) < 3000                      # a file of 30 MB is enough
-    return _rows({**table, **extra}, kept)
+    return _rows({**table, **extra}, np.arange(n) < 3000)       # a file of 30 MB is enough
 
 
-def long_names(rng: Rng, table: Table) -> Table:
+def _long_names(rng: Rng, table: Table) -> Table:
     n, some = len(table["time_s"]), _some(rng, table)
     load = np.sin(np.arange(n) / 300.0)
     name = "TractorFrontAxleHydraulicPressureSensorAfterSecondaryFilterStageInBarMeasuredAtTheLeftSide"
@@ -198,60 +104,78 @@ def long_names(rng: Rng, table: Table) -> Table:
     return {**table, some: bent, name: 40.0 + 10.0 * load, name + "_ValueOfTheBackupSensor": rng.normal(0.0, 1.0, n)}
 
 
-def odd_names(rng: Rng, table: Table) -> Table:
+def _odd_names(rng: Rng, table: Table) -> Table:
     n = len(table["time_s"])
     odd = ("Öl °C", "a/b\\c", "x;y", "  ", "=1+1", "пробка", "排肥", "__proto__", "time s", "-", "0", "id", "a.b#c@d")
     return {**table, **{name: 5.0 + np.sin(np.arange(n) / (50.0 + 9 * k)) for k, name in enumerate(odd)}}
 
 
-def copies(rng: Rng, table: Table) -> Table:
-    return {**table, **{f"{name}_again": column for name, column in list(table.items())[1:]}}
-
-
-def same_header_twice(rng: Rng, table: Table) -> Table:
+def _twice(rng: Rng, table: Table) -> Table:
     some = _some(rng, table)
     return {**table, f"{some}\0": table[some]}       # `text_of` writes the name without the mark
 
 
-def words_in_numbers(rng: Rng, table: Table) -> Table:
-    name = _some(rng, table)
-    cells = np.array([f"{value:.3f}" for value in table[name]], object)
+def _in_thirds(rng: Rng, column: Array) -> Array:
+    step = max(1e-9, float(np.ptp(column)) / 3.0)
+    return np.round(column / step) * step
+
+
+def _words(rng: Rng, column: Array) -> Array:
+    cells = np.array([f"{value:.3f}" for value in column], object)
     cells[_cells(rng, len(cells), 0.05)] = "ERR"
-    return _with(table, **{name: cells})
+    return cells
 
 
-def coarse(rng: Rng, table: Table) -> Table:
-    name = _some(rng, table)
-    step = max(1e-9, float(np.ptp(table[name])) / 3.0)
-    return _with(table, **{name: np.round(table[name] / step) * step})
-
-
-def upside_down(rng: Rng, table: Table) -> Table:
-    name = _some(rng, table)
-    return _with(table, **{name: -table[name]})
-
-
-def loud(rng: Rng, table: Table) -> Table:
-    name = _some(rng, table)
-    spread = 1.0 + float(np.ptp(table[name]))
-    return _with(table, **{name: table[name] + spread * rng.standard_cauchy(len(table[name]))})
-
-
-def marks(rng: Rng, table: Table) -> Table:
-    return _set(rng, _set(rng, table, -9999.0, 0.1), 65535.0, 0.05)
-
-
-def odd_events(rng: Rng, table: Table) -> Table:
+def _odd_events(rng: Rng, table: Table) -> Table:
     texts = np.full(len(table["time_s"]), "", object)
     for k, text in enumerate(("refill nan", "refill inf", "refill 1e308", "refill -50", "refill 100 100", "strategy")):
         texts[(k + 1) * len(texts) // 8] = text
-    return _with(table, events=texts)
+    return {**table, "events": texts}
 
 
-ALL = tuple(Spoiler(one.__name__, one) for one in (
-    constant_reading, constant_commands, constant_everywhere, all_zero, constant_but_one_row, infinite_cells,
-    infinite_column, infinite_times, not_a_number, empty_column, nearly_empty_column, empty_stretch, huge_cells,
-    huge_column, tiny_column, unix_times, long_times, jumping_times, repeated_times, doubled_rows, missing_rows,
-    long_gaps, wide, long_names, odd_names, copies, coarse, upside_down, loud, marks, odd_events))
-REFUSABLE = tuple(Spoiler(one.__name__, one, True) for one in (
-    huge_times, spread_times, backward_times, shuffled_rows, few_rows, same_header_twice, words_in_numbers))
+_constant = _every(lambda _, x: np.full(len(x), x[0], x.dtype), texts=True)
+_READ: dict[str, Change] = {
+    "constant_reading": _column(lambda rng, x: np.full(len(x), float(np.median(x)))),
+    "constant_commands": _every(lambda name, x: np.full(len(x), x[len(x) // 2]) if name.endswith("_cmd") else x),
+    "constant_everywhere": _constant,
+    "all_zero": _every(lambda _, x: np.zeros(len(x))),
+    "constant_but_one_row": lambda rng, table: _column(
+        lambda rng, x: x + (np.arange(len(x)) == len(x) // 3))(rng, _constant(rng, table)),
+    "infinite_cells": _cells_are((np.inf, 0.02), (-np.inf, 0.01)),
+    "infinite_column": _cells_are((np.inf, 1.1)),
+    "infinite_times": _times(lambda rng, t: np.where(_cells(rng, len(t), 0.01), np.inf, t)),
+    "not_a_number": _cells_are((np.nan, 0.3), (np.nan, 0.05)),
+    "empty_column": _cells_are((np.nan, 1.1)),
+    "nearly_empty_column": _cells_are((np.nan, 0.985)),
+    "empty_stretch": _empty_stretch,
+    "huge_cells": _cells_are((1e300, 0.003)),
+    "huge_column": _column(lambda rng, x: x * 1e200),
+    "tiny_column": _column(lambda rng, x: x * 1e-300),
+    "unix_times": _times(lambda rng, t: t + 1_782_000_000.0),
+    # The logger was switched on again after a week.
+    "long_times": _times(lambda rng, t: t + np.where(np.arange(len(t)) > len(t) // 2, 604_800.0, 0.0)),
+    "jumping_times": _times(lambda rng, t: t + rng.exponential(0.4, len(t)).cumsum()),
+    "repeated_times": _times(lambda rng, t: np.floor(t)),
+    "doubled_rows": _kept(lambda rng, n: np.sort(np.concatenate((np.arange(n), rng.integers(0, n, n // 3))))),
+    "missing_rows": _kept(lambda rng, n: ~_cells(rng, n, 0.4)),
+    "long_gaps": _kept(_without_gaps),
+    "wide": _wide, "long_names": _long_names, "odd_names": _odd_names,
+    "copies": lambda rng, table: {**table, **{f"{name}_again": column for name, column in list(table.items())[1:]}},
+    "coarse": _column(_in_thirds),
+    "upside_down": _column(lambda rng, x: -x),
+    "loud": _column(lambda rng, x: x + (1.0 + float(np.ptp(x))) * rng.standard_cauchy(len(x))),
+    "marks": _cells_are((-9999.0, 0.1), (65535.0, 0.05)),
+    "odd_events": _odd_events,
+}
+_REFUSABLE: dict[str, Change] = {
+    # A count of an unknown clock: the steps between rows drown in the digits that a float has.
+    "huge_times": _times(lambda rng, t: t + 1e15),
+    "spread_times": _times(lambda rng, t: t * 1e6),
+    "backward_times": _times(lambda rng, t: _back(t)),
+    "shuffled_rows": _kept(lambda rng, n: rng.permutation(n)),
+    "few_rows": _kept(lambda rng, n: np.arange(n) < int(rng.integers(38, 70))),
+    "same_header_twice": _twice,
+    "words_in_numbers": _column(_words),
+}
+SPOILERS = tuple(Spoiler(name, change, some is _REFUSABLE) for some in (_READ, _REFUSABLE)
+                 for name, change in some.items())
