@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from trees import environment_of, trees
+from trees import environment_of, trees, worked
 
 WRITE_S = 8.0
 CUT_S = 30.0
@@ -55,48 +55,41 @@ class Slow:
 
 def of_this_tree(kind: str, seconds: float, folder: Path) -> Seen:
     from console.worker import assemble as rooms
-    from console.worker.host import Host
-    from console.worker.options import Options
+    from control.orders import Do, Order
     from drivers.files.atomic import create
     from drivers.files.log_text import HEADER
     if kind == "slow":
         rooms.RunLogWriter = partial(rooms.RunLogWriter,                            # type: ignore[misc,assignment]
                                      create=lambda path, overwrite: Slow(create(path, overwrite)))
-    started_s = time.monotonic()
+    began_s, log = time.monotonic(), folder / "run.csv"
+    kg_by_m: dict[int, float] = {}
+    frames: list[Any] = []
+    cuts = [log] if kind == "cut" else []
+    width_m = 0.0
 
     def clock() -> float:
-        return time.monotonic() - started_s
+        return time.monotonic() - began_s
 
-    parts = rooms.assemble(Options((), folder / "w.json", log=str(folder / "run.csv")), clock)
-    plant: Any = parts.bench._plant                                                 # type: ignore[attr-defined]
-    kg_by_m: dict[int, float] = {}
-
-    def take(truth: Any) -> None:
+    def take(plant: Any, truth: Any) -> None:
+        nonlocal width_m
+        width_m = plant.machine.geometry.working_width_m
         at = int(truth.driven_m + truth.speed_mps * truth.drop_s)
         kg_by_m[at] = kg_by_m.get(at, 0.0) + truth.flow_kg_s * plant.dt_s
 
-    plant._keep = take
-    frames: list[Any] = []
-    cuts = [parts.writer.path] if kind == "cut" else []                             # type: ignore[attr-defined]
-
-    def sleep(wait_s: float) -> None:
-        host.console_heard()
+    def each(host: Any) -> None:
         if host.newest is not None and clock() > 2.0:
             frames.append(host.newest)
-            order(host, host.newest.row.state)
+            if host.newest.row.state == "ready":            # by hand at one rate
+                for one in (Order(Do.SOURCE, "manual"), Order(Do.MANUAL_RATE, 300.0)):
+                    host.ask(one, lambda answer, _: None)
         if cuts and clock() > CUT_S:
             os.truncate(cuts.pop(), 0)
-        if clock() > seconds:
-            host.stop("enough")
-        time.sleep(max(wait_s, 0.0))
 
-    host = Host(parts, clock, sleep)
-    host.run()
+    worked(["--log", str(log)], clock, time.sleep, seconds, each, take)
     flows = [bool(frame.row.shaft_rpm_cmd) for frame in frames[:-3]]                # at the end it is stopped
-    worked = flows[flows.index(True):]
+    flows = flows[flows.index(True):]
     alarms = {alarm.id for frame in frames for alarm in frame.alarms}
     first_m, last_m = min(kg_by_m), max(kg_by_m)
-    width_m = plant.machine.geometry.working_width_m
     laid = [m for m in range(first_m, last_m) if kg_by_m.get(m, 0.0) > 0.0]
     doses = np.array([kg_by_m.get(m, 0.0) * 10_000.0 / width_m for m in range(int(laid[0] + RUN_IN_M), last_m - 2)])
     logs = []
@@ -104,18 +97,9 @@ def of_this_tree(kind: str, seconds: float, folder: Path) -> Seen:
         text = log.read_bytes()
         logs.append((log.name, text.replace(b"\0", b"").count(b"\n") - text.startswith(HEADER.encode()[:20]),
                      text.count(b"\0"), text.startswith(HEADER.encode()[:20])))
-    return Seen(kind, sum(a != b for a, b in pairwise(worked)), frames[-3].row.state,
+    return Seen(kind, sum(a != b for a, b in pairwise(flows)), frames[-3].row.state,
                 len(doses), int((doses < BARE_KG_HA).sum()), float(100.0 * doses.std() / doses.mean()),
                 tuple(sorted(alarms & {"log_failed", "log_cut"})), tuple(logs))
-
-
-def order(host: Any, state: str) -> None:
-    """Made ready and started, by hand at one rate."""
-    from control.orders import Do, Order
-    if state in ("off", "ready"):
-        for one in (Order(Do.SOURCE, "manual"), Order(Do.MANUAL_RATE, 300.0),
-                    Order(Do.READY if state == "off" else Do.START)):
-            host.ask(one, lambda answer, _: None)
 
 
 def main() -> int:

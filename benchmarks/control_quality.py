@@ -22,16 +22,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from manoeuvres import GO, MANOEUVRES, Manoeuvre, driven, judge, sim_of, the_setup
+from manoeuvres import GO_HELD, MANOEUVRES, Manoeuvre, driven, judge, sim_of, the_setup
 from verdict import exit_code
 
-from control.field.job import Simulated
-from control.orders import Do, Order, Strategy
-from control.safety import SafetyLimits
+from control.orders import Strategy
+from control.simulation.errors import landing, needs
 from control.simulation.figures import moves
 
 KNOWN = ("none", "set", "plan", "drive")
-GO_HELD = (GO[0], *((1.0 + 0.2 * k, Order(Do.START, True)) for k in range(40)))     # START held until the machine works
 PROMISED_FROM = 3               # seeds
 HEAD = (f"{'manoeuvre':36}{'strategy':14}{'preview':8}{'held %':>8}{'p95':>7}{'graded':>8}{'smooth':>8}{'bias %':>8}"
         f"{'place m':>9}{'p95':>7}{'bias m':>8}{'steps':>6}{'lost':>5}{'beyond':>8}{'gate/h':>8}{'us/tick':>8}")
@@ -69,9 +67,7 @@ class Found(NamedTuple):
 def measured(what: Manoeuvre, strategy: Strategy, preview: str, seeds: int, tree: str, settled: bool = False) -> Found:
     setup = the_setup(settled)
     width_m = setup.machine.geometry.working_width_m
-    orders = None
-    if what.speeds and what.speeds[0][1] == 0:
-        orders = GO_HELD if hasattr(SafetyLimits(), "launch_max_s") else GO
+    orders = GO_HELD if what.speeds and what.speeds[0][1] == 0 else None
     sim = sim_of(what) | ({} if preview == "none" else {"speed_told": preview})
     each, needed, places, gate, ticks = [], [], [], [], 0
     started = time.process_time()
@@ -95,11 +91,7 @@ def measured(what: Manoeuvre, strategy: Strategy, preview: str, seeds: int, tree
 
 
 def _against_needs(record: Any, what: Manoeuvre, width_m: float, rule: Any) -> tuple[float, float]:
-    """Rate errors against the graded and the smooth need, %; NaN with a tree that does not know them."""
-    try:
-        from control.simulation.errors import landing, needs
-    except ImportError:
-        return float("nan"), float("nan")
+    """Rate errors against the graded and the smooth need, %."""
     columns = record.columns()
     land = landing(columns, width_m)
     rows = (columns["time_s"] >= what.begin_s) & (columns["time_s"] <= what.end_s)
@@ -147,10 +139,9 @@ PROMISED: dict[tuple[str, str, str], float] = {
 
 def every(chosen: Sequence[Manoeuvre], strategies: Sequence[str], preview: Sequence[str], seeds: int,
           tree: str, settled: bool) -> Iterator[Found]:
-    knows = "speed_told" in Simulated.model_fields
     for what in chosen:
         for strategy in strategies:
-            for how in preview if knows else ("none",):
+            for how in preview:
                 yield measured(what, Strategy(strategy), how, seeds, tree, settled)
 
 

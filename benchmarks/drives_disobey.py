@@ -10,29 +10,22 @@ what holds the work, and starts again after `AGAIN_S`. `healthy SEED HOURS`: how
 """
 from __future__ import annotations
 
-import datetime as dt
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from math import pi, sin
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from rig import DAY, DT_S, Rig
 from verdict import exit_code
 
-from control.field.job import Simulated
-from control.loop.tick import Tick
-from control.machine.planting import parse_planted
-from control.orders import Do, Order, State, TargetSource
-from control.readings import DriveCommand
+from control.orders import Do, Order, TargetSource
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.closed_loop import simulated_run
 from control.simulation.compiled_steps import STEPS
-from control.simulation.plant import Plant, Sensed
-from drivers.cab_config import BoardConfig
+from control.simulation.plant import Sensed
 from drivers.files.setup import load_setup
-from drivers.virtual.machine import virtual_cab
-from drivers.virtual.runaway import RUNAWAY_MM, RUNAWAY_RPM, Runaway, VirtualRunaway
+from drivers.virtual.runaway import RUNAWAY_MM, RUNAWAY_RPM, Runaway
 
-DT_S = 0.05
 LASTS_S = 30.0
 SETTLED_S = 5.0             # after the shaft has come to a stand again
 SHAFT_SAID_S, GATE_SAID_S, VALVE_SAID_S = 1.2, 2.0, 5.0     # at the latest
@@ -69,125 +62,41 @@ class ReadsZero:
         return sensed._replace(shaft_rpm=0.0) if self.on else sensed
 
 
-class Lying:
-    """The plant as the bytes have it: its sensors through `lie`, its shaft `turns` times as fast as commanded."""
-
-    dt_s = DT_S
-
-    def __init__(self, plant: Plant, lie: Callable[[Sensed], Sensed], turns: Callable[[float], float]) -> None:
-        self._plant, self._lie, self._turns = plant, lie, turns
-
-    def step(self, command: DriveCommand, enabled: bool) -> Sensed:
-        turns = self._turns(self._plant.time_s)
-        return self._lie(self._plant.step(command._replace(shaft_rpm=turns * command.shaft_rpm), enabled))
+WORK = "work"
+Step = str | float | Do | tuple[Do, object]
 
 
-class Machine:
-    """The whole way from the loop to the plant and back. `runaway` may be set at any time. lie: what the sensors make
-    of what they sense; turns: times what the shaft is commanded, by the time; effects: of the plant, as `topdress
-    simulate --effect` has them; sim: of the job's simulation, where it differs."""
-
-    def __init__(self, machine: str = "huanghai", job: str = "demo", seed: int = 1, *,
-                 lie: Callable[[Sensed], Sensed] = lambda sensed: sensed,
-                 turns: Callable[[float], float] = lambda at_s: 1.0, effects: Iterable[str] = (), **sim: Any) -> None:
-        setup = load_setup(machine, job, dt.date(2026, 4, 1))
-        simulated = Simulated.model_validate(setup.job.simulated.model_dump() | sim)
-        self.job = with_simulated_field(setup.job.model_copy(update={"simulated": simulated}), setup.machine)
-        self.now_s, self.runaway, self.switch_up = 0.0, Runaway(), False
-        self.plant = simulated_machine(setup.machine, self.job, seed, DT_S, [parse_planted(text) for text in effects])
-        self.cab, self.virtual = virtual_cab(
-            Lying(self.plant, lie, turns), lambda: self.now_s, heads=setup.machine.geometry.heads,
-            board=BoardConfig(port=""),
-            opening_mm=setup.machine.set_points.opening_mm, extras=[VirtualRunaway(lambda at_s: self.runaway, 0.0)])
-        self.loop = control_loop(setup.machine, setup.crop, setup.rule, self.job)
-        self.ticks: list[Tick] = []
-
-    def run(self, seconds: float, each: Callable[[], object] = lambda: None) -> Tick:
-        for _ in range(round(seconds / DT_S)):
-            self.now_s += DT_S
-            self.plant.parked = self.loop.safety.state in (State.OFF, State.READY, State.CALIBRATING)
-            self.virtual.advance(self.now_s)
-            each()
-            m = self.cab.measure(self.now_s)
-            tick = self.loop.tick(m._replace(work_switch=False) if self.switch_up else m, 0.0, True)
-            self.cab.command(self.now_s, tick.command, tick.enabled)
-            self.ticks.append(tick)
-        return self.ticks[-1]
-
-    def order(self, do: Do, value: Any = None) -> None:
-        answer = self.loop.order(Order(do, value))
-        assert answer.accepted, (do, answer)
-
-    def work(self, seconds: float = 15.0) -> None:
-        self.run(2.0)
-        self.order(Do.READY)
-        self.run(2.0)
-        self.order(Do.START)
-        tick = self.run(seconds)
-        assert tick.row.state == "working" and (tick.row.applied_rate_kg_ha or 0.0) > 50.0, tick.row
-
-    @property
-    def hopper_kg(self) -> float:
-        assert self.plant.truth is not None
-        return self.plant.truth.hopper_kg
+def led(*steps: Step) -> Callable[[Rig], None]:
+    """Work, seconds that pass, and orders, in turn."""
+    def lead(it: Rig) -> None:
+        for step in steps:
+            if step == WORK:
+                it.work()
+            elif isinstance(step, float):
+                it.run(step)
+            else:
+                it.order(*(step if isinstance(step, tuple) else (step,)))       # type: ignore[arg-type]
+    return lead
 
 
-def _off(it: Machine) -> None:
-    it.run(2.0)
-
-
-def _off_long(it: Machine) -> None:
-    it.run(60.0)
-
-
-def _ready(it: Machine) -> None:
-    _off(it)
-    it.order(Do.READY)
-    it.run(2.0)
-
-
-def _calibrating(it: Machine) -> None:
-    _ready(it)
-    it.order(Do.CALIBRATE)
-    it.run(0.2)
-
-
-def _held(it: Machine) -> None:
-    it.work()
-    it.order(Do.HOLD)
-
-
-def _stopped(it: Machine) -> None:
-    it.work()
-    it.order(Do.STOP)
-
-
-def _held_long(it: Machine) -> None:
-    _held(it)
-    it.run(5.0)
-
-
-def _switch_up(it: Machine) -> None:
+def switch_up(it: Rig) -> None:
     it.work()
     it.switch_up = True
 
 
-def _rate_zero(it: Machine) -> None:
-    it.work()
-    it.order(Do.MANUAL_RATE, 0.0)
-    it.order(Do.SOURCE, TargetSource.MANUAL.value)
-
-
-def _fault(it: Machine) -> None:
+def fault(it: Rig) -> None:
     it.work()
     it.virtual.board.driver_fault = True
     it.run(5.0)
 
 
-STATES: dict[str, Callable[[Machine], None]] = {
-    "off, from the start": _off, "ready": _ready, "calibrating, shaft at 0": _calibrating,
-    "held, from the order on": _held, "held, later": _held_long, "off, from STOP on": _stopped,
-    "working, switch up": _switch_up, "working, rate 0": _rate_zero, "fault": _fault}
+CALIBRATING = "calibrating, shaft at 0"
+STATES: dict[str, Callable[[Rig], None]] = {
+    "off, from the start": led(2.0), "ready": led(2.0, Do.READY, 2.0),
+    CALIBRATING: led(2.0, Do.READY, 2.0, Do.CALIBRATE, 0.2),
+    "held, from the order on": led(WORK, Do.HOLD), "held, later": led(WORK, Do.HOLD, 5.0),
+    "off, from STOP on": led(WORK, Do.STOP), "working, switch up": switch_up,
+    "working, rate 0": led(WORK, (Do.MANUAL_RATE, 0.0), (Do.SOURCE, TargetSource.MANUAL.value)), "fault": fault}
 
 
 class Found(NamedTuple):
@@ -199,10 +108,10 @@ class Found(NamedTuple):
     state: str                  # after the alarm
 
 
-def lied_to(begin: Callable[[Machine], None], runaway: Runaway, alarm: str, machine: str = "huanghai",
+def lied_to(begin: Callable[[Rig], None], runaway: Runaway, alarm: str, machine: str = "huanghai",
             job: str = "demo", stuck: dict[int, bool] | None = None) -> Found:
     reads = ReadsZero()
-    it = Machine(machine, job, lie=reads)
+    it = Rig(machine, job, lie=reads)
     begin(it)
     reads.on = alarm == "flow_unordered"
     first, from_kg, counted_kg, frames = len(it.ticks), it.hopper_kg, it.loop.totals.applied_kg, \
@@ -210,7 +119,7 @@ def lied_to(begin: Callable[[Machine], None], runaway: Runaway, alarm: str, mach
     if stuck and it.plant.valves is not None:
         it.plant.valves.stuck = stuck
     it.runaway = runaway
-    holds = (lambda: it.loop.order(Order(Do.CALIBRATE))) if begin is _calibrating else (lambda: None)
+    holds = (lambda: it.loop.order(Order(Do.CALIBRATE))) if begin is STATES[CALIBRATING] else (lambda: None)
     tick = it.run(LASTS_S, holds)
     zeros_hz = (it.virtual.board.counts.accepted - frames) / LASTS_S
     state = str(tick.row.state)
@@ -257,7 +166,7 @@ LIES: dict[str, tuple[Lie, tuple[str, ...]]] = {
 def lied(lie: Lie) -> tuple[float, float, dict[str, float]]:
     """Share of the wanted mass that the plant gave from the fault on, how many kg that is off, and what was said after
     how many seconds of it (of work, where it was there all along)."""
-    it = Machine(lie=lie.lie(), turns=lambda at_s: lie.turns if at_s >= lie.at_s else 1.0, effects=lie.effects)
+    it = Rig(lie=lie.lie(), turns=lambda at_s: lie.turns if at_s >= lie.at_s else 1.0, effects=lie.effects)
     said: dict[str, float] = {}
     given_kg = wanted_kg = begins_s = 0.0
 
@@ -305,7 +214,8 @@ def scale() -> dict[str, object]:
                 abs(share * (1.2 if "blocked" in name else 1.0) - 1.0) < 0.01 * GROUND_PERCENT
     print("\n| shaft turns at 70 r/min for 30 s and reads 0 | kg by the plant | counted | in events | said after s | "
           "state then |\n|---|---|---|---|---|---|")
-    for name, begin in {"off for 2 s": _off, "off for 60 s": _off_long, "ready": _ready, "held": _held_long}.items():
+    for name, begin in {"off for 2 s": led(2.0), "off for 60 s": led(60.0), "ready": STATES["ready"],
+                        "held": STATES["held, later"]}.items():
         found = lied_to(begin, Runaway(shaft_rpm=RUNAWAY_RPM), "flow_unordered")
         after = "never" if found.said_s is None else f"{found.said_s:.1f}"
         print(f"| {name} | {found.plant_kg:.2f} | {found.counted_kg:.2f} | {found.entered_kg:.2f} | {after} | "
@@ -317,7 +227,7 @@ def scale() -> dict[str, object]:
 
 def healthy(seed: int, hours: float) -> dict[str, object]:
     """A sound machine on slopes, with refills, straight from the plant: which alarms, and how far the scale trims."""
-    setup = load_setup("huanghai", "demo", dt.date(2026, 4, 1))
+    setup = load_setup("huanghai", "demo", DAY)
     job = setup.job.model_copy(update={"simulated": setup.job.simulated.model_copy(update={
         "passes": 400, "slope_deg": 4.0 * (seed % 2), "refill_at_kg": 40.0})})
     job = with_simulated_field(job, setup.machine)

@@ -144,10 +144,6 @@ def tractor_line(chance: random.Random) -> bytes:
                               chance.uniform(0.1, 2.0)))
 
 
-def tractor_said(data: bytes) -> list[Said]:
-    return list(TractorSpeedDecoder().feed(data, 0.0))
-
-
 def datagrams(decode: Callable[[bytes], Said]) -> Callable[[bytes], list[Said]]:
     def said(data: bytes) -> list[Said]:
         try:
@@ -170,16 +166,8 @@ def gpsd_frame(chance: random.Random) -> bytes:
     return client.read().splitlines(keepends=True)[-1]              # TPV; SKY before it
 
 
-def gpsd_said(data: bytes) -> list[Said]:
-    return list(gpsd.GpsdDecoder().feed(data, 0.0))
-
-
 def aog_frame(chance: random.Random) -> bytes:
     return agopengps_frames(fix(chance))[1]
-
-
-def aog_said(data: bytes) -> list[Said]:
-    return list(agopengps.AgOpenGpsDecoder().feed(data, 0.0))
 
 
 NO_SUM_TCP = "JSON carries no checksum; the TCP connection that it comes on does"
@@ -204,6 +192,10 @@ def _fed(decoder: Any) -> Callable[[bytes], object]:
     return lambda data: decoder.feed(data, 0.0)
 
 
+def by_decoder(make: Callable[[random.Random], bytes], decoder: Callable[[], Any], why: str) -> Subject:
+    return Subject(make, lambda data: list(decoder().feed(data, 0.0)), lambda: _fed(decoder()), why)
+
+
 def _module() -> Callable[[bytes], object]:
     from drivers.devices.rate_module import ModuleAddress, RateModule
     driver = RateModule(ModuleAddress(), 360.0, 100.0)
@@ -212,9 +204,9 @@ def _module() -> Callable[[bytes], object]:
 
 SUBJECTS: dict[str, Subject] = {
     "gnss (NMEA 0183)": Subject(nmea_frame, nmea_said, lambda: _fed(GnssDecoder()), XOR),
-    "tractor": Subject(tractor_line, tractor_said, lambda: _fed(TractorSpeedDecoder()), XOR),
-    "gpsd": Subject(gpsd_frame, gpsd_said, lambda: _fed(gpsd.GpsdDecoder()), NO_SUM_TCP),
-    "agopengps": Subject(aog_frame, aog_said, lambda: _fed(agopengps.AgOpenGpsDecoder()), SUM),
+    "tractor": by_decoder(tractor_line, TractorSpeedDecoder, XOR),
+    "gpsd": by_decoder(gpsd_frame, gpsd.GpsdDecoder, NO_SUM_TCP),
+    "agopengps": by_decoder(aog_frame, agopengps.AgOpenGpsDecoder, SUM),
     "greenseeker": heads("greenseeker", False),
     "acs430": heads("acs430", False),
     "acs435": heads("acs435", False),

@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from trees import environment_of, trees
+from trees import environment_of, trees, worked
 
-CELL_M = 0.2
+CELL_M, WIDTH_M = 0.2, 2.4
 PART_M = 15.0               # of new ground in every part
 PASS_M = 100.0
 SPEED_MPS = 1.25
@@ -59,32 +59,17 @@ class GroundKg:
                 self.kg[cell] = self.kg.get(cell, 0.0) + kg
 
 
-def worked(arguments: list[str], until_s: float) -> tuple[GroundKg, float]:
-    """One worker from its start until it is asked to end, and its total, kg."""
-    from console.worker import assemble as rooms
-    from console.worker.host import Host
-    from console.worker.options import options_from
-    from console.worker.requests import Ask
-    from control.orders import Do, Order
+def covered(arguments: list[str], until_s: float) -> tuple[GroundKg, float]:
+    """What one worker covers from its start until it is asked to end, and its total, kg."""
     now_s = 0.0
 
-    def sleep(seconds: float) -> None:
+    def wait(seconds: float) -> None:
         nonlocal now_s
-        now_s += max(seconds, 1e-9)
-        host.console_heard()
-        state = host.newest.row.state if host.newest is not None else ""
-        if now_s > 3.0 and state in ("off", "ready"):
-            host.ask(Order(Do.READY if state == "off" else Do.START), lambda answer, _: None)
-        if now_s > until_s:
-            host.ask(Ask.QUIT, lambda answer, _: None)
+        now_s += seconds
 
-    parts = rooms.assemble(options_from([*arguments, "--run-file", "none.json"]), lambda: now_s)
-    plant: Any = parts.bench._plant                                         # type: ignore[attr-defined]
-    ground = GroundKg(plant.machine.geometry.working_width_m)
-    plant._keep = ground.take
-    host = Host(parts, lambda: now_s, sleep)
-    host.run()
-    return ground, host.newest.applied_kg if host.newest is not None else 0.0
+    ground = GroundKg(WIDTH_M)
+    host = worked(arguments, lambda: now_s, wait, until_s, keep=lambda plant, truth: ground.take(truth))
+    return ground, host.newest.applied_kg
 
 
 def of_this_tree(folder: Path) -> list[Part]:
@@ -130,7 +115,7 @@ def of_this_tree(folder: Path) -> list[Part]:
                 asyncio.run(desk.restart())
             except AttributeError:          # no worker of its own to be linked to
                 pass
-        ground, shown_kg = worked(started[-1], DRIVES_OFF_S + (2.0 + number * PART_M) / SPEED_MPS)
+        ground, shown_kg = covered(started[-1], DRIVES_OFF_S + (2.0 + number * PART_M) / SPEED_MPS)
         least_kg = DONE_KG_HA * CELL_M ** 2 / 10_000.0
         twice = [kg for cell, kg in ground.kg.items() if kg >= least_kg and before.get(cell, 0.0) >= least_kg]
         for cell, kg in ground.kg.items():

@@ -3,14 +3,13 @@
 Logs are those of the hidden generator of tests/diagnosis, which shares no formula with the program: machines within
 their tolerances, four kinds of noise, all programmes. They are fed half a minute at a time, as they would grow.
 
-    python -m benchmarks live_check [--hours 50] [--delays] [--seed 1] [--keep FILE.jsonl]
+    python -m benchmarks live_check [--hours 50] [--delays] [--seed 1]
 
-Exit code 1 where there is more than one false alarm in 100 hours. `--keep` goes on where it was stopped.
+Exit code 1 where there is more than one false alarm in 100 hours.
 """
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Iterator
@@ -73,25 +72,15 @@ def lines(columns: Columns) -> Iterator[tuple[float, str, str]]:
             last = said
 
 
-def healthy(hours: float, seed: int, kept: Path | None) -> bool:
-    done: dict[int, dict[str, Any]] = {}
-    if kept is not None and kept.exists():
-        done = {one["seed"]: one for one in map(json.loads, kept.read_text().splitlines())}
+def healthy(hours: float, seed: int) -> bool:
     worked_h, number, found, used_s = 0.0, seed, [], 0.0
     while worked_h < hours:
-        one = done.get(number)
-        if one is None:
-            columns, begin = log_of(number), time.process_time()
-            one = {"seed": number, "hours": 0.0, "lines": [], "cpu_s": 0.0}
-            if columns is not None:
-                said = list(lines(columns))
-                one |= {"hours": float(np.ptp(columns["time_s"])) / 3600.0, "lines": said,
-                        "cpu_s": time.process_time() - begin}
-            if kept is not None:
-                with kept.open("a") as file:
-                    file.write(json.dumps(one) + "\n")
-        worked_h, used_s, number = worked_h + one["hours"], used_s + one["cpu_s"], number + 1
-        found += one["lines"][:1]           # one alarm a log: the first line stands until it is looked at
+        columns, begin = log_of(number), time.process_time()
+        if columns is not None:
+            found += list(lines(columns))[:1]           # one alarm a log: the first line stands until it is looked at
+            worked_h += float(np.ptp(columns["time_s"])) / 3600.0
+            used_s += time.process_time() - begin
+        number += 1
     low, high = (0.5 * chi2.ppf(0.05, 2 * len(found)) if found else 0.0), 0.5 * chi2.ppf(0.95, 2 * len(found) + 2)
     rate = 100.0 * len(found) / worked_h
     print(f"healthy: {worked_h:.1f} h, {len(found)} false alarms: {rate:.2f} in 100 h, 90 % interval "
@@ -116,21 +105,9 @@ def delays(seed: int, repeated: int) -> None:
                 if columns is None:
                     cells.append("no log")
                     continue
-                cells.append(_first_and_named(columns))
+                cells.append(next((f"{(at_s - BEGINS_S) / 60.0:.1f} ({cause or channel})"
+                                   for at_s, channel, cause in lines(columns)), "not said"))
             print(f"  {effect:20} {size:6g}  {'   '.join(cells)}", flush=True)
-
-
-def _first_and_named(columns: Columns) -> str:
-    """When the line came and what it said; and when it had a name, where it had none at first."""
-    said = ""
-    for at_s, channel, cause in lines(columns):
-        if not said:
-            said = f"{(at_s - BEGINS_S) / 60.0:.1f} ({cause or channel})"
-            if cause:
-                return said
-        elif cause:
-            return f"{said[:-1]}, {(at_s - BEGINS_S) / 60.0:.1f} {cause})"
-    return said or "not said"
 
 
 def main() -> int:
@@ -139,11 +116,10 @@ def main() -> int:
     parser.add_argument("--delays", action="store_true")
     parser.add_argument("--repeated", type=int, default=2, help="logs for each effect and size")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--keep", type=Path)
     given = parser.parse_args()
     if given.delays:
         delays(given.seed, given.repeated)
-    return 0 if given.hours <= 0.0 or healthy(given.hours, given.seed, given.keep) else 1
+    return 0 if given.hours <= 0.0 or healthy(given.hours, given.seed) else 1
 
 
 if __name__ == "__main__":

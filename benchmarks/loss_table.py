@@ -7,54 +7,39 @@ the moment the fault begins to the tick whose log row shows the reaction.
 from __future__ import annotations
 
 import argparse
-import datetime as dt
 import errno
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from rig import DT_S, Rig
+from terminals import wait
 from verdict import exit_code
 
 from console.worker.host import Host
 from console.worker.parts import Assembly, Names
 from console.worker.simulated_bench import SimulatedBench
-from control.field.job import Simulated
-from control.machine.planting import parse_planted
 from control.orders import Answer, Do, Order
-from control.readings import DriveCommand
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.plant import Plant, Sensed
-from drivers.cab import BoardConfig, Cab, CabConfig, GnssConfig, HeadsConfig
+from control.simulation.plant import Sensed
 from drivers.files.atomic import NewFile
-from drivers.files.prescriptions.for_job import map_of_job
 from drivers.files.run_log import RunLogWriter
 from drivers.files.run_meta import run_meta
-from drivers.files.setup import load_setup
-from drivers.ports import memory_pair
-from drivers.virtual.faults import FaultyPort, PortFaults
-from drivers.virtual.machine import VirtualMachine
 
-TICK_S = 0.05
 SETTLED_S = 14.0
 RUN_DOWN_S = 0.9                # dead time of the shaft's drive 0.37 s, 70 r/min at 200 r/min per s, a tick
-UNPLUGGED = PortFaults(unplugged=True)
 
 
 class WheelFaults:
     """Between the plant and the board's input: a wheel sensor that sticks, or counts what cannot be."""
 
-    def __init__(self, plant: Plant) -> None:
+    def __init__(self) -> None:
         self.stuck = self.mad = False
-        self.dt_s = plant.dt_s
-        self._plant = plant
         self._last: Sensed | None = None
         self._added = 0
 
-    def step(self, command: DriveCommand, enabled: bool) -> Sensed:
-        sensed = self._plant.step(command, enabled)
+    def __call__(self, sensed: Sensed) -> Sensed:
         if self.stuck and self._last is not None:
             sensed = sensed._replace(wheel_pulses=self._last.wheel_pulses, wheel_pulse_s=self._last.wheel_pulse_s)
         elif self.mad:
@@ -75,56 +60,36 @@ class FullDisk(NewFile):
         return super().write(data)
 
 
-class Rig:
-    """One machine at work, and everything that can go wrong with it."""
+class Hosted(Rig):
+    """The rig in the control worker's host, with a real log and a console that is there or is not."""
 
     def __init__(self, folder: Path, effects: Iterable[str] = (), job: str = "demo", **sim: Any) -> None:
-        setup = load_setup("huanghai", job, dt.date(2014, 3, 7))
-        values = setup.job.simulated.model_dump() | {"begin_m": 40.0} | sim
-        resolved = with_simulated_field(setup.job.model_copy(update={"simulated": Simulated.model_validate(values)}),
-                                        setup.machine)
-        self.now_s = 0.0
-        self.console = True
-        self.plant = simulated_machine(setup.machine, resolved, 1, 0.02, [parse_planted(text) for text in effects])
-        self.wheel = WheelFaults(self.plant)
-        self.fallback_kg_ha = setup.crop.fallback_rate_kg_ha
-        heads = [f"head_{k}" for k in range(1, 7)]
-        pairs = {name: memory_pair(name, self.clock) for name in ("gnss", *heads, "board")}
-        self.ports = {name: FaultyPort(pair[0], self.clock) for name, pair in pairs.items()}
-        config = CabConfig(gnss=GnssConfig(port="gnss"), board=BoardConfig(port="board"),
-                           heads=HeadsConfig(protocol="greenseeker", ports=tuple(heads), heads=6))
-        cab = Cab(config, self.clock, lambda url, _baud, _clock: self.ports[url])
-        self.virtual = VirtualMachine(self.wheel, pairs["gnss"][1], [pairs[name][1] for name in heads],
-                                      pairs["board"][1], 0.0)
-        self.loop = control_loop(setup.machine, setup.crop, setup.rule, resolved,
-                                 prescription=map_of_job(resolved, setup.folder))
+        self.wheel, self.console = WheelFaults(), True
+        super().__init__(job=job, dt_s=0.02, parks=False, lie=self.wheel, effects=effects, **({"begin_m": 40.0} | sim))
+        self.fallback_kg_ha = self.setup.crop.fallback_rate_kg_ha
         FullDisk.full = False
-        self.writer = RunLogWriter(folder / "run.csv", run_meta(setup.machine, setup.crop, resolved), create=FullDisk,
-                                   flush_s=0.01, sync_s=0.0)
-        self.host = Host(Assembly(SimulatedBench(cab, self.virtual), self.loop, self.writer, Names()), self.clock,
+        self.writer = RunLogWriter(folder / "run.csv", run_meta(self.setup.machine, self.setup.crop, self.job),
+                                   create=FullDisk, flush_s=0.01, sync_s=0.0)
+        self.host = Host(Assembly(SimulatedBench(self.cab, self.virtual), self.loop, self.writer, Names()), self.clock,
                          lambda s: None)
         self.row: Any = None
-        self.seen: dict[str, float] = {}            # alarm, state or interlock: when it was first there
 
-    def clock(self) -> float:
-        return self.now_s
-
-    def __enter__(self) -> Rig:
+    def __enter__(self) -> Hosted:
         return self
 
     def __exit__(self, *error: object) -> None:
         self.host.close("done")
 
-    def tick(self) -> None:
-        self.now_s += TICK_S
+    def tick(self, each: Callable[[], object] = lambda: None) -> None:
+        self.now_s += DT_S
         if self.console:
             self.host.console_heard()
         self.host.tick(self.now_s)
         assert self.host.newest is not None
         self.row = self.host.newest.row
 
-    def run(self, seconds: float) -> None:
-        for _ in range(round(seconds / TICK_S)):
+    def go(self, seconds: float) -> None:
+        for _ in range(round(seconds / DT_S)):
             self.tick()
 
     def until(self, true: Callable[[], bool], most_s: float) -> float:
@@ -136,18 +101,18 @@ class Rig:
             self.tick()
         return self.now_s - started_s
 
-    def order(self, do: Do, value: Any = None) -> Answer:
+    def ask(self, do: Do, value: Any = None) -> Answer:
         said: list[Answer] = []
         self.host.ask(Order(do, value), lambda answer, _: said.append(answer))
         self.tick()
         return said[0]
 
-    def at_work(self, seconds: float = SETTLED_S) -> Rig:
-        self.run(0.5)
-        assert self.order(Do.READY).accepted
-        self.run(0.2)
-        assert self.order(Do.START).accepted
-        self.run(seconds - 0.8)
+    def at_work(self, seconds: float = SETTLED_S) -> Hosted:
+        self.go(0.5)
+        assert self.ask(Do.READY).accepted
+        self.go(0.2)
+        assert self.ask(Do.START).accepted
+        self.go(seconds - 0.8)
         assert self.row.state == "working" and not self.alarms, (self.row.state, self.alarms)
         assert self.rpm > 5.0
         return self
@@ -160,25 +125,11 @@ class Rig:
     def state(self) -> str:
         return str(self.row.state)
 
-    @property
-    def rpm(self) -> float:
-        """Of the true shaft."""
-        assert self.plant.truth is not None
-        return self.plant.truth.shaft_rpm
-
     def alarm(self, name: str) -> Callable[[], bool]:
         return lambda: name in self.alarms
 
     def no_flow_commanded(self) -> bool:
         return bool(self.row.shaft_rpm_cmd == 0.0)
-
-    def unplug(self, *names: str) -> None:
-        for name in names:
-            self.ports[name].faults = UNPLUGGED
-
-    def plug_in(self, *names: str) -> None:
-        for name in names:
-            self.ports[name].faults = PortFaults()
 
 
 class Found(NamedTuple):
@@ -195,15 +146,15 @@ class Found(NamedTuple):
 
 
 def ndvi_silent(folder: Path) -> Found:
-    with Rig(folder) as rig:
+    with Hosted(folder) as rig:
         rig.at_work()
-        rig.unplug(*(f"head_{k}" for k in range(1, 7)))
+        rig.unplug(*rig.heads)
         alarm_s = rig.until(rig.alarm("ndvi_silent"), 5.0)
         fallback_s = alarm_s + rig.until(lambda: rig.row.target_source == "fallback", 15.0)
         kept = rig.state == "working" and rig.row.target_rate_kg_ha == rig.fallback_kg_ha
-        rig.run(3.0)
+        rig.go(3.0)
         flows = rig.rpm > 5.0
-        rig.plug_in(*(f"head_{k}" for k in range(1, 7)))
+        rig.plug_in(*rig.heads)
         back_s = rig.until(lambda: rig.row.target_source == "canopy" and not rig.alarms, 15.0)
         return Found("NDVI silent", "amber after 2 s; last decision 2 s on, then the fallback rate", 2.05, alarm_s,
                      f"ndvi_silent; fallback {rig.fallback_kg_ha:g} kg/ha commanded after {fallback_s:.1f} s, where "
@@ -212,14 +163,14 @@ def ndvi_silent(folder: Path) -> Found:
 
 
 def heads_few(folder: Path) -> Found:
-    with Rig(folder) as rig:
+    with Hosted(folder) as rig:
         rig.at_work()
         rig.unplug("head_1", "head_2")
-        rig.run(3.0)
+        rig.go(3.0)
         four_is_enough = not rig.alarms and rig.host.newest.dropped_heads == (1, 2)     # type: ignore[union-attr]
         rig.unplug("head_5")
         measured_s = rig.until(rig.alarm("heads_few"), 5.0)
-        rig.run(5.0)
+        rig.go(5.0)
         return Found("fewer than four heads", "degraded, named", 2.0, measured_s,
                      f"heads_few; dropped {rig.host.newest.dropped_heads}; state {rig.state}, target "    # type: ignore[union-attr]
                      f"{rig.row.target_source}",
@@ -227,15 +178,13 @@ def heads_few(folder: Path) -> Found:
 
 
 def gnss_silent(folder: Path) -> Found:
-    with Rig(folder) as rig:
+    with Hosted(folder) as rig:
         rig.at_work()
         rig.unplug("gnss")
         measured_s = rig.until(rig.alarm("gnss_silent"), 5.0)
-        rig.run(1.0)
-        rig.run(20.0)
-        truth = rig.plant.truth
-        assert truth is not None
-        off = abs(rig.row.speed_used_mps / truth.speed_mps - 1.0)
+        rig.go(1.0)
+        rig.go(20.0)
+        off = abs(rig.row.speed_used_mps / rig.truth.speed_mps - 1.0)
         return Found("GNSS silent, canopy mode", "amber after max(0.5 s, 2.5 periods); wheel speed; work goes on", 0.65,
                      measured_s, f"gnss_silent; 20 s later {rig.state}, shaft {rig.rpm:.0f} r/min, wheel's speed "
                      f"{100 * off:.1f} % off", rig.state == "working" and rig.rpm > 5.0 and off < 0.03)
@@ -243,11 +192,11 @@ def gnss_silent(folder: Path) -> Found:
 
 def gnss_silent_map(folder: Path) -> Found:
     """The shipped map job, its map and its position through the bytes."""
-    with Rig(folder, job="map_demo") as rig:
+    with Hosted(folder, job="map_demo") as rig:
         rig.at_work()
         by_map = rig.row.target_source == "map"
         rig.unplug("gnss")
-        rig.run(1.5)
+        rig.go(1.5)
         reckoned = rig.rpm > 5.0 and rig.row.target_source == "map" and rig.alarms == ["gnss_silent"]
         measured_s = 1.5 + rig.until(rig.no_flow_commanded, 6.0)
         why = ", ".join(rig.host.newest.why_no_flow)            # type: ignore[union-attr]
@@ -263,7 +212,7 @@ def gnss_silent_map(folder: Path) -> Found:
 
 
 def wheel_stuck(folder: Path) -> Found:
-    with Rig(folder) as rig:
+    with Hosted(folder) as rig:
         rig.at_work()
         rig.wheel.stuck = True
         measured_s = rig.until(rig.no_flow_commanded, 5.0)
@@ -275,7 +224,7 @@ def wheel_stuck(folder: Path) -> Found:
 
 
 def both_speeds(folder: Path) -> Found:
-    with Rig(folder) as rig:
+    with Hosted(folder) as rig:
         rig.at_work()
         rig.unplug("gnss")
         rig.wheel.mad = True
@@ -287,18 +236,18 @@ def both_speeds(folder: Path) -> Found:
 
 
 def board_unplugged(folder: Path) -> Found:
-    with Rig(folder) as rig:
+    with Hosted(folder) as rig:
         rig.at_work()
         rig.unplug("board")
         measured_s = rig.until(lambda: rig.state == "fault", 3.0)
         board_s = measured_s + rig.until(lambda: not rig.virtual.board.set_points(rig.now_s)[1], 5.0)
         still_s = board_s + rig.until(lambda: rig.rpm < 1.0, 5.0)
-        refused = rig.order(Do.READY).why
+        refused = rig.ask(Do.READY).why
         rig.plug_in("board")
-        rig.run(1.0)
-        rig.order(Do.ACKNOWLEDGE, "")
-        again = rig.order(Do.READY).accepted and rig.order(Do.START).accepted
-        rig.run(6.0)
+        rig.go(1.0)
+        rig.ask(Do.ACKNOWLEDGE, "")
+        again = rig.ask(Do.READY).accepted and rig.ask(Do.START).accepted
+        rig.go(6.0)
         return Found("drive silent (line unplugged)", "fault after 0.5 s; the board stops by itself after 1 s", 0.6,
                      measured_s, f"shaft_silent, gate_silent; board off after {board_s:.2f} s, the true shaft stands "
                      f"after {still_s:.2f} s; ready refused ({refused}); plugged in and acknowledged: works again",
@@ -308,21 +257,21 @@ def board_unplugged(folder: Path) -> Found:
 
 def host_silent(folder: Path) -> Found:
     """The control worker itself hangs: nobody sends anything."""
-    with Rig(folder) as rig:
+    with Hosted(folder) as rig:
         rig.at_work()
         started_s, off_s, stands_s = rig.now_s, float("inf"), float("inf")
         while rig.now_s - started_s < 2.0:
-            rig.now_s += TICK_S
+            rig.now_s += DT_S
             rig.virtual.advance(rig.now_s)
             if not rig.virtual.board.set_points(rig.now_s)[1]:
                 off_s = min(off_s, rig.now_s - started_s)
             if rig.rpm < 1.0:
                 stands_s = min(stands_s, rig.now_s - started_s)
         fault_s = rig.until(lambda: rig.state == "fault", 2.0)
-        rig.run(0.2)
-        rig.order(Do.ACKNOWLEDGE, "")
-        again = rig.order(Do.READY).accepted and rig.order(Do.START).accepted
-        rig.run(6.0)
+        rig.go(0.2)
+        rig.ask(Do.ACKNOWLEDGE, "")
+        again = rig.ask(Do.READY).accepted and rig.ask(Do.START).accepted
+        rig.go(6.0)
         return Found("host silent (worker hangs 2 s)", "the board stops the drives by itself after 1 s", 1.05, off_s,
                      f"board off; the true shaft stands after {stands_s:.2f} s; the host, awake again, finds it within "
                      f"{fault_s:.2f} s: drive_stopped, fault; acknowledged: works again",
@@ -331,39 +280,39 @@ def host_silent(folder: Path) -> Found:
 
 
 def driver_fault(folder: Path) -> Found:
-    with Rig(folder) as rig:
+    with Hosted(folder) as rig:
         rig.at_work()
         rig.virtual.board.driver_fault = True
         measured_s = rig.until(lambda: rig.state == "fault", 2.0)
         alarms = list(rig.alarms)
-        refused = rig.order(Do.READY).why
+        refused = rig.ask(Do.READY).why
         rig.virtual.board.driver_fault = False
-        rig.run(0.2)
-        again = rig.order(Do.READY).accepted
+        rig.go(0.2)
+        again = rig.ask(Do.READY).accepted
         return Found("motor driver reports a fault", "fault", 0.1, measured_s,
                      f"{', '.join(alarms)}; ready refused ({refused}) until it is gone",
                      alarms == ["drive_fault"] and refused == "cause_lives;alarm=drive_fault" and again)
 
 
 def console_silent(folder: Path) -> Found:
-    with Rig(folder) as rig:
+    with Hosted(folder) as rig:
         rig.at_work()
         rig.console = False
         measured_s = rig.until(lambda: rig.state == "held", 5.0)
         stopped = rig.no_flow_commanded()
-        rig.run(20.0)
+        rig.go(20.0)
         rig.console = True
         rig.tick()
-        rig.order(Do.ACKNOWLEDGE, "")
-        again = rig.order(Do.START).accepted
-        rig.run(2.0)
+        rig.ask(Do.ACKNOWLEDGE, "")
+        again = rig.ask(Do.START).accepted
+        rig.go(2.0)
         return Found("console silent 2 s", "held, logging on; within 60 s it may come back", 2.1, measured_s,
                      f"{rig.row.state if not again else 'held'}, no flow; back after 22 s: acknowledged, started, "
                      f"{rig.state}", stopped and again and rig.state == "working")
 
 
 def console_gone(folder: Path) -> Found:
-    with Rig(folder) as rig:
+    with Hosted(folder) as rig:
         rig.at_work()
         rig.console = False
         measured_s = rig.until(lambda: rig.state == "off", 70.0)
@@ -373,7 +322,7 @@ def console_gone(folder: Path) -> Found:
 
 def rate_amber(folder: Path) -> Found:
     begins_s = SETTLED_S + 2.0
-    with Rig(folder, [f"shaft.gain=-24@{begins_s}"]) as rig:
+    with Hosted(folder, [f"shaft.gain=-24@{begins_s}"]) as rig:
         rig.at_work()
         rig.until(lambda: rig.now_s >= begins_s - 1e-6, 5.0)
         measured_s = rig.until(rig.alarm("rate_off"), 10.0)
@@ -383,7 +332,7 @@ def rate_amber(folder: Path) -> Found:
 
 def rate_red(folder: Path) -> Found:
     begins_s = SETTLED_S + 2.0
-    with Rig(folder, [f"shaft.gain=-45@{begins_s}"]) as rig:
+    with Hosted(folder, [f"shaft.gain=-45@{begins_s}"]) as rig:
         rig.at_work()
         rig.until(lambda: rig.now_s >= begins_s - 1e-6, 5.0)
         measured_s = rig.until(rig.alarm("rate_far_off"), 10.0)
@@ -394,7 +343,7 @@ def rate_red(folder: Path) -> Found:
 
 def bridging(folder: Path) -> Found:
     begins_s = SETTLED_S + 1.0
-    with Rig(folder, [f"flow.bridging=90@{begins_s}"]) as rig:
+    with Hosted(folder, [f"flow.bridging=90@{begins_s}"]) as rig:
         rig.at_work()
         rig.until(lambda: rig.now_s >= begins_s - 1e-6, 5.0)
         measured_s = rig.until(lambda: rig.state == "held", 60.0)
@@ -403,15 +352,13 @@ def bridging(folder: Path) -> Found:
 
 
 def hopper_empty(folder: Path) -> Found:
-    with Rig(folder, hopper_kg=16.2, refill_at_kg=0.0) as rig:
+    with Hosted(folder, hopper_kg=16.2, refill_at_kg=0.0) as rig:
         rig.at_work(6.0)
         low_s = rig.until(rig.alarm("hopper_low"), 30.0)
         left = next(a for a in rig.host.newest.alarms if a.id == "hopper_low").details     # type: ignore[union-attr]
-        truth = rig.plant.truth
-        assert truth is not None
-        at_low_kg = truth.hopper_kg
+        at_low_kg = rig.hopper_kg
         rig.plant._flow = rig.plant._flow._replace(hopper_kg=0.8)          # most of it is let out: the test is shorter
-        rig.until(lambda: rig.plant.truth is not None and rig.plant.truth.hopper_kg <= 0.5, 20.0)
+        rig.until(lambda: rig.hopper_kg <= 0.5, 20.0)
         measured_s = rig.until(lambda: rig.state == "held", 30.0)
         return Found("hopper empty", "red, held (empty: 0.5 kg or less for 1 s, scale noise 0.15 kg)", 6.0, measured_s,
                      f"{', '.join(rig.alarms)}; {rig.state}; before, at {at_low_kg:.1f} kg: hopper_low, "
@@ -420,9 +367,9 @@ def hopper_empty(folder: Path) -> Found:
 
 
 def hopper_low(folder: Path) -> Found:
-    with Rig(folder, hopper_kg=16.2, refill_at_kg=0.0) as rig:
+    with Hosted(folder, hopper_kg=16.2, refill_at_kg=0.0) as rig:
         rig.at_work(6.0)
-        rig.until(lambda: rig.plant.truth is not None and rig.plant.truth.hopper_kg <= 15.0, 30.0)
+        rig.until(lambda: rig.hopper_kg <= 15.0, 30.0)
         measured_s = rig.until(rig.alarm("hopper_low"), 30.0)
         left = next(a for a in rig.host.newest.alarms if a.id == "hopper_low").details     # type: ignore[union-attr]
         expected_m = 15.0 / (rig.row.target_rate_kg_ha * 2.4 / 10_000.0)
@@ -434,7 +381,7 @@ def hopper_low(folder: Path) -> Found:
 
 def lead_short(folder: Path) -> Found:
     fast = [{"at_s": 0, "speed_kmh": 6.0}, {"at_s": SETTLED_S, "speed_kmh": 10.0}]
-    with Rig(folder, speed_changes=fast) as rig:
+    with Hosted(folder, speed_changes=fast) as rig:
         rig.at_work()
         heads_m = rig.loop.machine.geometry.heads_m
         rig.until(lambda: rig.row.speed_used_mps > heads_m / (rig.row.lag_s + 1.5), 20.0)
@@ -446,22 +393,22 @@ def lead_short(folder: Path) -> Found:
 
 
 def log_failed(folder: Path) -> Found:
-    with Rig(folder) as rig:
+    with Hosted(folder) as rig:
         rig.at_work()
         FullDisk.full = True
         rig.tick()
-        _wait(lambda: not rig.writer.ok)
+        wait(lambda: not rig.writer.ok, 5.0, "a log that fails")      # its thread lives on the real clock
         measured_s = rig.until(rig.no_flow_commanded, 5.0)
         alarm = "log_failed" in rig.alarms
-        rig.run(1.0)
-        goes_on = rig.order(Do.GO_ON_UNLOGGED, True).accepted
+        rig.go(1.0)
+        goes_on = rig.ask(Do.GO_ON_UNLOGGED, True).accepted
         on_s = rig.until(lambda: not rig.no_flow_commanded(), 3.0)
         FullDisk.full = False
-        _wait(lambda: rig.writer.ok)
-        rig.run(1.0)
-        rig.order(Do.ACKNOWLEDGE, "log_failed")
-        rig.run(1.5)
-        path, whole, ticks = rig.writer.path, not rig.alarms, round(rig.now_s / TICK_S)
+        wait(lambda: rig.writer.ok, 5.0, "a log that is written again")
+        rig.go(1.0)
+        rig.ask(Do.ACKNOWLEDGE, "log_failed")
+        rig.go(1.5)
+        path, whole, ticks = rig.writer.path, not rig.alarms, round(rig.now_s / DT_S)
     from drivers.files.read_log import read_log
     rows = sum(1 for _ in read_log(path).rows())
     return Found("disk full, log not writable", "red, no flow; on only if the operator says so", 0.1, measured_s,
@@ -470,28 +417,20 @@ def log_failed(folder: Path) -> Found:
 
 
 def acknowledge(folder: Path) -> Found:
-    with Rig(folder) as rig:
+    with Hosted(folder) as rig:
         rig.at_work()
         rig.console = False
         rig.until(lambda: rig.state == "held", 5.0)
         rig.console = True
-        rig.run(5.0)
+        rig.go(5.0)
         latched = rig.alarms == ["console_silent"]
-        refused = rig.order(Do.START).why
-        rig.order(Do.ACKNOWLEDGE, "console_silent")
+        refused = rig.ask(Do.START).why
+        rig.ask(Do.ACKNOWLEDGE, "console_silent")
         measured_s = rig.until(lambda: not rig.alarms, 3.0)
-        started = rig.order(Do.START).accepted
+        started = rig.ask(Do.START).accepted
         return Found("red alarm", "stays until acknowledged; start waits for it", 1.1, measured_s,
                      f"5 s after its cause it still stands; start refused ({refused}); acknowledged: gone, started",
                      latched and refused == "acknowledge_first;alarm=console_silent" and started)
-
-
-def _wait(true: Callable[[], bool], most_s: float = 5.0) -> None:
-    """For the log's own thread, which lives on the real clock."""
-    until = time.monotonic() + most_s
-    while not true() and time.monotonic() < until:
-        time.sleep(0.005)
-    assert true()
 
 
 ROWS: tuple[Callable[[Path], Found], ...] = (

@@ -24,6 +24,7 @@ from drivers.files.setup import Setup, load_setup
 
 DT_S = 0.05
 GO = ((0.5, Order(Do.READY)), (1.0, Order(Do.START)))
+GO_HELD = (GO[0], *((1.0 + 0.2 * k, Order(Do.START, True)) for k in range(40)))     # START held until the machine works
 PASS_BEGINS_M = 15.0            # of a pass belong to its start
 
 
@@ -75,10 +76,6 @@ class Judged(NamedTuple):
     @property
     def place_m(self) -> float:
         return float(np.abs(self.places_m).mean()) if len(self.places_m) else float("nan")
-
-    @property
-    def place_p95_m(self) -> float:
-        return float(np.percentile(np.abs(self.places_m), 95)) if len(self.places_m) else float("nan")
 
 
 def the_setup(settled: bool = False) -> Setup:

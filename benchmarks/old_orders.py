@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable
 from typing import NamedTuple
 
-from drives_disobey import DT_S, Machine
+from rig import DT_S, Rig
 from verdict import exit_code
 
 from control.orders import Do
@@ -24,10 +24,10 @@ STOPS_WITHIN_S = 6.0        # a shaft that still slows down when the attack begi
 class Tape:
     """The machine's end of the board's line, with a stranger on it."""
 
-    def __init__(self, it: Machine) -> None:
+    def __init__(self, it: Rig) -> None:
         self.lines: list[bytes] = []
-        self._port, self._from = it.virtual._board_port, it.virtual._board_port.read
-        it.virtual._board_port.read = self.read        # type: ignore[method-assign]
+        self._from = it.board_line.read
+        it.board_line.read = self.read          # type: ignore[method-assign]
         self.play: Callable[[], bytes] = bytes
 
     def read(self) -> bytes:
@@ -47,36 +47,33 @@ class Tape:
         self.play = lambda: next(turn, b"")
 
 
-def off(it: Machine, tape: Tape) -> None:
+def off(it: Rig, tape: Tape) -> None:
     it.work()
     it.order(Do.STOP)
     it.run(8.0)
     tape.again(tape.enabled())
 
 
-def working(it: Machine, tape: Tape) -> None:
+def working(it: Rig, tape: Tape) -> None:
     it.work()
     tape.again(tape.enabled())
 
 
-def console_again(it: Machine, tape: Tape) -> None:
+def console_again(it: Rig, tape: Tape) -> None:
     """The whole of an earlier session, from its first order on, behind those of the console that was started again."""
     it.work()
     it.order(Do.STOP)
     it.run(8.0)
     lines = list(tape.lines)
-    line, board = it.cab._drives        # type: ignore[misc]
     for _ in range(40):                 # two seconds without a console
         it.now_s += DT_S
         it.virtual.advance(it.now_s)
-    fresh = type(board)()
-    it.cab._drives = line, fresh
-    it.cab._listening = it.cab._listeners()
+    it.cab = it.fresh_cab()
     it.run(2.0)
     tape.again(lines)
 
 
-def no_console(it: Machine, tape: Tape) -> None:
+def no_console(it: Rig, tape: Tape) -> None:
     """The board is switched off and on, no console runs, and an earlier session is played from its first order on."""
     it.work()
     it.order(Do.STOP)
@@ -99,7 +96,7 @@ class Found(NamedTuple):
 
 
 def played_in(name: str) -> Found:
-    it = Machine()
+    it = Rig()
     CASES[name](it, Tape(it))
     first, from_kg = len(it.ticks), it.hopper_kg
     it.run(LASTS_S)

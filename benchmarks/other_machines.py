@@ -25,12 +25,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from manoeuvres import DT_S, GO, MANOEUVRES, Manoeuvre, sim_of, the_setup
+from manoeuvres import DT_S, GO_HELD, MANOEUVRES, Manoeuvre, sim_of, the_setup
 from verdict import exit_code
 
 from control.field.job import Simulated
 from control.machine.machine import Machine
-from control.orders import Do, Order, Strategy, TargetSource
+from control.orders import Strategy, TargetSource
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.closed_loop import Record, simulated_run
 from control.simulation.errors import landing, place_errors
@@ -48,7 +48,6 @@ DRIVEN = (Manoeuvre(STEADY, 100, 145, ()),
           OF_OLD["accelerating 3 to 7 km/h, 0.5 m/s2"], OF_OLD["decelerating 7 to 3 km/h, 0.5 m/s2"],
           Manoeuvre(ZONES, 20, 90, ()), OF_OLD["stop and go, 6 s standing"])
 SHIFTS_M = np.arange(-1.2, 1.2001, 0.05)
-GO_HELD = (GO[0], *((1.0 + 0.2 * k, Order(Do.START, True)) for k in range(40)))
 PROMISED_FROM = 3               # seeds
 TESTED_SD = 0.05                # of the carried share, after ten steps from 40 to 80 r/min
 HEAD = (f"{'manoeuvre':43}{'strategy':14}{'preview':8}{'machine':15}{'held %':>8}{'shifted':>9}{'shift m':>9}"

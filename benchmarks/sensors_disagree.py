@@ -18,7 +18,7 @@ from math import exp, inf, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
-from drives_disobey import DT_S, Machine
+from rig import DT_S, Rig
 from verdict import exit_code
 
 from control.geodesy import TangentPlane
@@ -79,7 +79,7 @@ class Case(NamedTuple):
     name: str
     wheel: Callable[[float], float] | None = None
     gnss: Callable[[float], float] | None = None
-    drives: Callable[[Machine], Runaway] | None = None
+    drives: Callable[[Rig], Runaway] | None = None
     effect: str = ""
     speeds: tuple[tuple[float, float], ...] = ()        # at s, m/s
     rate_kg_ha: float = RATE_KG_HA
@@ -91,7 +91,7 @@ def _times(factor: float) -> Callable[[float], float]:
     return lambda mps: factor * mps
 
 
-def _gate_off(it: Machine) -> Runaway:
+def _gate_off(it: Rig) -> Runaway:
     return Runaway(opening_mm=it.ticks[-1].command.opening_mm + 3.0)
 
 
@@ -151,7 +151,7 @@ def _driven(case: Case, plain: bool, fault: bool) -> tuple[float, tuple[tuple[st
     """Kilograms that left in the 30 s, alarms, state."""
     changes = [{"at_s": at_s, "speed_kmh": 3.6 * mps} for at_s, mps in case.speeds]
     lie = Sensors(plain, *(case.wheel, case.gnss) if fault else ())
-    it = Machine(lie=lie, effects=[case.effect] if case.effect and fault else (), **SIM, speed_changes=changes)
+    it = Rig(lie=lie, effects=[case.effect] if case.effect and fault else (), **SIM, speed_changes=changes)
     it.order(Do.MANUAL_RATE, case.rate_kg_ha)
     it.order(Do.SOURCE, TargetSource.MANUAL.value)
     it.work(ONSET_S - 4.0)
@@ -189,7 +189,7 @@ def healthy(name: str, seconds: float) -> tuple[dict[str, int], float]:
         if rng.random() < DT_S / BURST_EVERY_S:
             ends_s[0] = it.now_s + rng.uniform(*BURST_S)
         return mps * (1.0 + BURST_PERCENT / 100.0) if it.now_s < ends_s[0] else mps
-    it = Machine(lie=Sensors(plain, wheel, begin_s=0.0), effects=effects, **(HEALTHY_SIM | sim))
+    it = Rig(lie=Sensors(plain, wheel, begin_s=0.0), effects=effects, **(HEALTHY_SIM | sim))
     said: dict[str, int] = {}
     before: set[str] = set()
     flowing = 0

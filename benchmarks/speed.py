@@ -8,28 +8,29 @@ busy machine take parts. Linux only.
 from __future__ import annotations
 
 import argparse
+import asyncio
 import csv
 import hashlib
-import json
 import os
+import re
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import zip_longest
 from pathlib import Path
 from typing import NamedTuple
 
-from console_deaths import Console, wait
-from console_load import Start, idle_shares
-from console_load import started as once
-from key_latency import state, took, work
-from stop_behind_flood import Tap, TappedConsole, machine, stops
-from trees import environment_of, trees
+import yaml
+from terminals import Console, Tap, Terminal, console, machine, state, to_work, took, wait
+from trees import environment_of, trees, worked
 from verdict import exit_code
+
+from console.link import Link, WorkerGone
+from console.running import Where
 
 PROGRAM = Path(sys.executable).parent / "topdress"
 TIMES = 5
@@ -38,7 +39,11 @@ MANY = "TOPDRESS_MANY_ROWS"    # environment: a log of 1e6 rows
 SIMULATED_S = 300.0
 HOUR_S = 3600.0
 KEYS = 15
-LOOP_S = 8.0
+LOOP_S, LOOP_HZ = 8.0, 100.0
+IDLE_S, WORK_S, SETTLE_S = 8.0, 20.0, 3.0       # looked at; and before, for caches and pictures
+F2, F3, F4, F5, ESCAPE = "\x1bOQ", "\x1bOR", "\x1bOS", "\x1b[15~", "\x1b"
+PAGES = {"Run": F2, "Map": F3, "Trends": F4, "Devices": F5}
+ELAPSED = re.compile(r"\d\d:\d\d  \d\d:\d\d:\d\d")
 EFFECTS = ("flow.gain=8", "gate.backlash=1@60", "shaft.dead_time=0.1", "speed.gnss_latency=0.4", "flow.pulsation=5",
            "shaft.coarse_encoder=1", "flow.bridging=5")
 UNKNOWN = "No such option"      # as Typer says it: an older tree, which simulates no such machine
@@ -108,6 +113,12 @@ def ran(tree: Path, *words: str, **environment: str) -> Ran:
     return Ran(time.monotonic() - started_s, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0)
 
 
+def of_runs(work: str, found: dict[str, list[Ran]], *goals: str) -> Iterator[Row]:
+    """A row each for time, processor and, with a third goal, memory."""
+    for unit, goal, place in zip(("s", "s of processor", "MB"), goals, range(3), strict=False):
+        yield Row(work, unit, goal, {name: [one[place] for one in some] for name, some in found.items()})
+
+
 def in_turns(both: dict[str, Path], times: int, measure: Callable[[Path], float]) -> Values:
     found: Values = {name: [] for name in both}
     for _time in range(times):
@@ -146,9 +157,7 @@ def diagnosed(both: dict[str, Path], folder: Path, times: int) -> Iterator[Row]:
             once_more = ran(tree, "diagnose", log)
             if k:                                       # the first one compiles
                 runs[name].append(once_more)
-    for unit, goal, place in (("s", "3", 0), ("s of processor", "", 1), ("MB", "", 2)):
-        yield Row("diagnose, 24,000 rows, warm", unit, goal, {name: [one[place] for one in some]
-                                                              for name, some in runs.items()})
+    yield from of_runs("diagnose, 24,000 rows, warm", runs, "3", "", "")
 
 
 def diagnosed_first(both: dict[str, Path], folder: Path, times: int) -> Iterator[Row]:
@@ -162,9 +171,8 @@ def diagnosed_first(both: dict[str, Path], folder: Path, times: int) -> Iterator
                 subprocess.run([sys.executable, "-m", "console.prepare"], check=True, stdout=subprocess.DEVNULL,
                                env=environment_of(tree) | {"XDG_CACHE_HOME": empty}, cwd=tree)
                 installed[name] = [time.monotonic() - started_s]
-            runs[name] = ran(tree, "diagnose", log, XDG_CACHE_HOME=empty)
-    for unit, goal, place in (("s", "6", 0), ("s of processor", "", 1)):
-        yield Row("diagnose, 24,000 rows, first time", unit, goal, {name: [one[place]] for name, one in runs.items()})
+            runs[name] = [ran(tree, "diagnose", log, XDG_CACHE_HOME=empty)]
+    yield from of_runs("diagnose, 24,000 rows, first time", runs, "6", "")
     yield Row("compiled when installing", "s", "", installed)
 
 
@@ -173,21 +181,19 @@ def diagnosed_many(both: dict[str, Path], folder: Path, times: int) -> Iterator[
     log = os.environ.get(MANY, "")
     if not log:
         raise RuntimeError(f"1e6 rows: {MANY} names no log: topdress simulate --seconds 50000 --seed 7 --out LOG.csv")
-    runs = {name: ran(tree, "diagnose", log) for name, tree in both.items()}
-    for unit, goal, place in (("s", "10", 0), ("s of processor", "", 1), ("MB", "1000", 2)):
-        yield Row("diagnose, 1e6 rows", unit, goal, {name: [one[place]] for name, one in runs.items()})
+    runs = {name: [ran(tree, "diagnose", log)] for name, tree in both.items()}
+    yield from of_runs("diagnose, 1e6 rows", runs, "10", "", "1000")
 
 
 def fleet(both: dict[str, Path], folder: Path, times: int) -> Iterator[Row]:
-    logs, found = folder / "logs", dict[str, Ran]()
+    logs, found = folder / "logs", dict[str, list[Ran]]()
     logs.mkdir()
     for one in (log_of(both, folder), log_of(both, folder).with_suffix(".yaml")):
         (logs / one.name).symlink_to(one)
     for name, tree in both.items():
         ran(tree, "fleet", str(logs), "--out", str(folder / f"warm_{name}"))
-        found[name] = ran(tree, "fleet", str(logs), "--out", str(folder / f"fleet_{name}"))
-    for unit, goal, place in (("s", "as diagnose", 0), ("s of processor", "", 1)):
-        yield Row("fleet, one log of 24,000 rows", unit, goal, {name: [one[place]] for name, one in found.items()})
+        found[name] = [ran(tree, "fleet", str(logs), "--out", str(folder / f"fleet_{name}"))]
+    yield from of_runs("fleet, one log of 24,000 rows", found, "as diagnose", "")
 
 
 def rows_stay(both: dict[str, Path], folder: Path, times: int) -> Iterator[Row]:
@@ -236,6 +242,33 @@ def first_apart(old: Path, new: Path) -> str:
     return f"{new.name.replace('rows_new', 'rows')}: the same values, written in another way"
 
 
+class Start(NamedTuple):
+    """Seconds to the first picture with numbers and to the first number that moved, processor's time till the first."""
+
+    seen_s: float
+    moved_s: float
+    console_s: float
+    worker_s: float
+
+
+def once(tree: Path) -> Start:
+    """The console of a tree, from the command to its first moving number: the worker's running time."""
+    with environment(tree), tempfile.TemporaryDirectory() as folder:
+        started_s = time.monotonic()
+        one = Console(Path(folder))
+        terminal = one.terminal
+        try:
+            wait(lambda: ELAPSED.search(terminal.text()) is not None, 60.0, "numbers", terminal)
+            seen_s, first = time.monotonic() - started_s, terminal.text()
+            used = {what: taken(pid).cpu_s for what, pid in pids_of(one).items()}
+            wait(lambda: terminal.text() != first and ELAPSED.search(terminal.text()) is not None, 60.0, "movement",
+                 terminal)
+            return Start(seen_s, time.monotonic() - started_s, used["console"], used["worker"])
+        finally:
+            terminal.end()
+            one.end_worker()
+
+
 def started(both: dict[str, Path], folder: Path, times: int) -> Iterator[Row]:
     """Cold: the kernel's file cache is emptied before each, which root alone may do on Linux."""
     for tree in both.values():
@@ -262,50 +295,106 @@ def empty_the_cache() -> bool:
     return True
 
 
+class Taken(NamedTuple):
+    cpu_s: float
+    resident_mb: float
+
+
+def taken(pid: int) -> Taken:
+    """Processor's seconds so far and resident memory of a process."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    resident = int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    return Taken((int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK"), resident / 2**20)
+
+
+def shares(pids: dict[str, int], seconds: float) -> dict[str, float]:
+    """Percent of one core over the next seconds."""
+    before, started_s = {name: taken(pid) for name, pid in pids.items()}, time.monotonic()
+    time.sleep(seconds)
+    took_s = time.monotonic() - started_s
+    return {name: 100.0 * (taken(pid).cpu_s - before[name].cpu_s) / took_s for name, pid in pids.items()}
+
+
+def pids_of(one: Console) -> dict[str, int]:
+    return {"console": one.terminal.process.pid, "worker": one.where().pid}
+
+
 def idle(both: dict[str, Path], folder: Path, times: int) -> Iterator[Row]:
-    shares = {name: [idle_shares(tree)] for name, tree in both.items()}
-    for _time in range(times - 1):
+    """While nothing moves."""
+    found: dict[str, Values] = {"console": {}, "worker": {}}
+    for _time in range(times):
         for name, tree in both.items():
-            shares[name].append(idle_shares(tree))
-    for what in ("console", "worker"):
-        yield Row(f"idle, {what}", "% of a core", "4", {name: [one[what] for one in some]
-                                                        for name, some in shares.items()})
+            with environment(tree), console() as one:
+                time.sleep(SETTLE_S)
+                for what, percent in shares(pids_of(one), IDLE_S).items():
+                    found[what].setdefault(name, []).append(percent)
+    for what, values in found.items():
+        yield Row(f"idle, {what}", "% of a core", "4", values)
+
+
+def working(both: dict[str, Path], folder: Path, times: int) -> Iterator[Row]:
+    """At work, each page looked at for a while."""
+    found: dict[tuple[str, str], Values] = {}
+    for name, tree in both.items():
+        with environment(tree), console() as one:
+            to_work(one.terminal)
+            pids = pids_of(one)
+            for page, key in PAGES.items():
+                one.terminal.type(key)
+                time.sleep(SETTLE_S)
+                percent = shares(pids, WORK_S)
+                found.setdefault((f"at work, {page} page, console", "% of a core"), {})[name] = [percent["console"]]
+                if page == "Run":
+                    found.setdefault(("at work, worker", "% of a core"), {})[name] = [percent["worker"]]
+            for what, pid in pids.items():
+                found.setdefault((f"at work, {what}", "MB"), {})[name] = [taken(pid).resident_mb]
+    for (what, unit), values in found.items():
+        yield Row(what, unit, "", values)
 
 
 def stopped(both: dict[str, Path], folder: Path, times: int) -> Iterator[Row]:
     """From STOP's key to the drive frame that forbids the drives, through a served machine."""
     found: Values = {}
     for name, tree in both.items():
-        with environment(tree), machine() as urls, tempfile.TemporaryDirectory() as place:
+        with environment(tree), machine() as urls:
             tap = Tap(urls["board"])
             tap.start()
-            console = TappedConsole(Path(place), urls, tap.url)
-            try:
-                wait(lambda console=console: console.terminal.shows("NDVI 0."), 60.0, "numbers",  # type: ignore[misc]
-                     console.terminal)
-                found[name] = [1000.0 * s for s in stops(console, tap, KEYS)[0]]
-            finally:
-                console.terminal.end()
-                console.end_worker()
+            cab = folder / f"cab_{name}.yaml"
+            cab.write_text(yaml.safe_dump({
+                "format": "topdress-cab/1", "virtual": True, "gnss": {"port": urls["gnss"]},
+                "heads": {"ports": [urls[f"head_{n}"] for n in range(1, 7)]}, "board": {"port": tap.url}}))
+            with console("--config", str(cab)) as one:
+                found[name] = [1000.0 * stop_s(one.terminal, tap, k) for k in range(KEYS)]
     yield from _latency("STOP to zero on the wire", found)
 
 
+def stop_s(terminal: Terminal, tap: Tap, number: int) -> float:
+    to_work(terminal)
+    wait(lambda: tap.turning, 60.0, "drives that turn", terminal)
+    time.sleep(0.37 + 0.037 * (number % 7))          # not in step with the ticks
+    pressed_s = time.monotonic()
+    terminal.type("x")
+    wait(lambda: not tap.turning, 30.0, "a frame that forbids the drives", terminal)
+    wait(lambda: state("OFF")(terminal.text()), 30.0, "off on the screen", terminal)
+    return tap.stopped_s - pressed_s
+
+
 def keys(both: dict[str, Path], folder: Path, times: int) -> Iterator[Row]:
-    """Hold and STOP until the screen says so."""
-    found: dict[str, Values] = {"hold": {}, "STOP": {}}
+    """From a key until the screen shows what it does: hold and STOP go by the worker, a page and a dialog do not."""
+    pressed: dict[str, tuple[str, Callable[[str], bool], str]] = {
+        "hold": (" ", state("HELD"), ""), "STOP": ("x", state("OFF"), ""),
+        "page": (F3, lambda text: "whole field" in text, F2),
+        "dialog": ("m", lambda text: "Manual rate" in text, ESCAPE)}
+    found: dict[str, Values] = {what: {} for what in pressed}
     for name, tree in both.items():
-        with environment(tree), tempfile.TemporaryDirectory() as place:
-            console = Console(Path(place))
-            try:
-                wait(lambda console=console: console.terminal.shows("NDVI 0."), 60.0, "numbers",  # type: ignore[misc]
-                     console.terminal)
-                for key in KEYS * (("hold", " ", "HELD"), ("STOP", "x", "OFF")):
-                    work(console.terminal)
-                    time.sleep(0.037 * (len(found[key[0]].get(name, ())) % 7))       # not in step with the ticks
-                    found[key[0]].setdefault(name, []).append(1000.0 * took(console.terminal, key[1], state(key[2])))
-            finally:
-                console.terminal.end()
-                console.end_worker()
+        with environment(tree), console() as one:
+            for number in range(KEYS):
+                for what, (key, seen, back) in pressed.items():
+                    to_work(one.terminal)
+                    time.sleep(0.3 + 0.037 * (number % 7))                  # not in step with the ticks
+                    found[what].setdefault(name, []).append(1000.0 * took(one.terminal, key, seen))
+                    if back:
+                        took(one.terminal, back, lambda text, seen=seen: not seen(text))        # type: ignore[misc]
     for what, values in found.items():
         yield from _latency(f"{what} until the screen shows it", values)
 
@@ -317,16 +406,37 @@ def _latency(what: str, found: Values) -> Iterator[Row]:
 
 
 def loop(both: dict[str, Path], folder: Path, times: int) -> Iterator[Row]:
-    """p99.9 of the loop's period under a console over that of a bare loop, each tree's by its own benchmark."""
+    """p99.9 of the loop's period in the worker, a console at work attached, over that of a loop alone in a process."""
     found: Values = {}
     for name, tree in both.items():
-        out = folder / f"loop_{name}.json"
-        subprocess.run([sys.executable, str(tree / "benchmarks" / "loop_period.py"), "--hz", "100", "--seconds",
-                        f"{LOOP_S:g}", "--json", str(out)], env=environment_of(tree), check=True,
-                       stdout=subprocess.DEVNULL)
-        p999 = {one["place"]: one["p999_ms"] for one in json.loads(out.read_text(encoding="utf-8"))}
-        found[name] = [p999["worker"] / p999["bare"]]
+        alone = subprocess.run([sys.executable, __file__, "--loop-alone", str(folder / f"loop_{name}")], check=True,
+                               env=environment_of(tree), stdout=subprocess.PIPE, text=True)
+        with environment(tree), console("--hz", f"{LOOP_HZ:g}") as one:
+            to_work(one.terminal)
+            time.sleep(LOOP_S)
+            found[name] = [asyncio.run(stats_of(one.where()))["p999_ms"] / float(alone.stdout.splitlines()[-1])]
     yield Row("loop p99.9 over a bare loop", "times, 100 Hz", "1.1 to 1.2", found)
+
+
+async def stats_of(where: Where) -> dict[str, float]:
+    """What the worker says of its own punctuality."""
+    link = Link(where)
+    run = asyncio.create_task(link.run())
+    try:
+        await asyncio.wait_for(link.attached.wait(), 5.0)
+        return await link.stats(5.0)
+    finally:
+        run.cancel()
+        with suppress(asyncio.CancelledError, WorkerGone):
+            await run
+
+
+def loop_alone(folder: Path) -> float:
+    """p99.9 of the period, ms, of the same loop at work with no console, here."""
+    folder.mkdir()
+    host = worked(["--hz", f"{LOOP_HZ:g}", "--log", str(folder / "loop.csv")], time.monotonic, time.sleep,
+                  time.monotonic() + LOOP_S, hz=LOOP_HZ, orphan_s=1e9)
+    return float(host.period.summary()["p999_ms"])
 
 
 @contextmanager
@@ -343,7 +453,7 @@ def environment(tree: Path) -> Iterator[None]:
 
 PARTS: dict[str, Callable[[dict[str, Path], Path, int], Iterator[Row]]] = {
     "simulate": simulated, "rows": rows_stay, "diagnose": diagnosed, "first": diagnosed_first, "many": diagnosed_many,
-    "fleet": fleet, "start": started, "idle": idle, "wire": stopped, "keys": keys, "loop": loop}
+    "fleet": fleet, "start": started, "idle": idle, "work": working, "wire": stopped, "keys": keys, "loop": loop}
 
 
 def run() -> int:
@@ -352,7 +462,11 @@ def run() -> int:
     parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART",
                         help=f"these alone: {', '.join(PARTS)}")
     parser.add_argument("--times", type=int, default=TIMES, help="that short work is taken")
+    parser.add_argument("--loop-alone", type=Path, help=argparse.SUPPRESS)
     given = parser.parse_args()
+    if given.loop_alone:
+        print(loop_alone(given.loop_alone))
+        return 0
     both, started_s, missing = trees(given.against), time.monotonic(), []
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)             # modules are compiled, as an installer leaves them
     print(f"load average at the start: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores\n")

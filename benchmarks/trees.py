@@ -1,16 +1,16 @@
-"""This tree and another one, measured by turns in the same run: what else the machine does meets both alike."""
+"""This tree and another one, measured by turns in the same run; and the control worker of either at work."""
 from __future__ import annotations
 
 import os
-import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 HERE = Path(__file__).resolve().parents[1]
 
 
 def trees(against: Path | None) -> dict[str, Path]:
-    """By name, the old one first."""
+    """By name, the old one first: what else the computer does meets both alike."""
     return {"old": against.resolve(), "new": HERE} if against is not None else {"new": HERE}
 
 
@@ -19,15 +19,34 @@ def environment_of(tree: Path, before: Mapping[str, str] = os.environ) -> dict[s
     return dict(before) | {"PYTHONPATH": str(tree), "OPENBLAS_NUM_THREADS": "1"}
 
 
-def spread(values: Sequence[float], digits: int = 2) -> str:
-    """Median and range in words."""
-    return (f"median {statistics.median(values):.{digits}f}, {min(values):.{digits}f} to {max(values):.{digits}f}, "
-            f"{len(values)} times")
+def worked(arguments: list[str], clock: Callable[[], float], wait: Callable[[float], object], until_s: float,
+           each: Callable[[Any], object] = lambda host: None, keep: Callable[[Any, Any], object] | None = None,
+           **options: Any) -> Any:
+    """The host of a control worker of the tree that this process was started with, once it has ended.
 
+    arguments : of `python -m console.worker`. clock, wait : its time. An operator makes it ready and starts it; at
+    `until_s` it is asked to end. each : called after every wait. keep : gets the plant and its truth after every step.
+    """
+    from console.worker.assemble import assemble
+    from console.worker.host import Host
+    from console.worker.options import options_from
+    from console.worker.requests import Ask
+    from control.orders import Do, Order
+    parts = assemble(options_from([*arguments, "--run-file", "none.json"]), clock)
+    if keep is not None:
+        plant: Any = parts.bench._plant                                         # type: ignore[attr-defined]
+        plant._keep = lambda truth: keep(plant, truth)
 
-def ratio(what: str, found: Mapping[str, Sequence[float]]) -> str:
-    """Old over new of the medians, in words; "" without an old one."""
-    if "old" not in found:
-        return ""
-    old, new = (statistics.median(found[name]) for name in ("old", "new"))
-    return f"{what}: old / new {old / new:.2f}" if new else ""
+    def sleep(seconds: float) -> None:
+        wait(max(seconds, 1e-9))
+        host.console_heard()
+        state = host.newest.row.state if host.newest is not None else ""
+        if clock() > 3.0 and state in ("off", "ready"):
+            host.ask(Order(Do.READY if state == "off" else Do.START), lambda answer, _: None)
+        each(host)
+        if clock() > until_s:
+            host.ask(Ask.QUIT, lambda answer, _: None)
+
+    host = Host(parts, clock, sleep, **options)
+    host.run()
+    return host

@@ -154,6 +154,7 @@ def table(outcomes: list[Outcome]) -> list[str]:
 
 
 def main() -> int:
+    from kept import written
     from verdict import exit_code
 
     a = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -176,10 +177,7 @@ def main() -> int:
         f"{FAST_KMH:g} km/h in turn. Control that does not know what is hidden -> control that reads the adopted file; "
         "the machine has what is hidden, not what was found. Undone: after `topdress history --undo` the file is the "
         "shipped one again.", "", *table(outcomes), *(f"\nNot adopted: {line}" for line in refused)]) + "\n"
-    if args.out is None:
-        print(text)
-    else:
-        args.out.write_text(text, encoding="utf-8", newline="\n")
+    written(text, args.out)
     return exit_code({f"{len(refused)} machines with nothing adopted: none": not refused} | {
         f"{' + '.join((*o.hidden.effects, *o.hidden.terms))}, flow trim {o.hidden.trim}: something is found, driving "
         "with it is not worse": o.found.count(" ") > 0

@@ -31,15 +31,3 @@ def published(one: Diagnosis) -> dict[str, Any]:
 def diagnosis(kind: str, columns: dict[str, Any], machine: Machine, name: str, seed: int = 0) -> dict[str, Any]:
     """`found`, published."""
     return published(found(kind, columns, machine, name, seed))
-
-
-def missing(kind: str = "run") -> str:
-    """Why the diagnosis of runs or tables cannot be asked yet; empty when it can."""
-    try:
-        if kind == "run":
-            import control.diagnosis.runs.diagnose
-        else:
-            import control.diagnosis.tables  # noqa: F401
-    except ImportError as error:
-        return str(error)
-    return ""

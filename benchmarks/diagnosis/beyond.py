@@ -14,10 +14,9 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from pathlib import Path
 
 from beyond_case import AGAIN, FIRST_NULL, Task, examine
-from kept import HERE, ROOT, code_hash, worked
+from kept import HERE, ROOT, arguments, code_hash, worked, written
 
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "diagnosis"), str(HERE)]
 
@@ -36,13 +35,7 @@ def main() -> None:
     a = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     a.add_argument("--cases", type=int, default=300)
     a.add_argument("--nulls", type=int, default=100, help="healthy logs")
-    a.add_argument("--start", type=int, default=0, help="number of the first case")
-    a.add_argument("--seed", type=int, default=1)
-    a.add_argument("--programmes", choices=("tuning", "unseen", "all"), default="tuning")
-    a.add_argument("--jobs", type=int, default=2)
-    a.add_argument("--minutes", type=float, default=240.0, help="stop after so long; what is done counts")
-    a.add_argument("--keep", type=Path, default=ROOT / ".benchmarks" / "beyond")
-    a.add_argument("--out", type=Path, help="Markdown; else to the screen")
+    arguments(a, "beyond", "tuning")
     args = a.parse_args()
 
     code = code_hash(HERE / name for name in DECIDES)
@@ -72,11 +65,8 @@ def main() -> None:
                   f"{sum(s for s, _ in asked) / max(1, len(asked)):.1f} s in the mean, of processor "
                   f"{sum(s for _, s in asked) / max(1, len(asked)):.1f} s."]
     text = "\n".join(lines) + "\n"
-    if args.out is None:
-        print(text)
-    else:
-        args.out.write_text(text, encoding="utf-8", newline="\n")
-        print(f"\n{args.out}: {len(cases)} cases", file=sys.stderr)
+    written(text, args.out)
+    print(f"\n{len(cases)} cases", file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """Cases worked on in processes of their own, each kept as a line as soon as it is done, and not done again."""
 from __future__ import annotations
 
+import argparse
 import hashlib
 import json
 import multiprocessing
@@ -27,15 +28,28 @@ def code_hash(more: Iterable[Path] = ()) -> str:
     found = [path for folder in ("control/diagnosis", "control/machine", "tests/diagnosis/hidden")
              for path in sorted((ROOT / folder).rglob("*.py"))
              if not (folder.endswith("hidden") and path.name in AFTERWARDS)]
-    return file_hash((*found, *more))
-
-
-def file_hash(paths: Iterable[Path]) -> str:
-    """Of some files' contents."""
     digest = hashlib.sha256()
-    for path in paths:
+    for path in (*found, *more):
         digest.update(path.read_bytes())
     return digest.hexdigest()[:12]
+
+
+def arguments(parser: argparse.ArgumentParser, folder: str, programmes: str) -> None:
+    """What every examination can be asked: which cases, how long, what is kept and written where."""
+    parser.add_argument("--start", type=int, default=0, help="number of the first case")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--programmes", choices=("tuning", "unseen", "all"), default=programmes)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--minutes", type=float, default=240.0, help="stop after so long; what is done counts")
+    parser.add_argument("--keep", type=Path, default=ROOT / ".benchmarks" / folder)
+    parser.add_argument("--out", type=Path, help="Markdown; else to the screen")
+
+
+def written(text: str, out: Path | None) -> None:
+    if out is None:
+        print(text)
+    else:
+        out.write_text(text, encoding="utf-8", newline="\n")
 
 
 def done_in(path: Path) -> dict[int, dict[str, Any]]:

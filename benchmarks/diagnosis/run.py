@@ -16,7 +16,7 @@ import traceback
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from kept import ROOT, code_hash, worked
+from kept import ROOT, arguments, code_hash, worked, written
 
 sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks"), str(ROOT / "tests" / "diagnosis"), str(Path(__file__).parent)]
 
@@ -80,18 +80,12 @@ def main() -> int:
 
     a = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     a.add_argument("--cases", type=int, default=1200)
-    a.add_argument("--start", type=int, default=0, help="number of the first case")
-    a.add_argument("--seed", type=int, default=1)
-    a.add_argument("--programmes", choices=("tuning", "unseen", "all"), default="all")
     a.add_argument("--plan", choices=PLANS, default=PLANS[0],
                    help="timetable: the effects of the catalogue in runs and tables, or all classes of runs")
     a.add_argument("--category", action="append", choices=(*CATEGORIES, *CLASSES), help="only these (repeatable)")
     a.add_argument("--kind", action="append", choices=("run", "lag", "catch", "weigh", "heads", "place"))
     a.add_argument("--data", choices=("all", "run", "table"), default="all", help="of the timetable, only these")
-    a.add_argument("--jobs", type=int, default=2)
-    a.add_argument("--minutes", type=float, default=240.0, help="stop after so long; what is done counts")
-    a.add_argument("--keep", type=Path, default=ROOT / ".benchmarks" / "diagnosis")
-    a.add_argument("--out", type=Path, help="Markdown table; else to the screen")
+    arguments(a, "diagnosis", "all")
     args = a.parse_args()
     from hidden.class_report import sections
     from hidden.report import report
@@ -109,11 +103,8 @@ def main() -> int:
                   sections(marks) if any("log" in m.truth for m in marks) else ()) + \
         f"\nCode {code_hash()}; {count} cases in this call, wall time {spent / 60:.1f} min with {args.jobs} " \
         f"jobs; making and asking all {len(kept)} took {busy / 60:.1f} min of one job.\n"
-    if args.out is None:
-        print(text)
-    else:
-        args.out.write_text(text, encoding="utf-8", newline="\n")
-        print(f"\n{args.out}: {len(marks)} cases", file=sys.stderr)
+    written(text, args.out)
+    print(f"\n{len(marks)} cases", file=sys.stderr)
     raised = sum(bool(o["trouble"]) for o in kept.values())
     promises: dict[str, object] = {"at least one case is asked": kept,
                                    f"{raised} of {len(kept)} cases raised: none": not raised}

@@ -18,12 +18,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np  # noqa: E402
 from hidden import noise as run_noise  # noqa: E402
-from hidden import nominal, runlog  # noqa: E402
+from hidden import runlog  # noqa: E402
 from hidden.plant import Plant  # noqa: E402
 from hidden.programmes import chosen, drive  # noqa: E402
 from hidden.run_cases import within_tolerance  # noqa: E402
 from judged import judge  # noqa: E402
-from truth import MACHINES, NEVER_REFILLS, WEAK, WEAK_PROGRAMME, Day, days  # noqa: E402
+from truth import MACHINES, WEAK, WEAK_PROGRAMME, Day, days  # noqa: E402
 from verdict import exit_code  # noqa: E402
 
 from control.diagnosis.season.courses import fitted  # noqa: E402
@@ -36,7 +36,6 @@ from drivers.files.kinds import MACHINE  # noqa: E402
 REAL = 8                    # logs whose information is drawn from
 PROGRAMMES = [one for one in chosen("all") if one.strategy != "opening_first" and not one.refill]
 ROW_HZ = 10.0
-LEFT_KG = 3.0               # in the hopper of an operator who never refills, at the end of a log
 
 
 def columns_of(day: Day, minutes: float) -> dict[str, Any]:
@@ -45,9 +44,6 @@ def columns_of(day: Day, minutes: float) -> dict[str, Any]:
     wanted = WEAK_PROGRAMME if day.machine == WEAK else PROGRAMMES[int(rng.integers(len(PROGRAMMES)))].name
     programme = next(one for one in PROGRAMMES if one.name == wanted)
     done = drive(programme._replace(minutes=(minutes, minutes), row_hz=ROW_HZ), int(rng.integers(1 << 30)))
-    if not day.refilled:
-        per_row = nominal.FLOW_G_PER_REV_MM / 60_000.0 * done.row_s
-        done = done._replace(start_kg=LEFT_KG + 1.1 * per_row * float(done.shaft_rpm_cmd @ done.opening_mm_cmd))
     own = np.random.default_rng([1, 195, day.number])
     noises = run_noise.noises("ar1" if day.machine == WEAK else str(own.choice(run_noise.KINDS)), done.row_s, own)
     physics = within_tolerance(np.random.default_rng([1, 192, day.number]), False)
@@ -100,7 +96,7 @@ def main() -> int:
         begin = time.process_time()
         fit = fitted(logs)
         print(f"seed {seed}: {len(logs)} logs of {MACHINES} machines put together in "
-              f"{time.process_time() - begin:.1f} s of processor; {NEVER_REFILLS} is of whole logs only", flush=True)
+              f"{time.process_time() - begin:.1f} s of processor", flush=True)
         for said, kept in judge(fit.courses, fit.shared).items():
             print(("  kept      " if kept else "  NOT KEPT  ") + said, flush=True)
             promises[f"seed {seed}: {said}"] = kept

@@ -9,7 +9,6 @@ WEAK, WEAK_DAYS = "m15", 30
 WEAK_PROGRAMME = "stairs_speed"         # always the same work: the effect has the same z in each log
 PRODUCTS, OTHER_PRODUCT, OTHER_FLOW = ("urea", "compound"), "compound", 5.0
 OPERATORS = ("王强", "Li, Ming", "Zhao", "Sun", "O'Brien")
-NEVER_REFILLS = OPERATORS[0]
 
 
 class Planted(NamedTuple):
@@ -69,10 +68,6 @@ class Day(NamedTuple):
     operator: str
     field: str
     effects: tuple[tuple[str, float, int | None], ...]
-
-    @property
-    def refilled(self) -> bool:
-        return self.operator != NEVER_REFILLS
 
 
 def days(machines: int = MACHINES, count: int = DAYS) -> Iterator[Day]:

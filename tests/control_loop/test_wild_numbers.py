@@ -1,14 +1,11 @@
 """What cannot be never gets into the loop: numbers that are none, places not on earth, a clock that stands.
 
-The same by the million: `python -m benchmarks random_steps`.
+By the thousand, at random: `test_random_steps.py`.
 """
 from __future__ import annotations
 
 import datetime as dt
-import subprocess
-import sys
 from math import inf, isfinite, nan
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -23,7 +20,6 @@ from control.simulation.assembly import control_loop, simulated_machine, with_si
 from control.simulation.closed_loop import Measuring
 from drivers.files.setup import load_setup
 
-ROOT = Path(__file__).resolve().parents[2]
 WILD = (nan, inf, -inf, 1e308, -1e308)
 
 
@@ -102,13 +98,6 @@ def test_a_first_tick_of_no_time_is_the_beginning() -> None:
         loop = control_loop(setup.machine, setup.crop, setup.rule, setup.job)
         loop.tick(Measurements(first))
         assert loop.tick(Measurements(1.0)).row.time_s == 1.0
-
-
-@pytest.mark.exam
-def test_random_steps_break_no_interlock() -> None:
-    ran = subprocess.run([sys.executable, str(ROOT / "benchmarks" / "random_steps.py"), "--steps", "6000"], cwd=ROOT,
-                         capture_output=True, text=True, check=False)
-    assert ran.returncode == 0, ran.stdout + ran.stderr
 
 
 @pytest.mark.parametrize("value", [None, nan, 1e308, 400.0])

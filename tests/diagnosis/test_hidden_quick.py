@@ -68,9 +68,6 @@ def exam() -> Any:
     sys.path[:0] = paths
     try:
         ask = importlib.import_module("ask")
-        why = ask.missing("run")
-        if why:
-            pytest.skip(f"the diagnosis of runs is not there yet: {why}")
         cases, score = importlib.import_module("hidden.cases"), importlib.import_module("hidden.score")
         config = importlib.import_module("drivers.files.config")
         machine = config.load("huanghai", importlib.import_module("drivers.files.kinds").MACHINE).model

@@ -61,7 +61,7 @@ def test_orders_played_in_again_turn_nothing_and_are_said(benchmark_module, name
 @pytest.mark.parametrize("machine", [pytest.param("huanghai", marks=pytest.mark.exam), "huanghai_sections"])
 def test_a_day_of_stops_and_starts_accuses_nobody(bench, machine):
     """Holds, stops, calibrating runs, changes of the rate and of the strategy: drives that obey."""
-    it = bench.Machine(machine, "sections_demo" if machine != "huanghai" else "demo")
+    it = bench.Rig(machine, "sections_demo" if machine != "huanghai" else "demo")
     it.work()
     for do, value, seconds in ((Do.HOLD, None, 3.0), (Do.START, None, 8.0), (Do.STRATEGY, "speed_first", 5.0),
                                (Do.NUDGE, 30.0, 4.0), (Do.STOP, None, 4.0), (Do.READY, None, 1.0),
@@ -73,8 +73,8 @@ def test_a_day_of_stops_and_starts_accuses_nobody(bench, machine):
 
 
 def test_what_runs_down_after_a_catch_test_lies_in_the_tray(bench):
-    it = bench.Machine()
-    bench._calibrating(it)
+    it = bench.Rig()
+    bench.STATES[bench.CALIBRATING](it)
     for rpm in (0.0, 60.0):
         it.loop.order(bench.Order(Do.CALIBRATE_SHAFT, rpm))
         for _ in range(40):
@@ -88,7 +88,7 @@ def test_what_runs_down_after_a_catch_test_lies_in_the_tray(bench):
 
 
 def test_the_log_tells_it_and_so_does_the_export(bench, tmp_path):
-    it = bench.Machine()
+    it = bench.Rig()
     it.work()
     it.order(Do.HOLD)
     it.run(3.0)

@@ -1,4 +1,4 @@
-"""Random steps of the control loop with wild places, times and numbers: `python -m benchmarks random_steps --steps N`
+"""Random steps of the control loop with wild places, times and numbers.
 
 A machine drives to and fro on a field and works, by any strategy, at times with START held down while it creeps; a
 tractor tells speeds to come. A share of its readings, of the times of its ticks and of its orders is wild: no number,
@@ -6,28 +6,16 @@ infinite, from the future, from the past, elsewhere on earth. The interlocks are
 docs/safety.md, and with a memory of their own; every command that turns the shaft is held against them, every command
 against the limits of the drives, every row against the log's text and the console's frame. Every other run is of a
 machine whose sections have valves: none may be open without flow, or where a hand has closed it.
-
-Printed, and the exit code is 1 unless the first two are 0 and material flowed: interlocks broken, exceptions, the
-slowest tick (of the thread's own time), the memory that the process took at most, ticks with flow. With `--state FILE`
-it is resumable: what was done is kept there, and a further call goes on until N steps are done.
 """
 from __future__ import annotations
 
-import argparse
 import datetime as dt
-import json
 import random
-import resource
-import sys
-import time
-import traceback
-from collections import Counter
 from math import cos, hypot, inf, isfinite, nan, radians, sin
-from pathlib import Path
 from typing import Any
 
+import pytest
 from shapely import Point, Polygon
-from verdict import exit_code
 
 from console.frame import Frame
 from console.worker.parts import FRAME_FIELDS
@@ -231,60 +219,6 @@ def _degrees(plane: TangentPlane, east_m: float, north_m: float) -> tuple[float,
     return plane.to_deg(east_m, north_m)
 
 
-class Done(dict[str, Any]):
-    """What was done so far, as it is kept."""
-
-    def __init__(self, path: Path | None) -> None:
-        super().__init__(steps=0, runs=0, broken={}, exceptions={}, slowest_ms=0.0, peak_mb=0.0, flowing=0, opened=0,
-                         seconds=0.0)
-        self._path = path
-        if path is not None and path.exists():
-            self.update(json.loads(path.read_text(encoding="utf-8")))
-
-    def keep(self) -> None:
-        if self._path is not None:
-            unfinished = self._path.with_suffix(".tmp")
-            unfinished.write_text(json.dumps(self), encoding="utf-8")
-            unfinished.replace(self._path)
-
-
-def run(number: int, seed: int, setup: Any, done: Done) -> None:
-    chance = random.Random(f"{seed}/{number}")
-    source = chance.choice((TargetSource.MANUAL, TargetSource.CANOPY))
-    target = Wanted(source=source, manual_rate_kg_ha=chance.choice((100.0, 300.0)))
-    job = setup.job.model_copy(update={"target": target, "strategy": chance.choice(list(Strategy))})
-    if chance.random() < 0.8:
-        job = with_simulated_field(job, setup.machine)
-    has_switch = chance.random() < 0.3
-    valved = number % 2 == 1
-    applicator = setup.machine if valved else setup.machine.model_copy(update={"sections": ()})
-    loop = control_loop(applicator, setup.crop, setup.rule, job, has_switch)
-    machine, rules = Machine(chance, job, chance.choice((0.02, 0.1, 0.3, 1.0))), Rules(job, has_switch)
-    text = RowText(ALL_COLUMNS if valved else COLUMNS)
-    broken, exceptions = Counter(done["broken"]), Counter(done["exceptions"])
-    for step in range(STEPS_A_RUN):
-        m = machine.measure()
-        console_s = chance.choice((0.1, 0.1, None, 1.9, 2.1, nan)) if chance.random() < 0.01 else 0.1
-        log_ok = chance.random() > 0.002
-        began_s = time.thread_time()
-        try:
-            _order(loop, chance)
-            tick = loop.tick(m, console_s, log_ok)
-            done["slowest_ms"] = max(done["slowest_ms"], 1e3 * (time.thread_time() - began_s))
-            broken.update(rules.broken(m, console_s, log_ok, tick))
-            done["flowing"] += tick.command.shaft_rpm > 0.0
-            done["opened"] += any(tick.command.valves)
-            text.line(tick.row)
-            if step % 5 == 0:
-                shown: dict[str, Any] = {name: getattr(tick, name) for name in FRAME_FIELDS}
-                framed(Frame(seq=step, at_s=0.0, totals=loop.totals, **shown))
-        except Exception as error:
-            last = traceback.extract_tb(error.__traceback__)[-1]
-            exceptions[f"{type(error).__name__}: {error} at {Path(last.filename).name}:{last.lineno}"[:150]] += 1
-        done["steps"] += 1
-    done["broken"], done["exceptions"] = dict(broken), dict(exceptions)
-
-
 def _order(loop: ControlLoop, chance: random.Random) -> None:
     if chance.random() < 0.2:
         loop.order(Order(Do.START, True))
@@ -297,28 +231,39 @@ def _order(loop: ControlLoop, chance: random.Random) -> None:
         loop.order(chance.choice(LIVELY if chance.random() < 0.98 else ORDERS))
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--steps", type=int, default=1_000_000)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--state", type=Path, help="keeps what was done: a further call goes on there")
-    given = parser.parse_args()
+def ran(number: int) -> tuple[int, int]:
+    """Steps with flow and steps with an open valve, of a run of which every step keeps the rules."""
     setup = load_setup("huanghai_sections", "demo", dt.date(2014, 3, 7))
-    done = Done(given.state)
-    while done["steps"] < given.steps:
-        began_s = time.perf_counter()
-        run(done["runs"], given.seed, setup, done)
-        done["runs"] += 1
-        done["seconds"] += time.perf_counter() - began_s
-        done["peak_mb"] = max(done["peak_mb"], resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
-        done.keep()
-    for name, said in done.items():
-        print(f"{name}: {said}")
-    sys.exit(exit_code({"no interlock was broken": not done["broken"], "nothing was raised": not done["exceptions"],
-                        f"{done['flowing']} steps with flow: above 0": done["flowing"] > 0,
-                        f"{done['opened']} steps with a valve open: above 0": done["opened"] > 0,
-                        f"{done['steps']} steps: {given.steps}": done["steps"] >= given.steps > 0}))
+    chance = random.Random(f"1/{number}")
+    source = chance.choice((TargetSource.MANUAL, TargetSource.CANOPY))
+    target = Wanted(source=source, manual_rate_kg_ha=chance.choice((100.0, 300.0)))
+    job = setup.job.model_copy(update={"target": target, "strategy": chance.choice(list(Strategy))})
+    if chance.random() < 0.8:
+        job = with_simulated_field(job, setup.machine)
+    has_switch = chance.random() < 0.3
+    valved = number % 2 == 1
+    applicator = setup.machine if valved else setup.machine.model_copy(update={"sections": ()})
+    loop = control_loop(applicator, setup.crop, setup.rule, job, has_switch)
+    machine, rules = Machine(chance, job, chance.choice((0.02, 0.1, 0.3, 1.0))), Rules(job, has_switch)
+    text = RowText(ALL_COLUMNS if valved else COLUMNS)
+    flowing = opened = 0
+    for step in range(STEPS_A_RUN):
+        m = machine.measure()
+        console_s = chance.choice((0.1, 0.1, None, 1.9, 2.1, nan)) if chance.random() < 0.01 else 0.1
+        log_ok = chance.random() > 0.002
+        _order(loop, chance)
+        tick = loop.tick(m, console_s, log_ok)
+        assert rules.broken(m, console_s, log_ok, tick) == [], (step, m, tick)
+        flowing += tick.command.shaft_rpm > 0.0
+        opened += any(tick.command.valves)
+        text.line(tick.row)
+        if step % 5 == 0:
+            shown: dict[str, Any] = {name: getattr(tick, name) for name in FRAME_FIELDS}
+            framed(Frame(seq=step, at_s=0.0, totals=loop.totals, **shown))
+    return flowing, opened
 
 
-if __name__ == "__main__":
-    main()
+@pytest.mark.exam
+def test_random_steps_break_no_interlock() -> None:
+    flowing, opened = zip(*map(ran, range(3)), strict=True)
+    assert sum(flowing) > 0 and sum(opened) > 0
