@@ -8,8 +8,7 @@ import pytest
 from console.app.held_key import KEY_GAP_S, SECOND_PRESS_S, HeldKey
 from console.app.pages.calibrate.catch import LEAST_REVOLUTIONS, CatchTest
 from console.app.pages.calibrate.heads import CHECK_S, HeadsCheck
-from console.app.pages.calibrate.wheel import LEAST_M, WheelRun, WheelSample, metres
-from control.geodesy import TangentPlane
+from console.app.pages.calibrate.wheel import LEAST_M, WheelRun, WheelSample
 
 
 def test_one_press_turns_nothing_and_a_held_key_runs_until_it_is_let_go():
@@ -159,13 +158,6 @@ def straight(length_m, wheel_factor=1.0, bend_m=0.0, fix=4, speed_mps=2.0):
         lon_deg = 113.6 + aside / (111_320.0 * cos(radians(34.8)))
         run.see(WheelSample(index * 0.2, 34.8 + along / 110_940.0, lon_deg, fix, speed_mps * wheel_factor))
     return run
-
-
-def test_places_are_on_the_ellipsoid():
-    plane = TangentPlane(34.8, 113.6)
-    east, north = plane.to_m(34.8009, 113.6007)
-    got = metres(WheelSample(0.0, 34.8, 113.6, 4, 0.0), WheelSample(0.0, 34.8009, 113.6007, 4, 0.0))
-    assert got == pytest.approx((float(east), float(north)), rel=2e-5)
 
 
 def test_both_ways_are_measured():
