@@ -19,10 +19,10 @@ from drivers.files.growing_foreign import ForeignText
 from drivers.files.imports.trouble import TableError
 from drivers.files.log_store import is_store
 from drivers.files.read_log import read_log
+from drivers.files.sheet_text import SUFFIXES
 from drivers.files.table import Columns
 
 MOST_BYTES = 64 << 20           # of new lines that are read at a time
-BOOKS = frozenset({".xlsx", ".xlsm", ".xls", ".xlsb", ".ods"})
 FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
 
 
@@ -76,7 +76,7 @@ class GrowingLog:
             except TableError:
                 return None             # no header yet
         columns: Columns | None
-        if self._foreign and not self.path.is_dir() and self.path.suffix.lower() not in FOREIGN | BOOKS:
+        if self._foreign and not self.path.is_dir() and self.path.suffix.lower() not in {*FOREIGN, *SUFFIXES}:
             if size < self._size:                       # another stands in its place
                 self._text = ForeignText(self.path)
             before = self._text.damaged

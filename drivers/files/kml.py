@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 
 from control.recordings.finding import Finding, many
-from drivers.files.layers import Layer, in_degrees
+from drivers.files.layers import Layer, in_degrees, polygon_of, together
 from drivers.files.limits import DAMAGED_ZIP
 from drivers.files.stated_units import of_element
 from drivers.files.xml_text import XmlError, local, xml_root
@@ -51,7 +51,7 @@ def _layer(path: Path, root: Element, container: Element, placemarks: list[Eleme
         where = Where(str(path)).at("layer {layer}", layer=name).at("placemark {number}", number=number)
         parts, unclosed = _parts(placemark, where)
         closed += unclosed
-        shapes.append(parts[0] if len(parts) == 1 else _together(parts))
+        shapes.append(together(parts))
         rows.append({"Name": _text(placemark, "name"), "description": _text(placemark, "description"),
                      **dict(_attributes(placemark))})
     degrees, _ = in_degrees(path, name, np.array(shapes, dtype=object), None)
@@ -77,21 +77,12 @@ def _parts(placemark: Element, where: Where) -> tuple[list[shapely.Geometry], in
         if kind == "Polygon":
             rings = [places for side in ("outerBoundaryIs", "innerBoundaryIs") for edge in _children(one, side)
                      for ring in _children(edge, "LinearRing") if len(places := _places(ring, where))]
-            if any(len(places) < 3 for places in rings):
-                raise Refused(where, "a ring of less than 3 corners: allowed 3 or more")
             if rings:
                 unclosed += sum(bool((places[0] != places[-1]).any()) for places in rings)
-                found.append(shapely.Polygon(rings[0], rings[1:]))
+                found.append(polygon_of(rings, where))
         elif kind in ("LineString", "Point") and len(places := _places(one, where)):
             found.append(shapely.LineString(places) if len(places) > 1 else shapely.Point(places[0]))
     return found, unclosed
-
-
-def _together(parts: list[shapely.Geometry]) -> shapely.Geometry | None:
-    if not parts:
-        return None
-    areas = all(part.geom_type == "Polygon" for part in parts)
-    return shapely.multipolygons(parts) if areas else shapely.geometrycollections(parts)
 
 
 def _places(element: Element, where: Where) -> np.ndarray:

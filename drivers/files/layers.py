@@ -1,12 +1,14 @@
-"""Shapes with attributes out of GeoPackage, KML and KMZ: by SQLite and an XML reader of our own, never by GDAL.
+"""Shapes with attributes out of GeoJSON, shapefiles, GeoPackage, KML and KMZ, in longitude and latitude: the one way by
+which maps, fields and points are read.
 
-GDAL opens what it finds in the bytes, whatever the name: a virtual data source under `.gpkg` reads other files and runs
-SQL.
+GeoPackage by SQLite, KML by an XML reader of our own, never by GDAL: that opens what it finds in the bytes, whatever
+the name: a virtual data source under `.gpkg` reads other files and runs SQL.
 """
 from __future__ import annotations
 
+import json
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,36 +16,128 @@ import numpy as np
 import shapely
 
 from control.recordings.finding import Finding
-from drivers.files.limits import check_file
+from control.targets.rate_map import Floats
+from drivers.files.limits import check_file, read_json
 from drivers.files.prescriptions.projected import TransverseMercator, projection_of
-from drivers.files.stated_units import NO_UNITS, Unit
+from drivers.files.prescriptions.words import NotAMap
+from drivers.files.stated_units import NO_UNITS, Unit, of_json
 from drivers.plain_text import Refused, Where
 
-KML_KINDS = (".kml", ".kmz")
+KML_KINDS, GEOJSON = (".kml", ".kmz"), (".geojson", ".json")
 DEGREES = ("EPSG:4326", "OGC:CRS84", "EPSG:4258", "EPSG:4490", "EPSG:4269")     # WGS84, and within 2 m of it
+WGS84 = ("crs84", "4326")       # as GeoJSON spells it
+KINDS = ("Point", "LineString", "MultiLineString", "Polygon", "MultiPolygon")       # of GeoJSON
 _UTM = re.compile(r"^EPSG:(326|327|258)(\d\d)$")
 _OF_KML = frozenset({"Name", "description", "Description", "id"})
 
 
 class Layer(NamedTuple):
     """`rows`: attributes; `shapes`: (n,) shapely geometries in longitude and latitude, None where a row has none;
-    `findings`: what was taken how; `units`: of columns, as the file says besides their names."""
+    `findings`: what was taken how; `units`: of columns, as the file says besides their names. `kind`: the one type of
+    its shapes, where the file states it. `about`: what GeoJSON says besides its features."""
 
     name: str
-    rows: tuple[dict[str, Any], ...]
+    rows: tuple[Mapping[str, Any], ...]
     shapes: np.ndarray[Any, Any]
     findings: tuple[Finding, ...] = ()
     units: Mapping[str, Unit] = NO_UNITS
+    kind: str = ""
+    about: Mapping[str, Any] = {}
 
 
 def read_layers(path: Path) -> list[Layer]:
     """Raises Refused, OSError."""
     check_file(path)
-    if path.suffix.lower() in KML_KINDS:
+    suffix = "" if path.is_dir() else path.suffix.lower()
+    if suffix in GEOJSON:
+        return [read_geojson(path)]
+    if suffix in (".shp", ".zip", ""):
+        from drivers.files.shape_sets import layer_of, shape_sets
+        return [layer_of(shapes) for shapes in shape_sets(path)]
+    if suffix in KML_KINDS:
         from drivers.files.kml import read_kml
         return read_kml(path)
     from drivers.files.geopackage import read_geopackage
     return read_geopackage(path)
+
+
+def read_geojson(path: Path, kinds: Collection[str] = KINDS, strict: bool = False) -> Layer:
+    """A FeatureCollection (RFC 7946). kinds: of shapes that are looked at; others are empty ones here. strict: else a
+    feature alone will do too, and features of what has no type.
+
+    Raises Refused, NotAMap for what is none, OSError.
+    """
+    try:
+        root = read_json(path)
+    except ValueError as error:
+        raise NotAMap(path, "not readable as JSON: {why}", why=error) from None
+    kind = root.get("type") if isinstance(root, dict) else type(root).__name__
+    found = None
+    if isinstance(root, dict) and (kind == "FeatureCollection" or not strict):
+        found = [root] if kind == "Feature" else root.get("features")
+    if not isinstance(found, list):
+        raise NotAMap(path, "type {kind}: allowed FeatureCollection" if strict else
+                      "no features: allowed is a FeatureCollection", kind=kind)
+    crs = json.dumps(root.get("crs") or "crs84").lower()
+    if not any(name in crs for name in WGS84):
+        raise Refused(path, "crs {crs}: allowed is WGS84 (longitude, latitude)", crs=crs)
+    shapes = np.empty(len(found), dtype=object)
+    rows: list[Mapping[str, Any]] = []
+    for k, feature in enumerate(found):
+        feature = feature if isinstance(feature, dict) else {}
+        geometry, stated = feature.get("geometry"), feature.get("properties")
+        rows.append(stated if isinstance(stated, dict) else {})
+        if isinstance(geometry, dict):
+            shapes[k] = _of_json(geometry, Where(str(path)).at("feature {feature}", feature=k + 1)) \
+                if geometry.get("type") in kinds else shapely.Point()
+    about = {key: value for key, value in root.items() if key != "features"}
+    units = of_json(about, {name for row in rows for name in row}, path.name)
+    return Layer(str(root.get("name", "")), tuple(rows), shapes, (), units, "", about)
+
+
+def _of_json(geometry: Mapping[str, Any], where: Where) -> shapely.Geometry | None:
+    kind = geometry["type"]
+    area = kind.endswith("Polygon")
+    try:
+        parts = geometry["coordinates"] if kind.startswith("Multi") else [geometry["coordinates"]]
+        if area:
+            made = [polygon_of([_places(ring) for ring in part], where) for part in parts]
+        else:
+            made = [shapely.Point(*_places(parts)[0])] if kind == "Point" else [shapely.LineString(_places(part))
+                                                                                for part in parts]
+    except Refused:
+        raise
+    except (ArithmeticError, TypeError, ValueError, LookupError, shapely.errors.GEOSException):
+        raise Refused(where, "coordinates are not rings of numbers: allowed [[[lon, lat], ...]]" if area
+                      else "coordinates are no two numbers: allowed [lon, lat]") from None
+    return together(made)
+
+
+def _places(corners: Sequence[Sequence[float]]) -> Floats:
+    """(n, 2) longitude and latitude."""
+    return np.asarray([corner[:2] for corner in corners], dtype=np.float64).reshape(-1, 2)
+
+
+def polygon_of(rings: Sequence[Floats], where: Where) -> shapely.Geometry:
+    """Of an outline and its holes, (n, 2) longitude and latitude, closed or not. Raises Refused."""
+    if not rings or any(len(open_ring(ring)) < 3 for ring in rings):
+        raise Refused(where, "a ring of less than 3 corners: allowed 3 or more")
+    return shapely.Polygon(rings[0], rings[1:])
+
+
+def open_ring(corners: Floats) -> Floats:
+    """Without the corner that closes it."""
+    return corners[:-1] if len(corners) > 1 and (corners[0] == corners[-1]).all() else corners
+
+
+def together(parts: Sequence[shapely.Geometry]) -> shapely.Geometry | None:
+    """As one shape; None: there are none."""
+    kinds = {part.geom_type for part in parts}
+    if len(parts) < 2:
+        return parts[0] if parts else None
+    if kinds == {"Polygon"}:
+        return shapely.multipolygons(parts)
+    return shapely.multilinestrings(parts) if kinds == {"LineString"} else shapely.geometrycollections(parts)
 
 
 def in_degrees(path: Path, layer: str, shapes: Any, crs: str | None, text: str = "") -> tuple[Any, tuple[Finding, ...]]:
@@ -57,25 +151,38 @@ def in_degrees(path: Path, layer: str, shapes: Any, crs: str | None, text: str =
             raise Refused(where, "coordinates in no known system: allowed are degrees, or UTM that the file names")
         return shapes, ()
     found = _UTM.match(crs)
-    if found is not None:
-        south = found[1] == "327"
-        projection = TransverseMercator(f"UTM zone {int(found[2])}{'S' if south else 'N'}", 6.0 * int(found[2]) - 183.0,
-                                        0.0, 0.9996, 500_000.0, 1e7 if south else 0.0)
-    else:
-        try:
-            by_text = projection_of(text)
-        except ValueError:
-            by_text = None
-        if by_text is None:
-            raise Refused(where, "coordinates in {system}: allowed are degrees on WGS84, or UTM",
-                              ": export it again in WGS84 (EPSG:4326)", system=crs[:60])
-        projection = by_text
+    if found is None:
+        return turned(shapes, projection_in(text, where, crs))
+    south = found[1] == "327"
+    return turned(shapes, TransverseMercator(f"UTM zone {int(found[2])}{'S' if south else 'N'}",
+                                             6.0 * int(found[2]) - 183.0, 0.0, 0.9996, 500_000.0,
+                                             1e7 if south else 0.0))
 
-    def turned(places: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+
+def projection_in(text: str, where: Where | Path | str, crs: str = "") -> TransverseMercator | None:
+    """What well-known text says of coordinates; None: degrees. crs: what must be more than degrees. Raises Refused."""
+    try:
+        found = projection_of(text)
+        if found is not None or not crs:
+            return found
+    except ValueError as error:
+        if not crs:
+            raise Refused(where, "coordinates in {system}: allowed are longitude and latitude on WGS84, or UTM",
+                          " and other transverse Mercator on it", system=error) from None
+    raise Refused(where, "coordinates in {system}: allowed are degrees on WGS84, or UTM",
+                  ": export it again in WGS84 (EPSG:4326)", system=crs[:60])
+
+
+def turned(shapes: Any, projection: TransverseMercator | None) -> tuple[Any, tuple[Finding, ...]]:
+    """Shapes in longitude and latitude, and what was done."""
+    if projection is None:
+        return shapes, ()
+
+    def to_degrees(places: Floats) -> Floats:
         lat, lon = projection.to_deg(places[:, 0], places[:, 1])
         return np.column_stack((lon, lat))
     said = Finding("projected", f"coordinates in {projection.name} taken to degrees")
-    return shapely.transform(shapes, turned), (said,)
+    return shapely.transform(shapes, to_degrees), (said,)
 
 
 def stated(row: Mapping[str, Any]) -> dict[str, Any]:

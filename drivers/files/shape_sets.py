@@ -5,20 +5,24 @@ import io
 import re
 import struct
 import warnings
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+import numpy as np
 import shapefile
+import shapely
 
+from control.targets.rate_map import Floats
 from drivers.files.archives import Files, Folder, files_at
 from drivers.files.imports.dialect import encoding_of
 from drivers.files.imports.trouble import TableError
+from drivers.files.layers import Layer, open_ring, polygon_of, projection_in, together, turned
 from drivers.files.limits import DAMAGED_ZIP
 from drivers.files.stated_units import Unit, side_units
-from drivers.plain_text import OneLine, Refused
+from drivers.plain_text import OneLine, Refused, Where
 
 # Byte 29 of a .dbf: the language driver, as dBase, FoxPro and Esri number them.
 DRIVERS = {0x01: "cp437", 0x02: "cp850", 0x03: "cp1252", 0x57: "cp1252", 0x58: "cp1252", 0x59: "cp1252",
@@ -104,6 +108,60 @@ def shape_sets(path: Path) -> list[ShapeSet]:
         return [ShapeSet(Folder(path.parent, deep=False), path.name, str(path))]
     files = files_at(path)
     return [ShapeSet(files, name, files.label(name)) for name in files.names() if name.lower().endswith(".shp")]
+
+
+def layer_of(shapes: ShapeSet, encoding: str | None = None) -> Layer:
+    """All shapes of a set with their attributes: points, lines and polygons. Raises Refused, OSError."""
+    where = Where(shapes.label)
+    with damage_said(shapes.label):
+        text = shapes.part(".prj")
+        projection = None if text is None else projection_in(text.decode("utf-8", "replace"), where)
+        with shapes.reader(encoding) as reader:
+            names, kind = column_names(reader), reader.shapeTypeName
+            found = np.empty(len(reader), dtype=object)
+            rows = []
+            for k, (shape, record) in enumerate(zip(reader.iterShapes(), reader.iterRecords(), strict=True)):
+                found[k] = _shape(shape, kind, where.at("row {row}", row=k + 1))
+                rows.append(dict(zip(names, record, strict=True)))
+        units = shapes.units(names)
+    degrees, findings = turned(found, projection)
+    return Layer(shapes.stem, tuple(rows), degrees, findings, units, kind)
+
+
+def _shape(shape: Any, kind: str, where: Where) -> shapely.Geometry | None:
+    """Parts of a polygon are outlines, which run clockwise, and holes, which run the other way."""
+    places = np.asarray([corner[:2] for corner in shape.points], dtype=np.float64).reshape(-1, 2)
+    if not len(places) or kind.startswith(("MULTI", "NULL")):
+        return None
+    if kind.startswith("POINT"):
+        return shapely.Point(places[0])
+    parts = np.split(places, shape.parts[1:])
+    if kind.startswith("POLYLINE"):
+        return together([shapely.LineString(part) for part in parts if len(part) > 1])
+    clockwise = [_clockwise(open_ring(part)) for part in parts]
+    outlines = [part for part, is_one in zip(parts, clockwise, strict=True) if is_one] or parts
+    holes = [part for part, is_one in zip(parts, clockwise, strict=True) if not is_one] if len(parts) > 1 else []
+    return together([polygon_of(rings, where) for rings in sorted_rings(outlines, holes if any(clockwise) else [])])
+
+
+def _clockwise(corners: Floats) -> bool:
+    x, y = corners[:, 0] - corners[0, 0], corners[:, 1] - corners[0, 1]
+    return bool(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) < 0.0)
+
+
+def sorted_rings(outlines: Sequence[Floats], holes: Sequence[Floats]) -> list[tuple[Floats, ...]]:
+    """Each outline with the holes that lie in it; holes that lie in none are left out."""
+    if len(outlines) == 1 or not holes:
+        return [(outline, *(holes if len(outlines) == 1 else ())) for outline in outlines]
+    polygons = [shapely.make_valid(shapely.Polygon(outline)) for outline in outlines]
+    inside: list[list[Floats]] = [[] for _ in outlines]
+    for hole in holes:
+        place = shapely.Polygon(hole).representative_point()
+        for k, polygon in enumerate(polygons):
+            if shapely.contains(polygon, place):
+                inside[k].append(hole)
+                break
+    return [(outline, *inside[k]) for k, outline in enumerate(outlines)]
 
 
 def column_names(reader: Any) -> list[str]:

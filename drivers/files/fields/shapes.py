@@ -13,12 +13,9 @@ from control.recordings.finding import Finding
 from control.targets.rate_map import Floats
 from drivers.files.atomic import write_atomically
 from drivers.files.fields.field_data import FieldData, FieldError, Line
-from drivers.files.fields.shapefiles import is_shapefile, read_named
-from drivers.files.layers import name_of, read_layers
-from drivers.files.limits import check_file, read_json
+from drivers.files.layers import GEOJSON, name_of, read_layers
 from drivers.files.ogr import FORMATS, write_layer
 
-GEOJSON = (".geojson", ".json")
 INSIDE = 0.999              # of its area, that a polygon lies in another one
 
 
@@ -39,30 +36,20 @@ def read_shapes(path: Path, name: str | None = None) -> FieldData:
 
 def named_shapes(path: Path) -> list[tuple[str, Any]]:
     """Names and shapes in longitude and latitude. Raises FieldError, Refused, OSError."""
-    check_file(path)
-    if is_shapefile(path):
-        return read_named(path)
-    return _geojson(path) if path.suffix.lower() in GEOJSON else _layers(path)
-
-
-def _layers(path: Path) -> list[tuple[str, Any]]:
-    return [(name_of(row) or layer.name, shape) for layer in read_layers(path)
+    layers = read_layers(path)
+    if not layers and (path.is_dir() or path.suffix.lower() == ".zip"):
+        raise FieldError(f"{path}: no shapefile and no field of AgOpenGPS in it: allowed is a .shp, or Field.txt with "
+                         "Boundary.txt")
+    if len(layers) == 1 and layers[0].kind.startswith(("POINT", "MULTI")):
+        raise FieldError(f"{path}: shapes of type {layers[0].kind}: allowed are polygons (an outline) and lines "
+                         "(guidance)")
+    for layer in layers:
+        highest = np.abs(shapely.get_coordinates(layer.shapes)).max(initial=0.0)
+        if not highest <= 180.0:
+            said = (" and no .prj that says in what", ", or UTM that the .prj names") if layer.kind else ("", "")
+            raise FieldError(f"{path}: coordinates up to {highest:.0f}{said[0]}: allowed are degrees (WGS84){said[1]}")
+    return [(name_of(row) or layer.name, shape) for layer in layers
             for row, shape in zip(layer.rows, layer.shapes, strict=True) if shape is not None]
-
-
-def _geojson(path: Path) -> list[tuple[str, Any]]:
-    try:
-        root = read_json(path)
-        features = root["features"] if root.get("type") == "FeatureCollection" else [root]
-        found = [(name_of(one.get("properties") or {}), shapely.from_geojson(json.dumps(one["geometry"])))
-                 for one in features if isinstance(one, dict) and one.get("geometry")]
-    except (ValueError, TypeError, LookupError, AttributeError, shapely.errors.GEOSException) as error:
-        raise FieldError(f"{path}: not readable as GeoJSON: {str(error).splitlines()[0][:120]}") from None
-    highest = np.abs(np.concatenate([shapely.get_coordinates(shape) for _, shape in found])).max(initial=0.0) \
-        if found else 0.0
-    if highest > 180.0:
-        raise FieldError(f"{path}: coordinates up to {highest:.0f}: allowed are degrees (WGS84)")
-    return found
 
 
 def _field(path: Path, polygons: Sequence[tuple[str, Any]],

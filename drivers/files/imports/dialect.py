@@ -34,22 +34,29 @@ def encoding_of(data: bytes) -> str:
         return "utf-16"
     if data.startswith(codecs.BOM_UTF8):
         return "utf-8-sig"
-    start = data[:SAMPLE_BYTES]
-    even, odd = start[0:4000:2].count(0), start[1:4000:2].count(0)
-    if max(even, odd) > 0.3 * len(start[:4000:2]):
+    even, odd = data[0:4000:2].count(0), data[1:4000:2].count(0)
+    if max(even, odd) > 0.3 * len(data[:4000:2]) and min(even, odd) < 0.5 * max(even, odd):     # not of a power loss
         return "utf-16-le" if odd > even else "utf-16-be"
-    try:
-        codecs.getincrementaldecoder("utf-8")().decode(start, final=len(data) <= len(start))
-    except UnicodeDecodeError:
-        pass
-    else:
+    first = _HIGH.search(data)
+    if first is None or _is_utf8(data):
         return "utf-8"
+    start = data[first.start():first.start() + SAMPLE_BYTES]
     runs = _HIGH.findall(start)
     chinese = sum(len(run) % 2 == 0 and all(byte >= 0xA1 for byte in run) for run in runs)
     if chinese > 0.5 * len(runs):
         return "gb18030"
     undefined = set(start) & {0x81, 0x8D, 0x8F, 0x90, 0x9D}
     return "latin-1" if undefined else "cp1252"
+
+
+def _is_utf8(data: bytes) -> bool:
+    decoder = codecs.getincrementaldecoder("utf-8")()
+    try:
+        for begin in range(0, len(data), SAMPLE_BYTES):
+            decoder.decode(data[begin:begin + SAMPLE_BYTES], final=begin + SAMPLE_BYTES >= len(data))
+    except UnicodeDecodeError:
+        return False
+    return True
 
 
 def dialect_of(label: str, sample: str, encoding: str, said: Source) -> Dialect:

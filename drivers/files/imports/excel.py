@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import polars as pl
-from python_calamine import CalamineError, CalamineWorkbook
 
 from control.recordings.finding import Finding, many
 from drivers.files.imports.dialect import SAMPLE_LINES
@@ -15,27 +14,14 @@ from drivers.files.imports.header import Layout, layout_of, named
 from drivers.files.imports.mapping import Source
 from drivers.files.imports.raw import RawTable, unique
 from drivers.files.imports.trouble import ImportTrouble, listed
-from drivers.files.limits import DAMAGED_ZIP, BeyondLimits
-from drivers.files.sheet_limits import cells_of, check_sheets
+from drivers.files.sheet_text import cell_text, sheets_of
 
 LEAST_ROWS = 20             # of a log: what is shorter next to a longer one are notes
-SUFFIXES = (".xlsx", ".xlsm", ".xls", ".xlsb", ".ods")
 
 
 def read_excel(path: Path, said: Source) -> RawTable:
-    """Raises ImportTrouble, OSError. Without a sheet named, the one sheet that holds a table."""
-    try:
-        check_sheets(path)
-    except (BeyondLimits, *DAMAGED_ZIP) as error:
-        raise ImportTrouble(path, f"not readable as a workbook: {error}") from None
-    try:
-        with CalamineWorkbook.from_path(str(path)) as book:
-            sheets = [said.sheet] if said.sheet else book.sheet_names
-            if said.sheet and said.sheet not in book.sheet_names:
-                raise ImportTrouble(path, f"source.sheet {said.sheet}: allowed {listed(book.sheet_names)}")
-            tables = {name: cells_of(book.get_sheet_by_name(name), f"sheet {name}") for name in sheets}
-    except (CalamineError, BeyondLimits) as error:
-        raise ImportTrouble(path, f"not readable as a workbook: {error}") from None
+    """Raises TableError, OSError. Without a sheet named, the one sheet that holds a table."""
+    tables = sheets_of(path, said.sheet)
     found = {name: (rows, layout) for name, rows in tables.items() if (layout := _layout(rows, said)) is not None}
     if not found:
         raise ImportTrouble(path, f"no sheet holds a table of numbers below a header (sheets: {listed(tables)})")
@@ -62,7 +48,7 @@ def _layout(rows: list[list[Any]], said: Source) -> Layout | None:
         unit_row = said.unit_row is True
         below = header + (2 if unit_row else 1)
         return Layout(header, header + 1 if unit_row else None, below) if below < len(rows) else None
-    return layout_of([[_as_text(cell) for cell in row] for row in rows[:SAMPLE_LINES]])
+    return layout_of([[cell_text(cell) for cell in row] for row in rows[:SAMPLE_LINES]])
 
 
 def _table(path: Path, said: Source, sheet: str, rows: list[list[Any]], layout: Layout,
@@ -70,14 +56,14 @@ def _table(path: Path, said: Source, sheet: str, rows: list[list[Any]], layout: 
     if layout.header < 0 and not said.names:
         raise ImportTrouble(path, f"sheet {sheet}: no header row: allowed is a row that names the columns, or "
                             "source.names in the import file")
-    cells = list(said.names) if said.names else [_as_text(cell).strip() for cell in rows[layout.header]]
+    cells = list(said.names) if said.names else [cell_text(cell) for cell in rows[layout.header]]
     while cells and not cells[-1]:
         cells = cells[:-1]
     names = unique(cells)
     units = {name: unit for name, cell in zip(names, cells, strict=True) if (unit := named(cell)[1]) is not None}
     if layout.units is not None:
         units |= {name: word for name, cell in zip(names, rows[layout.units], strict=False)
-                  if (word := _as_text(cell).strip("()[]- "))}
+                  if (word := cell_text(cell).strip("()[]- "))}
     body = [row for row in rows[layout.body:] if any(cell != "" for cell in row)]
     if not body:
         raise ImportTrouble(path, f"sheet {sheet}: no rows below the header")
@@ -85,7 +71,7 @@ def _table(path: Path, said: Source, sheet: str, rows: list[list[Any]], layout: 
     frame = pl.DataFrame([_series(name, values) for name, values in zip(names, columns, strict=True)])
     source = said.model_copy(update={"kind": "excel", "sheet": sheet, "title_rows": max(layout.header, 0),
                                      "unit_row": layout.units is not None})
-    above = tuple(" ".join(filter(None, map(_as_text, row))) for row in rows[:max(layout.header, 0)])
+    above = tuple(" ".join(filter(None, map(cell_text, row))) for row in rows[:max(layout.header, 0)])
     return RawTable(path, frame, source, units, layout.body + 1, findings, above)
 
 
@@ -97,12 +83,4 @@ def _series(name: str, values: tuple[Any, ...]) -> pl.Series:
         times = [None if value == "" else value if isinstance(value, dt.datetime)
                  else dt.datetime.combine(value, dt.time()) for value in values]
         return pl.Series(name, times, pl.Datetime("us"))
-    return pl.Series(name, [_as_text(value) for value in values], pl.String)
-
-
-def _as_text(value: Any) -> str:
-    if isinstance(value, bool):
-        return str(int(value))
-    if isinstance(value, float):
-        return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
-    return str(value)
+    return pl.Series(name, [cell_text(value) for value in values], pl.String)

@@ -4,9 +4,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import polars as pl
 import shapefile
+import shapely
 
 from control.recordings.finding import Finding, many
 from drivers.files.archives import chosen
@@ -14,49 +14,30 @@ from drivers.files.imports.header import named
 from drivers.files.imports.mapping import Source
 from drivers.files.imports.raw import RawTable
 from drivers.files.imports.trouble import ImportTrouble, listed
-from drivers.files.limits import read_json
-from drivers.files.prescriptions.projected import TransverseMercator, projection_of
-from drivers.files.shape_sets import ShapeSet, column_names, damage_said, shape_sets
+from drivers.files.layers import Layer, read_geojson
+from drivers.files.point_files import POINTS
+from drivers.files.shape_sets import ShapeSet, layer_of, shape_sets
 
 LAT, LON = "lat_deg", "lon_deg"     # what places are called here
-POINTS = (shapefile.POINT, shapefile.POINTZ, shapefile.POINTM)
 
 
-def read_geojson(path: Path, said: Source) -> RawTable:
-    """Features that are points. Raises ImportTrouble, OSError."""
-    try:
-        root = read_json(path)
-    except ValueError as error:
-        raise ImportTrouble(path, f"not readable as JSON: {error}") from None
-    features = root.get("features") if isinstance(root, dict) else None
-    if not isinstance(features, list) or not features:
-        raise ImportTrouble(path, "no features: allowed is a FeatureCollection of points")
-    points = [(feature["geometry"].get("coordinates"),
-               stated if isinstance(stated := feature.get("properties"), dict) else {}) for feature in features
-              if isinstance(feature, dict) and isinstance(feature.get("geometry"), dict)
-              and feature["geometry"].get("type") == "Point"]
-    if not points:
-        raise ImportTrouble(path, "no feature is a point: allowed is a FeatureCollection of points (a map of areas "
-                            "is read by topdress map)")
-    names = list(dict.fromkeys(name for _, properties in points for name in properties))
-    try:
-        lon, lat = np.array([place[:2] for place, _ in points], np.float64).T
-    except (ArithmeticError, TypeError, ValueError):
-        raise ImportTrouble(path, "coordinates of a point are no two numbers: allowed [lon, lat]") from None
-    if not names:
-        raise ImportTrouble(path, "no point tells anything: allowed are points with properties")
-    columns = [_column(name, [properties.get(name) for _, properties in points]) for name in names]
-    others = len(features) - len(points)
-    left_out = (Finding("not_points", f"{many(others, 'feature')} that are no points left out", rows=others),)
-    source = said.model_copy(update={"kind": "geojson"})
-    return _with_places(path, columns, lat, lon, source, left_out if others else ())
+def read_points(path: Path, said: Source) -> RawTable:
+    """Features of GeoJSON that are points. Raises ImportTrouble, Refused, OSError."""
+    return _of_layer(path, read_geojson(path, ["Point"]), said.model_copy(update={"kind": "geojson"}))
 
 
 def read_shapefile(path: Path, said: Source) -> RawTable:
     """A shapefile of points; of a zip or folder the one that is, or the one that `said` names. Raises ImportTrouble,
-    OSError."""
-    with damage_said(str(path)):
-        return _of_points(path, _one_of(path, said), said)
+    Refused, OSError."""
+    shapes = _one_of(path, said)
+    kind = _kind_of(shapes)
+    if kind not in POINTS and kind in shapefile.SHAPETYPE_LOOKUP:
+        raise ImportTrouble(path, f"shapes of type {shapefile.SHAPETYPE_LOOKUP[kind]}: allowed POINT (a map of areas "
+                            "is read by topdress map)")
+    layer = layer_of(shapes, said.encoding)
+    names = _own_names(list(layer.rows[0]) if layer.rows else [])
+    rows = tuple(dict(zip(names, row.values(), strict=True)) for row in layer.rows)
+    return _of_layer(path, layer._replace(rows=rows), said.model_copy(update={"kind": "shapefile"}))
 
 
 def _one_of(path: Path, said: Source) -> ShapeSet:
@@ -79,30 +60,27 @@ def _kind_of(shapes: ShapeSet) -> int:
     return int.from_bytes(head[32:36], "little") if len(head) >= 36 else 0
 
 
-def _of_points(path: Path, shapes: ShapeSet, said: Source) -> RawTable:
-    findings: list[Finding] = []
-    with shapes.reader(said.encoding) as reader:
-        if reader.shapeType not in POINTS:
-            raise ImportTrouble(path, f"shapes of type {reader.shapeTypeName}: allowed POINT (a map of areas is "
-                                "read by topdress map)")
-        names = _own_names(column_names(reader))
-        found, records = reader.shapes(), reader.records()
-    there = [k for k, shape in enumerate(found) if shape.points]
+def _of_layer(path: Path, layer: Layer, source: Source) -> RawTable:
+    kinds = [None if shape is None else shape.geom_type for shape in layer.shapes]
+    there = [k for k, kind in enumerate(kinds) if kind == "Point" and not layer.shapes[k].is_empty]
     if not there:
-        raise ImportTrouble(path, "no point in it")
-    if len(there) < len(found):
-        lost = len(found) - len(there)
-        findings.append(Finding("empty_shapes", f"{many(lost)} without a place left out", rows=lost))
-    lon, lat = np.array([found[k].points[0][:2] for k in there], np.float64).T
-    if (projection := _projection(shapes)) is not None:
-        lat, lon = projection.to_deg(lon, lat)
-        findings.append(Finding("projected", f"places in {projection.name} taken to degrees"))
-    by_column = zip(*(records[k] for k in there), strict=True)
-    columns = [_column(name, list(values)) for name, values in zip(names, by_column, strict=True)]
-    source = said.model_copy(update={"kind": "shapefile"})
-    side_units = shapes.units(names)
-    units = {name: side_units[name.casefold()].text for name in names if name.casefold() in side_units}
-    return _with_places(path, columns, lat, lon, source, tuple(findings), units)
+        raise ImportTrouble(path, "no point in it" if layer.kind else "no feature is a point: allowed is a "
+                            "FeatureCollection of points (a map of areas is read by topdress map)")
+    findings = list(layer.findings)
+    for id, lost, what in (("empty_shapes", kinds.count(None), "without a place left out"),
+                           ("not_points", len(kinds) - kinds.count(None) - len(there), "that are no points left out")):
+        if lost:
+            findings.append(Finding(id, f"{many(lost)} {what}", rows=lost))
+    names = list(dict.fromkeys(name for k in there for name in layer.rows[k]))
+    if not names:
+        raise ImportTrouble(path, "no point tells anything: allowed are points with properties")
+    columns = [_column(name, [layer.rows[k].get(name) for k in there]) for name in names if name not in (LAT, LON)]
+    places = shapely.get_coordinates(layer.shapes[there])
+    frame = pl.DataFrame([*columns, pl.Series(LAT, places[:, 1]), pl.Series(LON, places[:, 0])])
+    units = {name: unit for name in frame.columns if (unit := named(name)[1]) is not None}
+    stated = layer.units if layer.kind else {}
+    units |= {name: stated[name.casefold()].text for name in names if name.casefold() in stated}
+    return RawTable(path, frame, source, units, 1, tuple(findings))
 
 
 def _own_names(names: list[str]) -> list[str]:
@@ -112,25 +90,8 @@ def _own_names(names: list[str]) -> list[str]:
     return [long.get(name, name) for name in names] if set(long) <= set(names) else names
 
 
-def _projection(shapes: ShapeSet) -> TransverseMercator | None:
-    text = shapes.part(".prj")
-    try:
-        return None if text is None else projection_of(text.decode("utf-8", "replace"))
-    except ValueError as error:
-        raise ImportTrouble(shapes.label, f"places in {error}: allowed are degrees on WGS84, or UTM and other "
-                            "transverse Mercator on it") from None
-
-
 def _column(name: str, values: list[Any]) -> pl.Series:
     known = [value for value in values if value is not None]
     if known and all(isinstance(value, int | float) for value in known):
         return pl.Series(name, [None if value is None else float(value) for value in values], pl.Float64)
     return pl.Series(name, ["" if value is None else str(value).strip() for value in values], pl.String)
-
-
-def _with_places(path: Path, columns: list[pl.Series], lat: np.ndarray, lon: np.ndarray, source: Source,
-                 findings: tuple[Finding, ...], side_units: dict[str, str] | None = None) -> RawTable:
-    frame = pl.DataFrame([column for column in columns if column.name not in (LAT, LON)])
-    frame = frame.with_columns(pl.Series(LAT, lat), pl.Series(LON, lon))
-    units = {name: unit for name in frame.columns if (unit := named(name)[1]) is not None}
-    return RawTable(path, frame, source, units | (side_units or {}), 1, findings)

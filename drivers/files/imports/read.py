@@ -14,14 +14,15 @@ from drivers.files.limits import check_file
 from drivers.files.parquet_limits import check_parquet
 from drivers.files.prescriptions.cells import cell_of
 from drivers.files.prescriptions.unit_columns import MOST_UNITS, unit_columns
+from drivers.files.sheet_text import SUFFIXES
 from drivers.files.stated_units import ANY, of_texts, together
 
 LOOKED_ROWS = 1000          # for the first text of a column
 LONGEST_UNIT = 60           # letters
 
 _SUFFIXES: dict[str, SourceKind] = {
-    ".xlsx": "excel", ".xlsm": "excel", ".xls": "excel", ".xlsb": "excel", ".ods": "excel", ".geojson": "geojson",
-    ".json": "geojson", ".shp": "shapefile", ".xml": "isoxml", ".parquet": "parquet", ".pq": "parquet"}
+    **dict.fromkeys(SUFFIXES, "excel"), ".geojson": "geojson", ".json": "geojson", ".shp": "shapefile",
+    ".xml": "isoxml", ".parquet": "parquet", ".pq": "parquet"}
 
 
 def read_raw(path: Path, said: Source | None = None) -> RawTable:
@@ -46,8 +47,8 @@ def _read(path: Path, said: Source) -> RawTable:
         from drivers.files.imports.excel import read_excel
         return read_excel(path, said)
     if kind == "geojson":
-        from drivers.files.imports.points import read_geojson
-        return read_geojson(path, said)
+        from drivers.files.imports.points import read_points
+        return read_points(path, said)
     if kind == "shapefile":
         from drivers.files.imports.points import read_shapefile
         return read_shapefile(path, said)

@@ -1,38 +1,157 @@
-"""Text tables (CSV and its relatives) of any dialect, in one quick pass."""
+"""The one reader of text tables (CSV and its relatives): bytes to UTF-8, rows to columns of texts or numbers.
+
+Rows that are as even as a machine writes them go the quick way (polars, loaded only then); all others are taken apart
+one by one, and what does not fit is left out and said. Where header and rows begin is found by looking (`dialect`), or
+is said by the caller.
+"""
 from __future__ import annotations
 
 import codecs
 import csv
+import io
 import re
+from collections.abc import Collection, Sequence
 from pathlib import Path
-
-import polars as pl
+from typing import TYPE_CHECKING, Any
 
 from control.recordings.finding import Finding, many
 from drivers.files.imports.dialect import DELIMITERS, SAMPLE_BYTES, Dialect, dialect_of, encoding_of
 from drivers.files.imports.header import named
 from drivers.files.imports.mapping import Source
 from drivers.files.imports.raw import RawTable, unique
-from drivers.files.imports.trouble import ImportTrouble, listed
+from drivers.files.imports.trouble import ImportTrouble, TableError, listed
 from drivers.files.limits import check_text
 from drivers.files.long_lines import without_long_lines
 from drivers.files.quotes import unclosed_quote
 
+if TYPE_CHECKING:
+    import polars as pl
+
 NO_HEADER = "no_header"         # of a finding
+# Findings that an import has no need to say: its import file says how the text is written.
+AS_WRITTEN = frozenset({"utf16", "byte_order_mark", "zero_bytes", "carriage_returns", "encoding", "no_last_line_end"})
 _QUOTED = re.compile(rb'"[^"]*"')
+_PAST = "\0past"                # the column behind a delimiter after the last one
+
+
+def utf8(path: Path, data: bytes, said: str | None = None, whole: bool = True) -> tuple[bytes, str, list[Finding]]:
+    """A text in UTF-8 with line feeds, its encoding, and what was odd about it. said: the encoding, where it is known.
+    whole: False for the beginning of a file, which may end within a pair of quotes.
+
+    Raises TableError, BeyondLimits.
+    """
+    encoding = said or encoding_of(data[:data.rfind(b"\n") + 1] or data)    # the last line may be cut inside a letter
+    findings: list[Finding] = []
+    if encoding.lower() not in ("utf-8", "utf8"):
+        try:
+            data = data.decode(encoding, errors="replace" if said else "ignore").encode()
+        except LookupError:
+            raise ImportTrouble(path, f"source.encoding {encoding}: not known; allowed e.g. utf-8, utf-16, latin-1, "
+                                "cp1252, gb18030") from None
+        if encoding.startswith("utf-16"):
+            findings.append(Finding("utf16", "the file is UTF-16 text, read as such"))
+        elif encoding == "utf-8-sig":
+            findings.append(Finding("byte_order_mark", "a byte order mark before the first column's name was skipped"))
+        else:
+            findings.append(Finding("encoding", f"the file is not UTF-8: read as {encoding}"))
+    data = data.removeprefix(codecs.BOM_UTF8)
+    data, long = without_long_lines(data)
+    findings = [*long, *findings]
+    if b"\0" in data:
+        data = data.replace(b"\0", b"")
+        findings.append(Finding("zero_bytes", "zero bytes, as a power loss leaves them, were skipped"))
+    check_text(data, str(path))
+    if not data.strip():
+        raise TableError(path, "the file is empty")
+    if b"\n" not in data and b"\r" in data:
+        data = data.replace(b"\r", b"\n")
+        findings.append(Finding("carriage_returns", "lines end with carriage returns only, read as such"))
+    line = unclosed_quote(data) if whole else None
+    if line is not None:
+        raise TableError(path, f"line {line}: a quote is opened and not closed: allowed are pairs of quotes")
+    return data, encoding, findings
+
+
+def without_cut_row(data: bytes, body: int, sign: str, width: int, own: bool = False) -> tuple[bytes, list[Finding]]:
+    """The text, its last row left out where it was cut off, and what was done. body: the byte where the rows begin.
+    own: it is of a writer that ends every row with a line end."""
+    end = data.rfind(b"\n") + 1
+    tail = data[max(end, body):].strip(b"\r ")
+    if not tail:
+        return data, []
+    if not own and tail.count(sign.encode()) >= width - 1:
+        said = "the last line has no line end, but all its fields: it was used"
+        return data + b"\n", [Finding("no_last_line_end", said, rows=1)]
+    return data[:end], [Finding("cut_row", "the last row was cut off and left out", rows=1)]
+
+
+def frame_of(path: Path, data: bytes, body: int, sign: str, names: Sequence[str], *, above: int,
+             wanted: Collection[str] | None = None, numbers: Collection[str] = (), decimal_comma: bool = False
+             ) -> tuple[pl.DataFrame, list[Finding]]:
+    """The rows from byte `body` on as columns, every row with its line end; and what was left out.
+
+    above: lines before them. wanted: the columns to be read (None: all). Those of `numbers` are Float64 where all their
+    cells are plain numbers, all others texts. Raises TableError where no row has as many cells as there are names.
+    """
+    import polars as pl
+    names = list(names)
+    if data.endswith((b"\n\n", b"\n\r\n")):
+        data = data.rstrip(b"\r\n") + b"\n"
+    wanted = [name for name in names if wanted is None or name in wanted]
+    end = data.find(b"\n", body)
+    bare = _QUOTED.sub(b"", data[body:end]).rstrip(b"\r ")
+    past = bare.count(sign.encode()) == len(names) and bare.endswith(sign.encode())
+    schema: dict[str, Any] = {name: pl.Float64() if name in numbers else pl.String() for name in names}
+    schema |= {_PAST: pl.String()} if past else {}
+    rows, quoted = data.count(b"\n", body), b'"' in data
+    if quoted or data.count(sign.encode(), body) == rows * (len(schema) - 1):
+        for kinds in (schema, dict.fromkeys(schema, pl.String())):
+            try:
+                frame = pl.read_csv(data, has_header=False, skip_rows=above if body else 0, schema=kinds,
+                                    separator=sign, infer_schema=False, decimal_comma=decimal_comma,
+                                    columns=[k for k, name in enumerate(kinds) if name in wanted or name == _PAST])
+            except pl.exceptions.PolarsError:
+                continue
+            if (frame.height == rows or quoted) and not (past and (frame[_PAST] != "").any()):
+                return frame.drop(_PAST, strict=False), []
+    return _row_by_row(path, data, body, sign, names, wanted, above)
+
+
+def _row_by_row(path: Path, data: bytes, body: int, sign: str, names: list[str], wanted: list[str], above: int
+                ) -> tuple[pl.DataFrame, list[Finding]]:
+    """Rows whose number of cells is not the header's, or that cannot be taken apart, are left out and said."""
+    import polars as pl
+    reader = csv.reader(io.TextIOWrapper(io.BytesIO(memoryview(data)[body:]), "utf-8", "replace", newline=""),
+                        delimiter=sign)
+    width, rows, wrong = len(names), list[list[str]](), list[tuple[int, str, int]]()
+    while True:
+        try:
+            cells = next(reader, None)
+        except csv.Error as error:
+            wrong.append((above + reader.line_num, str(error), 0))
+            continue
+        if cells is None:
+            break
+        if len(cells) > width and not any(cells[width:]):
+            del cells[width:]
+        if len(cells) == width:
+            rows.append(cells)
+        elif any(cell.strip() for cell in cells):
+            wrong.append((above + reader.line_num, f"{len(cells)} fields where the header has {width}", len(cells)))
+    if wrong and not rows:
+        line, what, fields = wrong[0]
+        comma = "; is the decimal sign a comma? write points, or separate by semicolons"
+        raise TableError(path, f"line {line}: {what}{comma if sign == ',' and fields > width else ''}")
+    columns = list(zip(*rows, strict=True)) or [()] * width
+    frame = pl.DataFrame([pl.Series(name, columns[names.index(name)], pl.String) for name in wanted])
+    said = [Finding("wrong_fields", f"{many(len(wrong))} left out, the first in line {wrong[0][0]} with {wrong[0][1]}",
+                    rows=len(wrong))] if wrong else []
+    return frame, said
 
 
 def read_text(path: Path, said: Source) -> RawTable:
-    """Raises ImportTrouble, OSError."""
-    data = path.read_bytes()
-    if not data.strip(b"\0 \r\n\t"):
-        raise ImportTrouble(path, "the file is empty")
-    encoding = said.encoding or encoding_of(data)
-    data, findings = without_long_lines(_utf8(path, data, encoding))
-    check_text(data, str(path))
-    line = unclosed_quote(data)
-    if line is not None:
-        raise ImportTrouble(path, f"line {line}: a quote is opened and not closed: allowed are pairs of quotes")
+    """A table of any dialect, or of the one that `said` says. Raises TableError, BeyondLimits, OSError."""
+    data, encoding, findings = utf8(path, path.read_bytes(), said.encoding)
     sample = data[:SAMPLE_BYTES].decode(errors="replace")
     if len(data) > SAMPLE_BYTES:
         sample = sample[:sample.rfind("\n")]
@@ -40,33 +159,21 @@ def read_text(path: Path, said: Source) -> RawTable:
         dialect = dialect_of(str(path), sample, encoding.removesuffix("-sig"), said)
     except csv.Error as error:
         raise ImportTrouble(path, f"not readable as a table: {error}") from None
-    if dialect.layout.header < 0 and not said.names:
-        first = dialect.rows[dialect.layout.body]
+    layout = dialect.layout
+    if layout.header < 0 and not said.names:
+        first = dialect.rows[layout.body]
         said = said.model_copy(update={"names": tuple(f"c{k + 1}" for k in range(len(first)))})
         findings.append(Finding(NO_HEADER, f"no header row: the first row is {listed(first, 4)}: its columns are "
                                 f"called {listed(said.names or (), 4)}: say in source.names what they are"))
     names, units = _header(dialect, said)
-    frame = _frame(path, data, dialect, names, findings)
+    frame, odd = _texts(path, data, dialect, names)
     found = said.model_copy(update={
         "kind": "text", "encoding": dialect.encoding, "delimiter": dialect.delimiter,
-        "decimal": "," if dialect.decimal_comma else ".", "title_rows": max(dialect.layout.header, 0) if not said.names
-        else dialect.layout.body, "unit_row": dialect.layout.units is not None})
-    above = tuple(" ".join(cells) for cells in dialect.rows[:max(dialect.layout.header, 0)])
-    return RawTable(path, frame, found, units, dialect.layout.body + 1, tuple(findings), above)
-
-
-def _utf8(path: Path, data: bytes, encoding: str) -> bytes:
-    """The text in UTF-8, lines ended by line feeds."""
-    if encoding.lower() not in ("utf-8", "utf8"):
-        try:
-            data = data.decode(encoding, errors="replace").encode()
-        except LookupError:
-            raise ImportTrouble(path, f"source.encoding {encoding}: not known; allowed e.g. utf-8, utf-16, latin-1, "
-                                "cp1252, gb18030") from None
-    data = data.removeprefix(codecs.BOM_UTF8).replace(b"\0", b"")
-    if b"\r" in data and b"\n" not in data:
-        data = data.replace(b"\r", b"\n")
-    return data
+        "decimal": "," if dialect.decimal_comma else ".", "title_rows": max(layout.header, 0) if not said.names
+        else layout.body, "unit_row": layout.units is not None})
+    above = tuple(" ".join(cells) for cells in dialect.rows[:max(layout.header, 0)])
+    return RawTable(path, frame, found, units, layout.body + 1,
+                    tuple(one for one in (*findings, *odd) if one.id not in AS_WRITTEN), above)
 
 
 def _header(dialect: Dialect, said: Source) -> tuple[list[str], dict[str, str]]:
@@ -84,61 +191,20 @@ def _header(dialect: Dialect, said: Source) -> tuple[list[str], dict[str, str]]:
     return names, units
 
 
-def _frame(path: Path, data: bytes, dialect: Dialect, names: list[str], findings: list[Finding]) -> pl.DataFrame:
-    """Columns of texts. Rows of another number of cells than the header are left out and said."""
+def _texts(path: Path, data: bytes, dialect: Dialect, names: list[str]) -> tuple[pl.DataFrame, list[Finding]]:
+    """Columns of texts without blanks around, rows of nothing left out."""
+    import polars as pl
     start = _line_start(data, dialect.layout.body)
     if dialect.delimiter == "blank":
         data, start = b"\n".join(b" ".join(line.split()) for line in data[start:].split(b"\n")), 0
     sign = DELIMITERS[dialect.delimiter]
-    body = data[start:]
-    tail = body[body.rfind(b"\n") + 1:]
-    if b"\n" in body and tail.strip() and tail.count(sign.encode()) < len(names) - 1:
-        findings.append(Finding("cut_row", "the last row was cut off and left out", rows=1))
-        body = body[:len(body) - len(tail)]
-    try:
-        frame = _read(body, sign, len(names), ragged=False)
-    except pl.exceptions.PolarsError:
-        body, left_out = _without_odd_rows(body, sign, len(names), dialect.layout.body)
-        if not body:
-            raise ImportTrouble(path, f"no row has the header's {len(names)} cells: allowed is one cell for each "
-                                f"column (is the decimal sign a comma, as the delimiter {sign!r} is?)") from None
-        findings += left_out
-        try:
-            frame = _read(body, sign, len(names), ragged=True)
-        except pl.exceptions.PolarsError as error:
-            raise ImportTrouble(path, f"not readable as a table: {str(error).splitlines()[0]}") from None
-    frame = frame.rename(dict(zip(frame.columns, names, strict=True)))
+    data, cut = without_cut_row(data, start, sign, len(names))
+    frame, odd = frame_of(path, data, start, sign, names, above=dialect.layout.body)
     texts = frame.select(pl.all().str.strip_chars())
     kept = texts.filter(~pl.all_horizontal(pl.all().is_null() | (pl.all() == "")))
     if kept.height == 0:
         raise ImportTrouble(path, "no rows below the header")
-    return kept
-
-
-def _read(body: bytes, sign: str, width: int, ragged: bool) -> pl.DataFrame:
-    schema: dict[str, pl.DataType] = {f"c{k}": pl.String() for k in range(width)}
-    first = body[:body.find(b"\n")] if b"\n" in body else body
-    bare = _QUOTED.sub(b"", first).rstrip(b"\r ")
-    if bare.endswith(sign.encode()) and bare.count(sign.encode()) == width:
-        schema["past"] = pl.String()                # a delimiter after the last column
-    frame = pl.read_csv(body, has_header=False, separator=sign, schema=schema, infer_schema=False,
-                        truncate_ragged_lines=ragged, quote_char='"')
-    return frame.drop("past", strict=False)
-
-
-def _without_odd_rows(body: bytes, sign: str, width: int, above: int) -> tuple[bytes, list[Finding]]:
-    """Lines of the header's number of cells; quoted line breaks are not known here."""
-    delimiter = sign.encode()
-    lines = body.split(b"\n")
-    fits = (width - 1, width)
-    good = [line for line in lines if line.strip() and line.count(delimiter) in fits]
-    odd = [(k, line) for k, line in enumerate(lines) if line.strip() and line.count(delimiter) not in fits]
-    findings = []
-    if odd:
-        at, line = odd[0]
-        findings.append(Finding("wrong_fields", f"{many(len(odd))} left out, the first in line {above + at + 1} with "
-                                f"{line.count(delimiter) + 1} cells where the header has {width}", rows=len(odd)))
-    return b"\n".join(good), findings
+    return kept, [*cut, *odd]
 
 
 def _line_start(data: bytes, line: int) -> int:

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import shapely
 
 from control.recordings.finding import Finding, many
 from control.targets.prescription import NO_FALLBACKS, Fallbacks, MapData, Zone
@@ -99,18 +98,3 @@ def _check_degrees(path: Path, zones: Sequence[Zone]) -> None:
     highest = np.abs(corners).max(axis=0)
     if highest[0] > 90.0 or highest[1] > 180.0:
         raise not_degrees(path, float(highest[0]), float(highest[1]))
-
-
-def sorted_rings(outlines: Sequence[Floats], holes: Sequence[Floats]) -> list[tuple[Floats, ...]]:
-    """Each outline with the holes that lie in it; holes that lie in none are left out."""
-    if len(outlines) == 1 or not holes:
-        return [(outline, *(holes if len(outlines) == 1 else ())) for outline in outlines]
-    polygons = [shapely.make_valid(shapely.Polygon(outline)) for outline in outlines]
-    inside: list[list[Floats]] = [[] for _ in outlines]
-    for hole in holes:
-        place = shapely.Polygon(hole).representative_point()
-        for k, polygon in enumerate(polygons):
-            if shapely.contains(polygon, place):
-                inside[k].append(hole)
-                break
-    return [(outline, *inside[k]) for k, outline in enumerate(outlines)]

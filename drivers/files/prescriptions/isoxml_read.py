@@ -11,7 +11,6 @@ from control.recordings.finding import Finding, many
 from control.targets.prescription import Fallbacks, GridDeg, MapData, Zone
 from control.targets.rate_map import Floats
 from drivers.files.imports.units import unit_named
-from drivers.files.prescriptions.features import sorted_rings
 from drivers.files.prescriptions.task_files import TaskFiles, task_tree
 from drivers.files.prescriptions.words import (
     HIGHEST_KG_HA,
@@ -24,6 +23,7 @@ from drivers.files.prescriptions.words import (
     factor_kg_ha,
     with_choice,
 )
+from drivers.files.shape_sets import sorted_rings
 from drivers.plain_text import Reason, Where
 
 # ISO 11783-11: what one step of the number is worth

@@ -14,7 +14,7 @@ from drivers.files.outlines import check_zones
 from drivers.files.point_files import TABLES, holds_points
 from drivers.files.prescriptions.task_files import find_task_files
 from drivers.files.prescriptions.words import Choice, Imported, NoPolygons, NotAMap, PrescriptionError, RateQuestion
-from drivers.files.shape_sets import ShapeSet, shape_sets
+from drivers.files.shape_sets import ShapeSet, layer_of, shape_sets
 
 EVEN = ("raster", "points")     # formats of even cells: none over another
 SHAPES, RASTERS = (".gpkg", ".kml", ".kmz"), (".tif", ".tiff")
@@ -39,8 +39,8 @@ def read_prescription(path: str | Path, choice: Choice | None = None) -> Importe
 def _read(path: Path, choice: Choice) -> Imported:
     suffix = "" if path.is_dir() else path.suffix.lower()
     if suffix in (".geojson", ".json"):
-        from drivers.files.prescriptions.geojson import read_geojson
-        return _areas_or_points(partial(read_geojson, path, choice), path, choice)
+        from drivers.files.prescriptions.geojson import read_map
+        return _areas_or_points(partial(read_map, path, choice), path, choice)
     if suffix in SHAPES:
         from drivers.files.prescriptions.shapes import read_shapes
         return read_shapes(path, choice)
@@ -75,8 +75,10 @@ def _of_several(path: Path, choice: Choice) -> Imported:
         raise NotAMap(path, "no prescription" if choice.inside is None else "no prescription named {name}",
                       f": allowed is {KNOWN}" + (f"; it holds {packed}: unpack that first" if packed else ""),
                       name=choice.inside)
-    from drivers.files.prescriptions.shapefiles import read_shapefile
-    return _areas_or_points(partial(read_shapefile, shapes[0], choice, []), path, choice)
+    from drivers.files.prescriptions.shapes import of_layer
+    [one] = shapes
+    return _areas_or_points(lambda: of_layer(Path(one.label), "shapefile", layer_of(one), choice, title=one.stem), path,
+                            choice)
 
 
 def _areas_or_points(areas: Callable[[], Imported], path: Path, choice: Choice) -> Imported:

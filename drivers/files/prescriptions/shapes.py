@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import shapely
 
@@ -28,12 +29,22 @@ def read_shapes(path: Path, choice: Choice) -> Imported:
     if not held:
         raise NoPolygons(path, "no layer of polygons: allowed is at least one polygon" if choice.inside is None else
                          "no layer of polygons named {name}: allowed is at least one polygon", name=choice.inside)
-    layer = held[0]
-    findings = list(layer.findings)
+    named = tuple({**stated(row), "title": name_of(row)} for row in held[0].rows)
+    return of_layer(path, path.suffix[1:].lower(), held[0]._replace(rows=named), choice, title=path.stem)
+
+
+def of_layer(path: Path, format_name: str, layer: Layer, choice: Choice, **more: Any) -> Imported:
+    """Its polygons as zones; `more` as `imported` takes it. Raises Refused, OSError."""
     features = _features(layer)
-    if others := len(layer.shapes) - len(features):
+    findings = list(layer.findings)
+    nothing = sum(shape is None for shape in layer.shapes)
+    if nothing:
+        findings.append(Finding("empty_shapes", f"{many(nothing)} without a shape left out", rows=nothing))
+    if others := len(layer.shapes) - len(features) - nothing:
         findings.append(Finding("not_polygons", f"{many(others, 'shape')} that are no polygons left out", rows=others))
-    return imported(path, path.suffix[1:].lower(), features, choice, findings, title=path.stem, units=layer.units)
+    if not features and layer.kind and "POLYGON" not in layer.kind:
+        raise NoPolygons(path, "shapes of type {kind}: allowed POLYGON", kind=layer.kind)
+    return imported(path, format_name, features, choice, findings, units=layer.units, **more)
 
 
 def _is_area(shape: shapely.Geometry | None) -> bool:
@@ -47,7 +58,7 @@ def _features(layer: Layer) -> list[Feature]:
             continue
         polygons = [tuple(ring(shapely.get_coordinates(edge)) for edge in (part.exterior, *part.interiors))
                     for part in shapely.get_parts(shape) if not part.is_empty]
-        found.append(Feature(number, {**stated(row), "title": name_of(row)}, polygons))
+        found.append(Feature(number, row, polygons))
     return found
 
 
