@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from console.cli.plain_errors import NOT_JUDGED, CommandError
+from console.cli.plain_errors import NOT_JUDGED, CommandError, say_notes
 from drivers import day_clock
 
 if TYPE_CHECKING:
@@ -120,9 +120,9 @@ def _say_terms(found: Diagnosis) -> None:
 
 
 def _say_whole(found: Diagnosis) -> None:
-    from console.reports.diagnosis_text import fitted_words
+    from console.reports.said import whole, whole_gain
     if found.fitted is not None:
-        typer.echo("\n".join(f"note: {line.strip()}" for line in fitted_words(found.fitted)), err=True)
+        say_notes([whole(found.fitted), whole_gain(found.fitted)])
 
 
 def _nothing(found: Diagnosis, out: Path, refused: bool) -> typer.Exit:

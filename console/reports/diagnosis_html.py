@@ -5,27 +5,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from console.reports import said as sentences
 from console.reports.bars import interval_bar, share_bar
-from console.reports.diagnosis_text import fitted_words
 from console.reports.figure import need_matplotlib
 from console.reports.html import Picture, escape, facts, figure, folded, items, page, paragraph, section, table
 from console.reports.numbers import decimals_of, fixed, number, p_value, percent, span_of, with_interval
 from console.reports.page_style import STYLE
 from console.reports.pictures import Pictures, pictures_of
-from console.reports.said import (
-    VERDICTS,
-    cost,
-    headlined,
-    headlines_first,
-    left,
-    not_seen,
-    others,
-    sentence,
-    tied,
-    title_of,
-    to_do,
-    when,
-)
 from console.reports.term_words import compensation
 from console.reports.term_words import sentence as term_sentence
 from control.diagnosis.result import UNKNOWN, Cause, Diagnosis, Gain, TermFound
@@ -41,7 +27,7 @@ def diagnosis_page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
     matplotlib.
     """
     need_matplotlib()
-    found = headlines_first(found)
+    found = sentences.headlines_first(found)
     pictures = pictures_of(found, tools)
     parts = (
         _head(found),
@@ -50,7 +36,7 @@ def diagnosis_page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
         section("What was found", *(_cause(cause, pictures.causes[k]) for k, cause in enumerate(found.causes))),
         section("What no known effect explains", *(_left(found, k, pictures) for k in range(len(found.unexplained))),
                 *(_term(term, picture) for term, picture in zip(found.terms, pictures.terms, strict=False))),
-        section("The drive as a whole", items([line.strip() for line in fitted_words(found.fitted)])
+        section("The drive as a whole", items([f"{sentences.whole(found.fitted)}.", sentences.whole_gain(found.fitted)])
                 if found.fitted is not None else ""),
         section("Measured and predicted", *(figure(picture) for picture in pictures.data)),
         "" if found.verdict == "ambiguous" else _next_run(found),
@@ -66,8 +52,8 @@ def _head(found: Diagnosis) -> str:
     span = "" if data.duration_s is None else f", {span_of(data.duration_s)}"
     kind = "run log" if data.kind == "run" else f"{data.kind.replace('+', ' and ')} table"
     return (f'<header><h1>Diagnosis of {escape(data.path or "data")}</h1>\n'
-            f'<p class="verdict">{escape(sentence(found))}</p>\n'
-            f'<p><span class="word">{escape(VERDICTS[found.verdict][0])}</span> '
+            f'<p class="verdict">{escape(sentences.sentence(found))}</p>\n'
+            f'<p><span class="word">{escape(sentences.VERDICTS[found.verdict][0])}</span> '
             f'<span class="dim">{escape(kind)}, {data.rows} rows{span}, against the machine '
             f"{escape(data.machine)}</span></p></header>")
 
@@ -79,17 +65,15 @@ def _cause(cause: Cause, pictures: Sequence[Any]) -> str:
     if cause.member is not None:
         where = {"canopy": "head", "flow": "outlet"}.get(cause.id.split(".")[0], "number")
         pairs.append(("Which", f"{where} {cause.member}"))
-    then = when(cause)
+    then = sentences.when(cause)
     if then:
         pairs.append(("When", escape(then)))
-    pairs += [("Probability", _shares(cause)), ("In the field", escape(cost(cause.field_cost))),
+    pairs += [("Probability", _shares(cause)), ("In the field", escape(sentences.cost(cause.field_cost))),
               ("What to do", f'<span class="do">{escape(cause.advice)}</span>')]
     physics = paragraph(entry.effect.physics, "dim") if entry else ""
-    kind = "cause open" if others(cause) else "cause"
-    title = title_of(cause.id) if headlined(cause) else f"Suspected: {title_of(cause.id)}"
-    name = f' <span class="id">{escape(cause.id)}</span>'
-    if tied(cause):                         # equals until the next run: none of them is a headline
-        title, name = f"One of these {1 + len(others(cause))}: this data cannot tell which", ""
+    kind = "cause open" if sentences.others(cause) else "cause"
+    title = sentences.heading(cause)
+    title, name = title[0].upper() + title[1:], "" if sentences.tied(cause) else _id(cause.id)
     return (f'<section class="{kind}"><h3>{escape(title)}{name}</h3>'
             f"{physics}{facts(pairs)}{''.join(figure(picture) for picture in pictures)}</section>")
 
@@ -109,11 +93,12 @@ def _size(cause: Cause, unit: str) -> str:
 
 def _shares(cause: Cause) -> str:
     """The cause's own probability and those of what could be in its place."""
-    if not others(cause):
+    if not sentences.others(cause):
         said = escape(percent(cause.probability))
         return f'<div class="sized"><span class="big">{said}</span>{share_bar(cause.probability, said, True)}</div>'
-    rows = [(one, share, escape(percent(share))) for one, share in ((cause.id, cause.probability), *others(cause))]
-    cells = "".join(f"<span>{escape(title_of(effect_id))}{_id(effect_id)}</span>"
+    rows = [(one, share, escape(percent(share)))
+            for one, share in ((cause.id, cause.probability), *sentences.others(cause))]
+    cells = "".join(f"<span>{escape(sentences.title_of(effect_id))}{_id(effect_id)}</span>"
                     f'<span class="number">{said}</span>{share_bar(share, said, k == 0)}'
                     for k, (effect_id, share, said) in enumerate(rows))
     return f'<div class="rivals">{cells}</div><span class="dim">This data cannot tell these apart.</span>'
@@ -125,7 +110,7 @@ def _id(effect_id: str) -> str:
 
 
 def _left(found: Diagnosis, k: int, pictures: Pictures) -> str:
-    return paragraph(left(found.unexplained[k], found.data.kind)) + figure(pictures.left[k])
+    return paragraph(sentences.left(found.unexplained[k], found.data.kind)) + figure(pictures.left[k])
 
 
 def _term(found: TermFound, picture: Picture | None) -> str:
@@ -138,7 +123,7 @@ def _next_run(found: Diagnosis) -> str:
     if found.next_run is None:
         return ""
     return section("Next run", paragraph(f"Why: {found.next_run.why}."),
-                   items([f"{step}." for step in to_do(found)], ordered=True))
+                   items([f"{step}." for step in sentences.to_do(found)], ordered=True))
 
 
 def _gains(gains: Sequence[Gain]) -> str:
@@ -172,16 +157,16 @@ def _alike(bias: float, rmse: float, noise: float) -> tuple[str, str, str]:
 
 
 def _not_shown(found: Diagnosis) -> str:
-    seen, blind, elsewhere = not_seen(found)
+    seen, blind, elsewhere = sentences.not_seen(found)
     inside = []
     if seen:
         inside += [paragraph("Not found; each would have been seen from this size on:"),
-                   table(("effect", "what happens", "smallest size seen"), [(one.id, title_of(one.id), (
+                   table(("effect", "what happens", "smallest size seen"), [(one.id, sentences.title_of(one.id), (
                        f"{number(abs(one.smallest_detectable.value or 0.0), 2)} {one.smallest_detectable.unit}"))
                        for one in seen])]
     if blind:
         inside += [paragraph("Cannot be seen in this data at all, though data of this kind might show it:"),
-                   table(("effect", "what happens"), [(one, title_of(one)) for one in blind])]
+                   table(("effect", "what happens"), [(one, sentences.title_of(one)) for one in blind])]
     if elsewhere:
         inside.append(paragraph(f"Other kinds of data are needed for: {', '.join(elsewhere)}.", "dim"))
     return section("Not shown", *inside)

@@ -3,22 +3,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from console.reports import said
 from console.reports.numbers import p_value
-from console.reports.said import (
-    VERDICTS,
-    headlined,
-    headlines_first,
-    left,
-    name_of,
-    not_judged,
-    not_seen,
-    others,
-    sized,
-    when,
-)
 from console.reports.term_words import compensation, sentence
-from control.diagnosis.extend import adoptable, adoptable_terms, not_adoptable, taken_whole, term_not_adoptable
-from control.diagnosis.result import Cause, Diagnosis, Fitted
+from control.diagnosis.result import Cause, Diagnosis
 from control.diagnosis.runs.rates import in_words
 from control.diagnosis.runs.several import Several
 from control.machine.machine import CATALOGUE
@@ -28,9 +16,9 @@ SHOWN_LIMIT = 8
 
 def summary(found: Diagnosis) -> list[str]:
     """Lines for a terminal."""
-    found = headlines_first(found)
+    found = said.headlines_first(found)
     lines = [_head(found)]
-    missing = not_judged(found)
+    missing = said.not_judged(found)
     if missing:
         lines.append(f"not judged: {', '.join(missing)}")
     lines += [f"note: {sentence}" for sentence in found.findings]
@@ -50,7 +38,7 @@ def summary(found: Diagnosis) -> list[str]:
     for term in found.terms:
         lines += ["", f"term {term.term['id']}: {sentence(term.term)}", f"    {compensation(term.term)}"]
         lines += ["    predicts best; no cause is named by it"] if term.predicts_best else []
-    lines += fitted_words(found.fitted)
+    lines += [] if found.fitted is None else [said.whole(found.fitted), f"    {said.whole_gain(found.fitted)}"]
     for gain in found.gain:
         lines.append(f"gain on data the naming never saw ({gain.held_out}): {gain.channel} {gain.metric} "
                      f"{gain.before:.4g} -> {gain.after:.4g} (90 %: {gain.low:.3g} to {gain.high:.3g})")
@@ -62,25 +50,9 @@ def summary(found: Diagnosis) -> list[str]:
     return lines
 
 
-def fitted_words(whole: Fitted | None) -> list[str]:
-    """A drive fitted as a whole: what of, and what it is good for."""
-    if whole is None:
-        return []
-    sizes = ", ".join(f"{name} {sized(size)}" for name, size in whole.sizes)
-    return [f"{whole.channel} as a whole: {sizes}",
-            "    predicts best; no cause is named by it: which of these is wrong is not told apart; error on rows that "
-            f"were not fitted to {whole.before:.4g} -> {whole.after:.4g} {whole.unit}. Adopted together"]
-
-
 def taken_up(found: Diagnosis) -> list[str]:
-    """What a machine file takes up of a diagnosis, and what it leaves and why."""
-    if found.data.kind != "run":
-        return []
-    kept = [name for name, _ in found.fitted.sizes] if found.fitted is not None else []
-    kept += [one.id for one in adoptable(found) if not taken_whole(found, one)]
-    kept += [one.term["id"] for one in adoptable_terms(found)]
-    left = [f"{one.id}: {why}" for one in found.causes if (why := not_adoptable(one))]
-    left += [f"{one.term['id']}: {why}" for one in found.terms if (why := term_not_adoptable(one))]
+    """What a machine file takes up of a run's diagnosis, and what it leaves and why."""
+    kept, left = said.sorted_out(found) if found.data.kind == "run" else ((), ())
     return ([f"a machine file takes up: {', '.join(kept)}"] if kept else []) + [f"it leaves {one}" for one in left]
 
 
@@ -92,7 +64,7 @@ def of_a_kind(found: Several) -> list[str]:
     for one in found.of_a_kind:
         lines += ["", f"{one.id}: {CATALOGUE[one.id].effect.title}",
                   f"    chance of sizes so far apart in one machine: {one.p:.2g}",
-                  *(f"    {path}: {sized(size)}" for path, size in zip(paths, one.sizes, strict=True))]
+                  *(f"    {path}: {said.sized(size)}" for path, size in zip(paths, one.sizes, strict=True))]
     return lines
 
 
@@ -114,7 +86,7 @@ def _head(found: Diagnosis) -> str:
 
 
 def _verdict(found: Diagnosis) -> str:
-    word = VERDICTS[found.verdict][0]
+    word = said.VERDICTS[found.verdict][0]
     if found.verdict != "not_judged":
         return word
     if found.channels:
@@ -124,17 +96,17 @@ def _verdict(found: Diagnosis) -> str:
 
 
 def _left(found: Diagnosis) -> list[str]:
-    return [f"unexplained: {left(one, found.data.kind)}" for one in found.unexplained]
+    return [f"unexplained: {said.left(one, found.data.kind)}" for one in found.unexplained]
 
 
 def _cause(cause: Cause) -> list[str]:
     entry = CATALOGUE.get(cause.id)
     which = "" if cause.member is None else f", number {cause.member}"
-    then = when(cause)
-    suspected = "" if headlined(cause) else "suspected: "
+    then = said.when(cause)
+    suspected = "" if said.headlined(cause) else "suspected: "
     lines = [f"{suspected}{cause.id}: {entry.effect.title if entry else ''}",
-             f"    {sized(cause.size)}{which}{then and f', {then}'}; probability {cause.probability:.2f}"]
-    rivals = [f"{name_of(rival)} ({share:.2f})" for rival, share in others(cause)]
+             f"    {said.sized(cause.size)}{which}{then and f', {then}'}; probability {cause.probability:.2f}"]
+    rivals = [f"{said.name_of(rival)} ({share:.2f})" for rival, share in said.others(cause)]
     if rivals:
         lines.append(f"    could also be: {', '.join(rivals)}")
     cost = cause.field_cost
@@ -150,7 +122,7 @@ def _cause(cause: Cause) -> list[str]:
 
 
 def _not_shown(found: Diagnosis) -> list[str]:
-    seen, blind, _elsewhere = not_seen(found)
+    seen, blind, _elsewhere = said.not_seen(found)
     lines = []
     if seen:
         detectable = [f"{one.id} {abs(one.smallest_detectable.value or 0.0):.2g} {one.smallest_detectable.unit}"

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from console.locale import N_, _
 from console.reports.numbers import decimals_of, fixed, number, percent, plain, short
 from console.reports.variables import recorded
+from control.diagnosis.extend import not_adoptable, taken_whole, term_not_adoptable
 from control.diagnosis.result import (
     RUN_CHANNELS,
     UNKNOWN,
@@ -58,11 +59,6 @@ def title(cause: Cause) -> str:
     return title_of(cause.id) + ("" if cause.member is None else f" {cause.member}")
 
 
-def suspicion(cause: Cause) -> str:
-    """The title, and whether there is more than a suspicion."""
-    return title(cause) if headlined(cause) else _("suspected: {title}").format(title=title(cause))
-
-
 def others(cause: Cause) -> tuple[tuple[str, float], ...]:
     """Rivals of a cause along with itself, likeliest first."""
     return tuple(sorted(((r.id, r.probability) for r in cause.rivals if r.id != cause.id), key=lambda r: -r[1]))
@@ -89,6 +85,14 @@ def ties(cause: Cause) -> tuple[tuple[str, str], ...]:
     return (own, *((title_of(one), percent(share)) for one, share in others(cause))) if tied(cause) else ()
 
 
+def heading(cause: Cause) -> str:
+    """Its title, and whether there is more than a suspicion; of equals how many they are: none of them is a headline
+    until the next run."""
+    if tied(cause):
+        return _("one of these {count}, this data cannot tell which").format(count=len(ties(cause)))
+    return title(cause) if headlined(cause) else _("suspected: {title}").format(title=title(cause))
+
+
 def undecided(cause: Cause) -> bool:
     """Whether no machine file takes a cause up unless somebody picks it by its name."""
     return tied(cause) or not headlined(cause)
@@ -109,8 +113,9 @@ def when(cause: Cause) -> str:
 
 def sized(size: Size) -> str:
     """A size and its 90 % interval."""
-    value = "size not known" if size.value is None else f"{size.value:.3g} {size.unit}"
-    return value + ("" if size.low is None or size.high is None else f" (90 %: {size.low:.3g} to {size.high:.3g})")
+    value = _("size not known") if size.value is None else f"{size.value:.3g} {_(size.unit)}"
+    return value + ("" if size.low is None or size.high is None else
+                    f" (90 %: {size.low:.3g} {_('to')} {size.high:.3g})")
 
 
 def cost(of: FieldCost) -> str:
@@ -157,9 +162,16 @@ def left(of: Unexplained, kind: str, column: bool = True) -> str:
     return f"{said}: {'; '.join(facts)}."
 
 
+# --- what a machine file takes up ------------------------------------------------------------------------------------
+
+def whole_id(of: Fitted) -> str:
+    """By which a drive fitted as a whole is adopted."""
+    return f"{of.channel} as a whole"
+
+
 def whole(of: Fitted) -> str:
-    """A drive fitted as a whole: what of."""
-    sizes = ", ".join(f"{title_of(name)} {plain(number(size.value or 0.0))} {_(size.unit)}" for name, size in of.sizes)
+    """A drive fitted as a whole: what of, and the 90 % intervals."""
+    sizes = ", ".join(f"{title_of(name)} {sized(size)}" for name, size in of.sizes)
     return _("{channel} as a whole: {sizes}").format(channel=channel_word(of.channel), sizes=sizes)
 
 
@@ -168,6 +180,29 @@ def whole_gain(of: Fitted) -> str:
     return _("Which of these is wrong is not told apart. Adopted together they predict rows that were not fitted to: "
              "error {before} -> {after} {unit}.").format(before=plain(number(of.before)), after=plain(number(of.after)),
                                                          unit=_(of.unit))
+
+
+def sorted_out(found: Diagnosis) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Ids of effects and terms that a machine file may take up, and a line for each that it may not."""
+    kept, refused = ([] if found.fitted is None else [whole_id(found.fitted)]), []
+    for cause in found.causes:
+        if taken_whole(found, cause):
+            continue                    # as far as it is right it is in that already
+        if cause.scope is not None:
+            refused.append(f"{cause.id}: holds in the rows of {cause.scope} only")
+        elif why := not_adoptable(cause):
+            refused.append(f"{cause.id}: {why}")
+        else:
+            kept.append(cause.id)
+    modelled = {(term.stage, one["name"]) for term in found.terms for one in term.term["over"]}
+    for term in found.terms:
+        if why := term_not_adoptable(term):
+            refused.append(f"{term.term['id']}: {why}")
+        else:
+            kept.append(term.term["id"])
+    refused += [f"{left.channel} over {left.variable or 'nothing recorded'}: no effect explains it: nothing to model"
+                for left in found.unexplained if (left.channel, left.variable) not in modelled]
+    return tuple(kept), tuple(refused)
 
 
 class NotSeen(NamedTuple):

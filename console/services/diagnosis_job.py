@@ -178,7 +178,7 @@ def _report(found: Diagnosis, tools: dict[str, Any], path: Path) -> None:
 def _offer(found: Diagnosis, ids: tuple[str, ...], machine: Machine, data: Path, path: Path) -> Offer:
     """The machine file with what may be adopted, for the page to put in its place when the operator says so; and what
     changed in it, a line each."""
-    from console.app.pages.diagnosis.adoption import whole_id
+    from console.reports.said import whole_id
     from console.reports.term_words import side_by_side
     from control.diagnosis.extend import extend
     from control.diagnosis.runs.adoption import adoptable_of

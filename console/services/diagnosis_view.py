@@ -8,14 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from console.app.pages.diagnosis.adoption import whole_id
 from console.app.pages.diagnosis.data import Curve, DiagnosisView, Drawn
 from console.reports.binned import Array, Axis, Binned
 from console.reports.run_views import View, parts_of, run_views, view_of
-from console.reports.said import headlines_first
+from console.reports.said import headlines_first, sorted_out
 from console.reports.table_views import TableView, table_views
 from console.services.separating_run import drivable
-from control.diagnosis.extend import not_adoptable, taken_whole, term_not_adoptable
 from control.diagnosis.result import Cause, Diagnosis
 from control.diagnosis.runs.hypothesis import EffectInstance
 from control.machine.machine import CATALOGUE, Machine
@@ -39,29 +37,6 @@ def found_of(found: Diagnosis, tools: Mapping[str, Any], name: str, mean_target_
                          after if found.causes else {}, kept, refused,
                          run.id if run is not None and drivable(run.id) else "", _left_curve(found, views, parts),
                          mean_target_kg_ha, planted=planted)
-
-
-def sorted_out(found: Diagnosis) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Ids of effects and terms that a machine file may take up, and a line for each that it may not."""
-    kept, refused = ([] if found.fitted is None else [whole_id(found.fitted)]), []
-    for cause in found.causes:
-        if taken_whole(found, cause):
-            continue                    # as far as it is right it is in that already
-        if cause.scope is not None:
-            refused.append(f"{cause.id}: holds in the rows of {cause.scope} only")
-        elif why := not_adoptable(cause):
-            refused.append(f"{cause.id}: {why}")
-        else:
-            kept.append(cause.id)
-    modelled = {(term.stage, one["name"]) for term in found.terms for one in term.term["over"]}
-    for term in found.terms:
-        if why := term_not_adoptable(term):
-            refused.append(f"{term.term['id']}: {why}")
-        else:
-            kept.append(term.term["id"])
-    refused += [f"{left.channel} over {left.variable or 'nothing recorded'}: no effect explains it: nothing to model"
-                for left in found.unexplained if (left.channel, left.variable) not in modelled]
-    return tuple(kept), tuple(refused)
 
 
 def _rms(values: Array) -> float:

@@ -13,8 +13,8 @@ import yaml
 from console.app.pages.diagnosis.adoption import selections, undecided
 from console.app.pages.diagnosis.data import Adoption, Stop, Stopped
 from console.app.pages.diagnosis.sample import having, sample_found
+from console.reports.said import sorted_out
 from console.services.diagnosis import DiagnosisFiles
-from console.services.diagnosis_view import sorted_out
 from console.services.separating_run import _DRIVES, drivable, drive_of
 from control.diagnosis.extend import adoptable
 from control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Rival, Size

@@ -6,14 +6,9 @@ from itertools import chain, combinations
 
 from console.app.pages.diagnosis.data import DiagnosisView, Offer
 from console.reports import said
-from control.diagnosis.result import Cause, Fitted
+from control.diagnosis.result import Cause
 
 MOST_TOGETHER = 4           # undecided causes of which any may be picked together; of more, one at a time
-
-
-def whole_id(fitted: Fitted) -> str:
-    """By which a drive fitted as a whole is adopted."""
-    return f"{fitted.channel} as a whole"
 
 
 def undecided(found: DiagnosisView) -> tuple[Cause, ...]:

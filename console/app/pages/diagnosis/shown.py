@@ -36,11 +36,9 @@ def causes(view: DiagnosisView, at: int, units: Units) -> CausesView:
 
 def _cause(cause: Cause, mean_target_kg_ha: float | None, units: Units) -> CauseLine:
     tied = sentences.ties(cause)
-    title = _("one of these {count}, this data cannot tell which").format(count=len(tied)) if tied else (
-        sentences.suspicion(cause))
     rivals = "" if tied else ", ".join(f"{sentences.title_of(one)} {percent(share)}"
                                        for one, share in sentences.others(cause))
-    return CauseLine(title, words.size(cause), percent(cause.probability), rivals,
+    return CauseLine(sentences.heading(cause), words.size(cause), percent(cause.probability), rivals,
                      words.cost(cause, mean_target_kg_ha, units),
                      _("Drive the next test before anything is changed.") if tied else _(cause.advice),
                      interval(cause.size), tied)

@@ -4,13 +4,12 @@ What it says of the data itself is said for all: `console.reports.said`.
 """
 from __future__ import annotations
 
-from console.app.pages.diagnosis.adoption import whole_id
 from console.app.pages.diagnosis.data import IMPORT, ComparedShown, DiagnosisView
 from console.app.units import Units
 from console.app.view import duration
 from console.locale import N_, _
 from console.reports.numbers import number, plain
-from console.reports.said import better, channel_word, headlined, title, when, whole
+from console.reports.said import better, channel_word, headlined, title, when, whole, whole_id
 from control.diagnosis.result import Cause
 
 KINDS = {"run": N_("run log"), "lag": N_("lag table"), "catch": N_("catch test"), "weigh": N_("weighed plots"),
