@@ -75,13 +75,9 @@ def simulate(
     from drivers.files.setup import index_disagreements, load_setup
 
     setup = load_setup(machine, job, day_clock.today())
-    changes: dict[str, object] = {}
-    if strategy is not None:
-        changes["strategy"] = strategy
-    if look_ahead is not None:
-        changes["look_ahead"] = _switch("--look-ahead", look_ahead)
-    if flow_trim is not None:
-        changes["flow_trim"] = _switch("--flow-trim", flow_trim)
+    given = {"strategy": strategy, "look_ahead": _switch("--look-ahead", look_ahead),
+             "flow_trim": _switch("--flow-trim", flow_trim)}
+    changes = {name: value for name, value in given.items() if value is not None}
     if out is not None:
         refuse_collisions(setup.files, [log_output(out, truth_path(out))], force)
         out.parent.mkdir(parents=True, exist_ok=True)
@@ -157,10 +153,10 @@ def _run(setup: Setup, true: Machine, job: Job, *, seed: int, planted: list[Plan
     return _Ran(record, heads, alarms, doses, loop.threshold, time.perf_counter() - started)
 
 
-def _switch(option: str, text: str) -> bool:
-    if text not in ("on", "off"):
+def _switch(option: str, text: str | None) -> bool | None:
+    if text not in ("on", "off", None):
         raise CommandError(f"{option} {text}: allowed on or off")
-    return text == "on"
+    return None if text is None else text == "on"
 
 
 def _meta(setup: Setup, job: Job, seed: int) -> RunMeta:

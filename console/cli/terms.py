@@ -12,17 +12,14 @@ if TYPE_CHECKING:
 
 
 def parse_terms(texts: Sequence[str]) -> list[Term]:
-    """Terms of a simulated machine, each with an id of its own. Raises CommandError or ConfigError, a line each."""
+    """Terms of a simulated machine, each with an id of its own. Raises ValueError, CommandError, ConfigError."""
     from control.machine.form import SHAFT_ANGLE
     from control.machine.term_sums import KNOWN_TO_CONTROL
     from control.machine.terms import parse_term
     allowed = (*KNOWN_TO_CONTROL, SHAFT_ANGLE)
     found: list[Term] = []
     for text in texts:
-        try:
-            term = parse_term(text, _valid)
-        except ValueError as error:
-            raise CommandError(str(error)) from None
+        term = parse_term(text, _valid)
         for name in term.variables:
             if name not in allowed:
                 raise CommandError(f"term {text!r}: variable {name}: the simulated machine has no such column: allowed "
