@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from console.app.field_picture import FieldPicture
 from console.app.pages.calibrate.service import CalibrateService
-from console.app.pages.diagnosis.data import DiagnosisService
+from console.app.pages.diagnosis.service import DiagnosisService
 from console.app.pages.job.service import Earlier, JobService
 from console.app.pages.map.service import LayerFiles, LineFiles
 from console.app.pages.replay.service import LogFiles

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from console.app.pages.diagnosis.adoption import offer_of, undecided
-from console.app.pages.diagnosis.data import (
+from console.app.pages.diagnosis.service import (
     IMPORT,
     Adoption,
     ComparedRow,
@@ -54,7 +54,7 @@ def diagnosis_files(found: Mapping[str, Loaded[BaseModel]], effects: tuple[str, 
 
 
 class DiagnosisFiles:
-    """`console.app.diagnosis_data.DiagnosisService` on real files.
+    """`console.app.pages.diagnosis.service.DiagnosisService` on real files.
 
     folders: where logs and tables are looked for. machine: of data that names none. effects: planted in the simulated
     machine of this console; a separating run is driven on a machine that has them.

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from console.app.pages.diagnosis.data import IMPORT, Offer, OpenQuestions
+from console.app.pages.diagnosis.service import IMPORT, Offer, OpenQuestions
 from drivers import day_clock
 
 if TYPE_CHECKING:

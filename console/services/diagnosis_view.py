@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from console.app.pages.diagnosis.data import Curve, DiagnosisView, Drawn
+from console.app.pages.diagnosis.service import Curve, DiagnosisView, Drawn
 from console.reports.binned import Array, Axis, Binned
 from console.reports.run_views import View, parts_of, run_views, view_of
 from console.reports.said import headlines_first, sorted_out

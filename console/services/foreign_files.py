@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from pathlib import Path, PurePosixPath
 
-from console.app.pages.diagnosis.data import OpenQuestions
+from console.app.pages.diagnosis.service import OpenQuestions
 from drivers.files.atomic import free_path
 
 LISTED = frozenset({".csv", ".tsv", ".xlsx", ".xlsm", ".xls", ".xlsb", ".ods", ".geojson", ".shp", ".parquet", ".pq"})

@@ -11,7 +11,7 @@ import numpy as np
 
 from console.app.laid import Harvest, LaidFile
 from console.app.layers import Layer
-from console.app.pages.diagnosis.data import OpenQuestions
+from console.app.pages.diagnosis.service import OpenQuestions
 from console.app.pages.replay.service import LogFile
 from console.app.worked import Box, Worked, spot_of
 from console.frame import Frame

@@ -4,7 +4,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from console.app.pages.diagnosis.data import IMPORT, Source
+from console.app.pages.diagnosis.service import IMPORT, Source
 from console.app.pages.replay.service import LogFile, ReplayJob
 from console.services.diagnosis import DiagnosisFiles
 from console.services.foreign_files import YAML

@@ -12,7 +12,6 @@ from typing import NamedTuple
 from console.app.action import CALIBRATE, DEVICES, DIAGNOSIS
 from console.app.app import TopdressApp
 from console.app.pages.diagnosis.page import DiagnosisScreen
-from console.app.pages.diagnosis.sample import OPEN
 from console.app.pages.map.page import MapScreen
 from console.app.pages.replay.service import ReplayJob
 from console.app.replay_source import ReplaySource
@@ -23,6 +22,7 @@ from console.locale import ENGLISH, use
 from console.worker.resume_alarms import AlarmBook
 from control.diagnosis.result import Departure
 from control.orders import Answer, Order, State
+from tests.app.made_up.diagnosis import OPEN
 from tests.app.made_up.job import CUT_OFF, SampleJobService
 from tests.app.made_up.poses import pose
 from tests.app.made_up.run import run_frames, sample_alarms, sample_services

@@ -16,10 +16,9 @@ from console.app.name_dialog import NameDialog
 from console.app.pages.diagnosis import shown as diagnosis_shown
 from console.app.pages.diagnosis import words as diagnosis_words
 from console.app.pages.diagnosis.causes import Causes, interval_bar
-from console.app.pages.diagnosis.data import Curve, DiagnosisView, Stopped
 from console.app.pages.diagnosis.expected import Expected, expected_s
 from console.app.pages.diagnosis.residual_plot import PlotView, ResidualPlot, dots_between, nice_ends
-from console.app.pages.diagnosis.sample import SOURCES, MadeUpDiagnosis, having, sample_found
+from console.app.pages.diagnosis.service import Curve, DiagnosisView, Stopped
 from console.app.pages.diagnosis.source_list import SourceList, SourcesView
 from console.app.services import Services
 from console.app.units import IMPERIAL, METRIC
@@ -29,6 +28,7 @@ from control.diagnosis.result import UNKNOWN, FieldCost, Unexplained
 from control.machine.machine import CATALOGUE
 from control.orders import Do
 from drivers.files.plain import plain, typed
+from tests.app.made_up.diagnosis import SOURCES, MadeUpDiagnosis, having, sample_found
 
 
 @pytest.fixture

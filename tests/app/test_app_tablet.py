@@ -9,7 +9,6 @@ from console.app import actions
 from console.app.action import ANYWHERE, CALIBRATE, DIAGNOSIS, RUN, SETTINGS
 from console.app.guide_line import GuideLine
 from console.app.kept_lines import guide_record
-from console.app.pages.diagnosis.sample import MadeUpDiagnosis
 from console.app.pages.job.service import Earlier
 from console.app.screens.gone import GoneScreen
 from console.app.services import Services
@@ -17,6 +16,7 @@ from console.app.tablet import CLOSED, Key, KeyDialog, TabletApp
 from console.services.line_files import KeptLineFiles, LinesSeen
 from control.orders import Do
 from tests.app.gallery import StillClock, StillSource
+from tests.app.made_up.diagnosis import MadeUpDiagnosis
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import pytest
 import typer
 
 from console.app.pages.diagnosis.adoption import offer_of, sure
-from console.app.pages.diagnosis.data import DiagnosisView
+from console.app.pages.diagnosis.service import DiagnosisView
 from console.app.pages.diagnosis.shown import channels
 from console.app.pages.diagnosis.words import adopted_title
 from console.cli.adopting import adopt

@@ -11,8 +11,7 @@ import pytest
 import yaml
 
 from console.app.pages.diagnosis.adoption import selections, undecided
-from console.app.pages.diagnosis.data import Adoption, Stop, Stopped
-from console.app.pages.diagnosis.sample import having, sample_found
+from console.app.pages.diagnosis.service import Adoption, Stop, Stopped
 from console.reports.said import sorted_out
 from console.services.diagnosis import DiagnosisFiles
 from console.services.separating_run import _DRIVES, drivable, drive_of
@@ -25,6 +24,7 @@ from control.simulation.closed_loop import simulated_run
 from drivers.files.config import load
 from drivers.files.kinds import JOB, MACHINE
 from drivers.files.setup import load_setup
+from tests.app.made_up.diagnosis import having, sample_found
 
 CATCH = "shaft_rpm,opening_mm,duration_s,mass_kg\n" + "".join(
     f"{rpm},{mm},60,{1.06 * 5.5e-3 * rpm * mm * (1.0 + 0.002 * (-1) ** k):.4f}\n"

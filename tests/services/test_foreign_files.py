@@ -7,7 +7,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from console.app.pages.diagnosis.data import IMPORT, OpenQuestions, Stop
+from console.app.pages.diagnosis.service import IMPORT, OpenQuestions, Stop
 from console.services.diagnosis import DiagnosisFiles
 from console.services.foreign_files import brought_in, is_listed
 from drivers.files.imports.trouble import ImportTrouble

@@ -10,7 +10,6 @@ import numpy as np
 from console.app.field_picture import FieldPicture, Planned
 from console.app.laid import LaidFile
 from console.app.layers import Layer
-from console.app.pages.diagnosis.sample import MadeUpDiagnosis
 from console.app.pages.replay.service import LogFile
 from console.app.pages.settings.service import SettingsStore
 from console.app.services import Services
@@ -21,6 +20,7 @@ from control.log_row import LogRow
 from control.orders import Alarm, Severity
 from drivers.files.settings import Settings
 from tests.app.made_up.calibrate import sample_calibrate_job
+from tests.app.made_up.diagnosis import MadeUpDiagnosis
 from tests.app.made_up.job import SampleJobService
 
 _BEGAN = datetime(2026, 3, 18, 6, 12, 0, tzinfo=UTC)

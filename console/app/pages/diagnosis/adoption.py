@@ -4,7 +4,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import chain, combinations
 
-from console.app.pages.diagnosis.data import DiagnosisView, Offer
+from console.app.pages.diagnosis.service import DiagnosisView, Offer
 from console.reports import said
 from control.diagnosis.result import Cause
 

@@ -11,7 +11,7 @@ from console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
 from console.app.name_dialog import NameDialog
 from console.app.pages.diagnosis import words
 from console.app.pages.diagnosis.adoption import offer_of, undecided, with_picked
-from console.app.pages.diagnosis.data import Adoption, DiagnosisView
+from console.app.pages.diagnosis.service import Adoption, DiagnosisView
 from console.locale import N_, _
 from console.reports.numbers import percent
 from console.reports.said import others, title, title_of, to_do

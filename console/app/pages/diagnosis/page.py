@@ -17,7 +17,11 @@ from console.app.dialogs import TextDialog
 from console.app.pages.diagnosis import shown, words
 from console.app.pages.diagnosis.causes import Causes, CausesView
 from console.app.pages.diagnosis.channel_table import ChannelsView, ChannelTable
-from console.app.pages.diagnosis.data import (
+from console.app.pages.diagnosis.expected import Expected, expected_s
+from console.app.pages.diagnosis.keys import ACTIONS, diagnose
+from console.app.pages.diagnosis.residual_plot import ResidualPlot
+from console.app.pages.diagnosis.run_plan import PlanView, RunPlanPanel
+from console.app.pages.diagnosis.service import (
     IMPORT,
     ComparedShown,
     DiagnosisService,
@@ -28,10 +32,6 @@ from console.app.pages.diagnosis.data import (
     Stopped,
     Tell,
 )
-from console.app.pages.diagnosis.expected import Expected, expected_s
-from console.app.pages.diagnosis.keys import ACTIONS, diagnose
-from console.app.pages.diagnosis.residual_plot import ResidualPlot
-from console.app.pages.diagnosis.run_plan import PlanView, RunPlanPanel
 from console.app.pages.diagnosis.source_list import SourceList, SourcesView
 from console.app.pages.diagnosis.verdict import Verdict
 from console.app.pages.diagnosis.work_bar import WorkBar, WorkView

@@ -4,9 +4,9 @@ from __future__ import annotations
 from console.app.pages.diagnosis import words
 from console.app.pages.diagnosis.causes import CauseLine, CausesView
 from console.app.pages.diagnosis.channel_table import ChannelLine, ChannelsView
-from console.app.pages.diagnosis.data import Curve, DiagnosisView
 from console.app.pages.diagnosis.residual_plot import PlotView
 from console.app.pages.diagnosis.run_plan import PlanView
+from console.app.pages.diagnosis.service import Curve, DiagnosisView
 from console.app.pages.diagnosis.verdict import Said
 from console.app.units import Units
 from console.locale import _, in_use

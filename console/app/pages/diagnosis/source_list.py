@@ -7,7 +7,7 @@ from textual import events
 from textual.content import Content
 from textual.message import Message
 
-from console.app.pages.diagnosis.data import Source
+from console.app.pages.diagnosis.service import Source
 from console.app.pages.diagnosis.words import KINDS
 from console.app.widgets.panel import Panel, fit, line, right
 from console.locale import _

@@ -4,7 +4,7 @@ What it says of the data itself is said for all: `console.reports.said`.
 """
 from __future__ import annotations
 
-from console.app.pages.diagnosis.data import IMPORT, ComparedShown, DiagnosisView
+from console.app.pages.diagnosis.service import IMPORT, ComparedShown, DiagnosisView
 from console.app.units import Units
 from console.app.view import duration
 from console.locale import N_, _

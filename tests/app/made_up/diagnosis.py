@@ -5,7 +5,7 @@ from dataclasses import replace
 from math import cos, sin
 from typing import Any
 
-from console.app.pages.diagnosis.data import (
+from console.app.pages.diagnosis.service import (
     IMPORT,
     Adoption,
     ComparedRow,
