@@ -41,6 +41,6 @@ def log_output(log: Path, *with_it: Path) -> Output:
 
 
 def _computed(log: Path) -> bool:
-    from drivers.files.run_meta import meta_beside
-    meta = meta_beside(log)
+    from drivers.files.run_meta import sidecar_meta
+    meta = sidecar_meta(log)
     return meta is not None and ("replay_of" in meta.extra or (meta.seed is not None and meta.started_utc is None))

@@ -3,12 +3,12 @@ from __future__ import annotations
 
 from console.app.pages.job.service import AtWork, Earlier
 from console.worker import resume
-from drivers.files.run_meta import meta_beside
+from drivers.files.run_meta import sidecar_meta
 
 
 def at_work(log_path: str) -> AtWork | None:
     """None where the log has no sidecar, or one that does not say."""
-    meta = meta_beside(log_path)
+    meta = sidecar_meta(log_path)
     if meta is None:
         return None
     crop, machine = meta.crop or {}, meta.machine or {}

@@ -57,8 +57,8 @@ class Launcher:
         from drivers.files.config import load_any
         from drivers.files.config_error import ConfigError
         from drivers.files.kinds import CAB, JOB, KINDS, MACHINE
-        from drivers.files.run_meta import meta_beside
-        meta = meta_beside(log_path)
+        from drivers.files.run_meta import sidecar_meta
+        meta = sidecar_meta(log_path)
         if meta is None:
             return None
         found = []

@@ -42,8 +42,8 @@ class MapLayers:
 
     def lay(self, path: str, frame: Frame) -> LaidFile:
         """Raises ValueError in one line: not such a file, open questions, no places, no rate and no harvest in it."""
-        from drivers.files.run_meta import meta_beside
-        meta = meta_beside(frame.log_path) if frame.log_path else None
+        from drivers.files.run_meta import sidecar_meta
+        meta = sidecar_meta(frame.log_path) if frame.log_path else None
         try:
             log = _opened(Path(path))
             return laid(log, plane_of(frame, meta), _width_m(meta), frame)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from console.app.kept_lines import KeptLines, kept_lines
 from console.worker import resume
 from console.worker.side_files import SideFiles
-from drivers.files.run_meta import meta_beside
+from drivers.files.run_meta import sidecar_meta
 
 ENDING = ".lines.jsonl"
 
@@ -67,7 +67,7 @@ class _Field(NamedTuple):
 
 def _field_of(log: Path) -> _Field | None:
     """None: its job has no field, or cannot be read."""
-    meta = meta_beside(log)
+    meta = sidecar_meta(log)
     field = None if meta is None else (meta.job or {}).get("field")
     if meta is None or not isinstance(field, dict) or not field.get("boundary_m"):
         return None

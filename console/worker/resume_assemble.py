@@ -19,7 +19,7 @@ from control.loop import ControlLoop
 from control.machine.machine import Machine
 from control.orders import Strategy
 from control.simulation.tractor import field_path
-from drivers.files.run_meta import meta_beside
+from drivers.files.run_meta import sidecar_meta
 
 SEARCH_M = 0.5              # along the simulated tractor's way
 
@@ -46,7 +46,7 @@ def before_of(named: Path | None, folder: Path, job: Job, sha256: Mapping[str, s
     boundary. folder: of the logs; sha256: of the files. Raises ValueError, OSError: what is named cannot be read."""
     here = jobs_here(folder, job, simulated, now) if job.field.boundary_m else []
     goes_on = next((one.snapshot for one in here if one.goes_on), None) if named is None else resume.read(named)
-    written = None if goes_on is None else meta_beside(goes_on.log_path)
+    written = None if goes_on is None else sidecar_meta(goes_on.log_path)
     same = written is None or written.sha256 == dict(sha256)
     return Before(goes_on, tuple(one.snapshot for one in here if goes_on is None or (
         one.snapshot.log_path != goes_on.log_path)), same)

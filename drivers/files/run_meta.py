@@ -76,7 +76,7 @@ def meta_from_yaml(text: str) -> RunMeta:
         extra={k: v for k, v in data.items() if k not in known})
 
 
-def meta_beside(log: str | Path) -> RunMeta | None:
+def sidecar_meta(log: str | Path) -> RunMeta | None:
     """Of the sidecar next to a log; None: there is none that can be read."""
     try:
         return meta_from_yaml(sidecar(Path(log)).read_text(encoding="utf-8"))
