@@ -16,7 +16,8 @@ class Bench:
 
     def __init__(self, scenarios) -> None:
         self.pins = scenarios.Machine()
-        self.board = Slave(self.pins, Settings())
+        self.settings = Settings()
+        self.board = Slave(self.pins, self.settings)
         self.host = SlaveBoard(DriveLimits(max_shaft_rpm=201.0))
         self.ms = 0
         self.deaf = False               # the host hears nothing
@@ -69,7 +70,7 @@ def test_pulses_are_the_angle_over_a_row_of_plants(bench):
 
 @pytest.mark.parametrize("rpm", [50.0, 99.8, 201.0])
 def test_the_papers_range_of_speeds(bench, rpm):
-    bench.board._settings.max_shaft_rpm = 201.0
+    bench.settings.max_shaft_rpm = 201.0
     bench.give(360.0, rpm)
     bench.run(int(360.0 / (6.0 * rpm) * 1000.0) + 400)
     dose = bench.host.dose.newest

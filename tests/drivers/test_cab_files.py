@@ -5,7 +5,8 @@ import datetime as dt
 
 import pytest
 
-from control.orders import Strategy
+from control.orders import Do, Order, Strategy
+from control.readings import Measurements
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.closed_loop import Record, simulated_run
 from drivers.cab import Cab, CabConfig
@@ -75,22 +76,23 @@ def test_without_one_silence_means_nothing(switched, board_line):
     assert cab.measure(110.0).work_switch is True
 
 
-def test_the_worker_tells_its_loop_of_the_switch(tmp_path, monkeypatch):
+@pytest.mark.parametrize("fitted", [True, False])
+def test_the_worker_tells_its_loop_of_the_switch(tmp_path, fitted):
+    """Only a switch that is fitted counts as up where nothing is heard of it."""
     from console.worker import assemble as assembling
     from console.worker.options import Options
-    told = []
-    monkeypatch.setattr(assembling, "control_loop",
-                        lambda *parts, **named: told.append(parts[4]) or control_loop(*parts, **named))
-    for fitted in (True, False):
-        path = tmp_path / f"{fitted}.yaml"
-        path.write_text("format: topdress-cab/1\nboard: {port: 'socket://127.0.0.1:9', work_switch: "
-                        f"{str(fitted).lower()}}}\n")
-        parts = assembling.assemble(Options((str(path),), tmp_path / "w.json", log=str(tmp_path / f"{fitted}.csv")),
-                                    lambda: 0.0)
-        assert not parts.names.simulated
-        parts.bench.close()
-        parts.writer.close()
-    assert told == [True, False]
+    path = tmp_path / f"{fitted}.yaml"
+    path.write_text("format: topdress-cab/1\nboard: {port: 'socket://127.0.0.1:9', work_switch: "
+                    f"{str(fitted).lower()}}}\n")
+    parts = assembling.assemble(Options((str(path),), tmp_path / "w.json", log=str(tmp_path / f"{fitted}.csv")),
+                                lambda: 0.0)
+    assert not parts.names.simulated
+    parts.bench.close()
+    parts.writer.close()
+    for now_s, do in ((0.0, Do.READY), (0.05, Do.START)):
+        parts.loop.tick(Measurements(now_s))
+        assert parts.loop.order(Order(do)).accepted
+    assert ("work_switch_up" in parts.loop.tick(Measurements(0.1)).why_no_flow) is fitted
 
 
 @pytest.mark.parametrize("strategy", list(Strategy))

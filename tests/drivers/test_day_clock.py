@@ -22,17 +22,22 @@ def raises() -> float:
     raise OverflowError("timestamp too large to convert to C _PyTime_t")
 
 
+@pytest.fixture
+def clock_is(monkeypatch):
+    return lambda asked: monkeypatch.setattr(day_clock, "_epoch_s", asked)
+
+
 @pytest.mark.parametrize("asked", [raises, lambda: 400e9, lambda: -1e15, lambda: float("nan")],
                          ids=["after 2262", "after 9999", "before the year 1", "no number"])
-def test_what_no_date_can_be_made_of_is_a_clock_that_is_not_set(monkeypatch, asked):
-    monkeypatch.setattr(day_clock, "_epoch_s", asked)
+def test_what_no_date_can_be_made_of_is_a_clock_that_is_not_set(clock_is, asked):
+    clock_is(asked)
     assert day_clock.utc_now() == day_clock.UNKNOWN and day_clock.today() == dt.date(1970, 1, 1)
     assert day_clock.local_now().year == 1970 and day_clock.utc_now().tzinfo is dt.UTC
 
 
-def test_what_can_be_said_is_said(monkeypatch):
+def test_what_can_be_said_is_said(clock_is):
     for epoch_s, year in ((-1.2e9, 1931), (1.79e9, 2026), (YEAR_7000_S, 7000)):
-        monkeypatch.setattr(day_clock, "_epoch_s", lambda epoch_s=epoch_s: epoch_s)
+        clock_is(lambda epoch_s=epoch_s: epoch_s)
         assert day_clock.utc_now().year == day_clock.today().year == year and day_clock.is_set()
     assert day_clock.said_of_file(1.79e9).startswith("2026-") and day_clock.said_of_file(1e15) == ""
     assert day_clock.moment(YEAR_7000_S).year == 7000 and day_clock.moment(1e15) == day_clock.UNKNOWN
@@ -47,7 +52,8 @@ def test_nobody_else_asks_the_clock():
 
 @pytest.mark.parametrize("words", [
     ["-c", "from console.cli import main; main()", "simulate", "--seconds", "5", "--out", "run.csv"],
-    ["-c", "import console.app.app, console.serve.server, console.worker.assemble as rooms; print(rooms._utc_now())"]],
+    ["-c", "import console.app.app, console.serve.server, console.worker.assemble; from drivers import day_clock; "
+     "print(day_clock.utc_now())"]],
     ids=["simulate", "console and worker"])
 def test_a_program_starts_whatever_the_clock_says(tmp_path, words):
     """The interpreter's own clock raises here as in the year 7000: libraries ask it while they are loaded."""

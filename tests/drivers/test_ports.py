@@ -286,18 +286,18 @@ def test_a_line_pulled_while_it_is_being_opened_stays_down(opened, clock):
     assert (port.state().connected, port.state().connects) == (False, 0)
 
 
-def test_a_lost_device_is_looked_for_every_two_seconds_at_least(opened, clock, monkeypatch):
+def test_a_lost_device_is_looked_for_every_two_seconds_at_least(opened, clock):
     waits: list[float] = []
 
     def refuse() -> StuckStream:
         raise OSError("not there")
 
-    def pause(port: ThreadedPort, seconds: float) -> None:
-        waits.append(seconds)
-        time.sleep(0.005)
+    class Hurried(ThreadedPort):
+        def _pause(self, seconds: float) -> None:
+            waits.append(seconds)
+            time.sleep(0.005)
 
-    monkeypatch.setattr(ThreadedPort, "_pause", pause)
-    opened(ThreadedPort("lost", refuse, clock))
+    opened(Hurried("lost", refuse, clock))
     wait_for(lambda: len(waits) > 10)
     assert waits[:6] == [0.25, 0.5, 1.0, 2.0, 2.0, 2.0]
 

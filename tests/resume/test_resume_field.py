@@ -18,7 +18,7 @@ from control.geodesy import TangentPlane
 from drivers.files.config import load, save, shipped
 from drivers.files.kinds import JOB
 
-NOW = dt.datetime(2026, 3, 18, 14, 0, tzinfo=dt.UTC)
+NOW = dt.datetime.now(dt.UTC)
 HOME = 34.28, 119.88
 SQUARE = ((0.0, 0.0), (100.0, 0.0), (100.0, 100.0), (0.0, 100.0))
 
@@ -79,12 +79,15 @@ def test_on_another_plane_the_same_places_are_done(tmp_path):
     assert on_plane(moved, plane) is moved
 
 
-def start(folder, monkeypatch, config, log="new"):
+def start(folder, config, log="new"):
     """A worker put together."""
-    monkeypatch.setattr("console.worker.assemble._utc_now", lambda: NOW)
     parts = assemble(Options(config, folder / "w.json", log=str(folder / f"{log}.csv")), lambda: 0.0)
     parts.writer.close()
     return parts
+
+
+def done_before(loop, place):
+    return loop._ahead.overlap.earlier(place)
 
 
 @pytest.fixture
@@ -99,29 +102,28 @@ def jobs(tmp_path):
 
 
 @pytest.mark.parametrize(("config", "goes_on"), [((), True), (("mapped.yaml",), True), (("far.yaml",), False)])
-def test_a_start_knows_what_is_done_on_its_field(jobs, monkeypatch, config, goes_on):
+def test_a_start_knows_what_is_done_on_its_field(jobs, config, goes_on):
     """Whatever file was taken: a new log had forgotten it, and the ground got its material twice."""
     width_m = 2.4
-    start(jobs, monkeypatch, (), "west")            # its sidecar says with which files
+    start(jobs, (), "west")            # its sidecar says with which files
     kept(jobs, box=(-0.5 * width_m, 0.5 * width_m, 0.0, 20.0), strategy="speed_first", place_m=(0.0, 20.0))
-    loop = start(jobs, monkeypatch, tuple(str(jobs / one) for one in config)).loop
-    done = loop._ahead.overlap.earlier
-    assert done((0.0, 10.0)) is goes_on and done((1.1, 19.0)) is goes_on and not done((0.0, 21.0))
+    loop = start(jobs, tuple(str(jobs / one) for one in config)).loop
+    assert [done_before(loop, place) for place in ((0.0, 10.0), (1.1, 19.0), (0.0, 21.0))] == [goes_on, goes_on, False]
     assert loop.totals.applied_kg == (30.0 if goes_on else 0.0)
     assert loop.strategy == ("speed_first" if not config else "balanced" if goes_on else "opening_first")
 
 
-def test_an_ended_job_is_another_pass(jobs, monkeypatch):
+def test_an_ended_job_is_another_pass(jobs):
     kept(jobs, finished=True)
-    parts = start(jobs, monkeypatch, ())
-    assert not parts.loop._ahead.overlap.earlier((10.0, 10.0)) and parts.keeper.tally.log_before == ""
+    parts = start(jobs, ())
+    assert not done_before(parts.loop, (10.0, 10.0)) and parts.keeper.tally.log_before == ""
 
 
-def test_a_part_of_a_field_that_another_job_has_done_gets_no_more(jobs, monkeypatch):
+def test_a_part_of_a_field_that_another_job_has_done_gets_no_more(jobs):
     """A quarter of what the other job has spread lies here: its ground counts, its totals do not."""
     kept(jobs, box=(-60.0, 20.0, 0.0, 20.0))
-    parts = start(jobs, monkeypatch, ())
-    assert parts.loop._ahead.overlap.earlier((10.0, 10.0)) and parts.loop.totals.applied_kg == 0.0
+    parts = start(jobs, ())
+    assert done_before(parts.loop, (10.0, 10.0)) and parts.loop.totals.applied_kg == 0.0
     assert parts.loop.totals.covered_ha == 0.0 and parts.keeper.tally.log_before == ""
 
 
