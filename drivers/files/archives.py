@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Protocol
 
-from drivers.files.limits import DAMAGED_ZIP, SHAPES
+from drivers.files.limits import DAMAGED_ZIP, SHAPES, held_to
 from drivers.plain_text import Refused
 
 DEEPEST = 4                     # folders in one another that are looked into
@@ -50,7 +50,7 @@ class Folder:
 
     def read(self, name: str) -> bytes:
         file = self.path / name
-        _check_size(str(file), file.stat().st_size)
+        held_to(SHAPES, file.stat().st_size, file)
         return file.read_bytes()
 
     def label(self, name: str) -> str:
@@ -80,7 +80,7 @@ class Zip:
 
     def read(self, name: str) -> bytes:
         try:
-            _check_size(self.label(name), self._archive.getinfo(name).file_size)
+            held_to(SHAPES, self._archive.getinfo(name).file_size, self.label(name))
             return self._archive.read(name)
         except DAMAGED_ZIP as error:
             raise Refused(self.label(name), "not readable: {why}", why=error) from None
@@ -111,12 +111,6 @@ def _counts(name: str) -> bool:
     """Not what a Macintosh or Windows leaves in every folder."""
     parts = name.replace("\\", "/").split("/")
     return not any(part.lower() in HIDDEN or part.startswith("._") for part in parts)
-
-
-def _check_size(label: str, size: int) -> None:
-    if size > SHAPES.most:
-        raise Refused(label, "{found}: allowed up to {most}", found=f"{size >> 20} MB",
-                           most=f"{SHAPES.most >> 20} MB")
 
 
 def files_of(path: Path) -> tuple[Path, ...]:

@@ -57,14 +57,14 @@ def load(where: str | Path, kind: Kind[M], base: Path | None = None) -> Loaded[M
     """
     path = resolve(where, [kind.folder], base)
     data, lines, sha256 = _read(path)
-    return Loaded(_valid(data, kind, _label(path), lines), path, sha256)
+    return Loaded(_valid(data, kind, str(path), lines), path, sha256)
 
 
 def load_any(where: str | Path, kinds: Kinds) -> tuple[Kind[BaseModel], Loaded[BaseModel]]:
     """Reads a file of any registered kind, recognised by its `format:` field. Raises ConfigError."""
     path = resolve(where, [kind.folder for kind in kinds.values()])
     data, lines, sha256 = _read(path)
-    label = _label(path)
+    label = str(path)
     allowed = ", ".join(kinds)
     found = data.get("format")
     if found is None:
@@ -129,12 +129,8 @@ def resolve(where: str | Path, folders: Iterable[str], base: Path | None = None)
     return names[text]
 
 
-def _label(path: Path) -> str:
-    return str(path)
-
-
 def _read(path: Path) -> tuple[dict[str, Any], dict[KeyPath, int], str]:
-    label = _label(path)
+    label = str(path)
     try:
         with path.open("rb") as file:
             raw = file.read(CONFIG.most + 1)

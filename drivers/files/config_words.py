@@ -52,13 +52,15 @@ def allowed(sub: Mapping[str, Any] | None, root: Mapping[str, Any]) -> str:
             unit = {"unit": sub["unit"]} if "unit" in sub else {}
             words = dict.fromkeys(allowed({**option, **unit}, root) for option in sub[union])
             return " or ".join(word for word in words if word)
-    return _ALLOWED.get(str(sub.get("type")), _allowed_any)(sub, root)
+    kind = str(sub.get("type"))
+    return _ALLOWED[kind](sub, root) if kind in _ALLOWED else _WORDS.get(kind, "")
 
 
 def _sentence(detail: ErrorDetails, path: KeyPath, data: object, schema: Mapping[str, Any]) -> str:
     kind, key = detail["type"], _name(path)
     if kind in ("missing", "missing_argument"):
-        return f"key {key}: missing{_or_nothing(': allowed ', allowed(_at_path(schema, path), schema))}"
+        words = allowed(_at_path(schema, path), schema)
+        return f"key {key}: missing{words and f': allowed {words}'}"
     if kind in ("extra_forbidden", "unexpected_keyword_argument"):
         names = _names(_at_path(schema, path[:-1]), schema)
         listed = f": allowed {', '.join(names)}" if 0 < len(names) <= _MAX_NAMES else ""
@@ -135,10 +137,6 @@ def _show(value: object) -> str:
     else:
         text = json.dumps(value, ensure_ascii=False)
     return text if len(text) <= _MAX_VALUE_LENGTH else text[: _MAX_VALUE_LENGTH - 3] + "..."
-
-
-def _or_nothing(before: str, words: str) -> str:
-    return before + words if words else ""
 
 
 def _deref(sub: Mapping[str, Any], root: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -253,17 +251,6 @@ def _allowed_group(sub: Mapping[str, Any], root: Mapping[str, Any]) -> str:
     return f"keys {', '.join(names[:_MAX_NAMES])}" if names else "keys and values"
 
 
-def _allowed_any(_sub: Mapping[str, Any], _root: Mapping[str, Any]) -> str:
-    return ""
-
-
-def _allowed_bool(_sub: Mapping[str, Any], _root: Mapping[str, Any]) -> str:
-    return "true, false"
-
-
-def _allowed_null(_sub: Mapping[str, Any], _root: Mapping[str, Any]) -> str:
-    return "nothing"
-
-
 _ALLOWED = {"number": _allowed_number, "integer": _allowed_number, "string": _allowed_text, "array": _allowed_list,
-            "object": _allowed_group, "boolean": _allowed_bool, "null": _allowed_null}
+            "object": _allowed_group}
+_WORDS = {"boolean": "true, false", "null": "nothing"}

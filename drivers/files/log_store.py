@@ -21,7 +21,7 @@ from drivers.files.imports.trouble import TableError
 from drivers.files.limits import check_file
 from drivers.files.log_text import texts_of
 from drivers.files.run_meta import RunMeta, meta_from_yaml, meta_to_yaml
-from drivers.files.table import Columns
+from drivers.files.table import Columns, texts_array
 
 if TYPE_CHECKING:
     import polars as pl
@@ -82,25 +82,18 @@ def read_store(path: Path, only: Collection[str] | None = None) -> Stored:
     columns = {name: _column(frame.drop_in_place(name)) for name in names}
     if "time_s" not in columns or not bool(np.all(np.diff(columns["time_s"]) > 0.0)):
         raise TableError(path, "column time_s: missing, or not strictly increasing")
-    return Stored(columns, about.meta, about.findings)
+    return Stored(columns, *about)
 
 
-class About(NamedTuple):
-    """What a store says of its log along with the columns."""
-
-    meta: RunMeta | None
-    findings: tuple[Finding, ...]
-
-
-def stored_about(path: Path) -> About:
-    """Without reading the columns. Raises TableError, OSError."""
+def stored_about(path: Path) -> tuple[RunMeta | None, tuple[Finding, ...]]:
+    """What a store says of its log along with the columns, which are not read. Raises TableError, OSError."""
     import polars as pl
     try:
         stated = json.loads(pl.read_parquet_metadata(path)[_KEY])
         if stated["format"] != FORMAT:
             raise TableError(path, f"key format: value {stated['format']}: allowed {FORMAT}")
         meta = None if stated["meta"] is None else meta_from_yaml(stated["meta"])
-        return About(meta, tuple(Finding(*one) for one in stated["findings"]))
+        return meta, tuple(Finding(*one) for one in stated["findings"])
     except pl.exceptions.PolarsError as error:
         raise TableError(path, f"not readable as Parquet: {_first_line(error)}") from None
     except TableError:
@@ -138,8 +131,5 @@ def _frame(columns: Columns) -> pl.DataFrame:
 def _column(series: pl.Series) -> NDArray[Any]:
     import polars as pl
     if series.dtype == pl.String or series.name in TEXT_COLUMNS:
-        shared: dict[str, str] = {}
-        array = np.empty(series.len(), object)
-        array[:] = [shared.setdefault(text, text) if text else "" for text in series.cast(pl.String).to_list()]
-        return array
+        return texts_array(series.cast(pl.String).to_list())
     return np.array(series.cast(pl.Float64).fill_null(float("nan")).to_numpy(), np.float64)

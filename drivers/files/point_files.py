@@ -1,7 +1,6 @@
 """Which files hold places rather than areas, by a look at what they begin with. Starts light: no polars."""
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 from drivers.files.limits import read_json
@@ -13,10 +12,9 @@ POINTS = (1, 11, 21)            # types of shapes: point, with height, with meas
 
 def holds_points(path: Path) -> bool:
     """Whether a file that might be a map of areas holds places that were worked instead. Raises OSError."""
-    kind = "" if path.is_dir() else path.suffix.lower()
-    looks: dict[str, Callable[[Path], bool]] = {".geojson": _points_of_geojson, ".json": _points_of_geojson}
+    is_json = path.suffix.lower() in (".geojson", ".json") and not path.is_dir()
     try:
-        return looks.get(kind, _points_of_files)(path)
+        return _points_of_geojson(path) if is_json else _points_of_files(path)
     except ValueError:
         return False
 

@@ -153,7 +153,7 @@ def meta_of(path: Path) -> RunMeta | None:
     if not is_store(path):
         return _sidecar_of(path)[0]
     try:
-        return stored_about(path).meta
+        return stored_about(path)[0]
     except (TableError, OSError):
         return None
 

@@ -227,11 +227,11 @@ def columns_of(frame: pl.DataFrame, numbers: Collection[str], texts: Collection[
                 findings.append(Finding("not_a_number", f"column {name}: {many(found.bad, 'cell')} such as "
                                         f"{found.cell[:20]!r} emptied: not a number", name, found.bad))
             series = found.values if name in numbers or not found.bad else series
-        columns[name] = _texts(series.to_list()) if series.dtype == pl.String else series.to_numpy()
+        columns[name] = texts_array(series.to_list()) if series.dtype == pl.String else series.to_numpy()
     return columns
 
 
-def _texts(values: Sequence[str | None]) -> NDArray[Any]:
+def texts_array(values: Sequence[str | None]) -> NDArray[Any]:
     """Texts without blanks around; equal ones share one object: a million states cost a million references only."""
     shared: dict[str, str] = {}
     array = np.empty(len(values), object)

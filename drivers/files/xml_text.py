@@ -1,6 +1,7 @@
 """XML as topdress reads it: elements and their texts, no entities of its own, no more of them than memory holds."""
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -13,33 +14,26 @@ class XmlError(OneLine):
     """Why it is no XML, or none that is read."""
 
 
+@dataclass
 class Total:
     """Of several files that are joined to one: their bytes and tags so far. label: of the one that names them."""
 
-    def __init__(self, label: Where | Path | str) -> None:
-        self.label = label
-        self.bytes = self.tags = 0
-
-    def add_bytes(self, count: int) -> int:
-        self.bytes += count
-        return self.bytes
-
-    def add_tags(self, count: int) -> int:
-        self.tags += count
-        return self.tags
+    label: Where | Path | str
+    bytes: int = 0
+    tags: int = 0
 
 
 def xml_root(data: bytes, label: Where | Path | str, total: Total | None = None) -> Element:
     """The root of all elements. total: of the files that this one is joined to. Raises XmlError, BeyondLimits."""
     plain = data.replace(b"\0", b"") if b"\0" in data[:200] else data        # UTF-16
-    held_to(TAGS, (total or Total(label)).add_tags(plain.count(b"<")), label)
+    total = total or Total(label)
+    total.tags += plain.count(b"<")
+    held_to(TAGS, total.tags, label)
     if b"<!ENTITY" in plain:                            # a few bytes that stand for as many as somebody likes
         raise XmlError("entities of its own: allowed is XML without them")
     try:
         return ElementTree.fromstring(data)
-    except ElementTree.ParseError as error:
-        raise XmlError(str(error)) from None
-    except (LookupError, ValueError) as error:          # of an encoding that there is not
+    except (ElementTree.ParseError, LookupError, ValueError) as error:      # LookupError: of an unknown encoding
         raise XmlError(str(error)) from None
 
 

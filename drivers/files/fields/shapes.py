@@ -44,10 +44,11 @@ def named_shapes(path: Path) -> list[tuple[str, Any]]:
         raise FieldError(f"{path}: shapes of type {layers[0].kind}: allowed are polygons (an outline) and lines "
                          "(guidance)")
     for layer in layers:
+        where = path if len(layers) == 1 else f"{path}: {layer.name}"
         highest = np.abs(shapely.get_coordinates(layer.shapes)).max(initial=0.0)
         if not highest <= 180.0:
             said = (" and no .prj that says in what", ", or UTM that the .prj names") if layer.kind else ("", "")
-            raise FieldError(f"{path}: coordinates up to {highest:.0f}{said[0]}: allowed are degrees (WGS84){said[1]}")
+            raise FieldError(f"{where}: coordinates up to {highest:.0f}{said[0]}: allowed are degrees (WGS84){said[1]}")
     return [(name_of(row) or layer.name, shape) for layer in layers
             for row, shape in zip(layer.rows, layer.shapes, strict=True) if shape is not None]
 

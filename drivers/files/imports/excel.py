@@ -10,9 +10,9 @@ import polars as pl
 
 from control.recordings.finding import Finding, many
 from drivers.files.imports.dialect import SAMPLE_LINES
-from drivers.files.imports.header import Layout, layout_of, named
+from drivers.files.imports.header import Layout, layout_of
 from drivers.files.imports.mapping import Source
-from drivers.files.imports.raw import RawTable, unique
+from drivers.files.imports.raw import RawTable, header_of
 from drivers.files.imports.trouble import ImportTrouble, listed
 from drivers.files.sheet_text import cell_text, sheets_of
 
@@ -56,14 +56,8 @@ def _table(path: Path, said: Source, sheet: str, rows: list[list[Any]], layout: 
     if layout.header < 0 and not said.names:
         raise ImportTrouble(path, f"sheet {sheet}: no header row: allowed is a row that names the columns, or "
                             "source.names in the import file")
-    cells = list(said.names) if said.names else [cell_text(cell) for cell in rows[layout.header]]
-    while cells and not cells[-1]:
-        cells = cells[:-1]
-    names = unique(cells)
-    units = {name: unit for name, cell in zip(names, cells, strict=True) if (unit := named(cell)[1]) is not None}
-    if layout.units is not None:
-        units |= {name: word for name, cell in zip(names, rows[layout.units], strict=False)
-                  if (word := cell_text(cell).strip("()[]- "))}
+    names, units = header_of(list(said.names) if said.names else [cell_text(cell) for cell in rows[layout.header]],
+                             None if layout.units is None else [cell_text(cell) for cell in rows[layout.units]])
     body = [row for row in rows[layout.body:] if any(cell != "" for cell in row)]
     if not body:
         raise ImportTrouble(path, f"sheet {sheet}: no rows below the header")

@@ -10,9 +10,8 @@ import shapely
 
 from control.recordings.finding import Finding, many
 from drivers.files.archives import chosen
-from drivers.files.imports.header import named
 from drivers.files.imports.mapping import Source
-from drivers.files.imports.raw import RawTable
+from drivers.files.imports.raw import RawTable, units_in
 from drivers.files.imports.trouble import ImportTrouble, listed
 from drivers.files.layers import Layer, read_geojson
 from drivers.files.point_files import POINTS
@@ -77,7 +76,7 @@ def _of_layer(path: Path, layer: Layer, source: Source) -> RawTable:
     columns = [_column(name, [layer.rows[k].get(name) for k in there]) for name in names if name not in (LAT, LON)]
     places = shapely.get_coordinates(layer.shapes[there])
     frame = pl.DataFrame([*columns, pl.Series(LAT, places[:, 1]), pl.Series(LON, places[:, 0])])
-    units = {name: unit for name in frame.columns if (unit := named(name)[1]) is not None}
+    units = units_in(frame.columns)
     stated = layer.units if layer.kind else {}
     units |= {name: stated[name.casefold()].text for name in names if name.casefold() in stated}
     return RawTable(path, frame, source, units, 1, tuple(findings))

@@ -1,12 +1,13 @@
 """A table as a file holds it, before anything is said of its meaning."""
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from control.recordings.finding import Finding
+from drivers.files.imports.header import named
 from drivers.files.imports.mapping import Source
 
 if TYPE_CHECKING:
@@ -37,6 +38,21 @@ class RawTable:
     @property
     def decimal_comma(self) -> bool:
         return self.source.decimal == ","
+
+
+def units_in(names: Iterable[str]) -> dict[str, str]:
+    """Of columns whose own name says one, in the file's words."""
+    return {name: unit for name in names if (unit := named(name)[1]) is not None}
+
+
+def header_of(cells: list[str], units: Sequence[str] | None) -> tuple[list[str], dict[str, str]]:
+    """Names, each once, and units of columns, of the header's cells and those of a row of units below it."""
+    while cells and not cells[-1]:
+        cells = cells[:-1]
+    names = unique(cells)
+    found = {name: unit for name, cell in zip(names, cells, strict=True) if (unit := named(cell)[1]) is not None}
+    return names, found | {name: cell.strip("()[] ") for name, cell in zip(names, units or (), strict=False)
+                           if cell.strip("()[]- ")}
 
 
 def unique(names: list[str]) -> list[str]:

@@ -5,9 +5,8 @@ from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
 from drivers.files.archives import files_at
-from drivers.files.imports.header import named
 from drivers.files.imports.mapping import Source, SourceKind
-from drivers.files.imports.raw import RawTable
+from drivers.files.imports.raw import RawTable, units_in
 from drivers.files.imports.trouble import ImportTrouble
 from drivers.files.imports.words import folded, subject_of
 from drivers.files.limits import check_file
@@ -100,5 +99,4 @@ def _parquet(path: Path, said: Source) -> RawTable:
     frame = frame.with_columns(cs.boolean().cast(pl.Float64), cs.numeric().cast(pl.Float64))
     others = [name for name, kind in frame.schema.items() if not (kind == pl.Float64 or kind.is_temporal())]
     frame = frame.with_columns(pl.col(others).cast(pl.String, strict=False)) if others else frame
-    units = {name: unit for name in frame.columns if (unit := named(name)[1]) is not None}
-    return RawTable(path, frame, said.model_copy(update={"kind": "parquet"}), units, 1)
+    return RawTable(path, frame, said.model_copy(update={"kind": "parquet"}), units_in(frame.columns), 1)

@@ -16,9 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 from control.recordings.finding import Finding, many
 from drivers.files.imports.dialect import DELIMITERS, SAMPLE_BYTES, Dialect, dialect_of, encoding_of
-from drivers.files.imports.header import named
 from drivers.files.imports.mapping import Source
-from drivers.files.imports.raw import RawTable, unique
+from drivers.files.imports.raw import RawTable, header_of, unique
 from drivers.files.imports.trouble import ImportTrouble, TableError, listed
 from drivers.files.limits import check_text
 from drivers.files.long_lines import without_long_lines
@@ -179,16 +178,9 @@ def read_text(path: Path, said: Source) -> RawTable:
 def _header(dialect: Dialect, said: Source) -> tuple[list[str], dict[str, str]]:
     if said.names:
         return unique(list(said.names)), {}
-    cells = dialect.rows[dialect.layout.header]
-    while cells and not cells[-1]:
-        cells = cells[:-1]
-    cells = [cell.lstrip("#").strip() for cell in cells]
-    names = unique(cells)
-    units = {name: unit for name, cell in zip(names, cells, strict=True) if (unit := named(cell)[1]) is not None}
-    if dialect.layout.units is not None:
-        row = dialect.rows[dialect.layout.units]
-        units |= {name: cell.strip("()[] ") for name, cell in zip(names, row, strict=False) if cell.strip("()[]- ")}
-    return names, units
+    layout = dialect.layout
+    return header_of([cell.lstrip("#").strip() for cell in dialect.rows[layout.header]],
+                     None if layout.units is None else dialect.rows[layout.units])
 
 
 def _texts(path: Path, data: bytes, dialect: Dialect, names: list[str]) -> tuple[pl.DataFrame, list[Finding]]:

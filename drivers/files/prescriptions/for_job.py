@@ -12,7 +12,7 @@ from control.targets.index_map import IndexMap
 from control.targets.map_check import MapCheck, map_check
 from control.targets.map_profile import MapProfile
 from control.targets.plants import PlantList
-from control.targets.prescription import MapData, on_plane, rates_on
+from control.targets.prescription import on_plane, rates_on
 from drivers.files.archives import files_of
 from drivers.files.prescriptions.plants import read_plants
 from drivers.files.prescriptions.words import Imported, PrescriptionError, RateQuestion
@@ -27,7 +27,7 @@ def map_of_job(job: Job, folder: Path) -> MapProfile | None:
     if job.target.map is None:
         return None
     read = _read(folder / job.target.map)
-    plane = _plane(job, read.data)
+    plane = _origin(job) or read.data.plane()
     try:
         return MapProfile(on_plane(read.data, plane), plane)
     except ValueError as error:
@@ -42,9 +42,8 @@ def check_of_job(job: Job, limit_kg_ha: float, folder: Path) -> MapCheck | None:
     if job.target.map is None:
         return None
     read = _read(folder / job.target.map)
-    field = job.field.boundary()
     try:
-        return map_check(read.data, limit_kg_ha, field, _plane(job, read.data))
+        return map_check(read.data, limit_kg_ha, job.field.boundary(), _origin(job) or read.data.plane())
     except ValueError as error:
         raise PrescriptionError(read.path, "{why}", why=error) from None
 
@@ -112,10 +111,6 @@ def done_of_job(job: Job, folder: Path, plane: TangentPlane | None) -> DoneGroun
         return None
     from drivers.files.fields.done import read_done
     return read_done(folder / job.field.done, _origin(job) or plane)
-
-
-def _plane(job: Job, data: MapData) -> TangentPlane:
-    return _origin(job) or data.plane()
 
 
 def _origin(job: Job) -> TangentPlane | None:

@@ -90,7 +90,8 @@ def task_tree(files: TaskFiles, own_name: str = "TASKDATA.XML") -> ElementTree.E
 
 
 def _parsed(data: bytes, label: str, total: Total) -> ElementTree.Element:
-    held_to(XML, total.add_bytes(len(data)), total.label)
+    total.bytes += len(data)
+    held_to(XML, total.bytes, total.label)
     try:
         return xml_root(data, label, total)
     except XmlError as error:
