@@ -6,7 +6,6 @@ import zipfile
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path, PurePosixPath
-from typing import Protocol
 
 from drivers.files.limits import DAMAGED_ZIP, SHAPES, held_to
 from drivers.plain_text import Refused
@@ -16,22 +15,10 @@ OF_MAPS = (".xml", ".bin", ".shp", ".shx", ".dbf", ".prj", ".cpg", ".cst", ".jso
 HIDDEN = ("__macosx", "$recycle.bin", "system volume information")
 
 
-class Files(Protocol):
-    """Names are paths with slashes, from the top of the folder or the zip."""
-
-    def names(self) -> list[str]: ...
-
-    def read(self, name: str) -> bytes:
-        """Raises Refused, OSError."""
-        ...
-
-    def label(self, name: str) -> str:
-        """For messages."""
-        ...
-
-
 @dataclass(frozen=True)
 class Folder:
+    """Names are paths with slashes, from the top."""
+
     path: Path
     deep: bool = True           # False: the folder's own files only
 
@@ -49,11 +36,13 @@ class Folder:
         return sorted(name for name in found if _counts(name))
 
     def read(self, name: str) -> bytes:
+        """Raises Refused, OSError."""
         file = self.path / name
         held_to(SHAPES, file.stat().st_size, file)
         return file.read_bytes()
 
     def label(self, name: str) -> str:
+        """For messages."""
         return str(self.path / name)
 
 
@@ -87,6 +76,9 @@ class Zip:
 
     def label(self, name: str) -> str:
         return f"{self.path}/{name}"
+
+
+Files = Folder | Zip
 
 
 def files_at(path: Path) -> Files:

@@ -6,7 +6,6 @@ import io
 import os
 import tempfile
 from pathlib import Path
-from typing import Protocol
 
 
 def write_atomically(path: Path, content: str | bytes, kept: bool = True) -> None:
@@ -43,27 +42,6 @@ def keep(path: Path) -> None:
 LONGEST_LINE = 65_536
 
 
-class LogFile(Protocol):
-    """What a log writer needs of a file: appending bytes, and knowing that they are kept."""
-
-    path: Path
-
-    def write(self, data: bytearray) -> int:
-        """Bytes taken, perhaps fewer than given. Raises OSError."""
-
-    def sync(self) -> None:
-        """Returns when everything written survives a power loss. Raises OSError, also where the file was deleted."""
-
-    @property
-    def stands(self) -> bool:
-        """Whether what is at `path` is still this file."""
-
-    def all(self) -> bytes:
-        """Everything written. Raises OSError."""
-
-    def close(self) -> None: ...
-
-
 class CutShort(OSError):
     """Another program took away bytes that were written. `left`: as many are there."""
 
@@ -73,7 +51,7 @@ class CutShort(OSError):
 
 
 class NewFile:
-    """A file of its own, unbuffered: `LogFile` on a disk."""
+    """A file of its own, unbuffered, as a log writer needs it: bytes are appended, and it knows that they are kept."""
 
     def __init__(self, path: Path, overwrite: bool = False, go_on_at: int | None = None) -> None:
         """Creates `path`. Raises FileExistsError where it is there already (unless `overwrite`), else OSError.
@@ -89,13 +67,14 @@ class NewFile:
             self._file.seek(0, os.SEEK_END)
 
     def write(self, data: bytearray) -> int:
-        """Raises CutShort: what is written now would stand behind a hole."""
+        """Bytes taken, perhaps fewer than given. Raises CutShort (it would stand behind a hole), OSError."""
         left = os.fstat(self._file.fileno()).st_size
         if left < self._file.tell():
             raise CutShort(left)
         return self._file.write(data) or 0
 
     def sync(self) -> None:
+        """Returns when everything written survives a power loss. Raises OSError, also where the file was deleted."""
         os.fsync(self._file.fileno())
         if not self.stands:
             raise OSError("the file was deleted, or is no longer where it was started")

@@ -15,7 +15,7 @@ from control.recordings.speeds import KMH_PER_MPS
 from drivers.files.header_names import Renamed
 from drivers.files.header_names import our_names as renamed
 from drivers.files.imports.trouble import TableError
-from drivers.files.log_times import seconds_of, with_times
+from drivers.files.log_times import seconds_of, time_column
 from drivers.files.table import Columns
 
 _OTHER_NAMES = {
@@ -86,7 +86,8 @@ def examined(path: Path, columns: Columns, names: Collection[str]) -> tuple[Colu
     `names`: all columns of the file, of which `columns` may be a part. Raises TableError.
     """
     columns, from_kmh = _with_speed_from_kmh(columns)
-    columns, findings = with_times(path, columns, names)
+    findings: list[Finding] = []
+    columns = {**columns, "time_s": time_column(path, columns, names, findings)}
     utc = columns.get("utc")
     try:
         if columns["time_s"].size:

@@ -20,16 +20,11 @@ Times = NDArray[np.float64]
 _MOST = 0.5                  # of the cells: where more are numbers, the others are no dates
 
 
-def with_times(path: Path, columns: Columns, names: Collection[str]) -> tuple[Columns, list[Finding]]:
-    """The columns with a `time_s` of numbers, NaN where there is none; in order, or in seconds, it need not be.
+def time_column(path: Path, columns: Columns, names: Collection[str], findings: list[Finding]) -> Times:
+    """A log's `time_s` as numbers, NaN where there is none; in order, or in seconds, it need not be.
 
-    `names`: all columns of the file. Raises TableError.
+    `names`: all columns of the file. `findings` grows by what was done. Raises TableError.
     """
-    findings: list[Finding] = []
-    return {**columns, "time_s": _time_column(path, columns, names, findings)}, findings
-
-
-def _time_column(path: Path, columns: Columns, names: Collection[str], findings: list[Finding]) -> Times:
     if "time_s" in columns:
         return _dates_or_seconds(columns["time_s"], findings)
     if "utc" in columns:

@@ -14,7 +14,7 @@ from types import TracebackType
 from typing import Self
 
 from control.log_row import LogRow
-from drivers.files.atomic import CutShort, LogFile, NewFile, create, keep, sidecar, write_atomically
+from drivers.files.atomic import CutShort, NewFile, create, keep, sidecar, write_atomically
 from drivers.files.log_text import RowText, columns_of, header_of
 from drivers.files.run_meta import RunMeta, meta_to_yaml
 
@@ -24,11 +24,11 @@ SLOW_S = 20.0             # rows wait in memory while a disk is slow; longer tha
 MAX_WAITING_ROWS = 72_000     # an hour at 20 Hz; what comes after is lost, and counted
 _BLOCK_BYTES = 1 << 20
 
-Create = Callable[[Path, bool], LogFile]
+Create = Callable[[Path, bool], NewFile]
 
 
 def begin_log(path: Path, meta: RunMeta, overwrite: bool = False, create: Create = create,
-              kept: bool = True) -> LogFile:
+              kept: bool = True) -> NewFile:
     """A new log with its sidecar and its header. Raises OSError.
 
     kept: on the disk when it returns; a disk may take a second for that. An existing log or sidecar is left alone and
@@ -118,7 +118,7 @@ class RunLogWriter:
         self._formatted_rows = 0
         self._unsynced = bytearray()        # written and perhaps not kept
         self._synced_bytes = len(self._header)
-        self._file: LogFile | None = None
+        self._file: NewFile | None = None
         self._trouble = ""
         self._lost = 0
         self._good_at_s = self._synced_at_s = clock()
@@ -214,14 +214,14 @@ class RunLogWriter:
             self._trouble = _in_words(self.path, error)
         self._good_at_s = self._clock()
 
-    def _write_formatted(self, file: LogFile) -> None:
+    def _write_formatted(self, file: NewFile) -> None:
         waiting = bytes(self._formatted)
         try:
             _write_all(file, self._formatted)
         finally:
             self._unsynced += waiting[:len(waiting) - len(self._formatted)]
 
-    def _anew_after(self, before: LogFile, left: int) -> LogFile:
+    def _anew_after(self, before: NewFile, left: int) -> NewFile:
         """A new log with what is still known of the rows that were cut off, and all after them. Raises OSError."""
         file = begin_log(before.path, self._meta, False, self._create)
         whole = self._unsynced.rfind(b"\n", 0, max(0, left - self._synced_bytes)) + 1
@@ -232,7 +232,7 @@ class RunLogWriter:
             before.close()
         return file
 
-    def _gone_on_with(self, before: LogFile) -> LogFile:
+    def _gone_on_with(self, before: NewFile) -> NewFile:
         """The log's file anew, after it was deleted, or its folder or disk went and came back. Raises OSError.
 
         What is there is gone on with after the last row that was surely kept; where nothing is, what was written
@@ -242,7 +242,7 @@ class RunLogWriter:
         if not path.parent.is_dir():
             raise OSError("its folder is gone")
         if path.exists() and _begins_with(path, self._header):
-            file: LogFile = NewFile(path, go_on_at=self._synced_bytes)
+            file = NewFile(path, go_on_at=self._synced_bytes)
             self._formatted[:0] = self._unsynced
         else:
             text = _read_again(before, self._header) or self._header + self._unsynced
@@ -272,7 +272,7 @@ def _begins_with(path: Path, header: bytes) -> bool:
         return file.read(len(header)) == header
 
 
-def _read_again(file: LogFile, header: bytes) -> bytes:
+def _read_again(file: NewFile, header: bytes) -> bytes:
     try:
         text = file.all()
     except OSError:
@@ -280,7 +280,7 @@ def _read_again(file: LogFile, header: bytes) -> bytes:
     return text[:text.rfind(b"\n") + 1] if text.startswith(header) else b""
 
 
-def _write_all(file: LogFile, data: bytearray) -> None:
+def _write_all(file: NewFile, data: bytearray) -> None:
     """Writes and removes from `data` what the file takes; on OSError the rest is still there."""
     while data:
         taken = file.write(data)

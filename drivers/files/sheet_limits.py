@@ -11,25 +11,18 @@ import xml.parsers.expat as expat
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, Any, Protocol
+from typing import IO, TYPE_CHECKING, Any
 
 from drivers.files.limits import CELLS, MB, BeyondLimits, held_to
+
+if TYPE_CHECKING:
+    from python_calamine import CalamineSheet
 
 CHUNK = 4 * MB
 # `(?<=...)` behind the literal: the search then runs at the speed of memory over what holds no reference
 _COLUMN = re.compile(rb'r="(?<=\sr=")([A-Z]{1,9})\d')
 _ROW = re.compile(rb'row[^>]{0,200}?\sr="(\d{1,9})"')
 _FAR_DOWN = re.compile(rb'r="(?<=\sr=")[A-Z]{1,9}(\d{6,12})"')
-
-
-class Sheet(Protocol):
-    """What is wanted of calamine's sheet."""
-
-    @property
-    def total_height(self) -> int: ...
-    @property
-    def total_width(self) -> int: ...
-    def to_python(self, skip_empty_area: bool = True) -> list[list[Any]]: ...
 
 
 def check_sheets(path: Path) -> None:
@@ -56,7 +49,7 @@ def check_sheets(path: Path) -> None:
                 pass                            # to its end: what the directory says is held against what is there
 
 
-def cells_of(sheet: Sheet, label: str) -> list[list[Any]]:
+def cells_of(sheet: CalamineSheet, label: str) -> list[list[Any]]:
     """All cells from the first row and column on. Raises BeyondLimits where those are too many."""
     held_to(CELLS, sheet.total_height * sheet.total_width, label)
     return sheet.to_python(skip_empty_area=False)

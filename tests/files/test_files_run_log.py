@@ -13,7 +13,7 @@ import yaml
 from pydantic import BaseModel
 
 from control.log_row import COLUMNS, TEXT_COLUMNS, LogRow
-from drivers.files.atomic import LogFile, NewFile, create
+from drivers.files.atomic import NewFile, create
 from drivers.files.log_text import HEADER, LONGEST_CELL, LONGEST_ROW, RowText
 from drivers.files.read_log import read_log
 from drivers.files.run_log import PlainLogWriter, RunLogWriter, write_log
@@ -34,35 +34,22 @@ class Shaky:
         self.hang.set()
         self.threads: set[int] = set()
 
-    def create(self, path: Path, overwrite: bool) -> LogFile:
+    def create(self, path: Path, overwrite: bool) -> NewFile:
         if self.refuse_open is not None:
             raise self.refuse_open
         return _ShakyFile(create(path, overwrite), self)
 
 
-class _ShakyFile:
+class _ShakyFile(NewFile):
     def __init__(self, file: NewFile, disk: Shaky) -> None:
-        self._file, self._disk, self.path = file, disk, file.path
+        self._file, self._disk, self.path = file._file, disk, file.path
 
     def write(self, data: bytearray) -> int:
         self._disk.threads.add(threading.get_ident())
         self._disk.hang.wait()
         if self._disk.refuse is not None:
             raise self._disk.refuse
-        return self._file.write(data[:self._disk.take_at_most])
-
-    def sync(self) -> None:
-        self._file.sync()
-
-    @property
-    def stands(self) -> bool:
-        return self._file.stands
-
-    def all(self) -> bytes:
-        return self._file.all()
-
-    def close(self) -> None:
-        self._file.close()
+        return super().write(data[:self._disk.take_at_most])
 
 
 def until(condition: Callable[[], bool], timeout_s: float = 30.0) -> bool:

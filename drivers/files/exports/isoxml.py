@@ -10,7 +10,7 @@ import numpy as np
 
 from drivers.files.exports.as_applied import AsApplied, ExportError, Floats
 from drivers.files.exports.time_log import NO_STATUS, Logged, Moment, layout, records
-from drivers.files.prescriptions.task_folder import degrees, name_of, task_root, write_task
+from drivers.files.prescriptions.task_folder import name_of, outline, task_root, write_task
 
 # ISO 11783-11: what is logged, with the steps of its numbers
 SETPOINT_RATE, ACTUAL_RATE = 6, 7               # mg/m2
@@ -43,7 +43,7 @@ def as_applied_task(applied: AsApplied) -> tuple[Element, dict[str, bytes]]:
     SubElement(root, "VPN", A="VPN1", B="0", C="0.01", D="2", E="kg/ha")
     SubElement(root, "PDT", A="PDT1", B=name_of(applied.product.name))
     if applied.field_deg is not None:
-        _field(root, applied)
+        outline(SubElement(root, "PFD", A="PFD1", C=name_of(applied.title), D="0"), [applied.field_deg], "1")
     _device(root, applied)
     task = SubElement(root, "TSK", A="TSK1", B=name_of(applied.title), G="4")
     if applied.field_deg is not None:
@@ -108,15 +108,6 @@ def _device(root: Element, applied: AsApplied) -> None:
         SubElement(element, "DOR", A=str(number))
     for number, ddi in enumerate(described, start=2):
         SubElement(device, "DPD", A=str(number), B=f"{ddi:04X}", C="0", D="16" if ddi in TOTALS else "1", E=NAMES[ddi])
-
-
-def _field(root: Element, applied: AsApplied) -> None:
-    assert applied.field_deg is not None
-    field = SubElement(root, "PFD", A="PFD1", C=name_of(applied.title), D="0")
-    line = SubElement(SubElement(field, "PLN", A="1"), "LSG", A="1")
-    corners = applied.field_deg.tolist()
-    for lat, lon in [*corners, corners[0]]:
-        SubElement(line, "PNT", A="2", C=degrees(lat), D=degrees(lon))
 
 
 def _span_s(applied: AsApplied) -> tuple[float, float]:

@@ -8,6 +8,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from control.log_row import PLAUSIBLE
+from control.recordings.speeds import unit_of
 from drivers.files.imports import physics
 from drivers.files.imports.convert import convert
 from drivers.files.imports.guess_columns import per_count
@@ -95,7 +96,7 @@ def _speeds(time_s: NDArray[np.float64], columns: dict[str, NDArray[np.float64]]
 def _without_stated_unit(name: str, ratio: float, column: Column, out: Guess) -> None:
     """`ratio`: of the file's own numbers to m/s between places."""
     key = ("columns", name)
-    fits = physics.unit_of_ratio(ratio)
+    fits = unit_of(ratio, physics.SPEED_FACTORS)
     if fits is None:
         out.doubts.append(Doubt(key, f"it is {ratio:.2f} times the speed between the places: no unit makes that"))
         return

@@ -34,12 +34,7 @@ def speed_unit(time_s: Floats, lat_deg: Floats, lon_deg: Floats, speed: Floats) 
     ratio = over_track(columns, "speed_mps")
     if ratio is None:
         return None, float("nan")
-    return unit_of_ratio(ratio), ratio
-
-
-def unit_of_ratio(ratio: float) -> str | None:
-    """The unit of a speed whose numbers are `ratio` times those in m/s."""
-    return unit_of(ratio, SPEED_FACTORS)
+    return unit_of(ratio, SPEED_FACTORS), ratio
 
 
 def answer(command: Floats, reading: Floats) -> Answer | None:

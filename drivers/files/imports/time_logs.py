@@ -15,7 +15,7 @@ from control.geodesy import TangentPlane
 from drivers.files.exports.time_log import FIRST_DAY
 from drivers.files.imports.devices import Meaning, Part, contradiction, ddi_of, meaning_of, width_m
 from drivers.files.imports.trouble import ImportTrouble
-from drivers.files.prescriptions.task_files import TaskFiles
+from drivers.files.prescriptions.task_files import TaskSet
 
 # The fields of TIM and its PTN that every record tells, in their order in a record: attribute, type as numpy writes it,
 # step, name here, the number that means not known.
@@ -79,13 +79,13 @@ class TimeLog:
         return {one.part.device: one.part.device_name for one in self.logged if one.part is not None}
 
 
-def time_logs(files: TaskFiles, root: Element, parts: dict[str, Part]) -> list[TimeLog]:
+def time_logs(files: TaskSet, root: Element, parts: dict[str, Part]) -> list[TimeLog]:
     """All time logs of all tasks, in the file's order."""
     return [_read(files, root, parts, task, name) for task in root.iter("TSK") for log in task.findall("TLG")
             if (name := log.get("A"))]
 
 
-def _read(files: TaskFiles, root: Element, parts: dict[str, Part], task: Element, name: str) -> TimeLog:
+def _read(files: TaskSet, root: Element, parts: dict[str, Part], task: Element, name: str) -> TimeLog:
     empty = TimeLog(name, task.get("A", ""), task.get("B", ""))
     layout, data = files.read(f"{name}.xml"), files.read(f"{name}.bin")
     if layout is None or data is None:

@@ -11,7 +11,7 @@ from control.recordings.finding import Finding, many
 from control.targets.prescription import Fallbacks, GridDeg, MapData, Zone
 from control.targets.rate_map import Floats
 from drivers.files.imports.units import unit_named
-from drivers.files.prescriptions.task_files import TaskFiles, task_tree
+from drivers.files.prescriptions.task_files import TaskSet, task_tree
 from drivers.files.prescriptions.words import (
     HIGHEST_KG_HA,
     UNITS,
@@ -43,7 +43,7 @@ class _Layer(NamedTuple):
         return "/".join(part for part in (self.task.get("A", ""), f"{self.ddi:04X}", self.product) if part)
 
 
-def read_isoxml(files: TaskFiles, path: Path, choice: Choice) -> Imported:
+def read_isoxml(files: TaskSet, path: Path, choice: Choice) -> Imported:
     """A prescription out of a task file. Raises PrescriptionError."""
     root = task_tree(files)
     layer, ids = _picked(root, files.label, choice)
@@ -233,7 +233,7 @@ def _ring(line: Element, where: Where) -> Floats:
     return corners
 
 
-def _grid(files: TaskFiles, grid: Element, layer: _Layer, *, rates: dict[int, float | None], factor: float,
+def _grid(files: TaskSet, grid: Element, layer: _Layer, *, rates: dict[int, float | None], factor: float,
           offset: float, where: Where, findings: list[Finding]) -> GridDeg:
     name, kind = f"{grid.get('G', '')}.bin", grid.get("I", "")
     columns, rows = (_number(grid.get(key, ""), 10, where.at("grid {key}", key=key)) for key in ("E", "F"))

@@ -4,24 +4,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path, PurePosixPath
-from typing import Protocol
 from xml.etree import ElementTree
 
 from drivers.files.archives import Files, Folder, chosen, files_at, parent
 from drivers.files.limits import REFERENCES, XML, held_to
 from drivers.files.prescriptions.words import PrescriptionError, RateQuestion
 from drivers.files.xml_text import Total, XmlError, xml_root
-
-
-class TaskFiles(Protocol):
-    @property
-    def label(self) -> str:
-        """Of the task file, for messages."""
-        ...
-
-    def read(self, name: str) -> bytes | None:
-        """The file's bytes, None where it is not there. Raises Refused, OSError."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -33,6 +21,7 @@ class TaskSet:
     label: str
 
     def read(self, name: str) -> bytes | None:
+        """The file's bytes, None where it is not there. Raises Refused, OSError."""
         there = self._by_name.get((self.inside + name).casefold())
         return None if there is None else self.files.read(there)
 
@@ -70,7 +59,7 @@ def find_task_files(path: Path, inside: str | None = None) -> TaskSet | None:
     return found[0] if found else None
 
 
-def task_tree(files: TaskFiles, own_name: str = "TASKDATA.XML") -> ElementTree.Element:
+def task_tree(files: TaskSet, own_name: str = "TASKDATA.XML") -> ElementTree.Element:
     """The root of the task file, its external files (XFR) joined in. Raises Refused."""
     data = files.read(own_name)
     if data is None:

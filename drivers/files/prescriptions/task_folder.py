@@ -3,13 +3,14 @@ from __future__ import annotations
 
 import io
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
-from xml.etree.ElementTree import Element
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
+from control.targets.rate_map import Floats
 from drivers.files.atomic import write_atomically
 from drivers.files.run_meta import software_version
 
@@ -37,6 +38,15 @@ def degrees(value: float) -> str:
 def cell_degrees(value: float) -> str:
     """The size of a grid's cell: the shortest decimal that reads back the same, for it counts once a cell."""
     return np.format_float_positional(value, trim="-")
+
+
+def outline(parent: Element, rings: Sequence[Floats], kind: str) -> None:
+    """A polygon of this kind with its outline, then its holes, (k, 2) latitude and longitude each."""
+    polygon = SubElement(parent, "PLN", A=kind)
+    for k, corners in enumerate(rings):
+        line = SubElement(polygon, "LSG", A="1" if k == 0 else "2")
+        for lat, lon in [*corners.tolist(), corners[0].tolist()]:
+            SubElement(line, "PNT", A="2", C=degrees(lat), D=degrees(lon))
 
 
 def name_of(text: str) -> str:

@@ -17,6 +17,7 @@ from drivers.files.prescriptions.task_folder import (
     cell_degrees,
     degrees,
     name_of,
+    outline,
     task_root,
     write_task,
 )
@@ -64,7 +65,7 @@ def prescription_task(data: MapData) -> tuple[Element, dict[str, bytes]]:
     if data.fields_deg:
         field = SubElement(root, "PFD", A="PFD1", C=name_of(data.title) or "field", D=str(round(_field_area_m2(data))))
         for rings in data.fields_deg:
-            _polygon(field, rings, "1")
+            outline(field, rings, "1")
         task.set("E", "PFD1")
     files: dict[str, bytes] = {}
     fallbacks = data.fallbacks
@@ -93,7 +94,7 @@ def _zones(task: Element, data: MapData) -> None:
         title = name_of(titles.pop()) if len(titles) == 1 else ""
         element = SubElement(task, "TZN", A=str(code), B=title or f"{steps / MG_M2_PER_KG_HA:g} kg/ha")
         for zone in zones:
-            _polygon(element, zone.rings_deg, "2")
+            outline(element, zone.rings_deg, "2")
         _variable(element, steps / MG_M2_PER_KG_HA, data)
 
 
@@ -128,14 +129,6 @@ def _variable(zone: Element, rate_kg_ha: float, data: MapData) -> None:
     variable = SubElement(zone, "PDV", A="0006", B=str(round(rate_kg_ha * MG_M2_PER_KG_HA)), E="VPN1")
     if data.product:
         variable.set("C", "PDT1")
-
-
-def _polygon(parent: Element, rings: tuple[Floats, ...], kind: str) -> None:
-    polygon = SubElement(parent, "PLN", A=kind)
-    for k, corners in enumerate(rings):
-        line = SubElement(polygon, "LSG", A="1" if k == 0 else "2")
-        for lat, lon in [*corners.tolist(), corners[0].tolist()]:
-            SubElement(line, "PNT", A="2", C=degrees(lat), D=degrees(lon))
 
 
 def _field_area_m2(data: MapData) -> float:
