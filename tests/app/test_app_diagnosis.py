@@ -495,8 +495,8 @@ def test_plot_ends_hold_zero_and_lines_have_no_gaps():
 
 
 async def test_before_and_after_differ_by_shape_and_the_onset_is_marked(app, shown):
-    plot = ResidualPlot(PlotView("error", "time, min", (0.0, 5.0, 10.0), (0.0, -4.0, -4.0), (0.0, 0.1, 0.0), (), 5.0,
-                                 False, "en"))
+    curve = Curve("shaft", "r/min", "time_s", (0.0, 5.0, 10.0), (0.0, -4.0, -4.0), (0.0, 0.1, 0.0), (), onset=5.0)
+    plot = ResidualPlot(PlotView("error", "time, min", curve, False, "en"))
     async with app.run_test(size=(80, 24)) as pilot:
         await app.screen.mount(plot)
         plot.styles.height = 10
@@ -556,7 +556,7 @@ def test_a_curve_with_names_is_drawn_by_places():
     curve = Curve("heads", "NDVI", "head", (0.0, 1.0), (0.1, 0.2), (0.0, 0.0), (0.01, 0.01), ("1", "2"))
     found = sample_found()
     found = found._replace(drawn=(found.drawn[0]._replace(over=curve),))
-    assert diagnosis_shown.over(found, 0).names == ("1", "2")
+    assert diagnosis_shown.over(found, 0).curve.names == ("1", "2")
 
 
 async def test_what_was_adopted_is_compared_on_another_log(desk, service, shown):

@@ -13,6 +13,7 @@ from rich.segment import Segment
 from rich.style import Style
 from textual.strip import Strip
 
+from console.app.pages.diagnosis.service import Curve
 from console.app.widgets.canvas import Canvas
 from console.app.widgets.panel import fit, right
 from console.locale import _
@@ -25,15 +26,9 @@ Places = Sequence[tuple[float, float]]
 
 
 class PlotView(NamedTuple):
-    """at: places on the axis; before, after: as many. names: of the places where they are no scale."""
-
     title: str
-    label: str
-    at: tuple[float, ...]
-    before: tuple[float, ...]
-    after: tuple[float, ...]
-    names: tuple[str, ...]
-    onset: float | None
+    label: str                      # of the axis
+    curve: Curve
     same: bool                      # nothing was named: there is no after
     language: str
 
@@ -63,30 +58,31 @@ class ResidualPlot(Canvas[PlotView | None]):
         if rows < 2 or columns < 10:
             return []
         muted, title = self.style("plot--muted"), self.style("plot--title")
-        if view is None or len(view.at) < 2:
+        if view is None or len(view.curve.at) < 2:
             return [self.text_strip(width, (f" {_('nothing to draw here')}", muted))]
+        curve = view.curve
         before, after, began = self.style("plot--before"), self.style("plot--after"), self.style("plot--onset")
         legend = [(f" {view.title}   ", title), ("o ", before), (_("before") + "  ", muted)]
         if not view.same:
             legend += [("+ ", after), (_("after"), muted)]
         strips = [self.text_strip(width, *legend)]
-        up = nice_ends([*view.before, *view.after])
-        spread = (min(view.at), max(view.at))
-        across = (spread[0] - 0.5, spread[1] + 0.5) if view.names else spread
+        up = nice_ends([*curve.before, *curve.after])
+        spread = (min(curve.at), max(curve.at))
+        across = (spread[0] - 0.5, spread[1] + 0.5) if curve.names else spread
 
         def dot(x: float, y: float) -> tuple[int, int]:
             return (round((x - across[0]) / ((across[1] - across[0]) or 1.0) * (2 * columns - 1)),
                     round((1.0 - (y - up[0]) / (up[1] - up[0])) * (4 * rows - 1)))
 
-        old = [dot(x, y) for x, y in zip(view.at, view.before, strict=True)]
-        new = [] if view.same else [dot(x, y) for x, y in zip(view.at, view.after, strict=True)]
+        old = [dot(x, y) for x, y in zip(curve.at, curve.before, strict=True)]
+        new = [] if view.same else [dot(x, y) for x, y in zip(curve.at, curve.after, strict=True)]
         marks = dict.fromkeys(((x // 2, y // 4) for x, y in old), ("o", before))
         marks |= dict.fromkeys(((x // 2, y // 4) for x, y in new), ("+", after))
-        if len(view.at) > _MOST_MARKS:
+        if len(curve.at) > _MOST_MARKS:
             marks = {}
-        lines = [] if view.names else [(dots_between(new), after), (dots_between(old, 3), before)]
+        lines = [] if curve.names else [(dots_between(new), after), (dots_between(old, 3), before)]
         zero = dot(across[0], 0.0)[1] // 4
-        onset = None if view.onset is None else dot(view.onset, 0.0)[0] // 2
+        onset = None if curve.onset is None else dot(curve.onset, 0.0)[0] // 2
         labels = {0: _short(up[1], up), rows - 1: _short(up[0], up), zero: "0"}
         for row in range(rows):
             cells = [Segment(right(labels.get(row, ""), _AXIS - 1) + " ", muted)]
@@ -113,9 +109,10 @@ class ResidualPlot(Canvas[PlotView | None]):
     def _below(self, view: PlotView, width: int, columns: int, spread: tuple[float, float],
                onset: int | None) -> list[Strip]:
         muted, title = self.style("plot--muted"), self.style("plot--title")
-        if view.names:
-            room = columns // max(1, len(view.at))
-            ends = " " * _AXIS + "".join(fit(f"{view.names[round(x)]:^{max(1, room)}}", room) for x in view.at)
+        curve = view.curve
+        if curve.names:
+            room = columns // max(1, len(curve.at))
+            ends = " " * _AXIS + "".join(fit(f"{curve.names[round(x)]:^{max(1, room)}}", room) for x in curve.at)
         else:
             first, last = _short(spread[0], spread), _short(spread[1], spread)
             middle = ""

@@ -104,5 +104,4 @@ def _plot(view: DiagnosisView, curve: Curve | None) -> PlotView | None:
     if curve is None:
         return None
     title = _("error of {channel}, {unit}").format(channel=sentences.channel_word(curve.channel), unit=curve.unit)
-    return PlotView(title, recorded(curve.variable, view.found.data.kind).label, curve.at,
-                    curve.before, curve.after, curve.names, curve.onset, not view.drawn, in_use())
+    return PlotView(title, recorded(curve.variable, view.found.data.kind).label, curve, not view.drawn, in_use())
