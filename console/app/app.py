@@ -423,10 +423,9 @@ class TopdressApp(App[None], inherit_bindings=False):
 
     async def _learn_earlier(self, log_path: str) -> None:
         """What the machine goes by that writes this log; alarms, track and lines from before this console looked."""
-        service, look_back = self.services.job, self.services.earlier
-        if service is not None:
-            look_back = service.earlier
-            await self._learn_limits(service, log_path)
+        look_back = self.services.earlier
+        if self.services.job is not None:
+            await self._learn_limits(self.services.job, log_path)
         earlier = await asyncio.to_thread(look_back, log_path) if look_back is not None else None
         if earlier is not None:
             self.alarm_book.add_before(earlier.alarms)

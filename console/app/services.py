@@ -34,7 +34,7 @@ class Services:
 
     layers: LayerFiles | None = None
 
-    earlier: Callable[[str], Earlier | None] | None = None      # before this console looked; where there is no `job`
+    earlier: Callable[[str], Earlier | None] | None = None      # before this console looked
 
     lines: LineFiles | None = None      # of the Map page: the A-B line, a boundary that is being driven
 

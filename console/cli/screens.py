@@ -138,6 +138,7 @@ def run_services(setup: Setup, found: Mapping[str, Loaded[BaseModel]], effects: 
     found: the configuration files by kind. effects: of the simulated machine.
     """
     from console.app.services import Services
+    from console.services.at_work import earlier
     from console.services.calibrate import calibrate_job
     from console.services.diagnosis import diagnosis_files
     from console.services.field import field_picture
@@ -149,6 +150,7 @@ def run_services(setup: Setup, found: Mapping[str, Loaded[BaseModel]], effects: 
     files = diagnosis_files(found, effects)
     return Services(
         diagnosis=files,
+        earlier=earlier,
         field=field_picture,
         logs=RunLogs(),
         layers=MapLayers(files),

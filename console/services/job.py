@@ -15,7 +15,6 @@ from console.app.pages.job.service import (
     WRITING,
     AtWork,
     Cancelled,
-    Earlier,
     Facts,
     File,
     JobNames,
@@ -26,7 +25,6 @@ from console.app.pages.job.service import (
     Reading,
     Recent,
 )
-from console.services.at_work import earlier
 from console.services.launcher import Launcher, data_folder, others_than
 from console.worker import resume
 from control.orders import BY_MAP, TargetSource
@@ -393,9 +391,6 @@ class JobFiles:
         return (*(path for path in map(Path, before) if path.exists()), log)
 
     # --- power cuts ---------------------------------------------------------------------------------------------
-
-    def earlier(self, log_path: str) -> Earlier | None:
-        return earlier(log_path)
 
     def at_work(self, log_path: str) -> AtWork | None:
         from console.services.at_work import at_work

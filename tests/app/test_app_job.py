@@ -491,11 +491,10 @@ async def test_a_worker_that_died_is_offered_to_go_on(job_app, desk, source, fra
 
 
 async def test_what_was_before_this_console_is_learned(source, clock):
-    desk = SampleJobService()
-    desk.before = Earlier((AlarmRecord("shaft_silent", Severity.RED, 1.0, 2.0, 3, "2026-03-18T06:00:00Z",
-                                       "2026-03-18T06:01:00Z"),),
-                          tuple((500.0 + k, 500.0, 90.0, 300.0) for k in range(20)))
-    app = TopdressApp(source, clock, live=False, services=Services(job=desk))
+    before = Earlier((AlarmRecord("shaft_silent", Severity.RED, 1.0, 2.0, 3, "2026-03-18T06:00:00Z",
+                                  "2026-03-18T06:01:00Z"),),
+                     tuple((500.0 + k, 500.0, 90.0, 300.0) for k in range(20)))
+    app = TopdressApp(source, clock, live=False, services=Services(job=SampleJobService(), earlier=lambda _: before))
     async with app.run_test(size=SIZE) as pilot:
         await settled(app, pilot)
         assert [record.times for record in app.alarm_book.records] == [3]

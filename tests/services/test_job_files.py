@@ -16,6 +16,7 @@ from console.app.pages.job.map_words import is_doubtful, map_words
 from console.app.pages.job.service import AtWork, Reading
 from console.app.units import METRIC
 from console.running import WorkerFailed
+from console.services.at_work import earlier
 from console.services.job import JobFiles, implausible
 from console.services.launcher import Launcher, others_than
 from console.services.sticks import entries, maps_in, may_be_map
@@ -202,7 +203,7 @@ def test_an_export_of_nothing_is_one_line(desk, tmp_path):
         desk.export(str(log), ".geojson", lambda done, of, what: None, lambda: False)
     assert "\n" not in str(caught.value) and "run.csv" in str(caught.value)
     assert desk.export(str(log), ".csv", lambda done, of, what: None, lambda: True) == (), "cancelled before it began"
-    assert desk.free_bytes(os.fspath(log)) > 0 and desk.earlier(str(log)) is None
+    assert desk.free_bytes(os.fspath(log)) > 0 and earlier(str(log)) is None
 
 
 def field_of_zones(path: Path, names: tuple[str, ...] = ("rate",)) -> Path:

@@ -12,7 +12,6 @@ from console.app.field_picture import FieldPicture, Planned, Ring
 from console.app.pages.job.service import (
     AtWork,
     Cancelled,
-    Earlier,
     Facts,
     File,
     JobNames,
@@ -80,7 +79,6 @@ class SampleJobService:
         self.known, self.cut_off = facts, cut_off
         self.asked: list[tuple[str, ...]] = []
         self.trouble = ""
-        self.before: Earlier | None = None
         self.next: FrameSource | None = None
         self.limits: AtWork | None = None
 
@@ -90,9 +88,6 @@ class SampleJobService:
 
     def free_bytes(self, log_path: str) -> int | None:
         return 83_000_000_000
-
-    def earlier(self, log_path: str) -> Earlier | None:
-        return self.before
 
     def at_work(self, log_path: str) -> AtWork | None:
         return self.limits

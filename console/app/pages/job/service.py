@@ -140,8 +140,6 @@ class JobService(Protocol):
     def free_bytes(self, log_path: str) -> int | None:
         """On the disk where the log is written; None where it is not known."""
 
-    def earlier(self, log_path: str) -> Earlier | None: ...
-
     def at_work(self, log_path: str) -> AtWork | None:
         """The limits of the run that writes this log; None where they are not known."""
 
