@@ -9,8 +9,7 @@ import pytest
 from control.orders import Answer, Do, Order, TargetSource
 from control.readings import GnssFix, Measurements, Reading, ValvesSeen
 from control.safety import Safety, SafetyLimits, Situation, Verdict
-
-NEVER = object()    # in place of an age: never received
+from tests.safety.steps import NEVER
 
 
 def good_situation(now_s: float, **changes: Any) -> Situation:

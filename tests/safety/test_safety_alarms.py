@@ -11,6 +11,7 @@ import pytest
 from control.orders import Do, Severity, State, TargetSource
 from control.readings import Doubted, ScaleSays, SpeedDoubt
 from control.safety import ALARMS, INTERLOCKS, REFUSALS, STATE_REASONS, Commanded
+from tests.safety.steps import NEVER, order, play, tick
 
 MAP, POINT, MANUAL = TargetSource.MAP, TargetSource.POINT, TargetSource.MANUAL
 
@@ -175,14 +176,49 @@ def test_metres_left_and_usable_speed_are_told(working):
     assert commanded == {"hopper_low": {"hopper_kg": 25, "metres_left": 1230}, "lead_short": {"usable_speed_mps": 1.1}}
 
 
-def test_red_latches_until_acknowledged_and_amber_does_not(working):
-    run = working()
-    run.tick(1.0, log_ok=False, valid_heads=2)
-    run.tick(60.0)
-    assert run.alarm_ids() == ["log_failed"]
-    assert run.order(Do.ACKNOWLEDGE, "log_failed").accepted
-    run.tick()
-    assert run.alarm_ids() == []
+NOTHING_HEARD = {"gnss_age_s": NEVER, "ndvi_age_s": None, "valid_heads": 0, "heads_heard": 0}
+FEW, LOW = {"valid_heads": 2}, {"hopper_kg": 20.0}
+TOO_MUCH = {"applied_rate_kg_ha": 400.0}
+
+# From work on.
+STANDING = {
+    "red latches until acknowledged and amber does not": (
+        tick(1.0, log_ok=False, **FEW), tick(60.0, alarms=("log_failed",)), order(Do.ACKNOWLEDGE, "log_failed"),
+        tick(alarms=())),
+    "worst first": (
+        tick(2.0, **LOW, **FEW), tick(log_ok=False, **FEW, **LOW, target_source=TargetSource.CANOPY),
+        tick(shaft_age_s=1.0, **FEW, **LOW, alarms=("shaft_silent", "log_failed", "heads_few", "hopper_low"))),
+    "acknowledging what is not there is refused": (
+        order(Do.ACKNOWLEDGE, "rate_off", refused="no_such_alarm;alarm=rate_off"),),
+    "STOP keeps a red alarm that nobody has seen": (
+        tick(shaft_age_s=1.0), order(Do.STOP), tick(10.0, alarms=("shaft_silent",))),
+    "rate: an excess must last without a break": (*(tick(1.9, **TOO_MUCH), tick()) * 20, tick(alarms=())),
+    "rate: a stop of flow begins the count anew": (
+        tick(1.9, **TOO_MUCH), tick(0.1, **TOO_MUCH, landing_inside=False), tick(1.9, **TOO_MUCH, alarms=())),
+    "rate: not judged without flow": (tick(60.0, applied_rate_kg_ha=0.0, landing_inside=False, alarms=()),),
+    "rate: a red one does not show an amber one too": (tick(5.0, **TOO_MUCH, alarms=("rate_far_off",)),),
+    "hopper low: a refill ends it": (tick(2.0, hopper_kg=25.0), tick(2.0, hopper_kg=250.0, alarms=())),
+}
+# From the very start on.
+NEW = {
+    "a machine without a scale raises no scale alarm": (
+        order(Do.READY), order(Do.START), tick(30.0, scale_age_s=NEVER, alarms=())),
+    "what was never heard has two seconds after off to speak up": (
+        order(Do.READY), tick(1.9, **NOTHING_HEARD, alarms=()),
+        tick(0.2, **NOTHING_HEARD, alarms=("gnss_silent", "ndvi_silent", "heads_few"))),
+    "few heads are told at once where all have spoken": (
+        order(Do.READY), tick(valid_heads=3, heads_heard=6, alarms=("heads_few",))),
+}
+
+
+@pytest.mark.parametrize("name", STANDING)
+def test_what_stands_and_what_goes(working, name):
+    play(working(), STANDING[name])
+
+
+@pytest.mark.parametrize("name", NEW)
+def test_what_is_said_of_a_new_start(new_run, name):
+    play(new_run(), NEW[name])
 
 
 def test_acknowledged_red_stays_while_its_cause_does(working):
@@ -199,51 +235,7 @@ def test_acknowledged_red_stays_while_its_cause_does(working):
     assert not run.verdict.alarms[0].acknowledged, "a new occurrence is a new alarm"
 
 
-def test_worst_first(working):
-    run = working()
-    run.tick(2.0, hopper_kg=20.0, valid_heads=2)
-    run.tick(log_ok=False, valid_heads=2, hopper_kg=20.0, target_source=TargetSource.CANOPY)
-    run.tick(shaft_age_s=1.0, valid_heads=2, hopper_kg=20.0)
-    assert run.alarm_ids() == ["shaft_silent", "log_failed", "heads_few", "hopper_low"]
-
-
-def test_acknowledging_what_is_not_there_is_refused(working):
-    assert working().order(Do.ACKNOWLEDGE, "rate_off").why == "no_such_alarm;alarm=rate_off"
-
-
-def test_stop_keeps_a_red_alarm_that_nobody_has_seen(working):
-    run = working()
-    run.tick(shaft_age_s=1.0)
-    run.order(Do.STOP)
-    run.tick(10.0)
-    assert run.alarm_ids() == ["shaft_silent"]
-
-
 class TestRate:
-    def test_an_excess_must_last_without_a_break(self, working):
-        run = working()
-        for _ in range(20):
-            run.tick(1.9, applied_rate_kg_ha=400.0)
-            run.tick()
-        assert run.alarm_ids() == []
-
-    def test_a_stop_of_flow_begins_the_count_anew(self, working):
-        run = working()
-        run.tick(1.9, applied_rate_kg_ha=400.0)
-        run.tick(0.1, applied_rate_kg_ha=400.0, landing_inside=False)
-        run.tick(1.9, applied_rate_kg_ha=400.0)
-        assert run.alarm_ids() == []
-
-    def test_not_judged_without_flow(self, working):
-        run = working()
-        run.tick(60.0, applied_rate_kg_ha=0.0, landing_inside=False)
-        assert run.alarm_ids() == []
-
-    def test_a_red_one_does_not_show_an_amber_one_beside_it(self, working):
-        run = working()
-        run.tick(5.0, applied_rate_kg_ha=400.0)
-        assert run.alarm_ids() == ["rate_far_off"]
-
     def test_a_day_of_one_second_grades_raises_none(self, working):
         """Rates step every second over the eleven grades; applied follows with the shaft's nominal lag, 2 % noise."""
         grades = np.array([0, 0, 60, 110, 160, 210, 260, 300, 340, 366, 380], dtype=float)
@@ -272,44 +264,12 @@ class TestRate:
         assert np.median(delays) < 6.0
 
 
-class TestHopperLow:
-    def test_it_does_not_flicker_at_its_limit(self, working):
-        """The hopper empties past the limit at 0.05 kg/s under 0.15 kg of noise: one alarm, not many."""
-        rng, run, noise, changes, live = np.random.default_rng(2), working(), 0.0, 0, False
-        for k in range(4000):
-            noise = 0.95 * noise + 0.15 * (1 - 0.95**2) ** 0.5 * float(rng.standard_normal())
-            run.tick(hopper_kg=32.0 - 0.05 * 0.05 * k + noise)
-            changes += live is not ("hopper_low" in run.alarm_ids())
-            live = "hopper_low" in run.alarm_ids()
-        assert live and changes == 1
-
-    def test_a_refill_ends_it(self, working):
-        run = working()
-        run.tick(2.0, hopper_kg=25.0)
-        run.tick(2.0, hopper_kg=250.0)
-        assert run.alarm_ids() == []
-
-
-def test_a_machine_without_a_scale_raises_no_scale_alarm(new_run, never):
-    run = new_run()
-    run.order(Do.READY)
-    run.order(Do.START)
-    run.tick(30.0, scale_age_s=never)
-    assert run.alarm_ids() == []
-
-
-def test_what_was_never_heard_has_two_seconds_after_off_to_speak_up(new_run, never):
-    run = new_run()
-    run.order(Do.READY)
-    nothing = {"gnss_age_s": never, "ndvi_age_s": None, "valid_heads": 0, "heads_heard": 0}
-    run.tick(1.9, **nothing)
-    assert run.alarm_ids() == []
-    run.tick(0.2, **nothing)
-    assert run.alarm_ids() == ["gnss_silent", "ndvi_silent", "heads_few"]
-
-
-def test_few_heads_are_told_at_once_where_all_have_spoken(new_run):
-    run = new_run()
-    run.order(Do.READY)
-    run.tick(valid_heads=3, heads_heard=6)
-    assert run.alarm_ids() == ["heads_few"]
+def test_hopper_low_does_not_flicker_at_its_limit(working):
+    """The hopper empties past the limit at 0.05 kg/s under 0.15 kg of noise: one alarm, not many."""
+    rng, run, noise, changes, live = np.random.default_rng(2), working(), 0.0, 0, False
+    for k in range(4000):
+        noise = 0.95 * noise + 0.15 * (1 - 0.95**2) ** 0.5 * float(rng.standard_normal())
+        run.tick(hopper_kg=32.0 - 0.05 * 0.05 * k + noise)
+        changes += live is not ("hopper_low" in run.alarm_ids())
+        live = "hopper_low" in run.alarm_ids()
+    assert live and changes == 1

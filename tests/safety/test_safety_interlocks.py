@@ -8,6 +8,7 @@ import pytest
 from control.orders import Do, State, TargetSource
 from control.readings import Doubted, SpeedDoubt
 from control.safety import INTERLOCKS
+from tests.safety.steps import creep, order, play, stop_and_go, tick
 
 FORBIDDEN = [
     ("speed_silent", {"speed_used_mps": None}),
@@ -84,58 +85,29 @@ def test_flow_starts_above_half_and_stops_below_0_3(working):
     assert run.tick(speed_mps=0.51).flow_allowed
 
 
-class TestLaunching:
-    """Flow from a walking creep on, with START held: it lands a lag later, where the machine is then."""
+# Flow from a walking creep on, with START held: it lands a lag later, where the machine is then. From a standstill on.
+LAUNCHED = {
+    "from the creep on while START is held": (
+        tick(0.3, speed_mps=0.25, flows=False), creep(flows=True), tick(0.6, speed_mps=0.25, flows=False),
+        creep(flows=True)),
+    "not at a standstill however long it is held": (creep(2.0, speed_mps=0.0, why=("standstill",)),),
+    "not while it hardly moves": (creep(2.0, speed_mps=0.05, flows=False),),
+    **{f"not where one sensor does not say so: {still}": (creep(**still, flows=False),) for still in (
+        {"gnss_mps": 0.05}, {"wheel_mps": 0.05}, {"gnss_age_s": 5.0}, {"fix_quality": 0})},
+    "for three seconds and not again under the same press": (
+        creep(2.6, flows=True), creep(1.0, flows=False), tick(0.6, speed_mps=0.25), creep(flows=True)),
+    "the course must be known since it stood": (creep(course_deg=None, why=("low_speed",)),),
+    "and forwards": (creep(course_deg=270.0, why=("reversing",)),),
+    "the work switch holds": (creep(work_switch=False, why=("work_switch_up",)),),
+    "a press that outlived work does not begin it again": (
+        order(Do.START, True), order(Do.HOLD), order(Do.START, True, refused="start_held"), tick(0.6),
+        order(Do.START, True)),
+}
 
-    @staticmethod
-    def creeping(run, seconds=0.2, **changes):
-        for _ in range(max(1, round(seconds / 0.2))):
-            run.order(Do.START, True)
-            run.tick(0.2, **({"speed_mps": 0.25} | changes))
-        return run.verdict.why_no_flow
 
-    def stood(self, working, **settings):
-        run = working(**settings)
-        run.tick(1.0, speed_mps=0.0)
-        return run
-
-    def test_flow_from_the_creep_on_while_start_is_held(self, working):
-        run = self.stood(working)
-        assert run.tick(0.3, speed_mps=0.25).why_no_flow, "not held: as ever"
-        assert self.creeping(run) == ()
-        assert run.tick(0.6, speed_mps=0.25).why_no_flow, "let go"
-        assert self.creeping(run) == ()
-
-    def test_not_without_moving_however_long_it_is_held(self, working):
-        assert self.creeping(self.stood(working), 2.0, speed_mps=0.0) == ("standstill",)
-        assert self.creeping(self.stood(working), 2.0, speed_mps=0.05)
-
-    @pytest.mark.parametrize("still", [
-        {"gnss_mps": 0.05}, {"wheel_mps": 0.05}, {"gnss_age_s": 5.0}, {"fix_quality": 0}])
-    def test_both_sensors_must_say_so(self, working, still):
-        assert self.creeping(self.stood(working), **still) != ()
-
-    def test_for_three_seconds_and_not_again_under_the_same_press(self, working):
-        run = self.stood(working)
-        assert self.creeping(run, 2.6) == ()
-        assert self.creeping(run, 1.0) != ()
-        run.tick(0.6, speed_mps=0.25)
-        assert self.creeping(run) == ()
-
-    def test_the_course_must_be_known_since_it_stood_and_forwards(self, working):
-        assert self.creeping(self.stood(working), course_deg=None) == ("low_speed",)
-        assert self.creeping(self.stood(working), course_deg=270.0) == ("reversing",)
-
-    def test_the_work_switch_holds(self, working):
-        assert self.creeping(self.stood(working), work_switch=False) == ("work_switch_up",)
-
-    def test_a_press_that_outlived_work_does_not_begin_it_again(self, working):
-        run = working()
-        run.order(Do.START, True)
-        run.order(Do.HOLD)
-        assert run.order(Do.START, True).why == "start_held"
-        run.tick(0.6)
-        assert run.order(Do.START, True).accepted
+@pytest.mark.parametrize("name", LAUNCHED)
+def test_launching(working, name):
+    play(working(), (tick(1.0, speed_mps=0.0), *LAUNCHED[name]))
 
 
 @pytest.mark.parametrize("one_still", [
@@ -159,81 +131,49 @@ def test_field_edge_and_low_speed_keep_working(working):
     assert run.tick(30.0, speed_mps=0.25).state is State.WORKING
 
 
-class TestReversing:
-    def stop_and_go(self, run, course_deg, stand_s=2.0):
-        run.tick(stand_s, speed_mps=0.0, course_deg=course_deg)
-        return run.tick(0.5, course_deg=course_deg)
+AGAIN = (order(Do.STOP), order(Do.READY), order(Do.START))
 
-    def test_backwards_after_a_standstill_gives_no_flow_until_forwards_again(self, working):
-        run = working()
-        assert self.stop_and_go(run, 270.0).why_no_flow == ("reversing",)
-        assert run.tick(5.0, course_deg=265.0).why_no_flow == ("reversing",)
-        assert self.stop_and_go(run, 88.0).flow_allowed
-
-    @pytest.mark.parametrize(("course_deg", "flow"), [(205.0, True), (215.0, False), (-25.0, True), (325.0, False)])
-    def test_the_flip_is_more_than_120_degrees_either_way(self, working, course_deg, flow):
-        assert self.stop_and_go(working(), course_deg).flow_allowed is flow
-
-    def test_north_is_no_flip(self, working):
-        run = working()
-        run.tick(0.5, course_deg=350.0)
-        assert self.stop_and_go(run, 10.0).flow_allowed
-
-    def test_a_turn_without_a_standstill_is_none(self, working):
-        run = working()
-        assert run.tick(5.0, course_deg=270.0).flow_allowed
-
-    def test_a_quick_shuttle_counts(self, working):
-        run = working()
-        run.tick(speed_mps=0.1, course_deg=90.0)
-        assert run.tick(0.5, course_deg=270.0).why_no_flow == ("reversing",)
-
-    def test_a_gnss_speed_late_by_a_second_does_not_hide_it(self, working):
-        """The wheel stops for 0.3 s and goes backwards while GNSS still tells of going forwards."""
-        run = working()
-        run.tick(0.3, wheel_mps=0.0, speed_used_mps=0.0)
-        run.tick(0.7, gnss_mps=1.0)
-        run.tick(0.2, gnss_mps=0.1)
-        assert run.tick(0.5, course_deg=270.0).why_no_flow == ("reversing",)
-
-    def test_no_flow_before_the_new_course_is_known(self, working):
-        run = working()
-        run.tick(2.0, speed_mps=0.0)
-        assert run.tick(1.0, course_deg=None).why_no_flow == ("course_unknown",)
-        assert run.tick(0.5).flow_allowed
-
-    def test_a_receiver_without_courses_is_not_judged(self, new_run):
-        run = new_run()
-        run.order(Do.READY)
-        run.order(Do.START)
-        assert run.tick(1.0, course_deg=None).flow_allowed
-
-    def test_the_operator_may_allow_it_until_stop(self, working):
-        run = working()
-        self.stop_and_go(run, 270.0)
-        assert run.order(Do.ALLOW_REVERSE, True).accepted
-        assert run.tick(course_deg=270.0).flow_allowed
-        run.order(Do.STOP)
-        run.order(Do.READY)
-        run.order(Do.START)
-        assert run.tick(course_deg=270.0).why_no_flow == ("reversing",)
+# From work on, due east.
+GOES_ON = {
+    "backwards after a standstill: no flow until forwards again": (
+        stop_and_go(270.0, why=("reversing",)), tick(5.0, course_deg=265.0, why=("reversing",)),
+        stop_and_go(88.0, flows=True)),
+    "north is no flip": (tick(0.5, course_deg=350.0), stop_and_go(10.0, flows=True)),
+    "a turn without a standstill is none": (tick(5.0, course_deg=270.0, flows=True),),
+    "a quick shuttle counts": (tick(speed_mps=0.1, course_deg=90.0), tick(0.5, course_deg=270.0, why=("reversing",))),
+    # the wheel stops for 0.3 s and goes backwards while GNSS still tells of going forwards
+    "a GNSS speed late by a second does not hide it": (
+        tick(0.3, wheel_mps=0.0, speed_used_mps=0.0), tick(0.7, gnss_mps=1.0), tick(0.2, gnss_mps=0.1),
+        tick(0.5, course_deg=270.0, why=("reversing",))),
+    "the operator may allow reversing until STOP": (
+        stop_and_go(270.0), order(Do.ALLOW_REVERSE, True), tick(course_deg=270.0, flows=True), *AGAIN,
+        tick(course_deg=270.0, why=("reversing",))),
+    "the operator may allow landing outside": (
+        order(Do.ALLOW_OUTSIDE, True), tick(landing_inside=False, flows=True), order(Do.ALLOW_OUTSIDE, False),
+        tick(landing_inside=False, flows=False)),
+    "the operator may want the outside rate of a map elsewhere until STOP": (
+        order(Do.ALLOW_MAP_ELSEWHERE, 1.0, refused="yes_or_no"), order(Do.ALLOW_MAP_ELSEWHERE, True),
+        tick(map_elsewhere=True, flows=True), *AGAIN, tick(map_elsewhere=True, why=("map_elsewhere",))),
+}
 
 
-def test_the_operator_may_allow_landing_outside(working):
-    run = working()
-    assert run.order(Do.ALLOW_OUTSIDE, True).accepted
-    assert run.tick(landing_inside=False).flow_allowed
-    assert run.order(Do.ALLOW_OUTSIDE, False).accepted
-    assert not run.tick(landing_inside=False).flow_allowed
+@pytest.mark.parametrize("name", GOES_ON)
+def test_what_goes_on_with_flow_and_what_does_not(working, name):
+    play(working(), GOES_ON[name])
 
 
-def test_the_operator_may_want_the_outside_rate_of_a_map_elsewhere(working):
-    run = working()
-    assert not run.order(Do.ALLOW_MAP_ELSEWHERE, 1.0).accepted
-    assert run.order(Do.ALLOW_MAP_ELSEWHERE, True).accepted
-    assert run.tick(map_elsewhere=True).flow_allowed
-    assert run.order(Do.STOP).accepted and run.order(Do.READY).accepted and run.order(Do.START).accepted
-    assert run.tick(map_elsewhere=True).why_no_flow == ("map_elsewhere",)
+def test_a_receiver_without_courses_is_not_judged(new_run):
+    play(new_run(), (order(Do.READY), order(Do.START), tick(1.0, course_deg=None, flows=True)))
+
+
+@pytest.mark.parametrize(("course_deg", "flow"), [(205.0, True), (215.0, False), (-25.0, True), (325.0, False)])
+def test_the_flip_is_more_than_120_degrees_either_way(working, course_deg, flow):
+    play(working(), (stop_and_go(course_deg, flows=flow),))
+
+
+def test_no_flow_before_the_new_course_is_known(working):
+    play(working(), (tick(2.0, speed_mps=0.0), tick(1.0, course_deg=None, why=("course_unknown",)),
+                     tick(0.5, flows=True)))
 
 
 def test_without_a_log_work_goes_on_only_if_the_operator_says_so(working):

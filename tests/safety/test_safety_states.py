@@ -7,9 +7,12 @@ import pytest
 
 from control.orders import Do, State
 from control.safety import REFUSALS, read_refusal
+from tests.safety.steps import NEVER, order, play, tick
+
+DRIVES = ("shaft", "gate")
 
 
-def in_state(state, new_run, working, calibrating, never):
+def in_state(state, new_run, working, calibrating):
     if state in (State.OFF, State.READY):
         run = new_run()
         if state is State.READY:
@@ -43,8 +46,8 @@ ALLOWED = {
 
 @pytest.mark.parametrize("do", [Do.READY, Do.START, Do.HOLD, Do.STOP, Do.CALIBRATE, Do.RELEASE])
 @pytest.mark.parametrize("state", list(State))
-def test_the_table_of_orders(state, do, new_run, working, calibrating, never):
-    run = in_state(state, new_run, working, calibrating, never)
+def test_the_table_of_orders(state, do, new_run, working, calibrating):
+    run = in_state(state, new_run, working, calibrating)
     answer = run.order(do)
     assert answer.accepted is ((state, do) in ALLOWED)
     assert run.safety.state is ALLOWED.get((state, do), state)
@@ -66,123 +69,80 @@ def test_an_allowance_is_yes_or_no_and_nothing_like_it(working, do, value):
     assert not any(run.safety.memory.allow)
 
 
-def test_ten_seconds_at_standstill_hold(working):
-    run = working()
-    assert run.tick(9.9, speed_mps=0.0).state is State.WORKING
-    verdict = run.tick(0.2, speed_mps=0.0)
-    assert (verdict.state, verdict.why_state) == (State.HELD, "standstill")
-    assert run.tick(5.0).state is State.HELD, "driving on does not leave held"
-    assert run.order(Do.START).accepted
-    assert run.tick().flow_allowed
+OFF, READY, WORKING, HELD, FAULT = State.OFF, State.READY, State.WORKING, State.HELD, State.FAULT
+NO_SPEED, OLD_SPEEDS = {"speed_used_mps": None}, {"gnss_age_s": 2.1, "wheel_age_s": 2.1}
+
+# From work on.
+AT_WORK = {
+    "ten seconds at standstill hold, and driving on does not leave held": (
+        tick(9.9, speed_mps=0.0, state=WORKING), tick(0.2, speed_mps=0.0, state=HELD, why_state="standstill"),
+        tick(5.0, state=HELD), order(Do.START), tick(flows=True)),
+    "console: two seconds of silence hold and sixty switch off": (
+        tick(console_age_s=1.9, flows=True), tick(console_age_s=2.1, state=HELD, why_state="console_silent"),
+        tick(console_age_s=59.9, state=HELD), tick(console_age_s=60.1, state=OFF, why_state="console_gone")),
+    "a console that returns finds it held": (tick(console_age_s=3.0), tick(5.0, state=HELD)),
+    "a console's age that is no number is silence": (tick(console_age_s=nan, state=HELD),),
+    "headless needs no console": (tick(console_age_s=None, flows=True),),
+    "fault stays fault without a console": (tick(shaft_age_s=1.0), tick(console_age_s=100.0, state=FAULT)),
+    "off ends every allowance": (
+        order(Do.ALLOW_OUTSIDE, True), tick(console_age_s=61.0), order(Do.READY), order(Do.ACKNOWLEDGE),
+        order(Do.START), tick(landing_inside=False, flows=False)),
+    "both speeds silent: held after two seconds without any": (
+        tick(1.9, **NO_SPEED, state=WORKING, why=("speed_silent",)),
+        tick(0.3, **NO_SPEED, state=HELD, why_state="speed_silent")),
+    "a last speed is good for two seconds": (
+        tick(gnss_age_s=1.9, wheel_age_s=1.9, flows=True), tick(**OLD_SPEEDS, state=HELD)),
+    "the wheel's speed is enough": (tick(gnss_age_s=NEVER, wheel_age_s=0.1, flows=True),),
+    "GNSS's speed is enough": (tick(gnss_age_s=0.1, wheel_age_s=NEVER, flows=True),),
+    **{f"{drive}: half a second is a fault": (
+        tick(**{f"{drive}_age_s": 0.49}, flows=True),
+        tick(**{f"{drive}_age_s": 0.51}, state=FAULT, why_state=f"{drive}_silent", why=("not_working", "drive_silent")),
+        tick(5.0, state=FAULT)) for drive in DRIVES},
+    **{f"{drive}: fault is left by order only once the cause is gone": (
+        tick(**{f"{drive}_age_s": 0.6}), order(Do.READY, refused=f"cause_lives;alarm={drive}_silent"), tick(),
+        order(Do.READY), order(Do.START, refused=f"acknowledge_first;alarm={drive}_silent"), order(Do.ACKNOWLEDGE),
+        order(Do.START)) for drive in DRIVES},
+    **{f"{drive}: a reading that is no number or has no time is silence": (
+        tick(**{f"{drive}_age_s": nan}, state=FAULT),) for drive in DRIVES},
+}
+# From the very start on.
+NEW = {
+    "a start at standstill has ten seconds to move": (
+        order(Do.READY), tick(60.0, speed_mps=0.0), order(Do.START), tick(9.8, speed_mps=0.0, state=WORKING),
+        tick(0.3, speed_mps=0.0, state=HELD)),
+    **{f"{drive}: never heard is a fault half a second after off": (
+        tick(5.0, **{f"{drive}_age_s": NEVER}, state=OFF), order(Do.READY), order(Do.START),
+        tick(0.4, **{f"{drive}_age_s": NEVER}, state=WORKING, why=("drive_silent",)),
+        tick(0.2, **{f"{drive}_age_s": NEVER}, state=FAULT)) for drive in DRIVES},
+}
 
 
-def test_a_start_at_standstill_has_ten_seconds_to_move(new_run):
-    run = new_run()
-    run.order(Do.READY)
-    run.tick(60.0, speed_mps=0.0)
-    run.order(Do.START)
-    assert run.tick(9.8, speed_mps=0.0).state is State.WORKING
-    assert run.tick(0.3, speed_mps=0.0).state is State.HELD
+@pytest.mark.parametrize("name", AT_WORK)
+def test_from_work_on(working, name):
+    play(working(), AT_WORK[name])
 
 
-@pytest.mark.parametrize("drive", ["shaft", "gate"])
-class TestSilentDrive:
-    def test_half_a_second_is_a_fault(self, working, drive):
-        run = working()
-        assert run.tick(**{f"{drive}_age_s": 0.49}).flow_allowed
-        verdict = run.tick(**{f"{drive}_age_s": 0.51})
-        assert (verdict.state, verdict.why_state) == (State.FAULT, f"{drive}_silent")
-        assert verdict.why_no_flow == ("not_working", "drive_silent")
-        assert run.tick(5.0).state is State.FAULT
-
-    def test_never_heard_is_a_fault_half_a_second_after_off(self, new_run, never, drive):
-        run = new_run()
-        assert run.tick(5.0, **{f"{drive}_age_s": never}).state is State.OFF
-        run.order(Do.READY)
-        run.order(Do.START)
-        verdict = run.tick(0.4, **{f"{drive}_age_s": never})
-        assert (verdict.state, verdict.why_no_flow) == (State.WORKING, ("drive_silent",))
-        assert run.tick(0.2, **{f"{drive}_age_s": never}).state is State.FAULT
-
-    def test_fault_is_left_by_order_only_once_the_cause_is_gone(self, working, drive):
-        run = working()
-        run.tick(**{f"{drive}_age_s": 0.6})
-        assert run.order(Do.READY).why == f"cause_lives;alarm={drive}_silent"
-        run.tick()
-        assert run.order(Do.READY).accepted
-        assert run.order(Do.START).why == f"acknowledge_first;alarm={drive}_silent"
-        run.order(Do.ACKNOWLEDGE)
-        assert run.order(Do.START).accepted
-
-    def test_a_reading_that_is_no_number_or_has_no_time_is_silence(self, working, situation_at, drive):
-        run = working()
-        assert run.tick(**{f"{drive}_age_s": nan}).state is State.FAULT
-
-    def test_from_ready_held_and_calibrating_too(self, new_run, working, calibrating, never, drive):
-        for state in (State.READY, State.HELD, State.CALIBRATING):
-            run = in_state(state, new_run, working, calibrating, never)
-            assert run.tick(speed_mps=0.0, **{f"{drive}_age_s": 0.6}).state is State.FAULT
+@pytest.mark.parametrize("name", NEW)
+def test_from_the_start_on(new_run, name):
+    play(new_run(), NEW[name])
 
 
-class TestConsole:
-    def test_two_seconds_of_silence_hold_and_sixty_switch_off(self, working):
-        run = working()
-        assert run.tick(console_age_s=1.9).flow_allowed
-        verdict = run.tick(console_age_s=2.1)
-        assert (verdict.state, verdict.why_state) == (State.HELD, "console_silent")
-        assert run.tick(console_age_s=59.9).state is State.HELD
-        verdict = run.tick(console_age_s=60.1)
-        assert (verdict.state, verdict.why_state) == (State.OFF, "console_gone")
-
-    def test_a_console_that_returns_finds_it_held(self, working):
-        run = working()
-        run.tick(console_age_s=3.0)
-        assert run.tick(5.0).state is State.HELD
-
-    def test_an_age_that_is_no_number_is_silence(self, working):
-        assert working().tick(console_age_s=nan).state is State.HELD
-
-    def test_headless_needs_none(self, working):
-        assert working().tick(console_age_s=None).flow_allowed
-
-    def test_fault_stays_fault_without_a_console(self, working):
-        run = working()
-        run.tick(shaft_age_s=1.0)
-        assert run.tick(console_age_s=100.0).state is State.FAULT
-
-    def test_off_ends_every_allowance(self, working):
-        run = working()
-        run.order(Do.ALLOW_OUTSIDE, True)
-        run.tick(console_age_s=61.0)
-        run.order(Do.READY)
-        run.order(Do.ACKNOWLEDGE)
-        run.order(Do.START)
-        assert not run.tick(landing_inside=False).flow_allowed
-
-
-class TestBothSpeedsSilent:
-    def test_held_after_two_seconds_without_any(self, working):
-        run = working()
-        verdict = run.tick(1.9, speed_used_mps=None)
-        assert (verdict.state, verdict.why_no_flow) == (State.WORKING, ("speed_silent",))
-        verdict = run.tick(0.3, speed_used_mps=None)
-        assert (verdict.state, verdict.why_state) == (State.HELD, "speed_silent")
-
-    def test_a_last_speed_is_good_for_two_seconds(self, working):
-        run = working()
-        assert run.tick(gnss_age_s=1.9, wheel_age_s=1.9).flow_allowed
-        assert run.tick(gnss_age_s=2.1, wheel_age_s=2.1).state is State.HELD
-
-    def test_one_of_them_is_enough(self, working, never):
-        assert working().tick(gnss_age_s=never, wheel_age_s=0.1).flow_allowed
-        assert working().tick(gnss_age_s=0.1, wheel_age_s=never).flow_allowed
+@pytest.mark.parametrize("state", [READY, HELD, State.CALIBRATING])
+@pytest.mark.parametrize("drive", DRIVES)
+def test_a_silent_drive_is_a_fault_from_other_states_too(state, drive, new_run, working, calibrating):
+    run = in_state(state, new_run, working, calibrating)
+    assert run.tick(speed_mps=0.0, **{f"{drive}_age_s": 0.6}).state is FAULT
 
 
 class TestCalibrating:
-    def test_flow_without_speed_and_field(self, calibrating):
-        run = calibrating()
-        verdict = run.tick(speed_mps=0.0, speed_used_mps=None, landing_inside=False)
-        assert (verdict.state, verdict.flow_allowed) == (State.CALIBRATING, True)
+    @pytest.mark.parametrize("steps", [
+        pytest.param((tick(speed_mps=0.0, **NO_SPEED, landing_inside=False, state=State.CALIBRATING, flows=True),),
+                     id="flow without speed and field"),
+        pytest.param((order(Do.RELEASE), tick(speed_mps=0.0, state=READY, flows=False)), id="release stops at once"),
+        pytest.param((tick(speed_mps=0.0, work_switch=False, why=("work_switch_up",)),),
+                     id="the work switch still counts")])
+    def test_what_flows(self, calibrating, steps):
+        play(calibrating(), steps)
 
     @pytest.mark.parametrize("moving", [
         {"wheel_mps": 0.11}, {"gnss_mps": 0.11}, {"gnss_age_s": 9.0}, {"wheel_age_s": 9.0, "wheel_mps": 0.01}])
@@ -216,12 +176,6 @@ class TestCalibrating:
         verdict = run.tick(**({"speed_mps": 0.0} | moving))
         assert (verdict.state, verdict.why_state) == (State.FAULT, "calibration_moved")
         assert not verdict.flow_allowed
-
-    def test_release_stops_at_once(self, calibrating):
-        run = calibrating()
-        run.order(Do.RELEASE)
-        verdict = run.tick(speed_mps=0.0)
-        assert (verdict.state, verdict.flow_allowed) == (State.READY, False)
 
     def test_a_button_not_confirmed_for_half_a_second_is_released(self, calibrating):
         run = calibrating()
@@ -268,9 +222,6 @@ class TestCalibrating:
         run.ticks += 12
         assert run.order(Do.CALIBRATE).why == "release_first"
         assert not run.tick(speed_mps=0.0).flow_allowed
-
-    def test_the_work_switch_still_counts(self, calibrating):
-        assert calibrating().tick(speed_mps=0.0, work_switch=False).why_no_flow == ("work_switch_up",)
 
 
 @pytest.mark.parametrize("cause", ["drive_fault", "drive_stopped"])
