@@ -33,26 +33,38 @@ def test_a_silent_host_stops_the_drives_after_one_second(scenarios):
     assert gate_mm == 30.0
 
 
-def test_after_power_on_nothing_moves_until_a_disabled_command(scenarios):
-    assert scenarios.power_on() == [False, 0, 0]
+@pytest.mark.parametrize(("scenario", "found"), [
+    pytest.param("power_on", [False, 0, 0], id="after power-on nothing moves until a disabled command"),
+    pytest.param("stop_at_once", [False, 0.0, 40.0],
+                 id="enable 0 stops the shaft within two milliseconds, and the gate goes where it was sent"),
+    pytest.param("driver_fault", [False, 0.0, 4], id="a driver's fault stops and is told"),
+    pytest.param("valve_switches", [["$S1", 14, "0"], ["$S2", 15, "5"], ["$S2", 15, "0"]],
+                 id="a board whose valves have switches tells how they stand"),
+    pytest.param("limits", [100, 60.0], id="set-points are cut to what is screwed on"),
+    pytest.param("gate_moves", [[25.0, 1300], [40.0, 1500], [10.0, -3000], [10.1, 10]],
+                 id="the gate reaches its places by as many steps"),
+    pytest.param("lost_steps", [8, 40.0, 0], id="lost steps are seen, told and made good")])
+def test_the_board_does(scenarios, scenario, found):
+    assert scenarios.SCENARIOS[scenario]() == found
 
 
-def test_enable_0_stops_the_shaft_within_two_milliseconds_and_the_gate_goes_where_it_was_sent(scenarios):
-    assert scenarios.stop_at_once() == [False, 0.0, 40.0]
-
-
-def test_a_driver_fault_stops_and_is_told(scenarios):
-    assert scenarios.driver_fault() == [False, 0.0, 4]
+@pytest.mark.parametrize(("given", "most_rise_ms", "most_overshoot_rpm"), [
+    pytest.param((), 300, 2.0, id="a step"),
+    # 21 with an integrator that learns from a jam until the duty is at its limit
+    pytest.param((0.0,), None, 4.0, id="after a jam"),
+    # 27 without a limit to what is learnt
+    pytest.param((50.0,), None, 15.0, id="after it was held at a part of its speed"),
+    pytest.param((None, 100.0), 500, 2.0, id="a motor that turns a fifth slower than the feed-forward believes")])
+def test_the_shaft_follows(scenarios, given, most_rise_ms, most_overshoot_rpm):
+    rise_ms, overshoot_rpm, steady_rpm = scenarios.shaft_step(*given)
+    assert overshoot_rpm < most_overshoot_rpm and abs(steady_rpm) < 0.3
+    assert most_rise_ms is None or rise_ms < most_rise_ms
 
 
 def test_valves_open_only_while_the_drives_are_enabled(scenarios):
     masks, unknown = scenarios.valves()
     assert masks == [0, 0, 0, 5, 5, 5, 0, 0, 7, 0]
     assert unknown == 1, "a board without valves obeys no frame that has them"
-
-
-def test_a_board_whose_valves_have_switches_tells_how_they_stand(scenarios):
-    assert scenarios.valve_switches() == [["$S1", 14, "0"], ["$S2", 15, "5"], ["$S2", 15, "0"]]
 
 
 def test_wrong_frames_are_counted_by_kind_and_not_obeyed(scenarios):
@@ -92,42 +104,11 @@ def test_a_new_board_obeys_an_old_host_unless_it_is_set_to_words_only(scenarios)
     assert scenarios.orders_without_a_word((5,), True)[0][:12] == [[False, 32, "old_order"]] * 12
 
 
-def test_set_points_are_cut_to_what_is_screwed_on(scenarios):
-    assert scenarios.limits() == [100, 60.0]
-
-
-def test_the_shaft_follows_a_step(scenarios):
-    rise_ms, overshoot_rpm, steady_rpm = scenarios.shaft_step()
-    assert rise_ms < 300 and overshoot_rpm < 2.0 and abs(steady_rpm) < 0.3
-
-
-def test_a_jammed_shaft_does_not_wind_the_integrator_up(scenarios):
-    _, overshoot_rpm, steady_rpm = scenarios.shaft_step(0.0)
-    assert overshoot_rpm < 4.0, "21 with an integrator that learns from a jam until the duty is at its limit"
-    assert abs(steady_rpm) < 0.3
-
-
-def test_a_shaft_held_at_a_part_of_its_speed_winds_it_up_no_further_than_a_load_would(scenarios):
-    _, overshoot_rpm, steady_rpm = scenarios.shaft_step(50.0)
-    assert overshoot_rpm < 15.0, "27 without a limit to what is learnt"
-    assert abs(steady_rpm) < 0.3
-
-
-def test_a_weak_supply_is_made_good(scenarios):
-    """A motor that turns a fifth slower than the feed-forward believes."""
-    rise_ms, overshoot_rpm, steady_rpm = scenarios.shaft_step(None, 100.0)
-    assert rise_ms < 500 and overshoot_rpm < 2.0 and abs(steady_rpm) < 0.3
-
-
 def test_the_feed_forward_alone_is_nearly_right():
     control = ShaftControl(0.008, 0.04, 0.1, kp=0.0, ki=0.0, acceleration_rpm_s=1e9, held_share=0.25, held_rpm=5.0)
     assert control.update(70.0, 0.0, 0.01) == pytest.approx(0.6)
     assert control.update(0.0, 70.0, 0.01) == 0.0
     assert control.update(1000.0, 0.0, 0.01) == 1.0
-
-
-def test_the_gate_reaches_its_places_by_as_many_steps(scenarios):
-    assert scenarios.gate_moves() == [[25.0, 1300], [40.0, 1500], [10.0, -3000], [10.1, 10]]
 
 
 def test_without_a_displacement_sensor_it_homes_first_and_the_shaft_waits(scenarios):
@@ -141,10 +122,6 @@ def test_a_step_of_the_gate(scenarios):
     rise_ms, overshoot_mm, error_mm = scenarios.gate_step()
     assert rise_ms == pytest.approx(400, abs=20), "8 mm at 20 mm/s"
     assert overshoot_mm <= 0.02 and abs(error_mm) <= 0.005
-
-
-def test_lost_steps_are_seen_told_and_made_good(scenarios):
-    assert scenarios.lost_steps() == [8, 40.0, 0]
 
 
 def test_no_step_is_lost_or_doubled_whatever_the_target_does():
