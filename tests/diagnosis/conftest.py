@@ -2,8 +2,6 @@
 from __future__ import annotations
 
 import importlib
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,12 +10,8 @@ import pytest
 HERE = Path(__file__).parent
 
 
-@pytest.fixture(scope="module")
-def hidden() -> Iterator[SimpleNamespace]:
+@pytest.fixture(scope="session")
+def hidden() -> SimpleNamespace:
     """The modules of the generator of hidden machines by attribute: hidden.cases, hidden.plant ..."""
-    sys.path.insert(0, str(HERE))
-    try:
-        yield SimpleNamespace(**{path.stem: importlib.import_module(f"hidden.{path.stem}")
-                                 for path in sorted((HERE / "hidden").glob("[a-z]*.py"))})
-    finally:
-        sys.path.remove(str(HERE))
+    return SimpleNamespace(**{path.stem: importlib.import_module(f"tests.diagnosis.hidden.{path.stem}")
+                              for path in sorted((HERE / "hidden").glob("[a-z]*.py")) if path.stem != "make"})

@@ -1,13 +1,13 @@
 """A planted case: a log, the machine file it is held against, and what a diagnosis is to say. One check for all."""
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 import pytest
 
-from control.diagnosis.result import Diagnosis
+from control.diagnosis.result import UNKNOWN, Cause, Diagnosis
 from control.diagnosis.runs.channels import drive_rows
 from control.diagnosis.runs.diagnose import diagnose_run
 from control.diagnosis.runs.drives import whole_drives
@@ -17,10 +17,12 @@ from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 from tests.diagnosis.logs import Columns
 
+Question = Callable[[Diagnosis, Any], bool]
+
 
 def planted(name: str, log: Callable[[], Columns], machine: Machine | str | None = None, *, exam: bool = False,
             **said: Any) -> Any:
-    """A row of a table of cases: parameters `log`, `machine` (the nominal one) and `said` (of `check`)."""
+    """A row of a table of cases: parameters `log`, `machine` (the nominal one) and `said` (QUESTIONS)."""
     return pytest.param(log, machine or Machine(), said, id=name, marks=[pytest.mark.exam] * exam)
 
 
@@ -28,46 +30,59 @@ def found_as_planted(log: Callable[[], Columns], machine: Machine | str, said: M
     check(diagnose_run(log(), machine), **said)
 
 
-def check(found: Diagnosis, *, verdict: str | Collection[str] = "", names: Collection[str] | None = None,
-          one_of: Collection[str] = (), has: str = "", lacks: str | tuple[str, ...] = (),
-          sizes: Mapping[str, Any] | None = None, covers: Mapping[str, float] | None = None, onset_s: Any = None,
-          until_s: Any = None, rivals: Collection[str] | None = None,
-          unexplained: Collection[tuple[str, str]] | None = None, explained: Collection[str] = (),
-          terms: Collection[Any] | None = None, over: str = "", channels: Collection[str] | None = None,
-          says: str = "", never_says: str = "") -> None:
-    """verdict : that, or one of several. names : ids of the causes, and no others. one_of : of the only cause.
-    has, lacks : an id, or how ids begin. sizes : of a cause its size, an approx. covers : what lies in its interval.
+def of_causes(what: Callable[[Cause], Any]) -> Question:
+    """By id, or of the only cause."""
+    def holds(found: Diagnosis, expected: Any) -> bool:
+        if not isinstance(expected, dict):
+            return [what(cause) for cause in found.causes] == [expected]
+        by_id = {cause.id: what(cause) for cause in found.causes}
+        return all(by_id.get(name) == value for name, value in expected.items())
+    return holds
 
-    onset_s, until_s, rivals : of the cause that is `has`, else of the first. unexplained : channel and variable, all.
-    explained : channels of which nothing is unexplained. terms : on what, form, over what. over : a variable over
-    which alone there is a term. says, never_says : in one of the findings, in none.
-    """
-    by_id = {cause.id: cause for cause in found.causes}
-    first = by_id.get(has) or next(iter(found.causes), None)
-    left = [(one.channel, one.variable) for one in found.unexplained]
-    forms = [(term["acts_on"], term["form"], sorted(v["name"] for v in term["over"]))
-             for term in (one.term for one in found.terms)]
-    held = {
-        "advice": all(cause.advice for cause in found.causes),
-        "verdict": not verdict or found.verdict in ([verdict] if isinstance(verdict, str) else verdict),
-        "names": names is None or sorted(cause.id for cause in found.causes) == sorted(names),
-        "one_of": not one_of or (len(found.causes) == 1 and found.causes[0].id in one_of),
-        "has": not has or any(name.startswith(has) for name in by_id),
-        "lacks": not lacks or not any(name.startswith(lacks) for name in by_id),
-        "sizes": all(name in by_id and by_id[name].size.value == size for name, size in (sizes or {}).items()),
-        "covers": all(name in by_id and by_id[name].size.low <= value <= by_id[name].size.high
-                      for name, value in (covers or {}).items()),
-        "onset_s": onset_s is None or (first is not None and first.onset_s == onset_s),
-        "until_s": until_s is None or (first is not None and first.until_s == until_s),
-        "rivals": rivals is None or (first is not None and {one.id for one in first.rivals} == set(rivals)),
-        "unexplained": unexplained is None or left == list(unexplained),
-        "explained": not {channel for channel, _ in left} & set(explained),
-        "terms": terms is None or forms == list(terms),
-        "over": not over or any(variables == [over] for _, _, variables in forms),
-        "channels": channels is None or {one.channel for one in found.channels} == set(channels),
-        "says": not says or any(says in text for text in found.findings),
-        "never_says": not never_says or not any(never_says in text for text in found.findings)}
-    assert all(held.values()), ([what for what, well in held.items() if not well], found)
+
+def members(found: Diagnosis) -> set[str]:
+    """Ids of causes and of their rivals."""
+    return {name for cause in found.causes for name in (cause.id, *(rival.id for rival in cause.rivals))}
+
+
+def forms(found: Diagnosis) -> list[tuple[str, str, list[str]]]:
+    """Of each term what it acts on, its form, and over what."""
+    return [(term["acts_on"], term["form"], sorted(v["name"] for v in term["over"]))
+            for term in (one.term for one in found.terms)]
+
+
+# What may be asked of a diagnosis: of it and of what is expected.
+QUESTIONS: dict[str, Question] = {
+    "verdict": lambda found, words: found.verdict in ([words] if isinstance(words, str) else words),
+    "names": lambda found, ids: sorted(cause.id for cause in found.causes) == sorted(ids),      # and no others
+    "one_of": lambda found, ids: len(found.causes) == 1 and found.causes[0].id in ids,
+    "has": lambda found, begins: any(cause.id.startswith(begins) for cause in found.causes),
+    "lacks": lambda found, begins: not any(cause.id.startswith(begins) for cause in found.causes),
+    "among": lambda found, ids: set(ids) <= members(found),
+    "no_other_than": lambda found, ids: members(found) - {UNKNOWN} == set(ids),
+    "sizes": of_causes(lambda cause: cause.size.value),
+    "covers": lambda found, sizes: {cause.id for cause in found.causes if cause.id in sizes
+                                    and cause.size.low <= sizes[cause.id] <= cause.size.high} == set(sizes),
+    "onset_s": of_causes(lambda cause: cause.onset_s),
+    "until_s": of_causes(lambda cause: cause.until_s),
+    "rivals": of_causes(lambda cause: [rival.id for rival in cause.rivals]),
+    "scope": of_causes(lambda cause: cause.scope),
+    "unexplained": lambda found, left: [(one.channel, one.variable) for one in found.unexplained] == left,
+    "first_left": lambda found, name: bool(found.unexplained) and found.unexplained[0].variable == name,
+    "explained": lambda found, channels: not {one.channel for one in found.unexplained} & set(channels),
+    "terms": lambda found, expected: forms(found) == expected,
+    "over": lambda found, name: any(over == [name] for _, _, over in forms(found)),
+    "channels": lambda found, names: {one.channel for one in found.channels} == set(names),
+    "says": lambda found, words: any(words in text for text in found.findings),
+    "never_says": lambda found, words: not any(words in text for text in found.findings),
+    "next_run": lambda found, words: found.next_run is not None and words in found.next_run.plan,
+}
+
+
+def check(found: Diagnosis, **said: Any) -> None:
+    """Every question is answered as expected; and whatever is named, something can be done about it."""
+    wrong = {question: expected for question, expected in said.items() if not QUESTIONS[question](found, expected)}
+    assert not wrong and all(cause.advice for cause in found.causes), (wrong, found)
 
 
 def shaft_predicted(columns: Columns, machine: Machine) -> tuple[Any, Any]:

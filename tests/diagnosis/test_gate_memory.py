@@ -13,6 +13,7 @@ from control.diagnosis.runs.log import UNREAD, gate
 from control.log_row import COLUMNS, TEXT_COLUMNS
 from control.machine.machine import Machine
 from drivers.files.read_log import read_log
+from tests.diagnosis.logs import speeds
 
 ROWS = 2400
 
@@ -20,10 +21,9 @@ ROWS = 2400
 @pytest.fixture(scope="module")
 def printed() -> dict[str, np.ndarray]:
     """Numbers as a log prints them; the wheel reads 2 % more than the ground speed."""
-    rng, time_s = np.random.default_rng(1), np.round(0.1 * np.arange(ROWS), 3)
-    speed_mps = 1.3 + 0.2 * np.sin(time_s / 7.0)
-    return {"time_s": time_s, "speed_mps": np.round(speed_mps + 0.03 * rng.standard_normal(ROWS), 4),
-            "wheel_speed_mps": np.round(1.02 * speed_mps + 0.02 * rng.standard_normal(ROWS), 4)}
+    time_s = np.round(0.1 * np.arange(ROWS), 3)
+    return {name: np.round(column, 4) for name, column in speeds(
+        1, time_s, 1.3 + 0.2 * np.sin(time_s / 7.0), 1.02).items()}
 
 
 def test_readings_as_a_log_prints_them_are_not_copied(printed) -> None:
@@ -43,19 +43,16 @@ def test_what_is_put_right_is_a_copy(printed) -> None:
     assert np.isnan(found[7]) and not np.signbit(found[8]) and found[9] == 1.23456789
 
 
-def test_arrays_that_cannot_be_written_give_the_same_answer(printed) -> None:
+def test_arrays_that_cannot_be_written_and_columns_that_are_not_read_change_no_answer(printed) -> None:
+    answer, rng = diagnose_run(printed, Machine()).to_json(), np.random.default_rng(3)
     locked = {name: values.copy() for name, values in printed.items()}
     for values in locked.values():
         values.setflags(write=False)
-    assert diagnose_run(locked, Machine()).to_json() == diagnose_run(printed, Machine()).to_json()
-
-
-def test_columns_that_are_not_read_change_no_answer(printed) -> None:
-    rng = np.random.default_rng(3)
+    assert diagnose_run(locked, Machine()).to_json() == answer
     more = {name: np.full(ROWS, "text", object) if name in TEXT_COLUMNS else rng.normal(5.0, 2.0, ROWS)
             for name in sorted(UNREAD)}
     assert UNREAD < set(COLUMNS) and not UNREAD & {"state", "events", "time_s"}
-    assert diagnose_run(printed | more, Machine()).to_json() == diagnose_run(printed, Machine()).to_json()
+    assert diagnose_run(printed | more, Machine()).to_json() == answer
 
 
 def written(path: Path, step_s: float, unit: float = 1.0) -> Path:

@@ -44,7 +44,7 @@ def _oracle(hidden: Any, eye: Any, effect: Any, draws: int = 40) -> tuple[float,
         noisy = {k: clean[k] if k == "heads" else
                  hidden.noise.readings(clean[k], eye.plant.drive.row_s, eye.noises[k], rng)
                  for k in ("shaft", "gate", "scale", "wheel", "gnss", "heads")}
-        scores.append(eye.inner(eye._whitened(noisy), trace) / z)
+        scores.append(eye.inner(eye.whitened(noisy), trace) / z)
     return float(np.mean(scores)), float(np.std(scores))
 
 
@@ -95,14 +95,14 @@ def test_a_begin_is_told_as_sharply_as_the_data_hold_it(hidden: Any, plant: Any)
     for _ in range(60):
         noisy = {k: np.asarray(v).copy() for k, v in eye.base.items()}
         noisy["shaft"] = hidden.noise.readings(eye.base["shaft"], 0.05, eye.noises["shaft"], rng)
-        seen = eye._whitened(noisy)
+        seen = eye.whitened(noisy)
         gram = [[eye.inner(a, b) for b in (by_size, by_begin)] for a in (by_size, by_begin)]
         found.append(np.linalg.solve(gram, [eye.inner(a, seen) for a in (by_size, by_begin)])[1])
     assert np.std(found) == pytest.approx(told, rel=0.35)
 
 
 def test_every_class_of_terms_can_be_dealt_in_many_forms(hidden: Any, plant: Any) -> None:
-    assert {"shaft_angle"} <= {v for _, vs in hidden.terms._choices("periodic") for v in vs}
+    assert {"shaft_angle"} <= {v for _, vs in hidden.terms.choices("periodic") for v in vs}
     for kind in hidden.terms.CLASSES[:-1]:
         seen = set()
         for seed in range(40):
@@ -170,7 +170,7 @@ def test_what_a_coarse_log_does_not_hold_makes_an_effect_harder_to_see(hidden: A
     fine, coarse = _eye(hidden, plant), _eye(hidden, plant, rows)
     seen_fine, seen_coarse = (eye.inner(*2 * (eye.trace([slow]),)) for eye in (fine, coarse))
     assert 0.0 < seen_coarse < 0.1 * seen_fine
-    unsure = coarse._doubt["shaft"]
+    unsure = coarse.doubt["shaft"]
     assert unsure.shape == plant.drive.time_s.shape and 0.1 < np.max(unsure[rows]) < 100.0
 
 

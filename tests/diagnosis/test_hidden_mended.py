@@ -1,14 +1,11 @@
 """Hidden cases of the tuning half that were answered wrongly once, each for a reason of its own."""
 from __future__ import annotations
 
-import importlib
-from pathlib import Path
-
 import pytest
 
 from control.diagnosis.runs.diagnose import diagnose_run
-from drivers.files.config import load
-from drivers.files.kinds import MACHINE
+from tests.diagnosis.hidden import cases, score
+from tests.diagnosis.logs import HUANGHAI
 
 pytestmark = pytest.mark.exam
 
@@ -23,11 +20,9 @@ WRONG_ONCE = [
 
 
 @pytest.mark.parametrize("number, seed, categories", WRONG_ONCE)
-def test_a_case_that_was_wrong_once_is_right(number, seed, categories, monkeypatch):
-    monkeypatch.syspath_prepend(str(Path(__file__).parent))
-    cases, score = importlib.import_module("hidden.cases"), importlib.import_module("hidden.score")
+def test_a_case_that_was_wrong_once_is_right(number, seed, categories):
     case = cases.one(number, seed, "tuning", categories, ("run",), (), None)
-    found = diagnose_run(case.columns, load("huanghai", MACHINE).model)
+    found = diagnose_run(case.columns, HUANGHAI)
     assert score.mark(case.truth, found.to_json()).honest, (case.truth["causes"], found.causes, found.unexplained)
 
 
@@ -40,20 +35,16 @@ TERMS_WRONG_ONCE = [
 
 
 @pytest.mark.parametrize("number, seed, kind, form", TERMS_WRONG_ONCE)
-def test_a_term_that_was_wrong_once_is_right(number, seed, kind, form, monkeypatch):
-    monkeypatch.syspath_prepend(str(Path(__file__).parent))
-    cases, score = importlib.import_module("hidden.cases"), importlib.import_module("hidden.score")
+def test_a_term_that_was_wrong_once_is_right(number, seed, kind, form):
     case = cases.one(number, seed, "tuning", ("term",), ("run",), (kind,), None)
-    found = diagnose_run(case.columns, load("huanghai", MACHINE).model)
+    found = diagnose_run(case.columns, HUANGHAI)
     mark = score.mark(case.truth, found.to_json())
     assert (mark.right_stage, mark.all_variables, found.causes) == (True, True, ()), (found.terms, found.causes)
     assert found.terms[0].term["form"] == form
 
 
-def test_loud_readings_of_a_gate_that_moves_little_are_no_stuck_gate(monkeypatch):
+def test_loud_readings_of_a_gate_that_moves_little_are_no_stuck_gate():
     """A stop's gain was counted as if each reading spoke for itself; now by blocks of time, as every other effect's."""
-    monkeypatch.syspath_prepend(str(Path(__file__).parent))
-    cases = importlib.import_module("hidden.cases")
     case = cases.one(77, 5151, "unseen", ("healthy_loud",), ("run",), (), None)
-    found = diagnose_run(case.columns, load("huanghai", MACHINE).model)
+    found = diagnose_run(case.columns, HUANGHAI)
     assert (found.causes, found.verdict) == ((), "none")

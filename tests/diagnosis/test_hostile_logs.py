@@ -1,9 +1,7 @@
 """Logs that no logger should write: a diagnosis says what it cannot judge, and judges the rest."""
 from __future__ import annotations
 
-import importlib
 import json
-import sys
 import warnings
 from pathlib import Path
 from typing import Any
@@ -20,25 +18,16 @@ from control.diagnosis.runs.terms import _id
 from control.machine.machine import Machine
 from control.machine.terms import Term
 from drivers.files.any_log import open_log
+from tests.diagnosis.hostile.logs import hostile_log
 
 QUICK = (2, 3, 4, 5, 6, 8, 16, 27, 33, 35, 41, 42, 45, 48, 50, 51, 54)       # numbers of seed 1, seconds in all
 ROWS = 2400
 RNG = np.random.default_rng(7)
 
 
-@pytest.fixture(scope="module")
-def hostile() -> Any:
-    path = str(Path(__file__).parent)
-    sys.path.insert(0, path)
-    try:
-        return importlib.import_module("hostile.logs")
-    finally:
-        sys.path.remove(path)
-
-
 @pytest.mark.parametrize("number", [*QUICK, pytest.param(14, marks=pytest.mark.exam)])      # ten seconds
-def test_a_hostile_log_ends_in_a_result(hostile: Any, number: int, tmp_path: Path) -> None:
-    one = hostile.hostile_log(number)
+def test_a_hostile_log_ends_in_a_result(number: int, tmp_path: Path) -> None:
+    one = hostile_log(number)
     path = tmp_path / "log.csv"
     path.write_text(one.text, encoding="utf-8", newline="\n")
     with warnings.catch_warnings():

@@ -1,22 +1,19 @@
 """Answers that hang on no last bit: the same under every kernel of matrix products, and for data moved by a hair."""
 from __future__ import annotations
 
-import importlib
 from itertools import combinations
 from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 import numpy as np
 import pytest
 
 from control.calibration.bench_table import BenchTable
 from control.diagnosis.tables.piece import best_first, first_best
-from drivers.files.bench_table import read_bench_table
-from drivers.files.config import load
-from drivers.files.kinds import MACHINE
+from tests.diagnosis import last_bits as bits
+from tests.diagnosis.hidden.cases import one as hidden_case
+from tests.diagnosis.logs import HUANGHAI
+from tests.diagnosis.tables import DATA, SEVENS, lags, paper, responses, total_s
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 PAPERS = ("lag_table1_distance", "lag_table2_response", "lag_table3_drop_time", "lag_table4_total",
           "lag_table5_corrected", "lag_table6_gain", "decision_table2_applied")
 # Cases of the examination of runs (seed 60231, those of test_hidden_quick): of every stage, healthy and beyond.
@@ -30,30 +27,11 @@ LOGS = (("single", "shaft.gain", 5), ("single", "shaft.dead_time", 82), ("single
 SEED, MINUTES = 60231, (2.0, 3.0)      # length proves nothing here
 
 
-@pytest.fixture
-def bits(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.syspath_prepend(str(Path(__file__).parent))
-    return importlib.import_module("last_bits")
-
-
-@pytest.fixture(scope="module")
-def machine() -> Any:
-    return load("huanghai", MACHINE).model
-
-
-def total_s(rpm: np.ndarray) -> np.ndarray:
-    return 0.383 + 1.8288 - 0.0083 * rpm
-
-
 def late_with_response(seed: int) -> list[BenchTable]:
     """A lag too long by a constant, and a response that is not: an offset of all lags, or a dead time of one table."""
     rng = np.random.default_rng(seed)
-    rpm = np.tile(np.arange(10.0, 71.0, 10.0), 3)
-    lag = np.round(total_s(rpm) + 0.25 + 0.03 * rng.standard_normal(len(rpm)), 3)
-    turns = np.repeat([10.0, 40.0, 70.0], 4)
-    return [BenchTable("lag", {"shaft_rpm": rpm, "lag_s": lag}),
-            BenchTable("lag", {"shaft_rpm": turns, "response_s": 0.383 + 0.004 * rng.standard_normal(12)},
-                       path="response")]
+    late = lags(np.tile(SEVENS, 3), rng, 0.25)
+    return [late, responses(np.repeat([10.0, 40.0, 70.0], 4), rng, 0.383, 0.004, "response")]
 
 
 def printed(lag_s: np.ndarray, rpm: np.ndarray) -> list[BenchTable]:
@@ -79,7 +57,7 @@ def papers_tables() -> list[tuple[str, list[BenchTable]]]:
     """Each of the papers' tables alone, the lag paper's two by two, and all of them together."""
     if not DATA.is_dir():
         return []
-    read = {name: read_bench_table(DATA / f"{name}.csv") for name in PAPERS}
+    read = {name: paper(name) for name in PAPERS}
     lags = [name for name in PAPERS if name.startswith("lag")]
     return [*((name, [table]) for name, table in read.items()),
             *((f"{one} and {other}", [read[one], read[other]]) for one, other in combinations(lags, 2)),
@@ -87,8 +65,7 @@ def papers_tables() -> list[tuple[str, list[BenchTable]]]:
 
 
 def logs() -> list[tuple[str, dict[str, np.ndarray]]]:
-    made = importlib.import_module("hidden.cases")
-    return [(f"{category} {name}", made.one(number, SEED, "tuning", (category,), ("run",), (name,) if name else (),
+    return [(f"{category} {name}", hidden_case(number, SEED, "tuning", (category,), ("run",), (name,) if name else (),
                                             MINUTES).columns) for category, name, number in LOGS]
 
 
@@ -100,7 +77,7 @@ def test_of_equal_scores_the_first_is_best() -> None:
 
 
 @pytest.mark.exam
-def test_tables_that_tie_are_answered_alike_by_two_kernels(bits: ModuleType, tmp_path: Path) -> None:
+def test_tables_that_tie_are_answered_alike_by_two_kernels(tmp_path: Path) -> None:
     cases = made_tables()
     one, other = (bits.by_kernel(kernel, cases, tmp_path) for kernel in ("Prescott", "Haswell"))
     if one is None or other is None:
@@ -108,20 +85,19 @@ def test_tables_that_tie_are_answered_alike_by_two_kernels(bits: ModuleType, tmp
     assert bits.differences(cases, one, other) == []
 
 
-def test_tables_moved_by_a_hair_are_answered_alike(bits: ModuleType, machine: Any) -> None:
+def test_tables_moved_by_a_hair_are_answered_alike() -> None:
     cases = made_tables() + papers_tables()[:len(PAPERS)]
-    assert bits.differences(cases, [bits.answer(case, machine) for case in cases],
-                            [bits.answer(bits.moved(case, machine), machine) for case in cases]) == []
+    assert bits.differences(cases, [bits.answer(case, HUANGHAI) for case in cases],
+                            [bits.answer(bits.moved(case, HUANGHAI), HUANGHAI) for case in cases]) == []
 
 
 @pytest.mark.exam
 @pytest.mark.parametrize("data", ["tables", "logs"])
-def test_every_kernel_gives_the_same_answers_and_so_does_data_moved_by_a_hair(
-        bits: ModuleType, machine: Any, tmp_path: Path, data: str) -> None:
+def test_every_kernel_gives_the_same_answers_and_so_does_data_moved_by_a_hair(tmp_path: Path, data: str) -> None:
     cases = made_tables() + papers_tables() if data == "tables" else logs()
     said = {kernel: bits.by_kernel(kernel, cases, tmp_path) for kernel in bits.KERNELS}
     known = {kernel: answers for kernel, answers in said.items() if answers is not None}
     first = next(iter(known))
     wrong = {kernel: bits.differences(cases, known[first], answers) for kernel, answers in known.items()}
-    hair = bits.by_kernel(first, [bits.moved(case, machine) for case in cases], tmp_path)
+    hair = bits.by_kernel(first, [bits.moved(case, HUANGHAI) for case in cases], tmp_path)
     assert {**wrong, "moved": bits.differences(cases, known[first], hair)} == {**{k: [] for k in known}, "moved": []}

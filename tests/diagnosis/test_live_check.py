@@ -11,6 +11,7 @@ from control.diagnosis.live.watch import AGAIN_S, LOOK_S, QUARTER_S, LiveCheck, 
 from control.diagnosis.result import Cause, Data, Departure, Diagnosis, FieldCost, Rival, Size, Unexplained
 from control.diagnosis.runs.hypothesis import EffectInstance
 from control.machine.machine import Machine
+from tests.diagnosis.logs import speeds
 
 WHEEL, GATE = EffectInstance("speed.wheel_radius", 1.0, 300.0), EffectInstance("gate.offset", 0.1, 500.0)
 MACHINE = Machine()
@@ -18,12 +19,10 @@ MACHINE = Machine()
 
 def wheel_log(seconds: float, wrong_from_s: float = np.inf, percent: float = 4.0) -> dict[str, Any]:
     """Wheel and GNSS, ten rows a second; the wheel reads too much from some time on."""
-    rng, time_s = np.random.default_rng(4), np.arange(0.0, seconds, 0.1)
-    speed = 1.3 + 0.2 * np.sin(time_s / 7.0)
+    time_s = np.arange(0.0, seconds, 0.1)
     factor = np.where(time_s >= wrong_from_s, 1.0 + percent / 100.0, 1.0)
-    return {"time_s": time_s, "speed_mps": speed + 0.03 * rng.standard_normal(len(time_s)),
-            "wheel_speed_mps": factor * speed + 0.02 * rng.standard_normal(len(time_s)),
-            "state": np.full(len(time_s), "working", object)}
+    return speeds(4, time_s, 1.3 + 0.2 * np.sin(time_s / 7.0), factor) | {
+        "state": np.full(len(time_s), "working", object)}
 
 
 def change_points(columns: dict[str, Any], machine: Machine) -> list[ChangePoint]:

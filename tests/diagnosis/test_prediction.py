@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -44,8 +45,13 @@ def braked(seed: int, rpm_of_load: float = -0.09) -> dict[str, Any]:
     return {"time_s": time_s, "shaft_rpm_cmd": np.full(len(load), 500.0), "shaft_rpm": read, "x_load_g": cell}
 
 
+@cache
+def of_the_brake() -> Diagnosis:
+    return diagnose_run(braked(1), DRIVE)
+
+
 def test_a_recorded_variable_that_predicts_is_said_and_taken_up() -> None:
-    found, other = diagnose_run(braked(1), DRIVE), braked(2)
+    found, other = of_the_brake(), braked(2)
     assert found.verdict == "unexplained"
     assert "x_load_g" in {one.variable for one in found.unexplained}
     new = extend(DRIVE, found)
@@ -125,7 +131,7 @@ def test_the_rival_predicts_as_plain_least_squares_does() -> None:
 
 
 def test_report_and_notebook_say_the_rival_and_what_a_file_takes_up() -> None:
-    found = diagnose_run(braked(1), DRIVE)
+    found = of_the_brake()
     page = html_of(found)
     assert "plain least squares" in page and "x_load_g" in page
     assert taken_up(found)[0].startswith("a machine file takes up: ") and taken_up(found)[0] in page

@@ -14,12 +14,12 @@ from console.reports.term_words import compensation, sentence
 from control.diagnosis import diagnose_run, extend
 from control.diagnosis.extend import adoptable_terms, term_not_adoptable
 from control.diagnosis.result import Diagnosis, TermFound
-from control.machine.compiled import shaft_run, term_run
+from control.machine.compiled import term_run
 from control.machine.machine import Machine
-from control.machine.over_log import input_rows, no_switch
-from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start
 from control.machine.term_sums import commanded_over_log, over_log
 from control.machine.terms import Term, parse_term
+from tests.diagnosis.logs import shaft_answers, wandering
+from tests.diagnosis.planted import forms
 
 ROWS, STEP_S = 6000, 0.1
 NOMINAL = Machine()
@@ -27,14 +27,7 @@ NOMINAL = Machine()
 
 def slow(rng: np.random.Generator, tau_s: float) -> Any:
     """A wandering variable of spread 1."""
-    keep = np.exp(-STEP_S / tau_s)
-    kicks = np.sqrt(1.0 - keep ** 2) * rng.standard_normal(ROWS)
-    found = np.empty(ROWS)
-    value = 0.0
-    for k in range(ROWS):
-        value = keep * value + kicks[k]
-        found[k] = value
-    return found
+    return wandering(rng, ROWS, float(np.exp(-STEP_S / tau_s)))
 
 
 def shaft_log(*texts: str, seed: int = 1, machine: Machine = NOMINAL, along: float = 0.0) -> dict[str, Any]:
@@ -49,10 +42,9 @@ def shaft_log(*texts: str, seed: int = 1, machine: Machine = NOMINAL, along: flo
     values = {**columns, "told_rpm": commanded_over_log(command, time_s, machine.shaft.dead_time_s)}
     terms = [parse_term(text, Term.model_validate) for text in texts]
     more = over_log(terms, values, time_s, term_run)
-    rows = input_rows(ShaftInput, ROWS, command_rpm=command, opening_mm=20.0, supply_v=columns["supply_v"],
-                      more_percent=more.get("shaft_percent", 0.0), more_rpm=more.get("shaft_rpm", 0.0))
-    out = shaft_run((machine.shaft,), no_switch(), shaft_start(command[0]), ShaftOutput(command[0], command[0]), rows,
-                    time_s, 0.0125)
+    out = shaft_answers(machine, time_s, float(command[0]), command_rpm=command, opening_mm=20.0,
+                        supply_v=columns["supply_v"], more_percent=more.get("shaft_percent", 0.0),
+                        more_rpm=more.get("shaft_rpm", 0.0))
     return columns | {"shaft_rpm": out[:, 1] + 0.3 * rng.standard_normal(ROWS)}
 
 
@@ -60,10 +52,6 @@ def shaft_log(*texts: str, seed: int = 1, machine: Machine = NOMINAL, along: flo
 def diagnosed(*texts: str, seed: int = 1) -> Diagnosis:
     """What several tests look at is diagnosed once."""
     return diagnose_run(shaft_log(*texts, seed=seed), Machine())
-
-
-def terms_of(found: Diagnosis) -> list[tuple[str, str, list[str]]]:
-    return [(t.term["acts_on"], t.term["form"], sorted(v["name"] for v in t.term["over"])) for t in found.terms]
 
 
 @pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.exam) for seed in (2, 3))])
@@ -83,7 +71,7 @@ def test_a_term_is_found_with_its_variables_and_form(text: str, form: str, over:
     found = diagnose_run(columns, Machine())
     assert found.verdict == "unexplained"
     assert found.causes == ()
-    assert terms_of(found)[0] == ("shaft_percent", form, over)
+    assert forms(found)[0] == ("shaft_percent", form, over)
     assert {u.variable for u in found.unexplained} == set(over)
     assert found.unexplained[0].channel == "shaft"
     assert found.terms[0].held_out_gain is not None and found.terms[0].held_out_gain > 0.03
@@ -152,7 +140,7 @@ def test_a_drift_of_one_log_is_no_level_of_a_term() -> None:
     columns = shaft_log("shaft_percent slope roll_deg slope=-0.5")
     columns["shaft_rpm"] = columns["shaft_rpm"] + 0.4 * slow(np.random.default_rng(7), 150.0)
     found = diagnose_run(columns, Machine())
-    assert terms_of(found) == [("shaft_percent", "slope", ["roll_deg"])]
+    assert forms(found) == [("shaft_percent", "slope", ["roll_deg"])]
     assert found.terms[0].term["coefficients"]["level"] == 0.0
 
 
@@ -227,7 +215,7 @@ def wheel_log(term: Any, seed: int = 1) -> dict[str, Any]:
 
 def test_the_wheel_may_depend_on_a_product_with_the_speed() -> None:
     found = diagnose_run(wheel_log(lambda roll, speed: 0.05 * roll / 2.0 * (speed - 1.4) / 0.2), NOMINAL)
-    assert terms_of(found) == [("wheel_percent", "product", ["roll_deg", "speed_mps"])]
+    assert forms(found) == [("wheel_percent", "product", ["roll_deg", "speed_mps"])]
 
 
 @pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.exam) for seed in (2, 3))])

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -9,23 +10,46 @@ import pytest
 from typer.testing import CliRunner
 
 from console.cli import app
-from control.diagnosis.runs.several import diagnose_runs, joined
+from control.diagnosis.runs.several import Several, diagnose_runs, joined
 from control.log_row import COMMANDS_HELD
 from control.machine.machine import Machine
 from drivers.files.config import load
 from drivers.files.kinds import MACHINE
+from tests.diagnosis.logs import Columns, drive, followed, planted_in, speeds, taken
 
-Log = dict[str, np.ndarray]
+WHEEL = drive(1500.0, 4.0, dead_time_s=0.0, time_constant_s=0.25)
 
 
-def wheel_log(seed: int, wheel: float, gnss_late_s: float = 0.0, seconds: float = 240.0) -> Log:
+def wheel_log(seed: int, wheel: float, gnss_late_s: float = 0.0, seconds: float = 240.0) -> Columns:
     """Wheel against GNSS speed, ten rows a second; the wheel reads `wheel` times the ground's speed."""
-    rng, time_s = np.random.default_rng(seed), np.arange(0.0, seconds, 0.1)
+    time_s, period_s = np.arange(0.0, seconds, 0.1), 4.0 + 0.3 * seed
+    true, late = (1.3 + 0.4 * np.sin(at / period_s) for at in (time_s, time_s - gnss_late_s))
+    return speeds(seed, time_s, true, wheel, late)
 
-    def speed(at: np.ndarray) -> np.ndarray:
-        return 1.3 + 0.4 * np.sin(at / (4.0 + 0.3 * seed))
-    return {"time_s": time_s, "speed_mps": speed(time_s - gnss_late_s) + 0.03 * rng.standard_normal(len(time_s)),
-            "wheel_speed_mps": wheel * speed(time_s) + 0.02 * rng.standard_normal(len(time_s))}
+
+@cache
+def pair(*wheels: float) -> Several:
+    """Two logs, each with its own share that the wheel reads more."""
+    return diagnose_runs([wheel_log(k + 1, wheel) for k, wheel in enumerate(wheels)], Machine(), paths=("a", "b"))
+
+
+def written(folder: Path, *logs: Columns) -> list[str]:
+    """Paths of the logs as files."""
+    paths = [folder / f"log{k + 1}.csv" for k in range(len(logs))]
+    for path, log in zip(paths, logs, strict=True):
+        rows = zip(*log.values(), strict=True)
+        path.write_text("\n".join((",".join(log), *(",".join(f"{value:.4f}" for value in row) for row in rows))) + "\n")
+    return [str(path) for path in paths]
+
+
+def drive_log(seed: int, top_rpm: float, comes_from_rpm: float | None) -> Columns:
+    """A wheel 10 % slow in rows of 20 ms, at another speed every three seconds."""
+    rng, time_s = np.random.default_rng(seed), np.arange(0.0, 60.0, 0.02)
+    command = np.repeat(rng.choice([200.0, 400.0, 600.0, 900.0, 1200.0, top_rpm], 20), 150)
+    if comes_from_rpm is not None:
+        command[:150] = top_rpm
+    speed_rpm = followed(0.9 * command, -float(np.expm1(-0.02 / 0.25)), start=comes_from_rpm)
+    return {"time_s": time_s, "shaft_rpm_cmd": command, "shaft_rpm": speed_rpm + rng.normal(0.0, 4.0, len(time_s))}
 
 
 def test_what_they_share_is_named_once_and_what_differs_by_log() -> None:
@@ -41,21 +65,15 @@ def test_what_they_share_is_named_once_and_what_differs_by_log() -> None:
 
 
 def test_on_the_command_line(tmp_path: Path) -> None:
-    paths = []
-    for seed in (1, 2):
-        log, path = wheel_log(seed, 1.03, seconds=180.0), tmp_path / f"log{seed}.csv"
-        path.write_text(",".join(log) + "\n" + "".join(
-            ",".join(f"{value:.4f}" for value in row) + "\n" for row in zip(*log.values(), strict=True)))
-        paths.append(str(path))
-    new = tmp_path / "new.yaml"
-    done = CliRunner().invoke(app, ["diagnose", *paths, "--adopt", str(new)])
+    paths = written(tmp_path, *(wheel_log(seed, 1.03, seconds=180.0) for seed in (1, 2)))
+    new, found = tmp_path / "new.yaml", tmp_path / "found.json"
+    done = CliRunner().invoke(app, ["diagnose", *paths, "--adopt", str(new), "--json", str(found)])
     assert done.exit_code == 0, done.output
     assert done.stdout.count("speed.wheel_radius: ") == 1
     own = done.stdout[done.stdout.index("each log by itself, beyond what they share:"):]
     assert own.count("nothing beyond noise") == 2 and all(path in own for path in paths)
     assert load(str(new), MACHINE).model.speed.radius_percent == pytest.approx(3.0, abs=0.5)
-    told = json.loads(CliRunner().invoke(app, ["diagnose", *paths, "--json", "-"]).stdout)
-    assert [one["verdict"] for one in told["logs"]] == ["none", "none"]
+    assert [one["verdict"] for one in json.loads(found.read_text())["logs"]] == ["none", "none"]
     twice = CliRunner().invoke(app, ["diagnose", paths[0], paths[0]])
     assert twice.exit_code == 2 and "named twice" in twice.output
 
@@ -75,19 +93,14 @@ def test_logs_are_put_one_after_the_other_with_what_they_lack_empty() -> None:
 
 
 def test_two_machines_of_a_kind_have_the_same_by_sizes_of_their_own(tmp_path: Path) -> None:
-    found = diagnose_runs([wheel_log(1, 1.03), wheel_log(2, 1.08)], Machine(), paths=("a", "b"))
+    found = pair(1.03, 1.08)
     (one,) = found.of_a_kind
     assert one.id == "speed.wheel_radius" and one.p < 1e-6 and found.machine == Machine()
     assert [size.value for size in one.sizes] == pytest.approx([3.0, 8.0], abs=0.5)
     assert [[cause.id for cause in each.causes] for each in found.each] == [["speed.wheel_radius"]] * 2
     assert found.to_json()["of_a_kind"][0]["sizes"][1]["unit"] == "%"
-    assert diagnose_runs([wheel_log(1, 1.03), wheel_log(2, 1.03)], Machine()).of_a_kind == ()
-    paths = []
-    for seed, wheel in ((1, 1.03), (2, 1.08)):
-        log, path = wheel_log(seed, wheel), tmp_path / f"log{seed}.csv"
-        path.write_text(",".join(log) + "\n" + "".join(
-            ",".join(f"{value:.4f}" for value in row) + "\n" for row in zip(*log.values(), strict=True)))
-        paths.append(str(path))
+    assert pair(1.03, 1.03).of_a_kind == ()
+    paths = written(tmp_path, wheel_log(1, 1.03), wheel_log(2, 1.08))
     done = CliRunner().invoke(app, ["diagnose", *paths, "--adopt", str(tmp_path / "new.yaml")])
     assert done.exit_code == 2 and "machines of a kind" in done.stdout and not (tmp_path / "new.yaml").exists()
     assert "allowed is one log, or logs of one machine" in done.output
@@ -95,41 +108,20 @@ def test_two_machines_of_a_kind_have_the_same_by_sizes_of_their_own(tmp_path: Pa
 
 def test_logs_whose_rows_hold_the_beginning_of_an_answer_are_joined_with_time_to_settle() -> None:
     """The second log begins at a speed that its first command did not make: that is no change of the machine."""
-    def drive_log(seed: int) -> Log:
-        rng, time_s = np.random.default_rng(seed), np.arange(0.0, 60.0, 0.02)
-        command = np.repeat(rng.choice([200.0, 400.0, 600.0, 900.0, 1200.0, 1500.0], 20), 150)
-        command[:150] = 1500.0
-        speed_rpm = np.zeros(len(command))
-        for k in range(1, len(command)):
-            speed_rpm[k] = speed_rpm[k - 1] + (0.9 * command[k - 1] - speed_rpm[k - 1]) * -np.expm1(-0.02 / 0.25)
-        events = np.full(len(time_s), "", object)
-        events[0] = COMMANDS_HELD
-        return {"time_s": time_s, "shaft_rpm_cmd": command, "events": events,
-                "shaft_rpm": speed_rpm + rng.normal(0.0, 4.0, len(time_s))}
-    machine = Machine.model_validate({"id": "wheel", "stages": ["shaft"], "noise": {"shaft_rpm": 4.0},
-                                      "shaft": {"full_rpm": 1500, "acceleration_rpm_s": 1e6, "dead_time_s": 0.0,
-                                                "time_constant_s": 0.25},
-                                      "limits": {"shaft_low_rpm": 0, "shaft_high_rpm": 1500}})
-    found = diagnose_runs([drive_log(1), drive_log(2)], machine)
+    logs = [drive_log(seed, 1500.0, 0.0) for seed in (1, 2)]
+    for log in logs:
+        log["events"] = np.array([COMMANDS_HELD] + [""] * (len(log["time_s"]) - 1), object)
+    found = diagnose_runs(logs, WHEEL)
     assert [cause.id for cause in found.together.causes] == ["shaft.gain"] and not found.together.unexplained
     assert [one.verdict for one in found.each] == ["none", "none"]
 
 
 def test_the_machine_that_logs_are_held_against_takes_up_only_what_predicts_them_better() -> None:
     """A file adopts so from one log. Steps of an encoder, in a prediction, add their rounding where speeds are off."""
-    def drive_log(seed: int) -> Log:
-        rng, time_s = np.random.default_rng(seed), np.arange(0.0, 60.0, 0.02)
-        command = np.repeat(rng.choice([200.0, 400.0, 600.0, 900.0, 1200.0, 1400.0], 20), 150)
-        speed_rpm = np.full(len(command), 0.9 * command[0])
-        for k in range(1, len(command)):
-            speed_rpm[k] = speed_rpm[k - 1] + (0.9 * command[k - 1] - speed_rpm[k - 1]) * -np.expm1(-0.02 / 0.25)
-        return {"time_s": time_s, "shaft_rpm_cmd": command,
-                "shaft_rpm": 20.0 * np.round((speed_rpm + rng.normal(0.0, 4.0, len(time_s))) / 20.0)}
-    machine = Machine.model_validate({"id": "wheel", "stages": ["shaft"], "noise": {"shaft_rpm": 4.0},
-                                      "shaft": {"full_rpm": 1500, "acceleration_rpm_s": 1e6, "dead_time_s": 0.02,
-                                                "time_constant_s": 0.25},
-                                      "limits": {"shaft_low_rpm": 0, "shaft_high_rpm": 1500}})
-    found = diagnose_runs([drive_log(1), drive_log(2)], machine)
+    logs = [planted_in(drive_log(seed, 1400.0, None), shaft_rpm=lambda c: 20.0 * np.round(c.shaft_rpm / 20.0))
+            for seed in (1, 2)]
+    late = WHEEL.model_copy(update={"shaft": WHEEL.shaft._replace(dead_time_s=0.02)})
+    found = diagnose_runs(logs, late)
     assert [cause.id for cause in found.together.causes] == ["shaft.gain", "shaft.coarse_encoder"]
     assert found.machine.shaft.gain_percent == pytest.approx(-10.0, abs=0.2)
     assert found.machine.shaft.encoder_step_rpm == 0.0
@@ -139,9 +131,8 @@ def test_the_machine_that_logs_are_held_against_takes_up_only_what_predicts_them
 
 
 def test_no_rows_are_missing_between_logs() -> None:
-    first, second = wheel_log(1, 1.03), wheel_log(2, 1.03)
-    lost = {name: np.delete(values, slice(500, 520)) for name, values in second.items()}
-    findings = diagnose_runs([first, second], Machine()).together.findings
+    first, lost = wheel_log(1, 1.03), taken(wheel_log(2, 1.03), np.r_[0:500, 520:2400])
+    findings = pair(1.03, 1.03).together.findings
     assert findings[0] == "2 files in one log, 60 s from one to the next: no rows are missing there"
     assert not [one for one in findings if "gap" in one]
     assert any(one.startswith("1 gap in the times, the longest 2.1 s") and "about 20 rows missing" in one

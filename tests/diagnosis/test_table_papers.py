@@ -1,23 +1,23 @@
 """The papers' own tables: found by computation; the figures are written up in docs/papers-diagnosed.md."""
 from __future__ import annotations
 
-from pathlib import Path
+from functools import cache
 
 import numpy as np
 import pytest
 
 from control.calibration import fit_lag
 from control.diagnosis.result import Cause, Diagnosis
-from control.diagnosis.tables import diagnose_tables
 from control.machine.machine import Machine
-from drivers.files.bench_table import read_bench_table
+from tests.diagnosis import tables
+from tests.diagnosis.tables import of_the_papers, paper
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
-pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the papers' tables are not in ../shared/data")
+pytestmark = of_the_papers
 
 
+@cache
 def diagnosed(*names: str) -> Diagnosis:
-    return diagnose_tables([read_bench_table(DATA / f"{name}.csv") for name in names], Machine())
+    return tables.diagnosed(*map(paper, names))
 
 
 def cause(found: Diagnosis, effect_id: str) -> Cause:
@@ -25,7 +25,7 @@ def cause(found: Diagnosis, effect_id: str) -> Cause:
 
 
 def test_the_lag_line_of_equation_6_comes_back() -> None:
-    machine, line = fit_lag(read_bench_table(DATA / "lag_table4_total.csv"), Machine(), label="detected")
+    machine, line = fit_lag(paper("lag_table4_total"), Machine(), label="detected")
     assert round(line.slope_s_per_rpm.value, 4) == -8.3e-3
     assert line.intercept_s.value == pytest.approx(2.2118, abs=3e-4)
     assert (line.from_rpm, line.to_rpm) == (10.0, 70.0)
@@ -38,7 +38,7 @@ def test_drop_times_rise_again_and_come_in_steps() -> None:
     clock = cause(found, "lag.coarse_clock").size
     assert clock.low is not None and clock.high is not None and clock.value is not None
     assert 0.108 < clock.low <= clock.value <= clock.high < 0.111
-    drops = read_bench_table(DATA / "lag_table3_drop_time.csv").columns["drop_s"]
+    drops = paper("lag_table3_drop_time").columns["drop_s"]
     near = np.abs(drops / clock.value - np.round(drops / clock.value)) < 0.15
     assert near.mean() > 0.8                             # seen in the values themselves, by other means
     assert any("scatter is not the same" in text and "shaft_rpm 70" in text for text in found.findings)

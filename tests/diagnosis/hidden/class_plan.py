@@ -7,12 +7,10 @@ from __future__ import annotations
 
 from functools import cache
 
-import numpy as np
-
 from .cases import TABLE_KINDS
 from .classes import CLASSES
 from .nominal import IDS, OUTSIDE
-from .plan import Wanted
+from .plan import Wanted, dealt, in_turn
 from .terms import CLASSES as TERMS
 
 PACK_OF = {"none": 9, "healthy_fast": 1, "healthy_coarse": 4, "healthy_sparse": 2, "healthy_loud": 3,
@@ -25,20 +23,13 @@ PACK = tuple(c for c, n in PACK_OF.items() for _ in range(n))
 
 def wanted(number: int, seed: int) -> Wanted:
     """What case `number` of the examination `seed` is to hide, and in what log."""
-    pack, place = divmod(number, 2 * len(PACK))
-    half, place = place % 2, place // 2
-    order = np.random.default_rng([seed, pack, half, 17]).permutation(len(PACK))
-    category = PACK[order[place]]
+    category, half, turn = dealt(PACK, number, seed, 17)
     if category == "table":
         return Wanted("single", TABLE_KINDS, ())
     ids = _ids(category)
     if not ids:
         return Wanted(category, ("run",), ())
-    turn = pack * PACK_OF[category] + sum(PACK[k] == category for k in order[:place])
-    lap, at = divmod(turn, len(ids))
-    salt = sorted(PACK_OF).index(category)
-    shuffled = np.random.default_rng([seed, lap, half, salt, 18]).permutation(len(ids))
-    return Wanted(category, ("run",), (ids[shuffled[at]],))
+    return Wanted(category, ("run",), (in_turn(ids, turn, seed, half, (sorted(PACK_OF).index(category), 18)),))
 
 
 @cache

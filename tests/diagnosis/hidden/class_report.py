@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Callable
 from itertools import pairwise
 
-from .report import Figure, Marks, asked, grouped, percent, table
+from .report import Figure, Marks, asked, grouped, percent, share, table
 from .score import SURE, Mark
 
 STRONG_Z = 12.0
@@ -111,13 +111,13 @@ def sections(marks: Marks) -> list[str]:
     slow = [m for m in marks if "hz" in m.truth.get("log", {})]
     out += ["", "## Classes: by rate of the log", "",
             *table(["class, rows a second", "false alarms", "name right, z >= 12", "verdicts"],
-                   [[key, _percent(g, lambda m: m.false_alarm), _percent([m for m in g if m.z >= STRONG_Z],
+                   [[key, share(g, lambda m: m.false_alarm), share([m for m in g if m.z >= STRONG_Z],
                                                                          lambda m: m.exact), _verdicts(g)]
                     for key, g in grouped(slow, lambda m: f"{m.truth['category']}, {m.truth['log']['hz']:g}").items()])]
     odd = [m for m in marks if m.truth["category"] in ("foreign", "healthy_foreign")]
     out += ["", "## Classes: foreign logs", "",
             *table(["log", "false alarms", "name right, z >= 12", "verdicts"],
-                   [[key, _percent(g, lambda m: m.false_alarm), _percent([m for m in g if m.z >= STRONG_Z],
+                   [[key, share(g, lambda m: m.false_alarm), share([m for m in g if m.z >= STRONG_Z],
                                                                          lambda m: m.exact), _verdicts(g)]
                     for key, g in grouped(odd, _oddity).items()])]
     return out
@@ -132,22 +132,17 @@ def _verdicts(marks: Marks) -> str:
     return ", ".join(f"{a} {n}" for a, n in Counter(m.verdict for m in marks).most_common(5))
 
 
-def _percent(marks: Marks, ask: Callable[[Mark], float | None]) -> str:
-    got = asked(marks, ask)
-    return percent(round(sum(got)), len(got))
-
-
 def _row(category: str, marks: Marks) -> list[str]:
     strong = [m for m in marks if m.strongest_z >= STRONG_Z]
-    return [category, str(len(marks)), _percent(marks, lambda m: m.false_alarm), _percent(strong, lambda m: m.exact),
-            _percent(strong, lambda m: m.said_truth), _percent(strong, lambda m: m.verdict == "none"),
-            _percent(marks, _sure_and_wrong), _percent(strong, _near)]
+    return [category, str(len(marks)), share(marks, lambda m: m.false_alarm), share(strong, lambda m: m.exact),
+            share(strong, lambda m: m.said_truth), share(strong, lambda m: m.verdict == "none"),
+            share(marks, _sure_and_wrong), share(strong, _near)]
 
 
 def _term_row(kind: str, marks: Marks) -> list[str]:
-    return [kind, str(len(marks)), _percent(marks, lambda m: m.right_stage),
-            _percent(marks, lambda m: m.right_variable), _percent(marks, lambda m: m.all_variables),
-            _percent(marks, _sure_and_wrong),
+    return [kind, str(len(marks)), share(marks, lambda m: m.right_stage),
+            share(marks, lambda m: m.right_variable), share(marks, lambda m: m.all_variables),
+            share(marks, _sure_and_wrong),
             ", ".join(f"{a} {n}" for a, n in Counter(m.answer for m in marks).most_common(3))]
 
 

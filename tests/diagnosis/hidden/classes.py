@@ -22,6 +22,7 @@ from .run_cases import (
     effect_of,
     fits,
     plain,
+    relation,
     rivals_of,
     sized,
     span_of,
@@ -29,7 +30,7 @@ from .run_cases import (
     traits_of,
     within_tolerance,
 )
-from .truth import Columns, Made, Redrive, Redriven, Relations, share_of, told
+from .truth import Columns, Made, Redrive, Redriven, share_of, told
 
 RUN_IDS = tuple(i for i, k in IDS.items() if "run" in k.seen)
 WITH_ONSET = tuple(i for i in RUN_IDS if i not in (
@@ -181,7 +182,7 @@ def _effects(category: str, eye: Eye, ids: Sequence[str], plant: Plant,
 
 
 def _told(eye: Eye, e: Effect, z: float, planted: tuple[Effect, ...], d: Drive) -> dict[str, Any]:
-    cause = told(e, z, _relation(eye, e, z, planted), span_of(d))
+    cause = told(e, z, relation(eye, e, z, planted, _rivals(e, eye.plant)), span_of(d))
     if e.course is None:
         return cause
     return {**cause, "onset_s": e.course.from_s, "onset_sd_s": round(onset_sd(eye, e), 2),
@@ -263,15 +264,6 @@ def _rivals(e: Effect, plant: Plant) -> Iterator[Effect]:
         if e.id in drifts and r.id in WITH_GROWTH:
             over_s = float(plant.drive.time_s[-1]) - e.course.from_s
             yield r._replace(course=Course(GROWTH, e.course.from_s, over_s), onset_s=None)
-
-
-def _relation(eye: Eye, e: Effect, z: float, planted: tuple[Effect, ...]) -> dict[str, Any]:
-    mine = eye.trace([e], [p for p in planted if p != e])
-    found = Relations(z)
-    for r in _rivals(e, eye.plant):
-        like = eye.likeness(mine, eye.trace([r]))
-        found.add(r.id, abs(like) if IDS[r.id].sign == 0 else like)
-    return found.told()
 
 
 def begun_at(e: Effect, from_s: float) -> Effect:

@@ -29,7 +29,7 @@ class Eye:
         self.around = around
         self.log = log or Logged()
         self.base = plant.run(around)
-        self._doubt = self.log.doubt(plant, around, self.base)
+        self.doubt = self.log.doubt(plant, around, self.base)
         self._told: list[tuple[Floats, Floats]] = []
         self._columns = self._nuisances()
         gram = self._columns @ self._columns.T + np.eye(len(self._columns))
@@ -43,13 +43,13 @@ class Eye:
                  for m in range(nom.HEADS)]
         refill = [p._replace(level_kg=(p.level_kg[0], p.level_kg[1] + nom.LEVEL_TOLERANCE_KG[1]))] \
             if self.plant.drive.refill_kg else []
-        rows = [self._whitened(self.plant.run(q)) for q in (*changed, *heads, *refill)]
+        rows = [self.whitened(self.plant.run(q)) for q in (*changed, *heads, *refill)]
         level = {k: np.zeros_like(v) for k, v in self.base.items()}
         level["scale"] = np.full_like(level["scale"], nom.LEVEL_TOLERANCE_KG[0])
-        rows.append(self._whitened(level, is_difference=True))
+        rows.append(self.whitened(level, is_difference=True))
         return np.array(rows)
 
-    def _whitened(self, readings: dict[str, Floats], is_difference: bool = False) -> Floats:
+    def whitened(self, readings: dict[str, Floats], is_difference: bool = False) -> Floats:
         """All channels of a difference to the base, whitened, one after another (samples of all channels,)."""
         d = readings if is_difference else {k: readings[k] - self.base[k] for k in READINGS}
         t = self.plant.drive.time_s
@@ -57,7 +57,7 @@ class Eye:
         for name in ("shaft", "gate", "scale"):
             n = self.noises[name]
             at = self.log.seen(fresh_samples(t.size, n), n.fresh_rows, name)
-            sure = 1.0 if name not in self._doubt else n.sd / np.hypot(n.sd, self._doubt[name][at])
+            sure = 1.0 if name not in self.doubt else n.sd / np.hypot(n.sd, self.doubt[name][at])
             parts.append(self._white(d[name][None, at] * sure, t[at], n))
         gnss, wheel = self.noises["gnss"], self.noises["wheel"]
         at = self.log.seen(fresh_samples(t.size, gnss), gnss.fresh_rows, "speed")
@@ -80,11 +80,11 @@ class Eye:
         """Whitened difference that `effects` make (in a machine that has `beside` already), before projection."""
         beside = tuple(beside)
         if not beside:
-            return self._whitened(self.plant.run(self.around, effects))
+            return self.whitened(self.plant.run(self.around, effects))
         with_both = self.plant.run(self.around, (*beside, *effects))
         without = self.plant.run(self.around, beside)
         d = {k: with_both[k] - without[k] for k in READINGS}
-        return self._whitened(d, is_difference=True)
+        return self.whitened(d, is_difference=True)
 
     def inner(self, a: Floats, b: Floats) -> float:
         """Inner product of two traces after the nuisances took their part under their priors."""
@@ -121,7 +121,7 @@ class Eye:
             moved = share * per_size * e.size
             other = self.around._replace(**{name: getattr(self.around, name) + moved})
             with_it, without = self.plant.run(other, beside), self.plant.run(self.around, beside)
-            rest = d - self._whitened({k: with_it[k] - without[k] for k in READINGS}, is_difference=True)
+            rest = d - self.whitened({k: with_it[k] - without[k] for k in READINGS}, is_difference=True)
             found = min(found, self.inner(rest, rest) + (moved / nom.TOLERANCE[name]) ** 2)
         return found
 

@@ -22,31 +22,8 @@ def chase(wanted: Floats, tau_s: Floats, most_per_s: float, dt_s: float, start: 
 
 
 @numba.njit(cache=True)
-def drag(leader: Floats, half_play: float, start: float) -> Floats:
-    """What a leader (steps,) drags along through a play of twice `half_play`, in the leader's unit."""
-    out = np.empty_like(leader)
-    x = start
-    for k in range(leader.size):
-        x = min(max(x, leader[k] - half_play), leader[k] + half_play)
-        out[k] = x
-    return out
-
-
-@numba.njit(cache=True)
-def slew(wanted: Floats, most_per_s: float, dt_s: float, start: float) -> Floats:
-    """Constant-speed approach to `wanted` (steps,)."""
-    out = np.empty_like(wanted)
-    x = start
-    most = most_per_s * dt_s
-    for k in range(wanted.size):
-        x += min(max(wanted[k] - x, -most), most)
-        out[k] = x
-    return out
-
-
-@numba.njit(cache=True)
-def drag_by(leader: Floats, half_play: Floats, start: float) -> Floats:
-    """`drag` with a play (steps,) that changes."""
+def drag(leader: Floats, half_play: Floats, start: float) -> Floats:
+    """What a leader (steps,) drags along through a play of twice `half_play` (steps,), in the leader's unit."""
     out = np.empty_like(leader)
     x = start
     for k in range(leader.size):
@@ -56,8 +33,8 @@ def drag_by(leader: Floats, half_play: Floats, start: float) -> Floats:
 
 
 @numba.njit(cache=True)
-def slew_by(wanted: Floats, most_per_s: Floats, dt_s: float, start: float) -> Floats:
-    """`slew` with a speed (steps,) that changes."""
+def slew(wanted: Floats, most_per_s: Floats, dt_s: float, start: float) -> Floats:
+    """Approach to `wanted` (steps,) at a speed (steps,)."""
     out = np.empty_like(wanted)
     x = start
     for k in range(wanted.size):

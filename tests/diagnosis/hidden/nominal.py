@@ -22,8 +22,6 @@ FLUTES = 6
 DROP_INTERCEPT_S = 1.8288
 DROP_SLOPE_S_PER_RPM = -0.0083
 RESPONSE_S = 0.383
-ANTENNA_M = 2.0
-RUN_CHANNELS = ("shaft", "gate", "scale", "speed", "heads")
 
 
 class Physics(NamedTuple):

@@ -5,7 +5,8 @@ round in shuffled order, so that each is asked as often as the others.
 """
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -16,6 +17,7 @@ RUN_PACK = {"none": 11, "single": 12, "pair": 3, "lookalike": 3, "outside": 3}
 TABLE_PACK = {"none": 9, "single": 11, "pair": 3, "lookalike": 3, "outside": 2}
 PACK = tuple(("run", c) for c, n in RUN_PACK.items() for _ in range(n)) + \
     tuple(("table", c) for c, n in TABLE_PACK.items() for _ in range(n))
+T = TypeVar("T")
 
 
 class Wanted(NamedTuple):
@@ -28,20 +30,27 @@ class Wanted(NamedTuple):
 
 def wanted(number: int, seed: int) -> Wanted:
     """What case `number` of the examination `seed` is to hide."""
-    pack, place = divmod(number, 2 * len(PACK))
-    half, place = place % 2, place // 2
-    order = np.random.default_rng([seed, pack, half, 7]).permutation(len(PACK))
-    data, category = PACK[order[place]]
-    per_pack = (RUN_PACK if data == "run" else TABLE_PACK)[category]
-    before = sum(PACK[k] == (data, category) for k in order[:place])
-    turn = pack * per_pack + before
+    (data, category), half, turn = dealt(PACK, number, seed, 7)
     if category in ("none", "pair"):
         return Wanted(category, ("run",) if data == "run" else TABLE_KINDS, ())
     lists = {"single": _singles, "lookalike": _lookalikes, "outside": _outside}[category](data)
-    lap, at = divmod(turn, len(lists))
-    shuffled = np.random.default_rng([seed, lap, half, len(lists), 8]).permutation(len(lists))
-    kinds, ids = lists[shuffled[at]]
+    kinds, ids = in_turn(lists, turn, seed, half, (len(lists), 8))
     return Wanted(category, kinds, ids)
+
+
+def dealt(pack: Sequence[T], number: int, seed: int, salt: int) -> tuple[T, int, int]:
+    """Entry `number` of packs that are shuffled for each half, which half, and how many like it were dealt to that."""
+    nth, place = divmod(number, 2 * len(pack))
+    half, place = place % 2, place // 2
+    order = np.random.default_rng([seed, nth, half, salt]).permutation(len(pack))
+    entry = pack[order[place]]
+    return entry, half, nth * pack.count(entry) + sum(pack[k] == entry for k in order[:place])
+
+
+def in_turn(some: Sequence[T], turn: int, seed: int, half: int, salts: tuple[int, int]) -> T:
+    """Round and round, in another order each time."""
+    lap, at = divmod(turn, len(some))
+    return some[np.random.default_rng([seed, lap, half, *salts]).permutation(len(some))[at]]
 
 
 Kinds = tuple[tuple[str, ...], tuple[str, ...]]

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from . import nominal as nom
 from . import shapes
-from .kernels import chase, drag, drag_by, slew, slew_by
+from .kernels import chase, drag, slew
 from .nominal import Effect, Physics
 from .programmes import Drive
 from .terms import ANGLE
@@ -105,15 +105,13 @@ class Plant:
         for e in mine:
             if e.id == "gate.slow":
                 speed = speed - self._size(e)
-        motor = slew_by(wanted, speed, self.dt_s, float(rows[0])) if np.ndim(speed) else \
-            slew(wanted, speed, self.dt_s, float(rows[0]))
+        motor = slew(wanted, speed + np.zeros(wanted.size), self.dt_s, float(rows[0]))
         x = motor + p.opening_off_mm
         for e in mine:
             if e.id == "gate.home_error":
                 x = x + self._size(e)
             elif e.id == "gate.backlash":
-                play = self._size(e) / 2.0
-                x = drag_by(x, play, float(x[0])) if np.ndim(play) else drag(x, play, float(x[0]))
+                x = drag(x, self._size(e) / 2.0 + np.zeros(x.size), float(x[0]))
             elif e.id == "gate.lost_steps":
                 moved = np.abs(np.diff(motor, prepend=motor[0]))
                 if e.course is not None:

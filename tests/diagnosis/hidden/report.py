@@ -154,13 +154,13 @@ def grouped(marks: Marks, key: Callable[[Mark], str]) -> dict[str, list[Mark]]:
     return dict(sorted(groups.items()))
 
 
-def _share(marks: Marks, ask: Callable[[Mark], bool | None]) -> str:
+def share(marks: Marks, ask: Callable[[Mark], bool | None]) -> str:
     got = asked(marks, ask)
     return percent(round(sum(got)), len(got))
 
 
 def _shares(marks: Marks, key: Callable[[Mark], str], ask: Callable[[Mark], bool | None]) -> list[list[str]]:
-    return [[k, _share(g, ask)] for k, g in grouped(marks, key).items()]
+    return [[k, share(g, ask)] for k, g in grouped(marks, key).items()]
 
 
 def _banded(marks: Marks) -> list[list[Mark]]:
@@ -168,8 +168,8 @@ def _banded(marks: Marks) -> list[list[Mark]]:
 
 
 def _by_band(marks: Marks) -> list[list[str]]:
-    return [[word, _share(g, lambda m: m.exact), _share(g, lambda m: m.honest),
-             _share(g, lambda m: m.answer == "none"), percent(*_covered(g))]
+    return [[word, share(g, lambda m: m.exact), share(g, lambda m: m.honest),
+             share(g, lambda m: m.answer == "none"), percent(*_covered(g))]
             for word, g in zip(BAND_WORDS, _banded(marks), strict=True)]
 
 
@@ -196,7 +196,7 @@ def _pairs(marks: Marks) -> list[list[str]]:
 
 
 def _outsiders(marks: Marks) -> list[list[str]]:
-    return [[name, _share(g, lambda m: m.right_variable), _share(g, lambda m: m.falsely_named),
+    return [[name, share(g, lambda m: m.right_variable), share(g, lambda m: m.falsely_named),
              ", ".join(f"{a} {n}" for a, n in Counter(m.answer for m in g).most_common(4))]
             for name, g in grouped(marks, lambda m: m.truth["outside"]["name"]).items()]
 

@@ -1,7 +1,7 @@
 """Run logs with something hidden in them."""
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -198,11 +198,12 @@ def rivals_of(e: Effect, plant: Plant) -> Iterator[Effect]:
                 yield Effect(name, kind.guess, form, 0.5, onset, 1, 1)
 
 
-def relation(eye: Eye, e: Effect, z: float, planted: tuple[Effect, ...]) -> dict[str, Any]:
+def relation(eye: Eye, e: Effect, z: float, planted: tuple[Effect, ...],
+             rivals: Iterable[Effect] | None = None) -> dict[str, Any]:
     """Which other ids leave the same trace on this data (`equal`), which are too alike to be told apart (`near`)."""
     mine = eye.trace([e], [p for p in planted if p != e])
     found = Relations(z)
-    for r in rivals_of(e, eye.plant):
+    for r in rivals_of(e, eye.plant) if rivals is None else rivals:
         like = eye.likeness(mine, eye.trace([r]))
         found.add(r.id, abs(like) if IDS[r.id].sign == 0 else like)
     return found.told()

@@ -13,7 +13,6 @@ from .nominal import Effect, Physics
 from .plant import Plant
 
 Floats = npt.NDArray[np.float64]
-TEXTS = ("utc", "state", "strategy", "target_source", "alarms", "events")
 _PULSE_M = 2.5 / 16.0
 
 

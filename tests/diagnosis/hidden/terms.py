@@ -24,7 +24,6 @@ STAGES: dict[str, tuple[str, bool, float, str]] = {
     "y.wheel": ("speed", True, 0.5, "%"),
 }
 ANGLE = "shaft_angle"
-_OUTER = ("roll_deg", "pitch_deg", "supply_v", "speed_mps")
 
 
 class Term(NamedTuple):
@@ -80,7 +79,7 @@ class Term(NamedTuple):
 
 def dealt(kind: str, values: Mapping[str, Floats], rng: np.random.Generator) -> tuple[str, Term]:
     """A stage and a term of one class. `values`: variables of the drive (rows,), from the first to the last row."""
-    stages, wanted = _choices(kind)[int(rng.integers(len(_choices(kind))))]
+    stages, wanted = choices(kind)[int(rng.integers(len(choices(kind))))]
     stage = str(rng.choice(stages))
     variables = tuple(str(v) for v in rng.permutation(wanted)) if kind == "product" else (str(rng.choice(wanted)),)
     form, knob = int(rng.integers(12)), float(rng.random())
@@ -100,7 +99,7 @@ def term_over(kind: str, variables: tuple[str, ...], values: Mapping[str, Floats
                 tuple(max(float(np.std(v)), 1e-6) for v in known), form, knob, tau_s, from_s, to_s)
 
 
-def _choices(kind: str) -> list[tuple[tuple[str, ...], tuple[str, ...]]]:
+def choices(kind: str) -> list[tuple[tuple[str, ...], tuple[str, ...]]]:
     """Stages and variables that go together, so that no catalogued effect is meant."""
     return {
         "variable": [(("y.flow", "y.wheel"), ("roll_deg", "supply_v")), (("y.flow",), ("speed_mps",)),

@@ -1,7 +1,6 @@
 """Hostile logs by number and seed: a plain machine, and one to three things that went wrong with its recording."""
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -18,13 +17,8 @@ class Hostile(NamedTuple):
     refusable: bool             # a program may refuse it in one line
 
 
-def hostile_logs(count: int = 60, seed: int = 1) -> Iterator[Hostile]:
-    """The first `count` of a series without end: every spoiler and every machine in turn, further spoilers drawn."""
-    for number in range(count):
-        yield hostile_log(number, seed)
-
-
 def hostile_log(number: int, seed: int = 1) -> Hostile:
+    """One of a series without end: every spoiler and every machine in turn, further spoilers drawn."""
     rng = np.random.default_rng((seed, number))
     machine = MACHINES[(number + number // len(MACHINES)) % len(MACHINES)]
     spoilers = [SPOILERS[number % len(SPOILERS)]]
