@@ -21,6 +21,7 @@ from console.app.app import TopdressApp  # noqa: E402
 from console.app.pages.replay.service import ReplayJob  # noqa: E402
 from console.app.replay_source import ReplaySource  # noqa: E402
 from console.locale import ENGLISH, use  # noqa: E402
+from tests.app import harness  # noqa: E402
 from tests.app.gallery import Picture, StillClock, StillSource, still_app  # noqa: E402
 from tests.app.made_up import run as sample  # noqa: E402
 
@@ -140,13 +141,7 @@ def full(source, clock):
 
 @pytest.fixture
 def turned():
-    """Turns to a page, and waits until it is drawn."""
-    async def turn(app, pilot, where):
-        app.turn_to(where)
-        for _ in range(3):
-            await pilot.pause()
-
-    return turn
+    return harness.turned
 
 
 @pytest.fixture
@@ -164,14 +159,7 @@ def replay_app(replay_source, clock):
 def shown():
     """All text on the screen, row by row."""
 
-    def read(app: TopdressApp) -> list[str]:
-        from textual.geometry import Region
-        width, height = app.size
-        lines = app.screen._compositor.render_strips()
-        assert Region(0, 0, width, height).area
-        return [strip.text for strip in lines]
-
-    return read
+    return harness.rows_of
 
 
 @pytest.fixture

@@ -19,7 +19,8 @@ from console.app.widgets.key_bar import KeyBar, laid_out
 from console.app.widgets.status_line import StatusLine
 from control.orders import Do
 from tests.app.gallery import StillSource
-from tests.app.made_up.run import sample_services
+from tests.app.harness import lab, linear, tell
+from tests.app.made_up.run import sample_alarms, sample_services
 
 THEMES = pytest.mark.parametrize("theme", themes.THEMES, ids=lambda theme: theme.name)
 XTERM = ("#000000", "#cd0000", "#00cd00", "#cdcd00", "#0000ee", "#cd00cd", "#00cdcd", "#e5e5e5", "#7f7f7f", "#ff0000",
@@ -36,11 +37,6 @@ OFF = (("stale", "keybar"),)           # what cannot be done now: also told by b
 def colours(theme):
     plain = {name: getattr(theme, name) for name in ("background", "foreground", "primary", "surface", "panel")}
     return theme.variables | plain
-
-
-def linear(text):
-    channels = [int(text[i:i + 2], 16) / 255 for i in (1, 3, 5)]
-    return [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
 
 
 def luminance(text):
@@ -87,15 +83,6 @@ BLIND = {
 }
 
 
-def lab(rgb):
-    """CIE L*a*b* of linear RGB, D65."""
-    matrix = ((0.4124, 0.3576, 0.1805), (0.2126, 0.7152, 0.0722), (0.0193, 0.1192, 0.9505))
-    xyz = [sum(w * c for w, c in zip(row, rgb, strict=True)) / white
-           for row, white in zip(matrix, (0.9505, 1.0, 1.089), strict=True)]
-    f = [x ** (1 / 3) if x > 0.008856 else 7.787 * x + 16 / 116 for x in xyz]
-    return 116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])
-
-
 @THEMES
 @pytest.mark.parametrize("eye", list(BLIND))
 def test_colour_blind_eyes_keep_what_matters_apart(theme, eye):
@@ -112,12 +99,6 @@ def test_colour_blind_eyes_keep_what_matters_apart(theme, eye):
             if dist(seen(v[a]), seen(v[b])) < least} == {}
 
 
-def test_every_action_has_a_page_where_it_is_or_is_everywhere(full):
-    assert {action.where for action in actions.ACTIONS} <= {"anywhere", *full.pages}
-    assert {f"{where}_screen" for where in full.pages} <= set(actions.BY_ID)
-
-
-@pytest.mark.exam
 async def test_every_action_is_in_the_palette_of_its_page(full, turned):
     async with full.run_test(size=(120, 40)) as pilot:
         found = {"palette"}
@@ -166,11 +147,9 @@ async def test_an_action_is_run_by_two_clicks(full, source):
 @pytest.mark.exam
 async def test_no_colour_tells_states_and_alarms_in_symbol_and_word_on_every_page(monkeypatch, frames, clock, shown,
                                                                                   turned):
-    from dataclasses import replace
-
-    from tests.app.made_up.run import sample_alarms
     monkeypatch.setenv("NO_COLOR", "1")
-    source = StillSource(replace(frames[-1], alarms=sample_alarms(frames[-1].at_s)))
+    source = StillSource(frames[-1])
+    tell(source, alarms=sample_alarms(frames[-1].at_s))
     app = TopdressApp(source, clock, live=False, services=sample_services())
     assert app.no_color
     async with app.run_test(size=(80, 24)) as pilot:
@@ -236,8 +215,6 @@ async def test_locked_no_click_on_any_page_orders_or_asks(full, source, turned):
         full.locked = True
         for where in full.pages:
             await turned(full, pilot, where)
-            full.tick()
-            await pilot.pause()
             for widget in clickable(full.page):
                 if widget.id in ("keys", "pages"):          # actions by their ids: held by the tests above
                     continue

@@ -6,12 +6,15 @@ import threading
 import time
 from dataclasses import replace
 
+import pytest
+
 from console.app.alarms import AGAIN_S, LEAST_APART_S, Bell, entries
 from console.app.screens.alarm_list import AlarmList
 from console.app.units import METRIC
 from console.services.sound import Player
 from console.worker.resume_alarms import AlarmBook
 from control.orders import Alarm, Do, Severity
+from tests.app.harness import feed
 
 RED = Alarm("shaft_silent", Severity.RED, 0.0)
 OTHER = Alarm("speed_silent", Severity.RED, 0.0)
@@ -19,31 +22,23 @@ AMBER = Alarm("heads_few", Severity.AMBER, 0.0)
 SIZE = (120, 40)
 
 
-def rings(bell: Bell, until_s: float, alarms, from_s: float = 0.0) -> list[float]:
-    return [k / 5 for k in range(round(from_s * 5), round(until_s * 5)) if bell.due(k / 5, alarms(k / 5))]
+RINGS = {
+    "red at once and again until it is acknowledged": (
+        100.0, lambda t: (RED._replace(acknowledged=t >= 70.0),), [0.0, AGAIN_S, 2 * AGAIN_S]),
+    "amber once": (200.0, lambda t: (AMBER,), [0.0]),
+    "one ring for what comes within five seconds": (
+        20.0, lambda t: (AMBER,) if t < 1.0 else (AMBER, RED) if t < 2.0 else (AMBER, RED, OTHER),
+        [0.0, LEAST_APART_S]),
+    "one that flutters is not heard each time": (30.0, lambda t: (AMBER,) if int(t) % 2 == 0 else (), [0.0]),
+    "one that was away for long is": (30.0, lambda t: (AMBER,) if t < 1.0 or t > 15.0 else (), [0.0, 15.2]),
+    "nothing is owed for what is gone": (20.0, lambda t: (AMBER,) if t < 1.0 else (RED,) if t < 2.0 else (), [0.0]),
+}
 
 
-def test_red_rings_at_once_and_again_until_it_is_acknowledged():
+@pytest.mark.parametrize("until_s, alarms, heard", RINGS.values(), ids=RINGS)
+def test_when_the_bell_rings(until_s, alarms, heard):
     bell = Bell()
-    assert rings(bell, 100.0, lambda t: (RED._replace(acknowledged=t >= 70.0),)) == [0.0, AGAIN_S, 2 * AGAIN_S]
-
-
-def test_amber_rings_once():
-    assert rings(Bell(), 200.0, lambda t: (AMBER,)) == [0.0]
-
-
-def test_two_alarms_ring_five_seconds_apart_at_least():
-    heard = rings(Bell(), 20.0, lambda t: (AMBER,) if t < 1.0 else (AMBER, RED) if t < 2.0 else (AMBER, RED, OTHER))
-    assert heard == [0.0, LEAST_APART_S], "one ring for what came meanwhile"
-
-
-def test_an_alarm_that_flutters_is_not_heard_each_time():
-    assert rings(Bell(), 30.0, lambda t: (AMBER,) if int(t) % 2 == 0 else ()) == [0.0]
-    assert rings(Bell(), 30.0, lambda t: (AMBER,) if t < 1.0 or t > 15.0 else ()) == [0.0, 15.2]
-
-
-def test_nothing_is_owed_for_what_is_gone():
-    assert rings(Bell(), 20.0, lambda t: (AMBER,) if t < 1.0 else (RED,) if t < 2.0 else ()) == [0.0]
+    assert [k / 5 for k in range(round(until_s * 5)) if bell.due(k / 5, alarms(k / 5))] == heard
 
 
 async def test_the_bell_is_heard_unless_it_is_off(app, source, clock, monkeypatch):
@@ -53,9 +48,7 @@ async def test_the_bell_is_heard_unless_it_is_off(app, source, clock, monkeypatc
         for sound, count in ((False, 0), (True, 1)):
             app.sound = sound
             clock.now_s += 60.0
-            source.newest = replace(source.newest, seq=source.newest.seq + 1, alarms=(
-                RED if not sound else OTHER,))
-            app.tick()
+            feed(app, [{}], alarms=(RED if not sound else OTHER,))
             assert len(heard) == count
 
 
@@ -75,10 +68,8 @@ def test_an_entry_says_when_how_often_and_what_to_do():
 
 async def test_the_list_shows_what_was(app, source, shown):
     async with app.run_test(size=SIZE) as pilot:
-        source.newest = replace(source.newest, seq=1_000_000, alarms=(RED,))
-        app.tick()
-        source.newest = replace(source.newest, seq=1_000_001, alarms=())
-        app.tick()
+        feed(app, [{}], alarms=(RED,))
+        feed(app, [{}], alarms=())
         await pilot.press("exclamation_mark")
         assert isinstance(app.screen, AlarmList)
         text = "\n".join(shown(app))
@@ -119,8 +110,7 @@ async def test_a_sound_of_ones_own_takes_the_bells_place_and_never_holds_the_con
     app.services = replace(app.services, play=play)
     async with app.run_test() as pilot:
         app.sound, app.sounds = True, {3: "play siren", 1: ""}
-        source.newest = replace(source.newest, seq=source.newest.seq + 1, alarms=(RED,))
-        app.tick()
+        feed(app, [{}], alarms=(RED,))
         await pilot.press("space")
         await pilot.pause(0.05)
         assert [order.do for order in source.orders] == [Do.HOLD] and not heard and not played
@@ -128,8 +118,7 @@ async def test_a_sound_of_ones_own_takes_the_bells_place_and_never_holds_the_con
         await pilot.pause(0.1)
         assert played == ["play siren"] and not heard
         clock.now_s += 40.0
-        source.newest = replace(source.newest, seq=source.newest.seq + 1, alarms=(RED,))
-        app.tick()
+        feed(app, [{}], alarms=(RED,))
         await pilot.pause(0.1)
         assert heard and "no sound: no such player" in app.notice_text, "the bell rings where nothing can be played"
 

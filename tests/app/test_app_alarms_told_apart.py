@@ -15,6 +15,7 @@ from console.app.widgets.alarm_bar import AlarmBar
 from console.frame import from_json, to_json
 from console.worker.resume_alarms import AlarmBook
 from control.orders import Severity
+from tests.app.harness import lab, later, linear, text_of, turned
 from tests.app.made_up.run import sample_alarms
 
 
@@ -66,8 +67,7 @@ def test_the_book_and_the_list_keep_it_and_forget_it(frames):
 async def test_a_fault_takes_half_the_screen_with_its_remedy(app, source, shown, size):
     source.newest = frame_with(source.newest, state="fault", why="shaft_silent")
     async with app.run_test(size=size) as pilot:
-        app.tick()
-        await pilot.pause()
+        await later(app, pilot)
         bar = app.page.query_one("#alarms", AlarmBar)
         assert abs(bar.size.height - size[1] / 2) <= 1
         text = " ".join(" ".join(shown(app)).split())
@@ -77,21 +77,10 @@ async def test_a_fault_takes_half_the_screen_with_its_remedy(app, source, shown,
         assert "STOP" in shown(app)[-1]
 
 
-def lab_of(text):
-    """CIE L*a*b* of #rrggbb, D65."""
-    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4
-              for c in (int(text[i:i + 2], 16) / 255 for i in (1, 3, 5))]
-    matrix = ((0.4124, 0.3576, 0.1805), (0.2126, 0.7152, 0.0722), (0.0193, 0.1192, 0.9505))
-    xyz = [sum(w * c for w, c in zip(row, linear, strict=True)) / white
-           for row, white in zip(matrix, (0.9505, 1.0, 1.089), strict=True)]
-    f = [x ** (1 / 3) if x > 0.008856 else 7.787 * x + 16 / 116 for x in xyz]
-    return 116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])
-
-
 @pytest.mark.parametrize("theme", themes.THEMES, ids=lambda theme: theme.name)
 def test_no_two_of_work_caution_choice_stop_and_alarm_look_the_same(theme):
     v = theme.variables
-    looks = {name: lab_of(v[name]) for name in ("state-working", "alarm-amber", "select", "stop", "alarm-red")}
+    looks = {name: lab(linear(v[name])) for name in ("state-working", "alarm-amber", "select", "stop", "alarm-red")}
     near = {(a, b): round(dist(looks[a], looks[b])) for a in looks for b in looks if a < b
             and dist(looks[a], looks[b]) < 25.0}
     assert near == {}
@@ -101,21 +90,17 @@ def test_no_two_of_work_caution_choice_stop_and_alarm_look_the_same(theme):
                                            ((40, 10), 3)])
 async def test_the_rates_are_drawn_as_large_as_there_is_room(app, shown, size, rows):
     async with app.run_test(size=size) as pilot:
-        app.tick()
-        await pilot.pause()
+        await later(app, pilot)
         heads = [row[:12].strip() for row in shown(app)[3:max(8, size[1] * 2 // 3)]]
         drawn = [head for head in heads if head and set(head) <= set("█▀▄ ")]
         assert len(drawn) >= rows
 
 
 @pytest.mark.parametrize("size", [(120, 40), (100, 30), (80, 24)])
-async def test_the_map_page_tells_both_rates_in_numerals(app, shown, size):
+async def test_the_map_page_tells_both_rates_in_numerals(app, size):
     async with app.run_test(size=size) as pilot:
-        app.turn_to("map")
-        await pilot.pause()
-        app.tick()
-        await pilot.pause()
-        text = "\n".join(shown(app))
+        await turned(app, pilot, "map")
+        text = text_of(app)
         assert text.count("target kg/ha") == text.count("applied kg/ha") == 1
 
 

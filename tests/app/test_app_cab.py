@@ -16,15 +16,14 @@ from console.app.units import IMPERIAL, METRIC
 from console.app.worked import Worked
 from control.geodesy import TangentPlane
 from control.orders import Do, Order
+from tests.app.harness import feed, settled
 
 SIZE = (120, 40)
 
 
 async def field_known(app, pilot):
     app.fields.of(app.source.newest)
-    for worker in [worker for worker in app.workers if worker.group == "field"]:
-        await worker.wait()
-    await pilot.pause()
+    await settled(app, pilot)
     assert app.fields.of(app.source.newest) is not None
 
 
@@ -146,24 +145,16 @@ async def test_a_line_is_set_by_key_and_the_run_page_shows_how_far_off(full, sou
     async with full.run_test(size=size) as pilot:
         await field_known(full, pilot)
         await turned(full, pilot, "map")
-        frame = source.newest
-        at = replace(frame, seq=frame.seq + 1, place_m=(10.0, 0.0), row=frame.row._replace(heading_deg=0.0))
-        source.newest = at
-        full.tick()
+        feed(full, [{"heading_deg": 0.0}], place_m=(10.0, 0.0))
         await pilot.press("n")
-        source.newest = replace(at, seq=at.seq + 1, place_m=(10.0, 4.0))
-        full.tick()
+        feed(full, [{}], place_m=(10.0, 4.0))
         await pilot.press("n")
         assert full.guide.b is None and "too near" in full.notice_text
-        source.newest = replace(at, seq=at.seq + 2, place_m=(10.0, 60.0))
-        full.tick()
+        feed(full, [{}], place_m=(10.0, 60.0))
         await pilot.press("n")
         assert full.guide.set
-        source.newest = replace(at, seq=at.seq + 3, place_m=(10.25, 80.0))
+        feed(full, [{}], place_m=(10.25, 80.0))
         await turned(full, pilot, "run")
-        full.page.hurry()
-        full.tick()
-        await pilot.pause()
         assert any("0.25 m right of the line" in row for row in shown(full))
         await turned(full, pilot, "map")
         await pilot.press("delete")
@@ -215,26 +206,18 @@ async def test_a_boundary_is_driven_and_kept_by_key(full, source, shown, turned)
         await pilot.press("b")
         assert isinstance(full.screen, Confirm), "nothing is driven yet"
         await pilot.press("escape")
-        frame, drive = source.newest, driven(0.0)
-        for number, corner in enumerate(drive.corners):
-            east, north = TangentPlane(34.28, 119.88).to_m(corner.lat_deg, corner.lon_deg)
-            source.newest = replace(frame, seq=frame.seq + 1 + number, place_m=(east, north), row=frame.row._replace(
-                lat_deg=corner.lat_deg, lon_deg=corner.lon_deg, heading_deg=corner.heading_deg, fix_quality=4))
-            full.tick()
+        for corner in driven(0.0).corners:
+            feed(full, [corner._asdict() | {"fix_quality": 4}],
+                 place_m=TangentPlane(34.28, 119.88).to_m(corner.lat_deg, corner.lon_deg))
         await pilot.pause()
         assert any("BOUNDARY" in row for row in shown(full))
         await pilot.press("b")
         assert isinstance(full.screen, ChoiceDialog) and "stop the machine first" in full.screen.choices[0].why
         await pilot.press("1", "enter", "escape")
         assert full.page.drive is not None, "what was driven waits for the machine to stop"
-        source.newest = replace(source.newest, seq=source.newest.seq + 1, row=source.newest.row._replace(state="off"))
-        full.tick()
+        feed(full, [{"state": "off"}])
         await pilot.press("b", "1", "enter")
-        for _again in range(4):
-            await pilot.pause()
-        for worker in [worker for worker in full.workers if worker.group == "job-take"]:
-            await worker.wait()
-        await pilot.pause()
+        await settled(full, pilot)
         desk = full.services.job
         assert any(one[0] == "boundary" for one in desk.asked)
         assert isinstance(full.screen, Confirm) and full.page.where == "job"
@@ -265,7 +248,4 @@ async def test_a_map_by_its_path_and_through_folders(full, source, turned):
 
 async def _settled(app, pilot, key):
     await pilot.press(key)
-    for worker in [worker for worker in app.workers if worker.group == "job-bring"]:
-        await worker.wait()
-    await pilot.pause()
-    await pilot.pause()
+    await settled(app, pilot)

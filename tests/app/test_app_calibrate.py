@@ -1,7 +1,6 @@
 """The Calibrate screen: what is ordered while a key is held, what is asked, what is computed and saved."""
 from __future__ import annotations
 
-import asyncio
 from dataclasses import replace
 
 import pytest
@@ -17,6 +16,7 @@ from console.app.widgets.chips import Chips, placed
 from console.link import WorkerGone
 from control.orders import Answer, Do, Order
 from control.safety import BenchRun
+from tests.app.harness import feed, later, settled
 from tests.app.made_up.calibrate import POINTS, lag_under_way, many_devices, sample_calibrate_job, standing
 
 SIZE = (100, 30)
@@ -44,14 +44,6 @@ def opened(app):
         return app.page
 
     return go
-
-
-async def settled(app, pilot):
-    for worker in list(app.workers):
-        if worker.group == "calibrate":
-            await asyncio.wait([asyncio.ensure_future(worker.wait())])
-    await pilot.pause()
-    await pilot.pause()
 
 
 def chip_of(page, action):
@@ -98,9 +90,7 @@ async def test_the_mouse_button_runs_and_its_release_stops_at_once(app, source, 
         await hold_mouse(pilot, page, "cal_run")
         assert source.orders == BEGIN
         for _tick in range(10):
-            clock.now_s += 0.2
-            app.tick()
-            await pilot.pause()
+            await later(app, pilot, 0.2)
         assert source.orders[3:] == [Order(Do.CALIBRATE)] * 10
         await pilot.mouse_up("#cal-chips", offset=(1, 0))
         await pilot.pause()
@@ -142,15 +132,11 @@ async def test_a_refusal_is_said_in_words_and_not_asked_again_by_the_same_press(
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot)
         await hold_mouse(pilot, page, "cal_run")
-        clock.now_s += 0.2
-        app.tick()
-        await pilot.pause()
+        await later(app, pilot, 0.2)
         text = " ".join(row.strip() for row in shown(app))
         assert "Calibrating needs wheel and GNSS" in text
         assert source.orders == [Order(Do.CALIBRATE), Order(Do.RELEASE)], "no shaft speed was sent"
-        clock.now_s += 0.2
-        app.tick()
-        await pilot.pause()
+        await later(app, pilot, 0.2)
         assert len(source.orders) == 2
 
 
@@ -159,9 +145,7 @@ async def test_an_answer_that_is_late_does_not_end_the_run(app, source, clock, o
         page = await opened(pilot)
         await hold_mouse(pilot, page, "cal_run")
         source.answer = Answer(False, "no_answer")
-        clock.now_s += 0.2
-        app.tick()
-        await pilot.pause()
+        await later(app, pilot, 0.2)
         assert source.orders[-1] == Order(Do.CALIBRATE)
 
 
@@ -221,8 +205,7 @@ async def caught(app, source, clock, pilot, *, frame, rpm, mm, seconds):
             app.tick()
         else:
             app.page.gather(source.newest)
-    app.tick()
-    await pilot.pause()
+    await later(app, pilot)
 
 
 async def test_a_catch_test_from_settling_to_the_new_machine_file(app, source, clock, frames, opened, shown):
@@ -263,12 +246,8 @@ async def test_what_the_shaft_turns_at_work_is_no_catch(app, source, clock, fram
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot)
         frame = standing(frames[-1])
-        for step in range(60):
-            row = frame.row._replace(time_s=frame.row.time_s + 0.2 * step, shaft_rpm=70.0 if step < 50 else 0.0,
-                                     state="working" if step < 50 else "held")
-            source.newest = replace(frame, seq=frame.seq + 1 + step, row=row)
-            clock.now_s += 0.2
-            app.tick()
+        feed(app, ({"time_s": frame.row.time_s + 0.2 * step, "shaft_rpm": 70.0 if step < 50 else 0.0,
+                    "state": "working" if step < 50 else "held"} for step in range(60)), step_s=0.2)
         assert page.calibration.test.turned.revolutions == 0.0 and page.calibration.test.phase == "settle"
 
 
@@ -364,13 +343,10 @@ async def test_a_fouled_head_is_named_after_thirty_seconds(app, source, clock, f
     async with app.run_test(size=SIZE) as pilot:
         await opened(pilot, right=2)
         await pilot.press("b")
+        source.newest = frame
         for index in range(160):
-            heads = tuple(0.5 + 0.004 * ((index + k) % 3) for k in range(6))
-            heads = (*heads[:4], heads[4] - 0.06, heads[5])
-            row = frame.row._replace(time_s=frame.row.time_s + 0.2 * index)
-            source.newest = replace(frame, seq=frame.seq + index + 1, row=row, head_ndvi=heads)
-            clock.now_s += 0.2
-            app.tick()
+            heads = tuple(0.5 + 0.004 * ((index + k) % 3) - (0.06 if k == 4 else 0.0) for k in range(6))
+            feed(app, [{"time_s": frame.row.time_s + 0.2 * index}], step_s=0.2, head_ndvi=heads)
         await pilot.pause()
         text = "\n".join(shown(app))
         assert "head 5: clean it" in text and text.count("good") == 5 and "FOULED" in text
@@ -381,15 +357,11 @@ async def test_the_wheel_is_measured_also_while_another_page_is_looked_at(app, s
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot, right=3)
         await pilot.press("b", "f2")
-        for index in range(300):
-            row = frame.row._replace(time_s=frame.row.time_s + 0.2 * index, wheel_speed_mps=2.02, fix_quality=4,
-                                     lat_deg=34.8 + index * 0.4 / 110_940.0, lon_deg=113.6)
-            source.newest = replace(frame, seq=frame.seq + index + 1, row=row)
-            clock.now_s += 0.2
-            app.tick()
+        source.newest = frame
+        feed(app, ({"time_s": frame.row.time_s + 0.2 * index, "wheel_speed_mps": 2.02, "fix_quality": 4,
+                    "lat_deg": 34.8 + index * 0.4 / 110_940.0, "lon_deg": 113.6} for index in range(300)), step_s=0.2)
         await pilot.press("f6")
-        app.tick()
-        await pilot.pause()
+        await later(app, pilot)
         assert page.at == 3 and "Enough" in "\n".join(shown(app))
         await pilot.press("b")
         await settled(app, pilot)
@@ -407,8 +379,7 @@ async def test_every_chip_stands_whole_on_the_screen(app, opened):
             for right in range(4):
                 page.turn(right)
                 page.hurry()
-                app.tick()
-                await pilot.pause()
+                await later(app, pilot)
                 chips = page.query_one("#cal-chips", Chips)
                 for chip, row, start, cells in placed(chips.view, chips.size.width):
                     assert row < chips.size.height and start + cells <= chips.size.width, (size, chip.action)

@@ -10,22 +10,22 @@ from console.app.company import leave_words
 from console.app.dialogs import TextDialog
 from console.app.joined import Joined
 from console.app.ordered_words import ORDERS
+from console.app.pages.all import SCREENS
 from console.app.services import Services
 from console.attached import Attached, Ordered
 from control.orders import Do
+from tests.app.harness import in_state, later, looked, text_of, turned
 from tests.app.made_up.job import SampleJobService
 
 OWN = Attached("ann@cab pts/3", False, True, True)
 LAB = Attached("lab@cab pts/4", False, True, True)
 TABLET = Attached("tablet Ann", True, True, False)
 OFFICE = Attached("tablet office", True, False, False)
-PAGES = ("run", "map", "trends", "devices", "calibrate", "diagnosis", "job", "settings")
+PAGES = [where for where in SCREENS if where != "replay"]
 
 
-def now(source, **changes):
-    state = changes.pop("state", source.newest.row.state)
-    source.newest = replace(source.newest, seq=source.newest.seq + 1, row=source.newest.row._replace(state=state),
-                            **changes)
+def now(source, state=None, **changes):
+    in_state(source, state or source.newest.row.state, **changes)
 
 
 @pytest.fixture
@@ -40,27 +40,22 @@ def several(source):
 
 @pytest.mark.parametrize("size", [(120, 40), (80, 24)])
 @pytest.mark.parametrize("where", PAGES)
-async def test_every_page_says_who_ordered_and_who_is_there(app, several, shown, size, where):
+async def test_every_page_says_who_ordered_and_who_is_there(app, several, size, where):
     async with app.run_test(size=size) as pilot:
-        app.turn_to(where)
-        await pilot.pause()
-        app.tick()
-        await pilot.pause()
-        text = "\n".join(shown(app))
+        await turned(app, pilot, where)
+        text = text_of(app)
         assert "nudge +5 % by tablet Ann" in text and "at this machine: this one, lab@cab" in text
 
 
-async def test_a_console_alone_has_no_row_more(app, source, shown):
+async def test_a_console_alone_has_no_row_more(app, source):
     source.name = OWN.name
     now(source, attached=(OWN,), ordered=(Ordered("hold", "", OWN.name, 1.0),))
     async with app.run_test(size=(120, 40)) as pilot:
-        app.tick()
-        await pilot.pause()
-        assert "at this machine" not in "\n".join(shown(app))
+        await looked(app, pilot)
+        assert "at this machine" not in text_of(app)
         now(source, ordered=(Ordered("hold", "", "lab@cab pts/4", 2.0),))      # who ordered and left stays named
-        app.look()
-        await pilot.pause()
-        assert "HOLD by lab@cab pts/4" in "\n".join(shown(app))
+        await looked(app, pilot)
+        assert "HOLD by lab@cab pts/4" in text_of(app)
 
 
 @pytest.mark.parametrize(("changes", "said"), [
@@ -82,8 +77,7 @@ async def test_what_the_others_do_is_said_when_it_happens(app, several, changes,
         app.tick()
         app.notice("")
         now(several, **changes)
-        app.tick()
-        await pilot.pause()
+        await later(app, pilot)
         assert app.notice_text == said
 
 
@@ -91,9 +85,7 @@ async def test_who_joins_a_machine_at_work_reads_whom_it_found(several, clock):
     app = TopdressApp(several, clock, live=False, utc_offset_s=0.0, services=Services(job=SampleJobService()),
                       joined=Joined("2026-11-23T07:12:00+00:00", "/logs/run.csv"))
     async with app.run_test(size=(120, 40)) as pilot:
-        await pilot.pause()
-        app.tick()
-        await pilot.pause()
+        await looked(app, pilot)
         assert isinstance(app.screen, TextDialog) and "joined it" in app.screen.heading
         for one in ("lab@cab pts/4 (console, keeps the machine working)", "tablet office (tablet, looks only)",
                     "Latest order: nudge +5 % by tablet Ann"):
@@ -102,9 +94,7 @@ async def test_who_joins_a_machine_at_work_reads_whom_it_found(several, clock):
 
 async def test_a_click_on_the_row_lists_everybody_and_the_latest_orders(app, several):
     async with app.run_test(size=(120, 40)) as pilot:
-        await pilot.pause()
-        app.tick()
-        await pilot.pause()
+        await looked(app, pilot)
         await pilot.click("#company")
         await pilot.pause()
         assert isinstance(app.screen, TextDialog)

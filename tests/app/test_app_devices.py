@@ -11,6 +11,7 @@ from console.app.pages.devices.device_table import DeviceTable
 from console.app.widgets.chips import Chips, placed
 from console.frame import DeviceDo, DeviceTest
 from control.orders import Answer
+from tests.app.harness import feed
 from tests.app.made_up.calibrate import many_devices
 
 SIZE = (120, 40)
@@ -121,10 +122,8 @@ async def test_what_is_old_is_grey(app, clock):
 async def test_last_lines_are_kept_while_another_page_is_looked_at(app, source, clock, shown):
     async with app.run_test(size=SIZE) as pilot:
         for number in range(3):
-            devices = (replace(source.newest.devices[0], last_raw=f"$LINE,{number}"), *source.newest.devices[1:])
-            source.newest = replace(source.newest, seq=source.newest.seq + 1, devices=devices)
-            clock.now_s += 0.2
-            app.tick()
+            first, *rest = source.newest.devices
+            feed(app, [{}], step_s=0.2, devices=(replace(first, last_raw=f"$LINE,{number}"), *rest))
         await opened(app, pilot)
         text = "\n".join(shown(app))
         assert all(f"$LINE,{number}" in text for number in range(3))

@@ -24,6 +24,7 @@ from console.app.widgets.heads import bar
 from console.app.widgets.panel import fit, right, spread
 from console.app.worked import Box
 from control.log_row import LogRow
+from tests.app.harness import dots
 from tests.app.made_up.run import run_frames
 
 
@@ -94,13 +95,6 @@ def test_scale_ends_are_calm_and_hold_all_values():
 def test_no_value_lies_outside_the_scale(values):
     low, high = calm_ends(values)
     assert low <= min(values) and max(values) <= high and high - low >= 100
-
-
-def dots(cells):
-    """Places (x, y) of all dots of braille cells, by the code chart: bits 0-2 and 6 left, 3-5 and 7 right."""
-    bits = {(0, 0): 0, (0, 1): 1, (0, 2): 2, (0, 3): 6, (1, 0): 3, (1, 1): 4, (1, 2): 5, (1, 3): 7}
-    return {(2 * column + x, 4 * row + y) for (column, row), value in cells.items()
-            for (x, y), bit in bits.items() if value >> bit & 1}
 
 
 def test_a_trace_is_a_step_where_the_value_steps():
@@ -210,10 +204,7 @@ def test_pace():
     assert pace.due(0.31)
 
 
-def test_every_action_has_its_own_keys_on_its_screen():
-    for where in ("run", "replay"):
-        keys = [key for action in ACTIONS if action.where in ("anywhere", where) for key in action.keys.split(",")]
-        assert len(keys) == len(set(keys))
+def test_hold_and_stop_come_first_and_are_never_locked():
     assert {action.id for action in ACTIONS if action.priority} == {"hold", "stop"}
     assert {"hold", "stop"} <= {action.id for action in ACTIONS if action.locked}
 

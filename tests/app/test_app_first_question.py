@@ -3,13 +3,11 @@ from __future__ import annotations
 
 import datetime as dt
 import os
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
-from console.app.app import TopdressApp
 from console.app.dialogs import ChoiceDialog
 from console.app.first_question import ask_first
 from console.app.pages.job.service import Offer
@@ -23,27 +21,21 @@ from drivers.files.config import load, save, shipped
 from drivers.files.kinds import JOB
 from drivers.files.run_log import PlainLogWriter
 from drivers.files.run_meta import run_meta
-from tests.app.made_up.run import sample_services
+from tests.app.harness import feed, in_state, settled
 
 SIZES = [(120, 40), (80, 24), (60, 20)]
 
 
 @pytest.fixture
-def full(source, clock):
-    source.newest = replace(source.newest, row=source.newest.row._replace(state="off"), alarms=())
-    return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=sample_services())
+def full(full, source):
+    in_state(source, "off", alarms=())
+    return full
 
 
 async def asked(app, pilot):
     await pilot.pause()
     ask_first(app, app.services.job)
     await settled(app, pilot)
-
-
-async def settled(app, pilot):
-    for worker in [one for one in app.workers if one.group in ("files", "connect")]:
-        await worker.wait()
-    await pilot.pause()
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -85,9 +77,7 @@ async def test_hold_and_stop_work_under_it_and_a_machine_that_was_started_is_lef
         await asked(full, pilot)
         await pilot.press("x")
         assert Order(Do.STOP) in source.orders and isinstance(full.screen, ChoiceDialog)
-        source.newest = replace(source.newest, seq=source.newest.seq + 1,
-                                row=source.newest.row._replace(state="working", time_s=source.newest.row.time_s + 1))
-        full.tick()
+        feed(full, [{"state": "working", "time_s": source.newest.row.time_s + 1}])
         await pilot.press("enter")
         await settled(full, pilot)
         assert ("drop",) in desk.asked and "stop it first" in full.notice_text and not full.gone

@@ -26,6 +26,7 @@ from control.field.job import Wanted
 from control.log_row import LogRow
 from control.orders import Do, Order, Severity
 from tests.app.gallery import StillSource
+from tests.app.harness import feed, looked, settled
 from tests.app.made_up.job import FACTS, SampleJobService, facts_of
 
 SIZE = (120, 40)
@@ -42,32 +43,9 @@ def job_app(source, clock, desk):
     return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(job=desk))
 
 
-async def settled(app, pilot):
-    """Until threads have answered and everything is shown."""
-    for _ in range(3):
-        busy = [w for w in app.workers if w.group in ("job-look", "job-take", "job-keep", "job-work", "connect",
-                                                      "earlier")]
-        if busy:                                    # an empty list would mean all, and the link's never ends
-            await app.workers.wait_for_complete(busy)
-        await pilot.pause()
-        app.page.hurry()
-        app.tick()
-        await pilot.pause()
-
-
 async def on_job(app, pilot):
     await pilot.press("f10")
     await settled(app, pilot)
-
-
-def feed(app, source, rows):
-    """Frames with these rows, one after the other."""
-    for row in rows:
-        source.newest = replace(source.newest, seq=source.newest.seq + 1, row=source.newest.row._replace(**row))
-        app.tick()
-
-
-# --- the list ---------------------------------------------------------------------------------------------------------
 
 
 def levels(frame, facts=FACTS, free=10**11, age_s=0.0, trouble=""):
@@ -188,15 +166,15 @@ async def test_a_strip_is_driven_counts_at_once_and_is_kept(job_app, desk, sourc
     app = job_app
     async with app.run_test(size=SIZE) as pilot:
         await on_job(app, pilot)
-        feed(app, source, [{"state": "ready"}])
+        feed(app, [{"state": "ready"}])
         await pilot.press("b")
         start_s = source.newest.row.time_s
-        feed(app, source, [{"time_s": start_s + 0.2 * k, "ndvi": 0.70 + 0.02 * (k % 2), "speed_used_mps": 2.0}
+        feed(app, [{"time_s": start_s + 0.2 * k, "ndvi": 0.70 + 0.02 * (k % 2), "speed_used_mps": 2.0}
                            for k in range(1, 30)])
         await pilot.press("b")
         assert isinstance(app.screen, Confirm) and "Cancel the strip" in app.screen.heading, "11 m are too few"
         await pilot.press("escape")
-        feed(app, source, [{"time_s": start_s + 0.2 * k, "ndvi": 0.70 + 0.02 * (k % 2)} for k in range(30, 90)])
+        feed(app, [{"time_s": start_s + 0.2 * k, "ndvi": 0.70 + 0.02 * (k % 2)} for k in range(30, 90)])
         await pilot.press("b")
         assert app.screen.heading == "NDVI 0.710 as the N-rich strip of this job?" and desk.asked == []
         assert "CV 1.4 %, standard error 0.001, 88 samples" in app.screen.text
@@ -216,7 +194,7 @@ async def test_by_the_fields_index_the_strip_is_chosen_and_the_index_judged(job_
         assert isinstance(app.screen, ChoiceDialog) and len(app.screen.choices) == 2
         await pilot.press("2", "enter")
         start_s = source.newest.row.time_s
-        feed(app, source, [{"time_s": start_s + 0.2 * k, "ndvi": 0.65, "speed_used_mps": 2.0} for k in range(1, 90)])
+        feed(app, [{"time_s": start_s + 0.2 * k, "ndvi": 0.65, "speed_used_mps": 2.0} for k in range(1, 90)])
         await pilot.press("b")
         assert app.screen.heading == "NDVI 0.650 as the farmer check of this job?"
         assert "RI 0.92: the N-rich strip is no greener" in app.screen.text
@@ -266,7 +244,7 @@ async def test_a_working_machine_is_not_started_again(job_app, desk, source, sho
         assert desk.asked == [("take", "machine", "machines/bench.yaml"), ("drop",)]
         assert not isinstance(app.screen, Confirm) and app.notice_text.startswith("the machine works")
         assert any("not taken: bench.yaml; the job goes on as it was" in row for row in shown(app))
-        feed(app, source, [{"state": "off"}])
+        feed(app, [{"state": "off"}])
         await pilot.press("f2")
         await on_job(app, pilot)
         await pilot.press("q", "2", "enter", "2", "enter")
@@ -285,7 +263,7 @@ async def test_what_would_be_spread_twice_is_asked_first(job_app, desk, source, 
     desk.cut_off, desk.next = OFFER, StillSource(frames[-1])
     async with app.run_test(size=SIZE) as pilot:
         await on_job(app, pilot)
-        feed(app, source, [{"state": "off"}])
+        feed(app, [{"state": "off"}])
         await pilot.press("q", "2", "enter", "2", "enter")
         await settled(app, pilot)
         text = " ".join(" ".join(shown(app)).split())
@@ -371,7 +349,7 @@ async def test_a_refill_is_offered_on_every_page_and_recorded_by_enter(job_app, 
     app = job_app
     async with app.run_test(size=SIZE) as pilot:
         start_s = source.newest.row.time_s
-        feed(app, source, [{"time_s": start_s + 0.2 * k, "hopper_kg": 40.0 if k < 30 else 290.0, "state": "held",
+        feed(app, [{"time_s": start_s + 0.2 * k, "hopper_kg": 40.0 if k < 30 else 290.0, "state": "held",
                             "speed_used_mps": 0.0} for k in range(1, 60)])
         assert app.notice_text == "the scale saw 250 kg filled in: F10, F records it" and source.orders == []
         await on_job(app, pilot)
@@ -391,7 +369,7 @@ async def test_the_end_of_the_job_is_asked_marked_exported_and_reported(job_app,
         await pilot.press("q", "5", "enter")
         assert "the machine works" in "\n".join(shown(app)) and desk.asked == []
         await pilot.press("escape")
-        feed(app, source, [{"state": "off"}])
+        feed(app, [{"state": "off"}])
         await pilot.press("q", "5", "enter", "enter")
         await settled(app, pilot)
         assert source.orders == [Order(Do.MARK, "job finished")]
@@ -424,9 +402,7 @@ async def test_an_export_that_fails_is_a_line_and_escape_cancels(job_app, desk, 
         desk.report = slow
         await pilot.press("q", "4", "enter")
         await asyncio.wait_for(begun.wait(), 30)
-        app.page.hurry()
-        app.tick()
-        await pilot.pause()
+        await looked(app, pilot)
         assert any("report: gathering (1 of 3)   Esc cancels" in row for row in shown(app))
         await pilot.press("escape")
         async with asyncio.timeout(30):

@@ -16,6 +16,7 @@ from console.app.pages.job.service import File
 from console.app.remaining_work import remaining_work
 from console.app.small_map import outline, shaded
 from console.app.units import METRIC
+from tests.app.harness import settled
 from tests.app.made_up.job import FACTS, SampleJobService
 from tests.app.made_up.run import sample_services
 
@@ -30,16 +31,6 @@ def desk():
 @pytest.fixture
 def full(source, clock, desk):
     return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=replace(sample_services(), job=desk))
-
-
-async def settled(app, pilot):
-    await pilot.pause()
-    for worker in [one for one in app.workers if one.group in ("job-look", "job-bring", "job-take")]:
-        await worker.wait()
-    await pilot.pause()
-    app.page.hurry()
-    app.tick()
-    await pilot.pause()
 
 
 async def opened(app, pilot):

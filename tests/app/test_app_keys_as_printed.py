@@ -10,13 +10,9 @@ from console.app import actions
 from console.app.action import ANYWHERE
 from console.app.pressed import meant
 from control.orders import Answer, Do, Order
+from tests.app.harness import in_state
 
 SIZE = (120, 40)
-
-
-def in_state(source, state, **more):
-    source.newest = replace(source.newest, seq=source.newest.seq + 1, **more,
-                            row=source.newest.row._replace(state=state))
 
 
 def test_the_arrows_signs_are_pressed_as_characters_too():

@@ -13,12 +13,9 @@ from console.app.number_dialog import NumberDialog
 from console.app.stray import HeldEnter, StrayTyping
 from console.app.widgets.key_bar import KeyBar, laid_out
 from control.orders import Do, Order
+from tests.app.harness import in_state, settled
 
 SIZE = (120, 40)
-
-
-def in_state(source, state):
-    source.newest = replace(source.newest, seq=source.newest.seq + 1, row=source.newest.row._replace(state=state))
 
 
 def test_no_digit_is_bound_on_any_page():
@@ -136,9 +133,7 @@ async def test_a_greyed_order_goes_out_all_the_same(full, source):
 
 async def test_a_map_that_the_job_has_not_is_greyed_with_the_way_to_one(full, source, shown):
     async with full.run_test(size=SIZE) as pilot:
-        picture = full.fields.of(source.newest)
-        for worker in [worker for worker in full.workers if worker.group == "field"]:
-            await worker.wait()
+        await settled(full, pilot)
         picture = full.fields.of(source.newest)
         full.fields._known = {key: replace(picture, planned=None) for key in full.fields._known}
         await pilot.press("o", "2", "enter")

@@ -15,6 +15,7 @@ from control.log_row import LogRow
 from drivers.files.run_log import PlainLogWriter
 from drivers.files.run_meta import meta_to_yaml, run_meta
 from tests.app.gallery import StillClock, StillSource
+from tests.app.harness import settled, turned
 from tests.app.made_up.run import sample_services
 
 SIZE = (120, 40)
@@ -38,24 +39,16 @@ def _app(frame, files):
     return TopdressApp(StillSource(frame), StillClock(), live=False, utc_offset_s=0.0, services=services)
 
 
-async def _settled(app, pilot):
-    app.tick()
-    for worker in [one for one in app.workers if one.group in ("earlier", "field")]:
-        await worker.wait()
-    await pilot.pause()
-
-
 async def test_the_next_console_goes_on_with_both(frames, tmp_path):
     log, files = tmp_path / "run.csv", KeptLineFiles()
     frame = replace(frames[-1], log_path=str(log))
     first = _app(frame, files)
     async with first.run_test(size=SIZE) as pilot:
-        await _settled(first, pilot)
+        await settled(first, pilot)
         first.guide.begin((0.0, 0.0), 2.4)
         first.guide.end((0.0, 50.0))
         first.keep_line(guide_record(first.guide))
-        first.turn_to("map")
-        await pilot.pause()
+        await turned(first, pilot, "map")
         await pilot.press("b", "1", "enter")
         for k in range(4):
             row = frame.row._replace(lat_deg=34.8 + 0.0001 * k, time_s=100.0 + k, fix_quality=4, heading_deg=0.0)
@@ -65,12 +58,11 @@ async def test_the_next_console_goes_on_with_both(frames, tmp_path):
     files.close()
     second = _app(frame, KeptLineFiles())
     async with second.run_test(size=SIZE) as pilot:
-        await _settled(second, pilot)
+        await settled(second, pilot)
         assert second.guide.set and second.guide.b == (0.0, 50.0)
         drive = second.map_page.drive
         assert drive is not None and drive.way_m == pytest.approx(way_m) and "boundary goes on" in second.notice_text
-        second.turn_to("map")
-        await pilot.pause()
+        await turned(second, pilot, "map")
         await pilot.press("delete")
         assert not second.guide.set
         second.services.lines.close()
@@ -136,7 +128,7 @@ async def test_the_console_says_whose_line_it_is_and_keeps_it_for_this_job(frame
     today = _worked(tmp_path, "20260320-080000", FIELD)
     app = _app(replace(frames[-1], log_path=str(today)), KeptLineFiles())
     async with app.run_test(size=SIZE) as pilot:
-        await _settled(app, pilot)
+        await settled(app, pilot)
         assert app.guide == LINE and "of 2026-03-18 is here again; Del on the Map page" in app.notice_text
         app.services.lines.close()
     kept = KeptLineFiles().read(str(today))

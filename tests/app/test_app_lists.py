@@ -15,6 +15,7 @@ from console.services.job import JobFiles
 from console.services.launcher import Launcher
 from console.services.sticks import entries
 from control.orders import Do, Order
+from tests.app.harness import settled
 
 SIZES = ((120, 40), (80, 24), (60, 20))
 
@@ -153,13 +154,6 @@ async def test_a_job_s_files_are_walked_to_or_typed_as_a_map_is(full, source, ke
         await pilot.press("end", "enter", *"own", "enter")
         await settled(full, pilot)
         assert ("take", kind, "own") in desk.asked
-
-
-async def settled(app, pilot):
-    for _again in range(3):
-        for worker in [one for one in app.workers if one.group == "files" or one.group.startswith("job")]:
-            await worker.wait()
-        await pilot.pause()
 
 
 def test_a_folder_lists_files_of_the_kind_that_is_wanted(tmp_path):

@@ -19,6 +19,7 @@ from console.app.widgets.field_map import FieldMap
 from console.app.widgets.map_legend import MapLegend
 from console.app.widgets.panel import Panel
 from tests.app.gallery import Picture, StillSource, settle, still_app
+from tests.app.harness import later, settled
 from tests.app.made_up.run import run_frames, sample_field, sample_services
 
 SIZE = (120, 40)
@@ -45,15 +46,6 @@ def states(app) -> tuple[str, ...]:
 async def opened(app, pilot):
     await settle(app, ON_MAP, pilot.pause)
     return app.page.query_one("#map-pane", MapPane)
-
-
-async def laid(app, pilot):
-    await pilot.pause()
-    for worker in [worker for worker in app.workers if worker.group == "laid"]:
-        await worker.wait()
-    app.page.hurry()
-    app.tick()
-    await pilot.pause()
 
 
 async def test_colours_by_key_and_by_click(still):
@@ -156,7 +148,7 @@ async def test_a_file_is_laid_on_the_map_by_its_key_and_taken_off_again(still, s
         await pilot.press("j")
         assert any("autumn.geojson" in row for row in shown(still))
         await pilot.press("enter")
-        await laid(still, pilot)
+        await settled(still, pilot)
         assert legend.display and pane.view.laid is not None
         assert any("file autumn.geojson: applied " in row and "kg/ha" in row for row in shown(still))
         column, row = pane.pixels().at(54.0, 30.0)                  # not worked yet, and there in autumn
@@ -180,7 +172,7 @@ async def test_escape_leaves_the_map_as_it_is(still):
         await pilot.press("j", "escape")
         assert pane.view.laid is None and not still.page.laid.path
         await pilot.press("j", "enter")
-        await laid(still, pilot)
+        await settled(still, pilot)
         await pilot.press("j", "escape")
         assert pane.view.laid is not None
 
@@ -189,7 +181,7 @@ async def test_what_is_no_such_file_is_said_in_one_line(still, shown):
     async with still.run_test(size=(80, 24)) as pilot:
         pane = await opened(still, pilot)
         await pilot.press("j", "2", "enter")
-        await laid(still, pilot)
+        await settled(still, pilot)
         assert "zones.geojson: shapes of type Polygon" in shown(still)[-1]
         assert pane.view.laid is None and not still.page.query_one("#map-laid", Canvas).display
 
@@ -198,7 +190,7 @@ async def test_the_work_lies_over_a_laid_file_and_the_plan_under_it(still):
     async with still.run_test(size=SIZE) as pilot:
         pane = await opened(still, pilot)
         still.page.lay("/logs/autumn.geojson")
-        await laid(still, pilot)
+        await settled(still, pilot)
         view = pane.view
         seen = image(view.worked, view.picture, view.scale, pane.pixels(), True, view.laid)
         bare = image(view.worked, view.picture, view.scale, pane.pixels(), True)
@@ -262,9 +254,7 @@ async def test_a_map_drawn_row_by_row_looks_as_one_drawn_at_once(clock):
             source.newest = frame
             clock.now_s += 0.2
             app.tick()
-        clock.now_s += 1.0
-        app.tick()
-        await pilot.pause()
+        await later(app, pilot, 1.0)
         grown = [pane.render_line(row).text for row in range(pane.content_size.height)]
         styles = [[segment.style for segment in pane.render_line(row)] for row in range(pane.content_size.height)]
         pane.repaint()
@@ -287,18 +277,6 @@ async def test_locked_nothing_moves(still):
         assert pane.view == before and still.source.orders == []
         await pilot.press("space", "x")
         assert [order.do.value for order in still.source.orders] == ["hold", "stop"]
-
-
-@pytest.mark.exam
-async def test_every_action_has_its_own_key_and_can_be_found_in_the_palette(still):
-    from console.app import actions
-    async with still.run_test(size=SIZE) as pilot:
-        await opened(still, pilot)
-        for where in ("map", "trends"):
-            keys = [key for action in actions.at(where) for key in action.keys.split(",")]
-            assert len(keys) == len(set(keys))
-        found = {command.title for command in still.get_system_commands(still.screen)}
-        assert {"colours", "nearer", "farther", "follow", "whole field", "plan", "machine / log"} <= found
 
 
 async def test_no_position_and_no_field_are_said(clock, shown):
@@ -339,8 +317,7 @@ async def test_a_field_is_loaded_once_for_each_job(clock):
         for k in range(1, 8):
             clock.now_s += 1.0
             source.newest = replace(frame, seq=frame.seq + k, job="other" if k > 4 else frame.job)
-            app.tick()
-            await pilot.pause()
+            await later(app, pilot)
         assert asked == [frame.job, "other"]
         assert app.history.worked.width_m == 3.0
 
@@ -349,9 +326,7 @@ async def test_old_values_are_grey(still, clock):
     async with still.run_test(size=SIZE) as pilot:
         pane = await opened(still, pilot)
         assert not pane.view.stale
-        still.clock.now_s += 5.0
-        still.tick()
-        await pilot.pause()
+        await later(still, pilot, 5.0)
         assert pane.view.stale
         assert all(item.value.stale for item in still.page.query_one("#map-job", Panel).view)
 
@@ -361,8 +336,7 @@ async def test_without_colours_levels_are_characters_with_a_legend(still, shown)
         still.no_color = True
         await opened(still, pilot)
         still.page.redraw()
-        still.tick()
-        await pilot.pause()
+        await later(still, pilot)
         text = "\n".join(shown(still))
         assert "░▒▓█" in text and "1234 planned" in text
         assert any(character in text for character in ("3333", "4444", "3434", "3343"))

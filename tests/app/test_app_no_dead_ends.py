@@ -18,19 +18,13 @@ from console.app.screens.help import HelpScreen
 from console.app.services import Services
 from console.link import WorkerGone
 from tests.app.gallery import StillSource
+from tests.app.harness import looked, settled
 from tests.app.made_up.job import SampleJobService
 
 SIZES = ((120, 40), (80, 24), (60, 20))
 OFFER = Offer("/logs/a.resume.json", "2026-03-18T06:18:00Z", "2026-03-18T07:02:00Z", "division 2", 1.2)
 JOINED = Joined("2026-11-23T07:12:00+00:00", "/logs/run.csv", ("/jobs/north.yaml",), ("/jobs/south.yaml",),
                 named=("/jobs/south.yaml",))
-
-
-async def settled(app, pilot):
-    for _again in range(3):
-        for worker in [one for one in app.workers if one.group in ("files", "connect")]:
-            await worker.wait()
-        await pilot.pause()
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -42,14 +36,12 @@ async def test_escape_at_the_resume_question_says_what_connects_for_as_long_as_n
         await pilot.press("escape")
         for _minute in range(3):
             clock.now_s += 60.0
-            app.look()
-            await pilot.pause()
+            await looked(app, pilot)
             text = " ".join("\n".join(shown(app)).split())
             assert "no machine is connected" in text and "C on the Run page connects" in text, text
             assert "waiting for the first values" not in text
         await pilot.press("f10")
-        app.look()
-        await pilot.pause()
+        await looked(app, pilot)
         assert "no machine is connected" in "\n".join(shown(app))
         await pilot.press("f2", "c")
         assert isinstance(app.screen, GoneScreen)

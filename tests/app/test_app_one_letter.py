@@ -4,7 +4,7 @@ from __future__ import annotations
 import re
 
 from console.app import actions
-from console.app.action import ANYWHERE
+from tests.app.harness import looked, turned
 
 # The letters that stand for one thing done to several: what they do, and the words of the pages for it. Ten letters are
 # left where the Run page and the keys of every page have theirs; what is not of such a kind stands in the page's menu.
@@ -125,8 +125,7 @@ async def test_the_menu_lists_what_has_no_letter(picture, shown):
         app = picture(size=size, screen="job")
         async with app.run_test(size=size) as pilot:
             await pilot.pause()
-            app.turn_to("job")
-            await pilot.pause()
+            await turned(app, pilot, "job")
             assert size[0] < 80 or "Q menu" in shown(app)[-1], (size, shown(app)[-1])
             await pilot.press("Q")                      # Caps Lock
             await pilot.pause()
@@ -136,12 +135,6 @@ async def test_the_menu_lists_what_has_no_letter(picture, shown):
             await pilot.press("1", "enter")
             await pilot.pause(0.2)
             assert "Crop" in "\n".join(shown(app)), size
-
-
-def test_no_letter_has_two_meanings_on_one_page():
-    for where in {one.where for one in actions.ACTIONS} - {ANYWHERE}:
-        keys = [key for one in actions.at(where) for key in printed(one)]
-        assert len(keys) == len(set(keys)), where
 
 
 def test_what_a_chip_shows_is_the_key_that_does_it():
@@ -162,14 +155,11 @@ async def test_ready_and_start_stand_on_the_job_page_where_the_list_ends(picture
     for size in ((120, 40), (80, 24)):
         app = picture(size=size, screen="job")
         async with app.run_test(size=size) as pilot:
-            app.turn_to("job")
-            await pilot.pause()
+            await turned(app, pilot, "job")
             for state, row in STATES:
                 frame = app.source.newest
                 app.source.newest = replace(frame, seq=frame.seq + 1, row=frame.row._replace(state=state))
-                app.page.hurry()
-                app.tick()
-                await pilot.pause()
+                await looked(app, pilot)
                 assert any(row in one for one in shown(app)), (size, state)
             frame = app.source.newest
             app.source.newest = replace(frame, seq=frame.seq + 1, row=frame.row._replace(state="off"))

@@ -10,6 +10,7 @@ from console.app.number_dialog import NumberDialog
 from console.app.widgets.alarm_bar import AlarmBar
 from console.app.widgets.key_bar import KeyBar, laid_out
 from control.orders import Answer, Do, Order
+from tests.app.harness import later
 
 SIZE = (120, 40)
 
@@ -177,9 +178,7 @@ async def test_a_refusal_is_said_in_words_and_goes_after_a_while(app, source, cl
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press("s")
         assert "Not possible in state WORKING." in shown(app)[-1]
-        clock.now_s += 5.0
-        app.tick()
-        await pilot.pause()
+        await later(app, pilot, 5.0)
         assert "Not possible" not in shown(app)[-1]
 
 
@@ -201,14 +200,6 @@ async def test_a_keymap_moves_keys(source, clock):
     from console.app.app import TopdressApp
     app = TopdressApp(source, clock, live=False, keymap={"start": "f9"})
     assert await press(app, "s", "f9") == [Order(Do.START)]
-
-
-async def test_every_action_of_the_screen_is_in_the_palette(app):
-    from console.app import actions
-    async with app.run_test(size=SIZE):
-        titles = {command.title for command in app.get_system_commands(app.screen)}
-        shown = {action.label for action in actions.at("run") if action.id != "palette"}
-        assert titles == shown | {"who is at this machine"}
 
 
 async def test_quit_asks_while_the_machine_works(app):

@@ -19,6 +19,7 @@ from console.app.widgets.rates import Rates
 from console.app.widgets.trend import Trend
 from control.orders import Alarm, Answer, Do, Order, Severity
 from tests.app.gallery import StillClock, StillSource
+from tests.app.harness import later, until
 from tests.app.made_up.run import run_frames
 
 SIZE = (100, 30)
@@ -155,8 +156,7 @@ async def test_the_keys_of_the_screen(replay_app, replay_source, clock, shown):
         await pilot.press("end")
         assert replay_source.at_s == replay_source.end_s
         await pilot.press("home")
-        replay_app.tick()
-        await pilot.pause()
+        await later(replay_app, pilot)
         rates = replay_app.page.query_one("#rates", Rates)
         first = replay_source.frames[0].row.target_rate_kg_ha
         assert rates.view.target.text == f"{first:.0f}"
@@ -176,14 +176,6 @@ async def test_findings_are_counted_and_can_be_read(replay_app, shown):
         assert any("3 rows had no time" in row for row in shown(replay_app))
 
 
-async def wait_for(pilot, true):
-    for _try in range(100):
-        if true():
-            return
-        await pilot.pause(0.01)
-    raise AssertionError("it did not come")
-
-
 async def test_what_if_shows_the_recomputed_frames_at_the_same_place_and_back(frames, replay_source, clock, shown):
     asked = []
 
@@ -196,15 +188,14 @@ async def test_what_if_shows_the_recomputed_frames_at_the_same_place_and_back(fr
     async with app.run_test(size=SIZE) as pilot:
         replay_source.seek(12.0)
         await pilot.press("q", "1", "enter", "2", "enter")
-        await wait_for(pilot, lambda: app.replay_page.chosen != WhatIf())
-        app.tick()
-        await pilot.pause()
+        await until(pilot, lambda: app.replay_page.chosen != WhatIf())
+        await later(app, pilot)
         assert asked == [WhatIf(strategy="speed_first")]
         assert replay_source.at_s == pytest.approx(12.0)
         assert app.page.query_one("#rates", Rates).view.target.text == "123"
         assert any("what if: speed first" in row for row in shown(app))
         await pilot.press("q", "1", "enter", "4", "enter")
-        await wait_for(pilot, lambda: len(asked) == 2 and app.replay_page.computing is None)
+        await until(pilot, lambda: len(asked) == 2 and app.replay_page.computing is None)
         assert asked[1] == WhatIf(strategy="speed_first", crop="durum"), "changes add up"
         await pilot.press("delete")
         app.tick()
@@ -219,7 +210,7 @@ async def test_a_what_if_that_fails_says_why_in_one_line(replay_source, clock, s
     app = TopdressApp(None, clock, live=False, replay=ReplayJob(replay_source, "run.csv", what_if=what_if))
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press("q", "1", "enter", "1", "enter")
-        await wait_for(pilot, lambda: app.notice_text)
+        await until(pilot, lambda: app.notice_text)
         await pilot.pause()
         assert "no day count" in shown(app)[-1]
         assert app.replay_page.chosen == WhatIf() and app.replay_page.computing is None
@@ -241,10 +232,8 @@ async def test_a_what_if_is_cancelled_and_its_thread_ends(frames, replay_source,
     app = TopdressApp(None, clock, live=False, replay=ReplayJob(replay_source, "run.csv", ("a finding",), what_if))
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press("q", "1", "enter", "2", "enter")
-        await wait_for(pilot, begun.is_set)
-        clock.now_s += 0.2
-        app.tick()
-        await pilot.pause()
+        await until(pilot, begun.is_set)
+        await later(app, pilot, 0.2)
         assert any("computing 43 %, Esc cancels" in row for row in shown(app))
         if how == "key":
             await pilot.press("escape")
@@ -252,11 +241,9 @@ async def test_a_what_if_is_cancelled_and_its_thread_ends(frames, replay_source,
             await pilot.click("#replay-bar", offset=(SIZE[0] - 5, 0))
         else:
             await app.action_do("cancel_what_if")
-        await wait_for(pilot, ended.is_set)
+        await until(pilot, ended.is_set)
         assert len(steps) < 2_000, "the thread itself ends"
-        clock.now_s += 0.2
-        app.tick()
-        await pilot.pause()
+        await later(app, pilot, 0.2)
         assert app.replay_page.computing is None and app.replay_page.chosen == WhatIf()
         assert not any("computing" in row for row in shown(app))
 
@@ -298,15 +285,6 @@ class Shelf:
         if "broken" in path:
             raise ValueError(f"{path}, row 3: time_s: 'x' is not a number")
         return self.job
-
-
-async def until(pilot, true):
-    for _ in range(100):
-        await pilot.pause()
-        if true():
-            return
-        await asyncio.sleep(0.02)
-    raise AssertionError("not in time")
 
 
 @pytest.fixture

@@ -17,6 +17,7 @@ from console.running import WorkerFailed
 from control.orders import Alarm, Do, Order, Severity
 from control.safety import Allowances
 from tests.app.gallery import StillSource
+from tests.app.harness import later, turned
 
 SIZE = (120, 40)
 
@@ -39,9 +40,7 @@ async def test_values_older_than_a_second_are_grey_and_said(app, source, clock, 
         clock.now_s += STALE_S - 0.05
         app.tick()
         assert not rates.view.target.stale
-        clock.now_s += 0.25
-        app.tick()
-        await pilot.pause()
+        await later(app, pilot, 0.25)
         assert rates.view.target.stale and rates.view.applied.stale
         assert "NO DATA 1 s" in shown(app)[0]
         grey = app.get_css_variables()["stale"]
@@ -50,9 +49,7 @@ async def test_values_older_than_a_second_are_grey_and_said(app, source, clock, 
         colours = {segment.style.color.name for segment in strip if segment.style and "█" in segment.text}
         assert colours == {grey}
         source.newest = replace(frames[-1], seq=frames[-1].seq + 1, at_s=frames[-1].at_s + 1)
-        clock.now_s += 0.2
-        app.tick()
-        await pilot.pause()
+        await later(app, pilot, 0.2)
         assert not rates.view.target.stale
         assert "NO DATA" not in shown(app)[0]
 
@@ -146,9 +143,7 @@ async def test_an_alarm_is_seen_while_a_dialog_is_open(app, source, clock, frame
     async with app.run_test(size=(80, 24)) as pilot:
         await pilot.press("m")
         source.newest = replace(frames[-1], seq=9999, alarms=(Alarm("shaft_silent", Severity.RED, 0.0),))
-        clock.now_s += 0.2
-        app.tick()
-        await pilot.pause()
+        await later(app, pilot, 0.2)
         rows = shown(app)
         assert "ALARM" in rows[1]
         assert "STOP" in rows[-1]
@@ -218,8 +213,7 @@ async def test_trends_go_first_then_the_map_and_never_numbers_and_alarms(app, sh
                                          (80, 24, False, False, True), (80, 40, True, False, True),
                                          (79, 24, False, False, False), (80, 23, False, False, False)):
             await pilot.resize_terminal(*size)
-            app.tick()
-            await pilot.pause()
+            await later(app, pilot)
             seen = {name: page.query_one(name).region.area > 0
                     for name in ("#trend", "#map", "#rates", "#tiles", "#heads")}
             assert seen["#map"] is map_, size
@@ -321,15 +315,11 @@ async def test_a_page_that_a_small_terminal_cannot_show_says_that_it_is_open(app
     async with app.run_test(size=(60, 20)) as pilot:
         assert not any("shows the whole page" in row for row in shown(app)[:6]), "the numbers are the Run page's own"
         for where, name in (("map", "map"), ("settings", "settings")):
-            app.turn_to(where)
-            await pilot.pause()
-            await pilot.pause()
+            await turned(app, pilot, where)
             assert any(f" {name}: 80 x 24 shows the whole page" in row for row in shown(app))
 
 
 async def test_the_replay_page_without_a_log_waits_for_none(app, shown):
     async with app.run_test(size=(100, 30)) as pilot:
-        app.turn_to("replay")
-        await pilot.pause()
-        await pilot.pause()
+        await turned(app, pilot, "replay")
         assert "no log is open" in shown(app)[0] and "waiting" not in shown(app)[0]

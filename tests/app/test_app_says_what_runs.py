@@ -22,14 +22,10 @@ from console.services.launcher import Launcher
 from control.orders import Alarm, Answer, Severity
 from control.safety import REFUSALS
 from control.targets.map_check import MapCheck
+from tests.app.harness import in_state, later, looked, settled, text_of, turned
 from tests.app.made_up.job import SampleJobService
 
 SIZES = ((120, 40), (80, 24))
-
-
-def in_state(source, state, **more):
-    source.newest = replace(source.newest, seq=source.newest.seq + 1, **{"alarms": (), **more},
-                            row=source.newest.row._replace(state=state))
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -37,11 +33,8 @@ async def test_a_fault_whose_cause_is_gone_says_what_is_next(app, source, shown,
     in_state(source, "fault", why_state="shaft_silent")
     async with app.run_test(size=size) as pilot:
         for where in ("run", "job", "map"):
-            app.turn_to(where)
-            await pilot.pause()
-            app.tick()
-            await pilot.pause()
-            text = "\n".join(shown(app))
+            await turned(app, pilot, where)
+            text = text_of(app)
             assert "FAULT, its cause is gone: R on the Run page makes the machine ready." in text, where
             assert "no alarms" not in text, where
 
@@ -49,8 +42,7 @@ async def test_a_fault_whose_cause_is_gone_says_what_is_next(app, source, shown,
 async def test_a_page_that_is_just_being_made_says_what_is_known(app, source, shown, monkeypatch):
     """On a busy computer "NO DATA", "waiting for the first values" stood over a machine at work for seconds."""
     async with app.run_test(size=(120, 40)) as pilot:
-        app.tick()
-        await pilot.pause()
+        await later(app, pilot)
         monkeypatch.setattr(app, "tick", lambda: None)          # its first look is late
         for where in ("map", "trends", "devices", "calibrate", "diagnosis", "job", "settings"):
             app.turn_to(where)
@@ -77,16 +69,12 @@ async def test_a_page_that_was_left_does_not_come_back_with_what_it_said_then(ap
 @pytest.mark.parametrize("where", ["run", "job", "trends"])
 async def test_a_machine_without_worker_is_not_said_to_work_without_alarms(app, source, shown, size, where):
     async with app.run_test(size=size) as pilot:
-        app.turn_to(where)
-        await pilot.pause()
-        app.tick()
-        await pilot.pause()
+        await turned(app, pilot, where)
         assert "WORKING" in shown(app)[0] and "was" not in shown(app)[0]
         source.end.set_exception(WorkerGone("process 4711 is gone"))
         await pilot.pause()
         await pilot.press("escape")
-        app.look()
-        await pilot.pause()
+        await looked(app, pilot)
         text = "\n".join(shown(app)[:4])
         assert "was WORKING" in text and "WORKER GONE" in text and "no alarms" not in text
         assert "The control worker is gone: state and alarms are not known." in " ".join(text.split())
@@ -94,9 +82,7 @@ async def test_a_machine_without_worker_is_not_said_to_work_without_alarms(app, 
 
 async def test_a_silent_worker_says_nothing_of_alarms(app, clock, shown):
     async with app.run_test(size=(120, 40)) as pilot:
-        clock.now_s += 3.0
-        app.tick()
-        await pilot.pause()
+        await later(app, pilot, 3.0)
         assert "was WORKING" in shown(app)[0] and "no values: alarms are not known" in shown(app)[1]
 
 
@@ -160,8 +146,7 @@ async def test_a_console_that_joins_says_so_and_what_it_does_not_use(source, clo
             assert said in text, said
         await pilot.press("escape")
         await pilot.press("f10")
-        app.look()
-        await pilot.pause()
+        await looked(app, pilot)
         assert "joined a machine that ran already" in "\n".join(shown(app))
 
 
@@ -179,8 +164,7 @@ async def test_files_that_cannot_be_read_are_not_said_to_be_those_of_this_consol
         assert "Named on this command line, and perhaps NOT used: ours.yaml." in text
         await pilot.press("escape")
         await pilot.press("f10")
-        app.look()
-        await pilot.pause()
+        await looked(app, pilot)
         assert "its files cannot be read" in " ".join(" ".join(shown(app)).split())
 
 
@@ -189,9 +173,7 @@ async def test_the_limits_are_those_of_the_machine_that_runs(source, clock):
     desk.limits = AtWork(180.0, 250.0)
     app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(job=desk))
     async with app.run_test(size=(120, 40)) as pilot:
-        app.tick()
-        for worker in [one for one in app.workers if one.group == "earlier"]:
-            await worker.wait()
+        await settled(app, pilot)
         await pilot.press("m")
         assert app.screen.high == 180.0
         await pilot.press("escape", "f")
@@ -218,8 +200,7 @@ async def test_a_console_that_ends_is_said_by_the_other(app, source):
         app.tick()
         assert app.notice_text == ""
         in_state(source, "working", consoles=1)
-        app.tick()
-        await pilot.pause()
+        await later(app, pilot)
         assert app.notice_text == "another console has ended or is silent; open now: 1"
 
 
@@ -233,10 +214,7 @@ async def test_every_page_says_what_the_machine_does(app, source, shown, size, s
     in_state(source, state, why_state="operator")
     async with app.run_test(size=size) as pilot:
         for where in app.pages:
-            app.turn_to(where)
-            await pilot.pause()
-            app.tick()
-            await pilot.pause()
+            await turned(app, pilot, where)
             rows = shown(app)
             assert word in rows[0], (where, rows[0])
             assert "hold" in rows[-1] and "STOP" in rows[-1], where

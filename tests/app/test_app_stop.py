@@ -28,6 +28,7 @@ from console.app.units import METRIC
 from console.app.widgets.key_bar import KeyBar, laid_out
 from control.orders import Answer, Do, Order
 from tests.app.gallery import StillSource
+from tests.app.harness import later, turned
 from tests.app.made_up.job import SampleJobService
 from tests.app.made_up.run import sample_services
 
@@ -62,11 +63,6 @@ DIALOGS = {
 }
 
 
-@pytest.fixture
-def full(source, clock):
-    return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=sample_services())
-
-
 def sent(text: str) -> list[InputEvent]:
     """The keys and mouse events that Textual makes of what a terminal sends."""
     parser = XTermParser()
@@ -84,12 +80,6 @@ async def send(app, pilot, *texts):
 async def click(app, pilot, x, y):
     """As a terminal sends it: a pilot's own clicks pass the app by."""
     await send(app, pilot, f"\x1b[<0;{x + 1};{y + 1}M", f"\x1b[<0;{x + 1};{y + 1}m")
-
-
-async def turned(app, pilot, where):
-    app.turn_to(where)
-    await pilot.pause()
-    await pilot.pause()
 
 
 def kinds(base=ModalScreen):
@@ -301,8 +291,7 @@ async def test_a_tab_that_only_looks_shows_no_stop_and_says_why(source, clock, s
     async with app.run_test(size=size) as pilot:
         for where in ("run", "map", "trends", "devices", "replay", "job"):
             await turned(app, pilot, where)
-            app.tick()
-            await pilot.pause()
+            await later(app, pilot)
             last = shown(app)[-1]
             assert "hold and STOP are at the machine's console" in last and "X STOP" not in last, where
             offered = {action.id for action in app.offered(where)}

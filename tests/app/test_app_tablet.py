@@ -16,6 +16,7 @@ from console.app.tablet import CLOSED, Key, KeyDialog, TabletApp
 from console.services.line_files import KeptLineFiles, LinesSeen
 from control.orders import Do
 from tests.app.gallery import StillClock, StillSource
+from tests.app.harness import settled, turned, until
 from tests.app.made_up.diagnosis import MadeUpDiagnosis
 
 
@@ -44,8 +45,7 @@ async def test_nothing_is_ordered_by_any_key_of_any_page_without_the_key(tab, so
         app.tick()
         assert "VIEW ONLY" in shown(app)[0]
         for page in [name for name in app.pages if name not in CLOSED]:
-            app.turn_to(page)
-            await pilot.pause()
+            await turned(app, pilot, page)
             for action in actions.at(page):
                 if action.id != "quit":
                     await app.action_do(action.id)
@@ -68,8 +68,7 @@ async def test_pages_that_write_files_are_closed(tab):
         assert CLOSED == {CALIBRATE, DIAGNOSIS, SETTINGS}
         for page in CLOSED:
             await app.action_do(f"{page}_screen")
-            app.turn_to(page)
-            await pilot.pause()
+            await turned(app, pilot, page)
             assert app.page.where == RUN
 
 
@@ -94,10 +93,7 @@ async def test_the_key_turns_it_into_one_that_operates(tab, source, shown):
         for _letter in "wrong":
             await pilot.press("backspace")
         await pilot.press(*"abcd2345", "enter")
-        for _try in range(20):
-            await pilot.pause(0.01)
-            if app.links:
-                break
+        await until(pilot, lambda: app.links)
         assert not app.looking and app.links == [True]
         app.tick()
         await pilot.press("s")
@@ -124,11 +120,8 @@ async def test_a_key_that_has_to_wait_is_tried_by_itself(tab, clock):
         await pilot.press("enter")
         assert app.looking and app.key.left_s
         clock.now_s += 10.0
-        for _try in range(100):
-            await pilot.pause(0.05)
-            if not app.looking:
-                break
-        assert not app.looking and not isinstance(app.screen, KeyDialog)
+        await until(pilot, lambda: not app.looking)
+        assert not isinstance(app.screen, KeyDialog)
 
 
 async def test_without_a_worker_the_tab_says_so_and_starts_none(tab, shown):
@@ -138,10 +131,7 @@ async def test_without_a_worker_the_tab_says_so_and_starts_none(tab, shown):
         text = " ".join("\n".join(shown(app)).split())
         assert "No control worker runs: start the console on" in text and "start it again" not in text
         await pilot.press("1", "enter")
-        for _try in range(20):
-            await pilot.pause(0.01)
-            if app.links:
-                break
+        await until(pilot, lambda: app.links)
         assert app.links == [False] and app.looking
 
 
@@ -169,10 +159,7 @@ async def test_a_tab_that_comes_late_shows_the_ground_and_the_line_of_before(fra
     app = TabletApp(StillSource(frame), None, Key(None, StillClock()), clock=StillClock(), live=False,
                     services=Services(earlier=lambda path: before if path == str(log) else None, lines=LinesSeen()))
     async with app.run_test(size=(120, 40)) as pilot:
-        app.tick()
-        for worker in [one for one in app.workers if one.group == "earlier"]:
-            await worker.wait()
-        await pilot.pause()
+        await settled(app, pilot)
         assert app.history.worked.box.east_m > 400.0 and app.guide.b == (0.0, 50.0)
         app.guide.clear()
         app.keep_line(guide_record(app.guide))

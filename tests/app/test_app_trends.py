@@ -13,6 +13,7 @@ from console.app.pages.trends.channel_dialog import ChannelDialog
 from console.app.pages.trends.plots import Plots
 from console.app.replay_source import ReplaySource
 from tests.app.gallery import Picture, StillClock, StillSource, settle, still_app
+from tests.app.harness import dots, looked
 from tests.app.made_up.run import run_frames
 
 SIZE = (100, 30)
@@ -155,9 +156,7 @@ async def test_no_channel_says_how_to_choose_one(live, shown):
     async with live.run_test(size=SIZE) as pilot:
         await opened(live, pilot)
         live.page.channels = ()
-        live.page.hurry()
-        live.tick()
-        await pilot.pause()
+        await looked(live, pilot)
         assert any("V chooses what is plotted" in row for row in shown(live))
         await pilot.press("left", "plus", "z", "q", "2", "enter", "y", "pageup")
 
@@ -295,19 +294,12 @@ async def test_at_every_size_three_plots_and_the_time_axis_are_there(shown, size
 
 # --- drawing -------------------------------------------------------------------------------------------------------
 
-def lit(cells):
-    """Places (x, y) of all dots, by the code chart of braille."""
-    bits = {(0, 0): 0, (0, 1): 1, (0, 2): 2, (0, 3): 6, (1, 0): 3, (1, 1): 4, (1, 2): 5, (1, 3): 7}
-    return {(2 * column + x, 4 * row + y) for (column, row), value in cells.items()
-            for (x, y), bit in bits.items() if value >> bit & 1}
-
-
 def test_a_piece_goes_from_its_lowest_to_its_highest_and_joins_the_next():
-    seen = lit(traced((Piece(0.0, 0.0, 0.0, False), Piece(1.0, 1.0, 1.0, True)), 2, 1))
+    seen = dots(traced((Piece(0.0, 0.0, 0.0, False), Piece(1.0, 1.0, 1.0, True)), 2, 1))
     assert seen == {(0, 3), (1, 3), (2, 3), (3, 0), (3, 1), (3, 2), (3, 3)}
-    assert lit(traced((Piece(0.5, 0.0, 1.0, False),), 1, 1)) == {(0, y) for y in range(4)}
+    assert dots(traced((Piece(0.5, 0.0, 1.0, False),), 1, 1)) == {(0, y) for y in range(4)}
 
 
 def test_a_gap_and_what_lies_outside_are_not_drawn():
-    seen = lit(traced((Piece(-0.4, 0.5, 0.5, False), Piece(0.0, 0.0, 0.0, True), Piece(1.0, 0.0, 0.0, False)), 3, 1))
+    seen = dots(traced((Piece(-0.4, 0.5, 0.5, False), Piece(0.0, 0.0, 0.0, True), Piece(1.0, 0.0, 0.0, False)), 3, 1))
     assert {x for x, _y in seen} == {0, 5}

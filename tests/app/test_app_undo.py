@@ -23,6 +23,7 @@ from control.safety import Allowances
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.closed_loop import simulated_run
 from drivers.files.setup import load_setup
+from tests.app.harness import feed, settled
 
 SIZE = (120, 40)
 CHANGES = {
@@ -142,12 +143,10 @@ async def test_no_page_gives_an_order_past_the_one_place():
 
 # --- a strip says what becomes of the field ---------------------------------------------------------------------------
 
-def drive(app, source, metres, **values):
+def drive(app, metres, **values):
     """At 1 m/s, five rows a second."""
-    for _step in range(5 * metres):
-        row = source.newest.row._replace(time_s=source.newest.row.time_s + 0.2, speed_used_mps=1.0, **values)
-        source.newest = replace(source.newest, seq=source.newest.seq + 1, row=row)
-        app.tick()
+    time_s = app.source.newest.row.time_s
+    feed(app, ({"time_s": time_s + 0.2 * step, "speed_used_mps": 1.0, **values} for step in range(1, 5 * metres + 1)))
 
 
 @pytest.fixture
@@ -158,22 +157,15 @@ def strip_desk(full):
     return desk
 
 
-async def settled(app, pilot):
-    for _again in range(3):
-        for worker in [one for one in app.workers if one.group.startswith("job")]:
-            await worker.wait()
-        await pilot.pause()
-
-
 async def test_a_strip_says_the_target_before_and_after_and_can_be_taken_back(full, source, strip_desk):
     source.newest = replace(source.newest, strips=Strips(0.75), row=source.newest.row._replace(state="ready"))
     rule = strip_desk.known.setup.rule
     async with full.run_test(size=SIZE) as pilot:
         await pilot.press("f10")
         await settled(full, pilot)
-        drive(full, source, 40, ndvi=0.5)
+        drive(full, 40, ndvi=0.5)
         await pilot.press("b")
-        drive(full, source, 30, ndvi=0.70)
+        drive(full, 30, ndvi=0.70)
         await pilot.press("b")
         low = round(replace(rule, ndvi_nrich=0.70).decide(0.5).rate_kg_ha)
         now = round(replace(rule, ndvi_nrich=0.75).decide(0.5).rate_kg_ha)
@@ -198,9 +190,9 @@ async def test_a_strip_as_poor_as_the_field_is_warned_of(full, source, strip_des
     async with full.run_test(size=(60, 20)) as pilot:
         await pilot.press("f10")
         await settled(full, pilot)
-        drive(full, source, 40, ndvi=0.5)
+        drive(full, 40, ndvi=0.5)
         await pilot.press("b")
-        drive(full, source, 30, ndvi=0.51)
+        drive(full, 30, ndvi=0.51)
         await pilot.press("b")
         assert isinstance(full.screen, Confirm)
         assert "hardly richer than the field (NDVI 0.500)" in full.screen.text
