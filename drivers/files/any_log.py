@@ -12,8 +12,9 @@ from control.log_row import COLUMNS
 from drivers.files.foreign import our_names
 from drivers.files.imports.trouble import TableError
 from drivers.files.log_store import is_store
-from drivers.files.read_log import RunLog, read_rows
-from drivers.files.table import NoHeader, header_of
+from drivers.files.read_log import RunLog, log_of, read_rows
+from drivers.files.run_meta import RunMeta
+from drivers.files.table import Columns, NoHeader, header_of
 
 OWN, OF_FOLDER = ".import.yaml", "import.yaml"
 
@@ -27,6 +28,7 @@ def import_file(log: Path) -> Path | None:
 
 
 if TYPE_CHECKING:
+    from drivers.files.imports.join import Joined
     from drivers.files.imports.mapping import ImportFile
     from drivers.files.imports.raw import RawTable
 
@@ -47,39 +49,44 @@ def open_log(path: Path, without: Collection[str] = ()) -> RunLog:
             if is_store(path) or "time_s" in [name.strip().lower() for name in header_of(path)]:
                 raise                       # our own; of another's with names as ours the import knows more
     raw, mapping, said_by = raw_and_mapping(path)
-    return by_import(path, raw, mapping, said_by)
-
-
-def by_import(path: Path, raw: RawTable, mapping: ImportFile, said_by: Path | None = None) -> RunLog:
-    """What was read, as a run log. said_by: the import file. Raises ImportTrouble, OSError."""
-    from drivers.files.imports.convert import convert
-    from drivers.files.imports.join import joined
     from drivers.files.imports.log_file import run_log
-    imported = joined([convert(raw, mapping)], mapping.join)
+    imported = _converted(raw, mapping)
     log = run_log(path, imported, mapping, said_by)
     odd = (*(one for part in imported.parts for one in part.findings), *imported.findings)
     return replace(log, findings=(*odd, *(one for one in log.findings if one not in odd)))
 
 
-def raw_and_mapping(path: Path, called: Path | None = None) -> tuple[RawTable, ImportFile, Path | None]:
+def imported_columns(path: Path, raw: RawTable, mapping: ImportFile) -> Columns:
+    """The columns that `open_log` would give of lines out of a log, whose sidecar asks for all of it. Raises
+    TableError."""
+    from drivers.files.imports.log_file import as_read
+    return log_of(path, as_read(_converted(raw, mapping)), RunMeta()).columns
+
+
+def _converted(raw: RawTable, mapping: ImportFile) -> Joined:
+    from drivers.files.imports.convert import convert
+    from drivers.files.imports.join import joined
+    return joined([convert(raw, mapping)], mapping.join)
+
+
+def raw_and_mapping(path: Path, data: bytes | None = None) -> tuple[RawTable, ImportFile, Path | None]:
     """What is read, by the import file next to it or, without one, by a guess in which nothing is unsure.
 
-    called: the file of which `path` holds a copy. Raises ImportTrouble, ConfigError, OSError.
+    data: lines of it, in the place of all. Raises ImportTrouble, ConfigError, OSError.
     """
     from drivers.files.imports.read import read_raw
     from drivers.files.imports.trouble import Unsure
-    called = called or path
-    place = import_file(called)
+    place = import_file(path)
     if place is not None:
         from drivers.files.config import load
         from drivers.files.imports.mapping import IMPORT
         mapping = load(place, IMPORT).model
-        return read_raw(path, mapping.source), mapping, place
+        return read_raw(path, mapping.source, data), mapping, place
     from drivers.files.imports.guess import guess
-    raw = read_raw(path)
+    raw = read_raw(path, None, data)
     found = guess(raw)
     if not found.sure:
-        raise Unsure(called, *found.questions, f"not opened: topdress import {shlex.quote(str(called))} --guess writes "
+        raise Unsure(path, *found.questions, f"not opened: topdress import {shlex.quote(str(path))} --guess writes "
                      "an import file in which these lines can be put right")
     return raw, found.mapping, None
 

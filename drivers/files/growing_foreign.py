@@ -6,10 +6,9 @@ first row, with the same import file: the times of both begin at that row.
 """
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
 
-from drivers.files.any_log import by_import, raw_and_mapping
+from drivers.files.any_log import imported_columns, raw_and_mapping
 from drivers.files.good_lines import GoodLines
 from drivers.files.imports.mapping import ImportFile
 from drivers.files.imports.trouble import TableError
@@ -62,11 +61,8 @@ class ForeignText:
             return good.found
 
     def _ask(self, data: bytes) -> Columns:
-        with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
-            piece = Path(folder) / self.path.name
-            piece.write_bytes(data)
-            raw, mapping, _ = raw_and_mapping(piece, self.path)
-            columns = by_import(piece, raw, mapping).columns
+        raw, mapping, _ = raw_and_mapping(self.path, data)
+        columns = imported_columns(self.path, raw, mapping)
         lines = data.splitlines(keepends=True)
         follows = raw.source.kind == "text" and (raw.source.encoding or "").lower().startswith(ONE_BYTE)
         if follows and mapping.time.counts != "rows":
@@ -89,10 +85,5 @@ class ForeignText:
     def _rows(self, lines: list[bytes]) -> Columns:
         from drivers.files.imports.read import read_raw
         assert self._mapping is not None
-        with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
-            piece = Path(folder) / self.path.name
-            piece.write_bytes(self._head + b"".join(lines))
-            try:
-                return by_import(piece, read_raw(piece, self._mapping.source), self._mapping).columns
-            except TableError as error:
-                raise TableError(self.path, *error.reasons) from None
+        raw = read_raw(self.path, self._mapping.source, self._head + b"".join(lines))
+        return imported_columns(self.path, raw, self._mapping)

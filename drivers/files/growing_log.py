@@ -7,8 +7,6 @@ beginning: its times say so.
 """
 from __future__ import annotations
 
-import errno
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +21,6 @@ from drivers.files.sheet_text import SUFFIXES
 from drivers.files.table import Columns
 
 MOST_BYTES = 64 << 20           # of new lines that are read at a time
-FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
 
 
 class GrowingLog:
@@ -47,7 +44,7 @@ class GrowingLog:
         self._text = ForeignText(self.path)
 
     def more(self) -> Columns | None:
-        """The rows since the last call, columns as of `RunLog`; None: there are none, or no room to work on them.
+        """The rows since the last call, columns as of `RunLog`; None: there are none.
 
         Raises TableError (open questions too) and OSError for a file that is there and cannot be read.
         """
@@ -60,12 +57,7 @@ class GrowingLog:
             self._begin()
         if now.st_size == self._size and place == self._place:
             return None
-        try:
-            columns = self._read(now.st_size)
-        except OSError as error:
-            if error.errno in FULL:
-                return None             # what is new is read once there is room
-            raise
+        columns = self._read(now.st_size)
         self._place = place
         return self._newer(columns)
 
@@ -113,13 +105,7 @@ class GrowingLog:
         return good.found
 
     def _parsed(self, text: bytes) -> Columns:
-        with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
-            piece = Path(folder) / "new.csv"
-            piece.write_bytes(text)
-            try:
-                return read_log(piece).columns
-            except TableError as error:
-                raise TableError(self.path, *error.reasons) from None
+        return read_log(self.path, data=text).columns
 
     def _newer(self, columns: Columns | None) -> Columns | None:
         if columns is None or not len(columns["time_s"]):

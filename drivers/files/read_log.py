@@ -96,30 +96,33 @@ class RunLog:
         return [None if value != value else value for value in array.tolist()]
 
 
-def read_log(path: str | Path, only: Collection[str] | None = None, without: Collection[str] = ()) -> RunLog:
+def read_log(path: str | Path, only: Collection[str] | None = None, without: Collection[str] = (),
+             data: bytes | None = None) -> RunLog:
     """Opens a run log of any program, cut anywhere by a power loss; or its store (`log_store`).
 
     `only`: names of the columns wanted (None: all); `time_s` comes always. `without`: names of columns not wanted: a
-    million texts that nobody looks at take 0.2 GB. Raises TableError.
+    million texts that nobody looks at take 0.2 GB. `data`: header and lines of a text, in the place of all of it and
+    apart from its sidecar. Raises TableError.
     """
     path = Path(path)
     if without:
         log = _read_log(path, only, without)
         if not log.step_s >= SLOW_STEP_S:
             return log
-    return _read_log(path, only)
+    return _read_log(path, only, (), data)
 
 
-def _read_log(path: Path, only: Collection[str] | None, without: Collection[str] = ()) -> RunLog:
-    if is_store(path):
+def _read_log(path: Path, only: Collection[str] | None, without: Collection[str] = (),
+              data: bytes | None = None) -> RunLog:
+    if data is None and is_store(path):
         return RunLog(path, *read_store(path, only))
-    meta, meta_findings = _sidecar_of(path)
-    if _is_cut_in_header(path, meta):
+    meta, meta_findings = _sidecar_of(path) if data is None else (None, ())
+    if data is None and _is_cut_in_header(path, meta):
         found = Finding("cut_header", "the log was cut off before its first row")
         columns = {name: np.array([], object if name in TEXT_COLUMNS else np.float64)
                    for name in _own_columns(meta) if only is None or name in only or name == "time_s"}
         return RunLog(path, columns, meta, (*meta_findings, found))
-    table = read_table(path, _NUMBERS, TEXT_COLUMNS, rename=our_names, own_header=_own_columns(meta),
+    table = read_table(path, _NUMBERS, TEXT_COLUMNS, rename=our_names, own_header=_own_columns(meta), data=data,
                        choose=None if only is None and not without else lambda names: needed(
                            names, [name for name in names if name not in without] if only is None else only))
     columns, findings = examined(path, table.columns, table.names)

@@ -59,16 +59,16 @@ class _Layout(NamedTuple):
 
 def read_table(path: Path, numbers: Collection[str] = (), texts: Collection[str] = (), *,
                rename: Rename | None = None, choose: Callable[[tuple[str, ...]], Collection[str]] | None = None,
-               own_header: tuple[str, ...] = ()) -> Table:
+               own_header: tuple[str, ...] = (), data: bytes | None = None) -> Table:
     """Reads a table with one header row: text, or the one sheet of a workbook. Title rows above the header and a row of
     units below it are passed over, and said.
 
     `numbers`, `texts`: columns whose type is known; any other is numeric if all its cells are. `rename`: the names by
     which the header's columns go from here on. `choose`: of these names those to be read (None: all). `own_header`: the
     columns of a writer that ends every row with a line end, so that a last line without one was cut off; from other
-    writers such a line is used if it has all its fields. Raises TableError.
+    writers such a line is used if it has all its fields. `data`: a text in the place of the file's. Raises TableError.
     """
-    data, findings = _text(path)
+    data, findings = _text(path, data=data)
     layout = _layout(path, data, findings)
     data, cut = without_cut_row(data, layout.body, layout.separator, len(layout.names), layout.names == own_header)
     findings += cut
@@ -102,23 +102,25 @@ def header_of(path: Path) -> tuple[str, ...]:
     return _layout(path, data, findings).names
 
 
-def _text(path: Path, most: int = -1) -> tuple[bytes, list[Finding]]:
+def _text(path: Path, most: int = -1, data: bytes | None = None) -> tuple[bytes, list[Finding]]:
     """In UTF-8. most: bytes, cut at a line's end; -1: all. Raises TableError, BeyondLimits."""
     try:
-        check_file(path)
-        if path.suffix.lower() in SUFFIXES:
-            data = sheet_text(path)
-        else:
-            with path.open("rb") as file:
-                data = file.read(most)
-            if len(data) == most:
-                data = data[:data.rfind(b"\n") + 1] or data
+        data = _bytes(path, most) if data is None else data
     except FileNotFoundError:
         raise TableError(path, "no such file") from None
     except OSError as error:
         raise TableError(path, f"cannot be read: {error.strerror or error}") from None
     data, _, findings = utf8(path, data, whole=most < 0)
     return data, findings
+
+
+def _bytes(path: Path, most: int) -> bytes:
+    check_file(path)
+    if path.suffix.lower() in SUFFIXES:
+        return sheet_text(path)
+    with path.open("rb") as file:
+        data = file.read(most)
+    return data[:data.rfind(b"\n") + 1] or data if len(data) == most else data
 
 
 def _layout(path: Path, data: bytes, findings: list[Finding]) -> _Layout:

@@ -33,9 +33,13 @@ def log_frame(log: Joined) -> pl.DataFrame:
 
 def run_log(path: Path, log: Joined, mapping: ImportFile, mapping_file: Path | None) -> RunLog:
     """The log and its sidecar as they would be read from `path`, in memory. Raises TableError."""
+    return log_of(path, as_read(log), meta_from_yaml(_meta(log, mapping, mapping_file)))
+
+
+def as_read(log: Joined) -> pl.DataFrame:
+    """The columns as a reader of what is written has them, times as numbers."""
     frame = log_frame(log)
-    return log_of(path, frame.with_columns(frame["time_s"].cast(pl.Float64)),
-                  meta_from_yaml(_meta(log, mapping, mapping_file)))
+    return frame.with_columns(frame["time_s"].cast(pl.Float64))
 
 
 def write_imported(path: Path, log: Joined, mapping: ImportFile, mapping_file: Path | None) -> pl.DataFrame:

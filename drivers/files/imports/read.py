@@ -7,6 +7,7 @@ from pathlib import Path, PurePosixPath
 from drivers.files.archives import files_at
 from drivers.files.imports.mapping import Source, SourceKind
 from drivers.files.imports.raw import RawTable, units_in
+from drivers.files.imports.text import read_text
 from drivers.files.imports.trouble import ImportTrouble
 from drivers.files.imports.words import folded, subject_of
 from drivers.files.limits import check_file
@@ -24,15 +25,19 @@ _SUFFIXES: dict[str, SourceKind] = {
     ".xml": "isoxml", ".parquet": "parquet", ".pq": "parquet"}
 
 
-def read_raw(path: Path, said: Source | None = None) -> RawTable:
-    """`said`: what an import file says of the reading. Raises ImportTrouble, Refused in one line, OSError."""
+def read_raw(path: Path, said: Source | None = None, data: bytes | None = None) -> RawTable:
+    """`said`: what an import file says of the reading. `data`: lines of the text at `path`, in the place of all of it.
+
+    Raises ImportTrouble, Refused in one line, OSError.
+    """
     said = said or Source()
-    if not path.exists():
-        raise ImportTrouble(path, "no such file")
-    check_file(path)
+    if data is None:
+        if not path.exists():
+            raise ImportTrouble(path, "no such file")
+        check_file(path)
     import polars as pl
     try:
-        return _with_stated(_read(path, said))
+        return _with_stated(_read(path, said) if data is None else read_text(path, said, data))
     except pl.exceptions.PolarsError as error:
         raise ImportTrouble(path, f"not readable as a table: {str(error).splitlines()[0]}") from None
 
@@ -56,7 +61,6 @@ def _read(path: Path, said: Source) -> RawTable:
         return read_task_log(path, said)
     if kind == "parquet":
         return _parquet(path, said)
-    from drivers.files.imports.text import read_text
     return read_text(path, said)
 
 

@@ -148,9 +148,10 @@ def _row_by_row(path: Path, data: bytes, body: int, sign: str, names: list[str],
     return frame, said
 
 
-def read_text(path: Path, said: Source) -> RawTable:
-    """A table of any dialect, or of the one that `said` says. Raises TableError, BeyondLimits, OSError."""
-    data, encoding, findings = utf8(path, path.read_bytes(), said.encoding)
+def read_text(path: Path, said: Source, data: bytes | None = None) -> RawTable:
+    """A table of any dialect, or of the one that `said` says. data: of it, where it is not all. Raises TableError,
+    BeyondLimits, OSError."""
+    data, encoding, findings = utf8(path, path.read_bytes() if data is None else data, said.encoding)
     sample = data[:SAMPLE_BYTES].decode(errors="replace")
     if len(data) > SAMPLE_BYTES:
         sample = sample[:sample.rfind("\n")]
