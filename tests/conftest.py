@@ -4,9 +4,12 @@ from __future__ import annotations
 import gc
 import signal
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from click.testing import Result
+from typer.testing import CliRunner
 
 from console.threads import few_for_matrices
 
@@ -52,6 +55,23 @@ def pytest_report_header(config: pytest.Config) -> str | None:
     """Which of the two sets runs: a test of the other one, though named by its path, is only counted as deselected."""
     chosen = config.getoption("markexpr")
     return "the quick set; the rest: -m exam (make exam); both: -m ''" if chosen == "not exam" else None
+
+
+@pytest.fixture(scope="session")
+def topdress() -> Callable[..., Result]:
+    """Runs the command with these arguments."""
+    from console.cli import app
+    return lambda *words: CliRunner().invoke(app, [str(word) for word in words])
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> Callable[..., Path]:
+    """Writes a text or bytes to a file of this test and gives its path."""
+    def write(content: str | bytes, name: str = "log.csv", encoding: str = "utf-8") -> Path:
+        path = tmp_path / name
+        path.write_bytes(content.encode(encoding) if isinstance(content, str) else content)
+        return path
+    return write
 
 
 LONGEST_ID = 60             # characters of a parameter's id: some are files of a megabyte, and would flood a terminal

@@ -44,11 +44,6 @@ KINDS: dict[str, tuple[str, bytes]] = {
 }
 
 
-@pytest.fixture
-def topdress() -> Callable[..., Result]:
-    return lambda *words: CliRunner().invoke(app, [str(word) for word in words])
-
-
 @pytest.mark.parametrize("name", KINDS)
 def test_a_kind_is_known_by_its_bytes(name: str, tmp_path: Path) -> None:
     kind, data = KINDS[name]

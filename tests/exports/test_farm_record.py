@@ -7,17 +7,10 @@ from pathlib import Path
 
 import pytest
 from click.testing import Result
-from typer.testing import CliRunner
 
-from console.cli import app
 from drivers.files.exports.as_applied import AsApplied, as_applied
 from drivers.files.exports.write import write_as_applied
 from drivers.files.read_log import read_log
-
-
-@pytest.fixture(scope="module")
-def topdress() -> Callable[..., Result]:
-    return lambda *words: CliRunner().invoke(app, [str(word) for word in words])
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,5 @@
 """What the tests of files share."""
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
@@ -25,13 +24,3 @@ def full_row() -> Callable[[float], LogRow]:
             ndre_4=0.39, ndre_5=0.38, ndre_6=0.4, ndre=0.4)
         return given._replace(**{name: 1.0 for name in COLUMNS if getattr(given, name) is None})    # newer columns
     return make
-
-
-@pytest.fixture
-def written(tmp_path: Path) -> Callable[..., Path]:
-    """Writes a text or bytes to a file of this test and gives its path."""
-    def write(content: str | bytes, name: str = "log.csv") -> Path:
-        path = tmp_path / name
-        path.write_bytes(content.encode() if isinstance(content, str) else content)
-        return path
-    return write

@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 import shapely
 from click.testing import Result
-from typer.testing import CliRunner
 
-from console.cli import app
 from control.field.coverage import Coverage
 from control.field.done_ground import done_ground
 from control.geodesy import TangentPlane
@@ -24,11 +22,6 @@ from drivers.files.kinds import JOB
 from drivers.files.read_log import read_log
 
 HERE = TangentPlane(34.28, 119.88)      # as the shipped demo job has it
-
-
-@pytest.fixture
-def topdress() -> Callable[..., Result]:
-    return lambda *words: CliRunner().invoke(app, [str(word) for word in words])
 
 
 def degrees(*places: tuple[float, float]) -> np.ndarray:

@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 import shapely
 from click.testing import Result
-from typer.testing import CliRunner
 
-from console.cli import app
 from control.field.job import Job
 from drivers.files.config import load
 from drivers.files.fields.agopengps import read_agopengps, write_agopengps
@@ -32,11 +30,6 @@ FIELD = FieldData("Nordfeld 李", around((0, 0), (0, 400), (260, 420), (300, 10)
                   (Line("AB 1", around((0, 5), (300, 12))),
                    Line("Curve", around((0, 9), (80, 11), (190, 9), (290, 17)))),
                   12.0)
-
-
-@pytest.fixture
-def topdress() -> Callable[..., Result]:
-    return lambda *words: CliRunner().invoke(app, [str(word) for word in words])
 
 
 def farthest_m(one: FieldData, other: FieldData) -> float:

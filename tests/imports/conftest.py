@@ -3,35 +3,12 @@ from __future__ import annotations
 
 import importlib.util
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
 import pytest
-from click.testing import Result
-from typer.testing import CliRunner
-
-from console.cli import app
 
 HERE = Path(__file__).parent
-
-
-@pytest.fixture
-def topdress() -> Callable[..., Result]:
-    """Runs the command with these arguments."""
-    def run(*arguments: object) -> Result:
-        return CliRunner().invoke(app, [str(argument) for argument in arguments])
-    return run
-
-
-@pytest.fixture
-def written(tmp_path: Path) -> Callable[..., Path]:
-    """Writes a text or bytes to a file of this test and gives its path."""
-    def write(content: str | bytes, name: str = "log.csv", encoding: str = "utf-8") -> Path:
-        path = tmp_path / name
-        path.write_bytes(content.encode(encoding) if isinstance(content, str) else content)
-        return path
-    return write
 
 
 def _beside(name: str) -> ModuleType:

@@ -1,4 +1,5 @@
-"""A unit that a file states anywhere is read: litres are never kilograms. By format and by place."""
+"""The rate column of a map is taken where its name says so, else asked for; a unit that a file states anywhere is read:
+litres are never kilograms. By format and by place."""
 from __future__ import annotations
 
 import json
@@ -319,4 +320,83 @@ def test_a_damaged_file_next_to_a_map_is_no_trouble(tmp_path: Path) -> None:
     assert highest(read_prescription(path)) == 210.0
     (tmp_path / "map.xml").write_bytes(b" " * (2 << 20))
     with pytest.raises(Refused, match="allowed up to 1048576"):
+        read_prescription(path)
+
+
+# -- which column is the rate ------------------------------------------------------------------------------------------
+
+IDS = [1, 2, 3, 4]
+
+
+@pytest.fixture(params=[as_geojson, as_shapefile, as_csv], ids=["geojson", "shapefile", "csv"])
+def write(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[[Columns], Path]:
+    return lambda columns: request.param(tmp_path, columns)
+
+
+ASKED: list[tuple[Columns, str]] = [
+    ({"ID": IDS}, "number or a class"), ({"CLASS": [1, 2, 3, 3]}, "number or a class"),
+    ({"AREA_HA": [0.25, 0.3, 0.3, 0.2]}, "a size"), ({"EC_SH": [35.1, 40.2, 28.8, 33.0]}, "a measurement"),
+    ({"NDVI": [0.4, 0.5, 0.6, 0.7]}, "a measurement"), ({"RATE_ID": IDS}, "none is named as a rate"),
+    ({"Yield_rate": RATES}, "a measurement"), ({"NITRATE": RATES}, "none is named"),
+    ({"Soil_K": RATES}, "none is named"),
+    ({"rate": RATES, "dose": [9.0, 8.0, 7.0, 6.0]}, "2 are named as rates"), ({"Rate": IDS}, "counts 0, 1, 2"),
+    ({"rate": [0.1, 0.2, 0.25, 0.3]}, "nothing above 1"), ({"N_RATE": RATES}, "nitrogen or of the product"),
+    ({"gridcode": IDS, "Shape_Area": RATES}, "none is named"), ({"面积": RATES}, "none is named"),
+    ({"TGT_KG": RATES}, "none is named")]
+
+
+@pytest.mark.parametrize(("columns", "why"), ASKED, ids=lambda value: "-".join(value) if isinstance(
+    value, dict) else "")
+def test_what_may_be_something_else_is_asked(write: Callable[[Columns], Path], columns: Columns, why: str) -> None:
+    with pytest.raises(RateQuestion, match=why) as asked:
+        read_prescription(write(columns))
+    assert len(str(asked.value).splitlines()) == 1
+    assert all(name in str(asked.value) for name in columns)
+
+
+TAKEN: list[tuple[Columns, str, str]] = [
+    ({"ID": IDS, "Tgt_Rate": RATES}, "Tgt_Rate", "kg/ha"),
+    ({"OBJECTID": IDS, "dose": RATES, "Shape_Area": RATES}, "dose", "kg/ha"),
+    ({"ID": IDS, "DOSE_TXT": ["120,5", "150,0", "180,25", "210,0"]}, "DOSE_TXT", "kg/ha"),
+    ({"rate": ["120,5", "1.150,0", "180,25", "210"]}, "rate", "kg/ha"),
+    ({"rate": ["120.5 kg/ha", "150 kg/ha", "180.25 kg/ha", ""]}, "rate", "kg/ha"),
+    ({"Rate_lb_ac": RATES}, "Rate_lb_ac", "lb/ac"),
+    ({"TARGETRATE": RATES, "APPLIEDRAT": RATES[::-1]}, "TARGETRATE", "kg/ha"),
+    ({"ZONE_RATE": RATES, "ZONE": IDS}, "ZONE_RATE", "kg/ha"), ({"TARGET_RAT": RATES}, "TARGET_RAT", "kg/ha"),
+    ({"PRESCRIPTI": RATES}, "PRESCRIPTI", "kg/ha"), ({"Sollmenge": RATES}, "Sollmenge", "kg/ha"),
+    ({"施肥量": RATES, "编号": IDS}, "施肥量", "kg/ha"), ({"rate_kg_mu": RATES}, "rate_kg_mu", "kg/mu")]
+
+
+@pytest.mark.parametrize(("columns", "name", "unit"), TAKEN, ids=lambda value: "-".join(value) if isinstance(
+    value, dict) else "")
+def test_what_its_name_says_is_taken_and_said(write: Callable[[Columns], Path], columns: Columns, name: str,
+                                              unit: str) -> None:
+    path = write(columns)
+    read = read_prescription(path)
+    assert (read.layers, read.unit) == ((name,), unit)
+    assert read.data.zones[0].rate_kg_ha == pytest.approx(
+        120.5 * {"kg/ha": 1.0, "lb/ac": LB_AC_KG_HA, "kg/mu": 15.0}[unit])
+    told = CliRunner().invoke(app, ["map", str(path)])
+    assert f"rates        {name} (by its name" in told.stdout
+    assert f"{unit} {'named in the file' if unit in ('lb/ac', 'kg/mu') or 'kg/ha' in str(columns) else 'as the file'}" \
+        in told.stdout
+
+
+def test_the_operators_choice_stands(write: Callable[[Columns], Path]) -> None:
+    path = write({"ID": IDS, "EC_SH": RATES, "N_RATE": RATES})
+    assert read_prescription(path, Choice(column="EC_SH")).data.zones[0].rate_kg_ha == 120.5
+    assert read_prescription(path, Choice(column="N_RATE", n_fraction=0.5)).data.zones[0].rate_kg_ha == 241.0
+    assert read_prescription(path, Choice(column="N_RATE", unit="kg/ha")).data.zones[0].rate_kg_ha == 120.5
+
+
+@pytest.mark.parametrize(("text", "why"), [
+    ("WKT,rate\n\"POLYGON ((1 2, 3 4\",5\n", "row 2: not readable as WKT"),
+    ("WKT,rate\n\"POLYGON ((1 2", "not readable as CSV"),
+    ("WKT,rate\n\"POLYGON ((1 2,1 3,2 3,1 2))\"\n", "row 2: 1 cells: allowed 2"),
+    ("WKT,rate\n\"SRID=3857;POLYGON ((1 2,1 3,2 3,1 2))\",3\n", "SRID 3857: allowed 4326"),
+    ("WKT,rate\n\"POLYGON ((1 200,1 300,2 300,1 200))\",3\n", "allowed are degrees")])
+def test_csv_that_cannot_be_used(tmp_path: Path, text: str, why: str) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text(text)
+    with pytest.raises(Refused, match=why):
         read_prescription(path)
