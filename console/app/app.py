@@ -64,7 +64,7 @@ from drivers.files.settings import Rates
 
 if TYPE_CHECKING:
     from console.app.pages.job.page import JobScreen
-    from console.app.pages.job.service import JobService, Offer
+    from console.app.pages.job.service import AtWork, JobService, Offer
     from console.app.pages.map.page import MapScreen
     from console.app.pages.replay.page import ReplayScreen
 
@@ -424,8 +424,8 @@ class TopdressApp(App[None], inherit_bindings=False):
     async def _learn_earlier(self, log_path: str) -> None:
         """What the machine goes by that writes this log; alarms, track and lines from before this console looked."""
         look_back = self.services.earlier
-        if self.services.job is not None:
-            await self._learn_limits(self.services.job, log_path)
+        if self.services.at_work is not None:
+            await self._learn_limits(self.services.at_work, log_path)
         earlier = await asyncio.to_thread(look_back, log_path) if look_back is not None else None
         if earlier is not None:
             self.alarm_book.add_before(earlier.alarms)
@@ -434,8 +434,8 @@ class TopdressApp(App[None], inherit_bindings=False):
         if self.services.lines is not None:
             self._take_lines(await asyncio.to_thread(self.services.lines.read, log_path))
 
-    async def _learn_limits(self, service: JobService, log_path: str) -> None:
-        limits = await asyncio.to_thread(service.at_work, log_path)
+    async def _learn_limits(self, at_work: Callable[[str], AtWork | None], log_path: str) -> None:
+        limits = await asyncio.to_thread(at_work, log_path)
         if limits is not None:
             self.crop_limits_kg_ha, self.hopper_kg = (0.0, limits.most_rate_kg_ha), limits.hopper_kg
             store = self.services.settings

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from console.app.field_picture import FieldPicture
 from console.app.pages.calibrate.service import CalibrateService
 from console.app.pages.diagnosis.service import DiagnosisService
-from console.app.pages.job.service import Earlier, JobService
+from console.app.pages.job.service import AtWork, Earlier, JobService
 from console.app.pages.map.service import LayerFiles, LineFiles
 from console.app.pages.replay.service import LogFiles
 from console.app.pages.settings.service import SettingsStore
@@ -35,6 +35,8 @@ class Services:
     layers: LayerFiles | None = None
 
     earlier: Callable[[str], Earlier | None] | None = None      # before this console looked
+
+    at_work: Callable[[str], AtWork | None] | None = None       # the limits of the run that writes a log
 
     lines: LineFiles | None = None      # of the Map page: the A-B line, a boundary that is being driven
 

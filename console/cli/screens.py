@@ -138,7 +138,7 @@ def run_services(setup: Setup, found: Mapping[str, Loaded[BaseModel]], effects: 
     found: the configuration files by kind. effects: of the simulated machine.
     """
     from console.app.services import Services
-    from console.services.at_work import earlier
+    from console.services.at_work import at_work, earlier
     from console.services.calibrate import calibrate_job
     from console.services.diagnosis import diagnosis_files
     from console.services.field import field_picture
@@ -151,6 +151,7 @@ def run_services(setup: Setup, found: Mapping[str, Loaded[BaseModel]], effects: 
     return Services(
         diagnosis=files,
         earlier=earlier,
+        at_work=at_work,
         field=field_picture,
         logs=RunLogs(),
         layers=MapLayers(files),

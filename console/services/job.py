@@ -13,7 +13,6 @@ from console.app.pages.job.service import (
     GATHERING,
     READING,
     WRITING,
-    AtWork,
     Cancelled,
     Facts,
     File,
@@ -391,10 +390,6 @@ class JobFiles:
         return (*(path for path in map(Path, before) if path.exists()), log)
 
     # --- power cuts ---------------------------------------------------------------------------------------------
-
-    def at_work(self, log_path: str) -> AtWork | None:
-        from console.services.at_work import at_work
-        return at_work(log_path)
 
     def offer(self) -> Offer | None:
         left = sorted(self._left(), key=lambda one: not one.goes_on)

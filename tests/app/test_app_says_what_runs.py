@@ -169,9 +169,8 @@ async def test_files_that_cannot_be_read_are_not_said_to_be_those_of_this_consol
 
 
 async def test_the_limits_are_those_of_the_machine_that_runs(source, clock):
-    desk = SampleJobService()
-    desk.limits = AtWork(180.0, 250.0)
-    app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(job=desk))
+    services = Services(job=SampleJobService(), at_work=lambda _log: AtWork(180.0, 250.0))
+    app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=services)
     async with app.run_test(size=(120, 40)) as pilot:
         await settled(app, pilot)
         await pilot.press("m")

@@ -16,7 +16,7 @@ from console.app.pages.job.map_words import is_doubtful, map_words
 from console.app.pages.job.service import AtWork, Reading
 from console.app.units import METRIC
 from console.running import WorkerFailed
-from console.services.at_work import earlier
+from console.services.at_work import at_work, earlier
 from console.services.job import JobFiles, implausible
 from console.services.launcher import Launcher, others_than
 from console.services.sticks import entries, maps_in, may_be_map
@@ -190,10 +190,10 @@ def test_the_files_of_a_worker_that_runs_are_its_logs(launcher, tmp_path):
     assert launcher.config == (str(job),)
 
 
-def test_the_limits_of_a_run_are_its_own(desk, tmp_path):
+def test_the_limits_of_a_run_are_its_own(tmp_path):
     log = tmp_path / "run.csv"
     PlainLogWriter(log, run_meta({"flow": {"full_kg": 280.0}}, {"max_rate_kg_ha": 450.0})).close()
-    assert desk.at_work(str(log)) == AtWork(450.0, 280.0) and desk.at_work(str(tmp_path / "none.csv")) is None
+    assert at_work(str(log)) == AtWork(450.0, 280.0) and at_work(str(tmp_path / "none.csv")) is None
 
 
 def test_an_export_of_nothing_is_one_line(desk, tmp_path):

@@ -10,7 +10,6 @@ import numpy as np
 
 from console.app.field_picture import FieldPicture, Planned, Ring
 from console.app.pages.job.service import (
-    AtWork,
     Cancelled,
     Facts,
     File,
@@ -80,7 +79,6 @@ class SampleJobService:
         self.asked: list[tuple[str, ...]] = []
         self.trouble = ""
         self.next: FrameSource | None = None
-        self.limits: AtWork | None = None
 
     def facts(self) -> Facts:
         self._fail()
@@ -88,9 +86,6 @@ class SampleJobService:
 
     def free_bytes(self, log_path: str) -> int | None:
         return 83_000_000_000
-
-    def at_work(self, log_path: str) -> AtWork | None:
-        return self.limits
 
     def take(self, kind: str, value: str) -> None:
         self.asked.append(("take", kind, value))

@@ -140,9 +140,6 @@ class JobService(Protocol):
     def free_bytes(self, log_path: str) -> int | None:
         """On the disk where the log is written; None where it is not known."""
 
-    def at_work(self, log_path: str) -> AtWork | None:
-        """The limits of the run that writes this log; None where they are not known."""
-
     def take(self, kind: str, value: str) -> None:
         """Another job, crop or machine for `restart`; checked first. `facts` are those of what runs until then."""
 
