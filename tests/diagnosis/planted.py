@@ -73,8 +73,10 @@ QUESTIONS: dict[str, Question] = {
     "terms": lambda found, expected: forms(found) == expected,
     "over": lambda found, name: any(over == [name] for _, _, over in forms(found)),
     "channels": lambda found, names: {one.channel for one in found.channels} == set(names),
-    "says": lambda found, words: any(words in text for text in found.findings),
+    "says": lambda found, words: all(any(word in text for text in found.findings)
+                                     for word in ([words] if isinstance(words, str) else words)),
     "never_says": lambda found, words: not any(words in text for text in found.findings),
+    "rates": lambda found, many: len(found.rates) == many,
     "next_run": lambda found, words: found.next_run is not None and words in found.next_run.plan,
 }
 

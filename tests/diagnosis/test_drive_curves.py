@@ -1,14 +1,24 @@
-"""Drives far from their data sheet: several names that are one curve, and a drive that no name fits, as a whole."""
+"""Drives far from their data sheet: names that are one curve, a drive that no name fits, and what a file takes up."""
 from __future__ import annotations
 
+import json
 import math
 import random
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 
+from console.app.pages.diagnosis import shown
+from console.app.pages.diagnosis.adoption import offer_of, sure
+from console.app.pages.diagnosis.service import DiagnosisView
+from console.app.pages.diagnosis.words import adopted_title
+from console.cli.adopting import adopt
+from console.services.diagnosis_job import Order, work
 from control.diagnosis.extend import extend, not_adoptable
-from control.diagnosis.result import Diagnosis
+from control.diagnosis.result import Cause, Diagnosis, Rival
 from control.diagnosis.runs.adoption import adoptable_of
 from control.diagnosis.runs.channels import channels
 from control.diagnosis.runs.diagnose import diagnose_run, series_of_log
@@ -16,6 +26,9 @@ from control.diagnosis.runs.hypothesis import EffectInstance
 from control.diagnosis.runs.search import Search
 from control.machine.machine import Limits
 from control.machine.shaft import lag_s
+from drivers.files.config import load, save
+from drivers.files.kinds import MACHINE
+from drivers.files.plain import typed
 from tests.diagnosis.logs import DRIVE, Columns, staircase, steps
 from tests.diagnosis.planted import error_on
 
@@ -93,3 +106,70 @@ def test_names_that_leave_something_are_adopted_together() -> None:
     found = diagnose_run(eight_duties(1), machine)
     new = extend(machine, adoptable_of(found, [one.id for one in found.causes if not not_adoptable(one)]).found)
     assert error_on(eight_duties(2), new) < 0.5 * error_on(eight_duties(2), machine)
+
+
+# --- What a machine file takes up of a joint fit: all of it, or what is left of it fitted anew; never what is worse --
+
+LOG = "stairs.csv"
+
+
+def with_rival(cause: Cause) -> Cause:
+    return replace(cause, probability=0.6, rivals=(Rival("shaft.dead_band", 0.4),))
+
+
+@pytest.mark.parametrize("name", ["shaft.gain", "shaft.dead_zone", "shaft.saturation"])
+def test_a_file_without_an_undecided_part_of_a_curve_is_never_worse(curve: Diagnosis, name: str, tmp_path: Path
+                                                                    ) -> None:
+    undecided = replace(curve, causes=tuple(with_rival(one) if one.id == name else one for one in curve.causes))
+    (tmp_path / LOG).write_text("time_s\n")
+    out = tmp_path / "new.yaml"
+    try:
+        adopt(undecided, DRIVE, [tmp_path / LOG], out)
+    except typer.Exit:
+        return                      # nothing is written: the machine file stays as it is
+    new = load(str(out), MACHINE).model
+    for seed in (1, 2):
+        assert error_on(staircase(seed), new) < error_on(staircase(seed), DRIVE)
+
+
+def test_what_is_left_of_a_joint_fit_is_fitted_anew(curve: Diagnosis) -> None:
+    """A staircase without its bend: gain and zone fit on their own, at other sizes than with it."""
+    taken = adoptable_of(curve, ["shaft.gain", "shaft.dead_zone"])
+    assert [one.id for one in taken.found.causes] == ["shaft.gain", "shaft.dead_zone"] or taken.refused
+    sizes = {one.id: one.size.value for one in curve.causes}
+    for one in taken.found.causes:
+        assert one.size.value != pytest.approx(sizes[one.id], rel=0.05)
+    new = extend(DRIVE, taken.found)
+    assert error_on(staircase(2), new) <= error_on(staircase(2), DRIVE)
+
+
+def test_what_is_whole_is_taken_up_as_it_is(curve: Diagnosis) -> None:
+    taken = adoptable_of(curve, [one.id for one in curve.causes])
+    assert taken.found.causes == curve.causes and not taken.refused
+
+
+def test_the_page_offers_a_drive_as_a_whole_as_the_command_line_does(tmp_path: Path) -> None:
+    log, machine = tmp_path / "steps.csv", tmp_path / "drive.yaml"
+    columns = steps(1)
+    rows = zip(*(columns[name] for name in ("time_s", "shaft_rpm_cmd", "shaft_rpm")), strict=True)
+    log.write_text("time_s,shaft_rpm_cmd,shaft_rpm\n" + "".join(f"{t:.3f},{a:.2f},{r:.2f}\n" for t, a, r in rows))
+    save(machine, DRIVE, MACHINE)
+    work(Order(str(log), str(tmp_path), machine=str(machine)), lambda share, stage: None)
+    found = typed(DiagnosisView, json.loads((tmp_path / "view.json").read_text()))
+    assert found.found.fitted is not None and found.adoptable == ("shaft as a whole",)
+    offer = offer_of(found, sure(found))
+    assert offer is not None and offer.changes
+    new = load(str(tmp_path / offer.file), MACHINE).model
+    assert error_on(steps(2), new) < 0.6 * error_on(steps(2), DRIVE)
+    assert "shaft as a whole: Shaft" in adopted_title(found, found.adoptable[0])
+    assert "as a whole" in " ".join(shown.channels(found).gains)
+
+
+def test_steps_of_an_encoder_do_not_keep_a_drive_from_being_fitted_as_a_whole() -> None:
+    """Readings in steps of 16 r/min hide what a slope says of a lag; what all rows say of it they do not hide."""
+    columns, other = steps(1), steps(2)
+    for one in (columns, other):
+        one["shaft_rpm"] = 16.0 * np.round(one["shaft_rpm"] / 16.0)
+    found = diagnose_run(columns, DRIVE)
+    assert found.fitted is not None and {"shaft.slow", "shaft.dead_time"} & {name for name, _ in found.fitted.sizes}
+    assert error_on(other, extend(DRIVE, found)) < 0.6 * error_on(other, DRIVE)

@@ -10,7 +10,6 @@ import pytest
 pytestmark = pytest.mark.exam
 
 
-
 @pytest.fixture(scope="module")
 def plant(hidden: Any) -> Any:
     """Six minutes on hills, every variable moving, with one column that no standard log has."""
@@ -22,6 +21,11 @@ def plant(hidden: Any) -> Any:
 def _eye(hidden: Any, plant: Any, rows: Any = None) -> Any:
     noises = hidden.noise.noises("ar1", plant.drive.row_s, np.random.default_rng(2))
     return hidden.detect.Eye(plant, noises, hidden.nominal.Physics(), hidden.logged.Logged(rows))
+
+
+def _healthy_log(hidden: Any, plant: Any) -> Any:
+    noises = hidden.noise.noises("ar1", 0.05, np.random.default_rng(1))
+    return hidden.runlog.columns(plant, hidden.nominal.Physics(), (), noises, 9)
 
 
 def _values(plant: Any) -> dict[str, Any]:
@@ -151,8 +155,7 @@ def test_an_effect_that_never_begins_is_not_there(hidden: Any, plant: Any) -> No
 
 
 def test_coarse_rows_are_rows_of_the_fine_log_and_lose_no_event(hidden: Any, plant: Any) -> None:
-    noises = hidden.noise.noises("ar1", 0.05, np.random.default_rng(1))
-    columns = hidden.runlog.columns(plant, hidden.nominal.Physics(), (), noises, 9)
+    columns = _healthy_log(hidden, plant)
     columns["events"][101], columns["events"][103] = "refill 50.0", "mark"
     for hz in hidden.classes.COARSE_HZ:
         rows = hidden.logged.coarse_rows(columns["time_s"].size, 0.05, hz, np.random.default_rng(2))
@@ -176,8 +179,7 @@ def test_what_a_coarse_log_does_not_hold_makes_an_effect_harder_to_see(hidden: A
 
 @pytest.mark.parametrize("convention", ["same_row", "in_force", "row_later"])
 def test_foreign_rows(hidden: Any, plant: Any, convention: str) -> None:
-    noises = hidden.noise.noises("ar1", 0.05, np.random.default_rng(1))
-    columns = hidden.runlog.columns(plant, hidden.nominal.Physics(), (), noises, 9)
+    columns = _healthy_log(hidden, plant)
     rows = np.arange(0, columns["time_s"].size, 40)
     out = hidden.logged.written(columns, hidden.logged.Logged(rows), "", convention)
     command, answer = columns["shaft_rpm_cmd"][rows], columns["shaft_rpm"][rows]
@@ -190,8 +192,7 @@ def test_foreign_rows(hidden: Any, plant: Any, convention: str) -> None:
 
 
 def test_a_log_that_lacks_a_column_is_asked_only_for_what_it_can_tell(hidden: Any, plant: Any) -> None:
-    noises = hidden.noise.noises("ar1", 0.05, np.random.default_rng(1))
-    columns = hidden.runlog.columns(plant, hidden.nominal.Physics(), (), noises, 9)
+    columns = _healthy_log(hidden, plant)
     for lacks in hidden.logged.LACKS:
         out = hidden.logged.written(columns, hidden.logged.Logged(), lacks)
         assert "time_s" in out and not set(hidden.logged.LACKS[lacks][0]) & set(out)

@@ -9,6 +9,12 @@ from tests.diagnosis.logs import HUANGHAI
 
 pytestmark = pytest.mark.exam
 
+
+def answered(number: int, seed: int, categories: tuple[str, ...], ids: tuple[str, ...] = (), split: str = "tuning"):
+    case = cases.one(number, seed, split, categories, ("run",), ids, None)
+    return case, diagnose_run(case.columns, HUANGHAI)
+
+
 WRONG_ONCE = [
     pytest.param(9, 123, ("single", "lookalike", "pair"),
                  id="a dead band between two commands: the likelihood has one narrow peak"),
@@ -21,8 +27,7 @@ WRONG_ONCE = [
 
 @pytest.mark.parametrize("number, seed, categories", WRONG_ONCE)
 def test_a_case_that_was_wrong_once_is_right(number, seed, categories):
-    case = cases.one(number, seed, "tuning", categories, ("run",), (), None)
-    found = diagnose_run(case.columns, HUANGHAI)
+    case, found = answered(number, seed, categories)
     assert score.mark(case.truth, found.to_json()).honest, (case.truth["causes"], found.causes, found.unexplained)
 
 
@@ -36,8 +41,7 @@ TERMS_WRONG_ONCE = [
 
 @pytest.mark.parametrize("number, seed, kind, form", TERMS_WRONG_ONCE)
 def test_a_term_that_was_wrong_once_is_right(number, seed, kind, form):
-    case = cases.one(number, seed, "tuning", ("term",), ("run",), (kind,), None)
-    found = diagnose_run(case.columns, HUANGHAI)
+    case, found = answered(number, seed, ("term",), (kind,))
     mark = score.mark(case.truth, found.to_json())
     assert (mark.right_stage, mark.all_variables, found.causes) == (True, True, ()), (found.terms, found.causes)
     assert found.terms[0].term["form"] == form
@@ -45,6 +49,5 @@ def test_a_term_that_was_wrong_once_is_right(number, seed, kind, form):
 
 def test_loud_readings_of_a_gate_that_moves_little_are_no_stuck_gate():
     """A stop's gain was counted as if each reading spoke for itself; now by blocks of time, as every other effect's."""
-    case = cases.one(77, 5151, "unseen", ("healthy_loud",), ("run",), (), None)
-    found = diagnose_run(case.columns, HUANGHAI)
+    _, found = answered(77, 5151, ("healthy_loud",), split="unseen")
     assert (found.causes, found.verdict) == ((), "none")

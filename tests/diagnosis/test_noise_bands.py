@@ -1,11 +1,15 @@
-"""Bands of frequency that noise is looked at in: a segment's place in the log changes nothing."""
+"""How noise and readings are looked at: bands of frequency, steps, tails, the noise's fit, blocks held out."""
 from __future__ import annotations
+
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from control.diagnosis.judgement.noise import coefficients, leaving_out, segments, series_of
+from control.diagnosis.judgement.noise_fit import solved
+from control.diagnosis.runs.held_out import BLOCKS, GAP_S, HELD_OUT, held_out
 from control.diagnosis.runs.quantised import (
     noise_before_rounding,
     rounding_error,
@@ -111,3 +115,49 @@ def test_an_encoder_that_begins_to_read_in_steps_is_told_from_when_on() -> None:
     steps = steps_to_the_end(readings)
     assert steps is not None and abs(steps.step_rpm - 3.7) < 1e-3 and abs(steps.first - 2600) <= 5
     assert steps_to_the_end(np.round(speed_rpm, 3)) is None
+
+
+# --- The noise's fit: its own small solver against LAPACK's -----------------------------------------------------------
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_step_is_that_of_lapack(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    square, right = rng.normal(size=(4, 4)) * 10.0 ** rng.uniform(-3.0, 3.0, 4), rng.normal(size=4)
+    for matrix in (square, square @ square.T):          # rows must change places; as Fisher's is
+        expected = np.linalg.solve(matrix, right)
+        off = matrix @ solved(matrix.copy(), right.copy()) - right
+        assert np.abs(off).max() <= 1e-12 + 10.0 * np.abs(matrix @ expected - right).max()
+
+
+@pytest.mark.parametrize("value", [0.0, np.nan, np.inf])
+def test_what_has_no_step_is_refused(value: float) -> None:
+    with pytest.raises(np.linalg.LinAlgError):
+        solved(np.full((4, 4), value), np.ones(4))
+
+
+# --- Blocks of a log that no size is fitted to: where they lie, and that a short log has none -------------------------
+
+class Steps(NamedTuple):
+    step_s: float
+
+
+class Series(NamedTuple):
+    """What `held_out` asks of a channel."""
+
+    measured: np.ndarray
+    grid: Steps
+    cut: Any = None
+
+
+@pytest.mark.parametrize("step_s", [0.1, 0.2])
+def test_held_out_blocks_keep_their_distance_from_those_that_are_fitted(step_s: float) -> None:
+    length, gap = 4800, round(GAP_S / step_s)
+    blocks = held_out(Series(np.zeros(length), Steps(step_s)))  # type: ignore[arg-type]
+    assert [(piece.start, piece.stop) for piece in blocks.pieces] == [
+        (length * k // BLOCKS + gap, length * (k + 1) // BLOCKS - gap) for k in HELD_OUT]
+
+
+@pytest.mark.parametrize("seconds", [8.0, 80.0, 8.0 * 2.0 * GAP_S])
+def test_a_log_shorter_than_the_gaps_holds_nothing_out(seconds: float) -> None:
+    blocks = held_out(Series(np.zeros(round(10.0 * seconds)), Steps(0.1)))  # type: ignore[arg-type]
+    assert blocks.pieces == ()

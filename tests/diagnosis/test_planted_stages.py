@@ -309,7 +309,7 @@ MISSED = "speed.missed_pulses"
             covers={"speed.wheel_radius": 1.0}),
     planted("a late receiver beside a hum", partial(humming, 0.12, late_s=0.4), exam=True, names=["speed.gnss_latency"],
             covers={"speed.gnss_latency": 0.4}),
-    planted("a log with drives and rates is judged as ever", rates_beside_speeds, verdict="none"),
+    planted("a log with drives and rates is judged as ever", rates_beside_speeds, verdict="none", rates=0),
     *(planted(f"a shaft slow from {from_s:g} to {to_s:g} s", partial(slow_for_a_while, from_s, to_s), HUANGHAI,
               exam=from_s < 300.0, verdict="named", one_of=SLOW, onset_s=approx(from_s, abs=15.0),
               until_s=approx(to_s, abs=15.0)) for from_s, to_s in ((150.0, 260.0), (300.0, 380.0))),

@@ -1,20 +1,16 @@
-"""What a diagnosis of bench tables hands on as data, not in a sentence: steps, minutes, facts of effects and costs."""
+"""What a diagnosis of bench tables hands on as data, not in a sentence: steps, minutes and costs."""
 from __future__ import annotations
 
-import ast
 import doctest
-from pathlib import Path
 
 import pytest
 
-from control.calibration.bench_table import KINDS
 from control.diagnosis import effects
-from control.diagnosis.tables import __path__ as room
 from control.diagnosis.tables import diagnose
 from control.diagnosis.tables.cost import field_cost
 from control.diagnosis.tables.piece import Candidate, SizedEffect
 from control.experiments.bench_tests import bench_tests
-from control.machine.machine import CATALOGUE, Machine
+from control.machine.machine import Machine
 from tests.diagnosis.tables import MACHINE, diagnosed, labelled_lags
 
 
@@ -44,19 +40,6 @@ def test_bench_tests_are_at_settings_of_the_machines_own_ranges() -> None:
     assert "5 starts each at 10, 40 and 70 r/min" in steps["response_test"][0]
     assert "5 starts each at 150, 400 and 700 r/min" in steps["response_test"][1]
     assert steps["static_weigh"][0] == steps["static_weigh"][1]
-
-
-def test_no_effect_stands_as_a_literal() -> None:
-    """Facts of an effect have one home, control/diagnosis/effects.py: all else names it by its constant there."""
-    for path in Path(next(iter(room))).rglob("*.py"):
-        texts = {node.value for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-                 if isinstance(node, ast.Constant)}
-        assert not texts & set(CATALOGUE), path
-
-
-def test_the_facts_of_an_effect_name_other_effects_and_kinds_of_tables() -> None:
-    for row in effects.ROWS.values():
-        assert set(row.half_looks_like) <= set(CATALOGUE) and set(row.scoped_in) <= set(KINDS)
 
 
 @pytest.mark.parametrize(("row", "size", "rate", "place"), [
