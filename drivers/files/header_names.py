@@ -6,11 +6,7 @@ from typing import NamedTuple
 
 from control.recordings.finding import Finding
 from drivers.files.imports.header import named
-from drivers.files.imports.units import Unit, unit_named
-
-# What a column holds by the ending of its name.
-ENDINGS = {"_kg_ha": "kg/ha", "_mps": "m/s", "_kmh": "km/h", "_rpm": "r/min", "_rpm_cmd": "r/min", "_mm": "mm",
-           "_mm_cmd": "mm", "_kg": "kg", "_deg": "deg", "_v": "V", "_percent": "%", "_s": "s", "_m": "m", "_min": "min"}
+from drivers.files.imports.units import ENDINGS, Unit, unit_named, unit_of
 
 
 class Renamed(NamedTuple):
@@ -37,7 +33,7 @@ def our_names(names: tuple[str, ...], known: Collection[str], others: Mapping[st
         factor = 1.0 if unit is None else _factor(unit, other)
         if factor is None:
             return Renamed(names, trouble=f"column {name}: unit {unit.name if unit else ''}: allowed "
-                           f"{_unit_of(other) or 'none'}")
+                           f"{ours_in.name if (ours_in := unit_of(other)) else 'none'}")
         if factor != 1.0:
             factors[other] = factor
         taken.add(other)
@@ -67,14 +63,9 @@ def _split(name: str, known: Collection[str], others: Mapping[str, str]) -> tupl
     return (bare, unit_named(text)) if plain in known or plain in others else (name, None)
 
 
-def _unit_of(column: str) -> str:
-    return next((unit for ending, unit in sorted(ENDINGS.items(), key=lambda e: -len(e[0])) if column.endswith(ending)),
-                "")
-
-
 def _factor(unit: Unit, column: str) -> float | None:
     """What one of `unit` is in the column's; None where it is another quantity."""
-    ours = unit_named(_unit_of(column))
+    ours = unit_of(column)
     if ours is None:
         return 1.0 if unit.name == "%" else None
     return unit.factor / ours.factor if ours.quantity == unit.quantity else None

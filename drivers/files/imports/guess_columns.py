@@ -15,7 +15,7 @@ from drivers.files.imports.header import named
 from drivers.files.imports.mapping import NOT_MAPPED, Column
 from drivers.files.imports.numbers import numbers
 from drivers.files.imports.raw import RawTable
-from drivers.files.imports.units import Unit, quantity_of, unit_named
+from drivers.files.imports.units import Unit, quantity_of, unit_named, unit_of
 from drivers.files.imports.words import (
     COMMAND,
     PLAINLY_READING,
@@ -32,8 +32,6 @@ TOO_FAST = 60.0                 # no machine drives so fast in any unit of speed
 SHAPEFILE_NAME = 10             # letters that a shapefile leaves of a name
 DEGREES = ("latitude", "longitude", "heading")      # their unit needs no word
 IN_RPM = ("rpm", "drehzahl", "转速")                 # words that are units by themselves
-_LOG_UNITS = {"speed": "m/s", "rotation": "r/min", "length": "mm", "mass": "kg", "rate": "kg/ha", "angle": "deg",
-              "voltage": "V", "share": "%", "time": "s"}
 
 
 def candidates_of(raw: RawTable, used: Iterable[str | None]) -> list[Candidate]:
@@ -169,12 +167,12 @@ def column_of(one: Candidate, out: Guess) -> Column | None:
     if one.unit.name == "%" and quantity == "angle":
         return Column.of(one.source, unit="slope %", missing=_missing(one))
     if one.unit.name == "%" and one.target in out.full:
-        out.reasons[key] = f"100 % is {out.full[one.target]:g} {_LOG_UNITS[quantity or '']} by the machine file"
+        out.reasons[key] = f"100 % is {out.full[one.target]:g} {_log_unit(one)} by the machine file"
         return Column.model_validate({"from": one.source, "unit": "%", "full": out.full[one.target],
                                       "missing": _missing(one)})
     if one.unit.name == "%" and quantity is not None:
         out.doubts.append(Doubt(key, f"{one.source} is in %: the file does not say what 100 % is in "
-                                f"{_LOG_UNITS[quantity]}"))
+                                f"{_log_unit(one)}"))
         out.open[one.target] = f'{{from: {_quoted(one.source)}, unit: "%", full: }}'
         return None
     if quantity == "rate" and one.unit.quantity == "flow":
@@ -193,6 +191,11 @@ def column_of(one: Candidate, out: Guess) -> Column | None:
     return None
 
 
+def _log_unit(one: Candidate) -> str:
+    unit = unit_of(one.target)
+    return "" if unit is None else unit.name
+
+
 def _quoted(name: str) -> str:
     return '"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
@@ -204,7 +207,7 @@ def _without_unit(one: Candidate, quantity: str | None, out: Guess) -> Column | 
         out.reasons[key] = "the name"
         return Column.of(one.source, missing=missing)
     known = one.values[np.isfinite(one.values) & ~np.isin(one.values, missing)]
-    unit = _LOG_UNITS[quantity]
+    unit = _log_unit(one)
     if quantity == "voltage":
         unit = "mV" if np.median(np.abs(known)) > 500.0 else "V"
         out.reasons[key] = f"no unit: {unit} by the range ({known.min():g} to {known.max():g})"

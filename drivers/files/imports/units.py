@@ -105,12 +105,10 @@ _BY_NAME = {unit.name: unit for unit in UNITS}
 _SPELLINGS = {unit.name: unit for unit in UNITS} | {
     spelling: unit for unit in reversed(UNITS) for spelling in (unit.name.lower(), *unit.other)}
 
-# What a log column is measured in, by the ending of its name (docs/format-run-log.md).
-_ENDINGS = (("_kg_ha", "rate"), ("_mps", "speed"), ("_rpm", "rotation"), ("_rpm_cmd", "rotation"), ("_mm", "length"),
-            ("_mm_cmd", "length"), ("_kg", "mass"), ("_deg", "angle"), ("_v", "voltage"), ("_percent", "share"),
-            ("_s", "time"), ("_m", "length"))
+# What a column holds by the ending of its name (docs/format-run-log.md); of several that fit the longest.
+ENDINGS = {"_kg_ha": "kg/ha", "_mps": "m/s", "_kmh": "km/h", "_rpm": "r/min", "_rpm_cmd": "r/min", "_mm": "mm",
+           "_mm_cmd": "mm", "_kg": "kg", "_deg": "deg", "_v": "V", "_percent": "%", "_s": "s", "_m": "m", "_min": "min"}
 _IN_NAMES = {"r/min": "rpm", "m/s": "mps", "km/h": "kmh", "%": "percent", SLOPE: "slope_percent"}
-_PER_METRE = 0.001           # lengths are in mm but for the one column in metres
 
 
 def unit_named(text: str) -> Unit | None:
@@ -139,16 +137,22 @@ def quantity_of(column: str) -> str | None:
     """Of a column of the run log; None for plain numbers, texts and columns beyond the standard."""
     if column not in COLUMNS or column in TEXT_COLUMNS or column in WHOLE_COLUMNS:
         return None
-    return next((quantity for ending, quantity in sorted(_ENDINGS, key=lambda e: -len(e[0]))
-                 if column.endswith(ending)), None)
+    unit = unit_of(column)
+    return None if unit is None else unit.quantity
+
+
+def unit_of(column: str) -> Unit | None:
+    """By the ending of its name; None: it says none."""
+    ending = max((one for one in ENDINGS if column.endswith(one)), key=len, default=None)
+    return None if ending is None else _BY_NAME[ENDINGS[ending]]
 
 
 def in_log_unit(values: NDArray[np.float64], unit: Unit, column: str) -> NDArray[np.float64]:
     """Numbers (n,) in `unit` as the log column holds them. The unit's quantity must be the column's."""
     if unit.name == SLOPE:
         return np.degrees(np.arctan(values / 100.0))
-    metres = _PER_METRE if column.endswith("_m") else 1.0
-    return values * (unit.factor * metres)
+    own = unit_of(column)
+    return values * (unit.factor / (1.0 if own is None else own.factor))
 
 
 def slug(text: str) -> str:
