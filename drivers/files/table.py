@@ -222,8 +222,11 @@ def columns_of(frame: pl.DataFrame, numbers: Collection[str], texts: Collection[
     columns: Columns = {}
     for name in frame.columns:
         series = frame.drop_in_place(name)
-        if name not in texts and (name in numbers or series.dtype != pl.String
-                                  or not numbers_of(series.head(_LOOKED_AT), decimal_comma).bad):
+        if series.dtype == pl.Float64:
+            values = series.to_numpy()
+            columns[name] = np.where(np.isinf(values), np.nan, values) if np.isinf(values).any() else values
+            continue
+        if name not in texts and (name in numbers or not numbers_of(series.head(_LOOKED_AT), decimal_comma).bad):
             found = numbers_of(series, decimal_comma)
             if found.bad and name in numbers and findings is not None:
                 findings.append(Finding("not_a_number", f"column {name}: {many(found.bad, 'cell')} such as "

@@ -37,9 +37,10 @@ def encoding_of(data: bytes) -> str:
     even, odd = data[0:4000:2].count(0), data[1:4000:2].count(0)
     if max(even, odd) > 0.3 * len(data[:4000:2]) and min(even, odd) < 0.5 * max(even, odd):     # not of a power loss
         return "utf-16-le" if odd > even else "utf-16-be"
-    first = _HIGH.search(data)
-    if first is None or _is_utf8(data):
+    if data.isascii() or _is_utf8(data):
         return "utf-8"
+    first = _HIGH.search(data)
+    assert first is not None
     start = data[first.start():first.start() + SAMPLE_BYTES]
     runs = _HIGH.findall(start)
     chinese = sum(len(run) % 2 == 0 and all(byte >= 0xA1 for byte in run) for run in runs)
