@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from control.diagnosis.effects import ROWS, FoundBy, reach
+from control.diagnosis.effects import ROWS, reach
 from control.diagnosis.given import machine_of
 from control.machine.form import FORMS, SHAFT_ANGLE
 from control.machine.history import noted
@@ -106,7 +106,7 @@ def adoptable(diagnosis: Diagnosis) -> tuple[Cause, ...]:
 def taken_whole(diagnosis: Diagnosis, cause: Cause) -> bool:
     """Whether a cause's drive was fitted as a whole: what the cause does is in that already."""
     return (diagnosis.fitted is not None and diagnosis.fitted.channel == CATALOGUE[cause.id].stage
-            and ROWS[cause.id].found_by is FoundBy.SCAN)
+            and ROWS[cause.id].scanned)
 
 
 def not_adoptable(cause: Cause) -> str:

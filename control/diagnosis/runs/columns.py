@@ -32,6 +32,7 @@ ROUNDING_SHARE = 0.1        # of an encoder's step: how well the mean error of r
 TURNS_SHARE = 1e-3          # of what a gain does at most: below, the shaft stands
 MAX_KEPT = 200              # columns of candidates that are kept
 MOST_LATE = 8               # ... and sets of nuisances: one for each dead time
+LATENCY_STEP_S = 0.05       # difference for the slope of a GNSS reading's latency: half a row, as it is known
 DEAD_TIME = "dead_time_s"   # nominal value: with another one a drive moves later
 
 
@@ -97,10 +98,8 @@ def _of_readings(model: GroupModel, channel: ChannelSeries) -> list[Column]:
                           metered * model.machine.flow.grams_per_rev_mm / 60_000.0)
                   for end, metered in data.hopper.gaps)]
     if channel.name == "speed":
-        row = effects.SPEED_GNSS_LATENCY
-        assert row.slope_step is not None
-        late = model.difference((), EffectInstance(row.id, row.slope_step))
-        stamp = {name: change / row.slope_step for name, change in late.items()}
+        late = model.difference((), EffectInstance(effects.SPEED_GNSS_LATENCY.id, LATENCY_STEP_S))
+        stamp = {name: change / LATENCY_STEP_S for name, change in late.items()}
         found = [_column(model, label, stamp, stamp_sd_s(model.machine, channel.grid.step_s))]
         if data.speed is not None and data.speed.unseen_percent > 0.0:
             short = model.difference((), EffectInstance(effects.SPEED_WHEEL_RADIUS.id, 1.0))
@@ -352,5 +351,6 @@ def _slope_step(part: EffectInstance, machine: Machine) -> float:
     step = row.probe or max(0.002, 0.02 * abs(part.size))
     if row.trial_sizes:
         step = max(0.02 * abs(part.size), 0.02 * abs(row.trial_sizes[-1]))
-    step = row.slope_step or step
+    if part.id == effects.SPEED_GNSS_LATENCY.id:
+        step = LATENCY_STEP_S
     return step if part.size + step <= bounds(part.id, machine).high else -step

@@ -5,7 +5,7 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.cost import Point, rate_error_percent
-from control.diagnosis.effects import ROWS, Costs
+from control.diagnosis.effects import ROWS, Costs, Needs
 from control.diagnosis.result import FieldCost
 from control.experiments.levels import USUAL_MPS
 from control.machine.machine import Machine
@@ -55,7 +55,7 @@ def _rate_percent(part: EffectInstance, machine: Machine, data: RunData) -> floa
     if not len(rows):
         return None
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, MAX_POINTS).astype(int))]
-    points = _points(data, machine, time_s[rows], float(ROWS[part.id].needs_refill))
+    points = _points(data, machine, time_s[rows], float(Needs.REFILL in ROWS[part.id].needs))
     changed = machine.model_copy(update=with_part(stages_of(machine), part).by_name)
     if drive is None:
         return rate_error_percent(machine, points, changed, points)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import expit
 
-from control.diagnosis.effects import ROWS, SHAFT_SATURATION, FoundBy
+from control.diagnosis.effects import ROWS, SHAFT_SATURATION
 from control.diagnosis.judgement.prior import NAMED, log_odds_of_unit
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
@@ -90,7 +90,7 @@ def mistaken_unit(drive: Drive | None, machine: Machine) -> float:
 def is_steady(part: EffectInstance) -> bool:
     """Whether a part scales or shifts all that its drive does, all along, as a mistaken unit does."""
     row = ROWS[part.id]
-    return part.onset_s is None and not row.move_shaped and row.found_by is FoundBy.SCAN
+    return part.onset_s is None and not row.move_shaped and row.scanned
 
 
 def units_doubted(data: RunData, machine: Machine) -> list[str]:

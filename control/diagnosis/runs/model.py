@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from control.diagnosis.effects import ROWS, SHAFT_SECOND_ORDER
+from control.diagnosis.effects import ROWS, SHAFT_SECOND_ORDER, SHAFT_SLOW
 from control.diagnosis.judgement import noise as noises
 from control.diagnosis.judgement.noise import coefficients
 from control.machine.effect import FULL_REVOLUTION, SLEW
@@ -81,11 +81,17 @@ def hidden_within(effect_id: str, machine: Machine) -> float:
     return tolerance_of(effect_id, machine)
 
 
+def untied(effect_id: str) -> tuple[str, ...]:
+    """Effects that no nominal value off its tolerance does where this one is there: of two orders the first is no data
+    sheet's time constant."""
+    return (SHAFT_SLOW.id,) if effect_id == SHAFT_SECOND_ORDER.id else ()
+
+
 def stood_for(parts: Hypothesis) -> frozenset[str]:
     """Nominal values (by key) that a steady part moves, or leaves to another effect: sizes say how far, and no
     tolerance along with them."""
     ids = [part.id for part in parts if part.onset_s is None]
-    rows = [ROWS[name] for one in ids for name in (one, *ROWS[one].unties)]
+    rows = [ROWS[name] for one in ids for name in (one, *untied(one))]
     return frozenset(f"{row.stage}.{row.moves}" for row in rows if row.moves)
 
 

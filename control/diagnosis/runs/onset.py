@@ -150,9 +150,8 @@ def _last_obeyed(asked: npt.NDArray[np.bool_], obeyed: npt.NDArray[np.bool_], st
 
 def as_started(part: EffectInstance) -> EffectInstance:
     """The part by the name that it has where it begins within a run."""
-    started_as = ROWS[part.id].loss_begins_as
-    within = part.onset_s is not None and not part.grows
-    return part._replace(id=started_as, size=-part.size) if started_as and within and part.size < 0.0 else part
+    lost = part.id == effects.FLOW_GAIN.id and part.size < 0.0 and part.onset_s is not None and not part.grows
+    return part._replace(id=effects.FLOW_BLOCKED_OUTLET.id, size=-part.size) if lost else part
 
 
 def refined(search: Search, found: FittedHypothesis, data: RunData) -> FittedHypothesis:

@@ -17,7 +17,6 @@ from control.diagnosis.effects import (
     SHAFT_GAIN,
     SHAFT_SECOND_ORDER,
     SPEED_WHEEL_RADIUS,
-    FoundBy,
 )
 from control.diagnosis.extend import free_id
 from control.diagnosis.judgement.evidence import Z90, projected
@@ -239,7 +238,7 @@ def _answers(one: GroupResult) -> list[str]:
 
 def _cannot_tell(channel: str, absent: Sequence[NotShown], named: Collection[str], unexplained: Collection[str]) -> str:
     """What a log cannot tell of a channel, where nothing was found there."""
-    said = any(ROWS[name].channels[:1] == (channel,) and ROWS[name].found_by is FoundBy.SCAN for name in named)
+    said = any(ROWS[name].channels[:1] == (channel,) and ROWS[name].scanned for name in named)
     if channel in unexplained or said:
         return ""
     one = next(one for one in absent if one.id == PLAINEST[channel])

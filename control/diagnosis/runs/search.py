@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from control.diagnosis.effects import ROWS, FoundBy, reach
+from control.diagnosis.effects import ROWS, FoundBy, Needs, reach
 from control.diagnosis.judgement.evidence import (
     Z90,
     Fit,
@@ -22,7 +22,8 @@ from control.diagnosis.judgement.evidence import (
 )
 from control.diagnosis.judgement.noise import Noise
 from control.diagnosis.judgement.prior import log_of_size, sd_of_size
-from control.machine.machine import CATALOGUE, Machine, size_scale
+from control.machine.effect import OPENING_RANGE
+from control.machine.machine import CATALOGUE, Machine, of_nominal, size_scale
 
 from .channels import ChannelSeries
 from .columns import WRITTEN, Columns
@@ -36,6 +37,7 @@ MAX_COLLINEARITY = 0.999         # cosine of two effects' traces, above which ro
 MAX_ROUNDS = 4              # rounds of a refit: the model is run, then sizes are fitted
 SETTLED_SD = 0.05           # in s.d. of a size: a refit ends where no size moves by more
 FITTED_FROM = 4.0           # gain in twice the log-likelihood from which on the noise is fitted too
+MOVES_MM = 2.0              # from 1st to 99th percentile, for a gate's play and slowness; on the nominal machine
 DIPS_WITHIN_S = 0.5         # a pulse that goes missing shows in rows of this length
 WALK_ROWS = 0.5             # of a row of the log: the first step of a walk ...
 WALK_TO = 0.5               # ... and of the size's s.d.: the last
@@ -277,9 +279,9 @@ def candidates(channel_names: tuple[str, ...], machine: Machine, heads: int, ref
         row = ROWS[effect_id].on(machine)
         if not any(kind.startswith("run") and kind != "run with revisited ground" for kind in entry.effect.seen_in):
             continue
-        if row.found_by not in (FoundBy.SCAN, FoundBy.DIPS) or not row.channels or row.channels[0] not in channel_names:
+        if not (row.scanned or row.found_by is FoundBy.DIPS) or not set(row.channels[:1]) & set(channel_names):
             continue
-        if row.needs_refill and not refilled:
+        if Needs.REFILL in row.needs and not refilled:
             continue
         low, high = reach(effect_id, machine)
         probe = size_scale(effect_id, machine) * entry.effect.probes[0] if row.probe is None else row.probe
@@ -299,24 +301,24 @@ def excited(candidate: Candidate, data: RunData, machine: Machine) -> bool:
     Missing pulses show as dips where the log is fine enough (`intermittent`); only a coarse log shows nothing but their
     mean.
     """
-    row = ROWS[candidate.part.id].on(machine)
-    if row.open_loop and machine.shaft.regulated > 0.0:
+    row = ROWS[candidate.part.id]
+    if Needs.OPEN_LOOP in row.needs and machine.shaft.regulated > 0.0:
         return False
-    if row.both_ways and (data.shaft is None or not (data.shaft.command.min() < 0.0 < data.shaft.command.max())):
+    if Needs.BOTH_WAYS in row.needs and (
+            data.shaft is None or not data.shaft.command.min() < 0.0 < data.shaft.command.max()):
         return False
     if row.found_by is FoundBy.DIPS and data.speed is not None:
         return float(np.median(np.diff(data.speed.time_s))) > DIPS_WITHIN_S
-    if not row.seen_in_steps and data.shaft is not None and data.shaft.step > 0.0:
+    if Needs.FINE_READINGS in row.needs and data.shaft is not None and data.shaft.step > 0.0:
         return False
     drive = {"shaft": data.shaft, "gate": data.gate}.get(row.stage)
     if row.move_shaped and drive is not None and not drive.moves_seen:
         return False
-    if row.needs and row.needs not in data.variables:
-        return False
     opening = data.variables.get("opening_mm")
-    if not row.min_move_mm or opening is None:
-        return True
-    return bool(np.ptp(np.percentile(opening, (1.0, 99.0))) >= row.min_move_mm)
+    if opening is None:
+        return Needs.OPENING not in row.needs
+    return Needs.OPENINGS not in row.needs or bool(
+        np.ptp(np.percentile(opening, (1.0, 99.0))) >= of_nominal(machine, OPENING_RANGE) * MOVES_MM)
 
 
 def _added(p: Problem, at: int, c: Candidate, null: Fit, start: dict[str, Noise], normal: Array,

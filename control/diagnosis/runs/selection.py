@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from control.diagnosis.effects import ROWS, FoundBy
+from control.diagnosis.effects import CANOPY_HEAD_FOULED, ROWS, FoundBy
 from control.diagnosis.judgement.checks import is_loud
 from control.diagnosis.judgement.prior import SAID, course_of, log_odds, log_of_sign, log_of_size
 from control.machine.machine import CATALOGUE
@@ -21,7 +21,7 @@ from control.machine.machine import CATALOGUE
 from .changepoint import changes
 from .coarsening import even_gain
 from .hypothesis import MAX_SWITCHES, EffectInstance, Hypothesis, replaced, without
-from .model import hidden_within, stood_for
+from .model import hidden_within, stood_for, untied
 from .names_or_terms import beyond_names
 from .onset import as_started, refined, stands_below, still_disobeys, stops
 from .quantised import encoder_steps
@@ -33,6 +33,8 @@ from .together import started
 
 Array = npt.NDArray[np.float64]
 
+# Dirt stays where it is; what wanders off and comes back is nearly always the sensor, which warms up and cools down.
+DIRT_ENDS = 0.01            # so much rarer than others it comes and goes by itself
 MAX_CAUSES = 4              # of one group of channels
 REFITTED = 4                # best of a scan that are refitted in full, of each course in time
 REFINED = 4                 # best of these that are held against each other
@@ -82,7 +84,7 @@ class Board:
         row = ROWS[part.id].on(self.search.model.machine)
         known = log_odds(course, self._names) + log_of_sign(part.size, row.only_adds)
         known += log_of_size(part.size, row.usual) if row.has_slope else 0.0
-        known += float(np.log(row.ends)) if course == "ends" else 0.0
+        known += float(np.log(DIRT_ENDS)) if course == "ends" and part.id == CANOPY_HEAD_FOULED.id else 0.0
         return known - self._spent.get((part.id, part.member, course), 0.0)
 
     def take(self, found: Iterable[ScoreTest]) -> None:
@@ -133,8 +135,8 @@ class Board:
 
     def _most(self, part: EffectInstance, parts: Hypothesis) -> float:
         """What a part of a hypothesis can gain over its nominal value."""
-        untied = part.onset_s is not None or any(part.id in ROWS[other.id].unties for other in parts)
-        return np.inf if untied else self._of_tolerance(part)
+        known = part.onset_s is not None or any(part.id in untied(other.id) for other in parts)
+        return np.inf if known else self._of_tolerance(part)
 
     def _of_tolerance(self, part: EffectInstance) -> float:
         """What a steady part gains over the nominal value that does the same, moved as far as its tolerance lets it."""
@@ -213,7 +215,7 @@ def _settled(board: Board, now: FittedHypothesis) -> FittedHypothesis:
 def _draw_in(search: Search, parts: Hypothesis) -> None:
     """Tails drawn in along with the richest fit: a hypothesis with every other candidate. Not a second time constant:
     next to a lag and a dead time it leaves less of the noise, and of moves nothing is drawn in."""
-    more = [search.columns.of_candidate(parts, c.part) for c in search.candidates if not ROWS[c.part.id].unties
+    more = [search.columns.of_candidate(parts, c.part) for c in search.candidates if not untied(c.part.id)
             and not any(p.id == c.part.id and p.member == c.part.member for p in parts)]
     draw_in(search.columns, parts, more)
 
@@ -264,7 +266,7 @@ def _proposed(board: Board, now: FittedHypothesis) -> list[EffectInstance]:
     thresholds = [f for f in found if ROWS[f.part.id].threshold and f.part.onset_s is None and f not in near]
     # ... nor what a second time constant does, once the first is moved along: till then a dead time passes for it.
     ids = {f.part.id for f in near if f.part.onset_s is None}
-    alike = [f for f in found if f not in near and f.evidence > 0.0 and ROWS[f.part.id].unties
+    alike = [f for f in found if f not in near and f.evidence > 0.0 and untied(f.part.id)
              and ids & set(ROWS[f.part.id].siblings)]
     return [as_started(f.part) for f in (*near, *thresholds, *alike, *stopped)]
 

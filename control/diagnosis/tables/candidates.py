@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from control.diagnosis.effects import ROWS
+from control.diagnosis.effects import LAG_ASYMMETRY, ROWS
 from control.diagnosis.judgement.prior import FAULTY, LOCAL, MISREAD, MISTAKEN, UNKNOWN, log_of_sign
 from control.machine.machine import CATALOGUE, bounds
 
@@ -107,7 +107,7 @@ def _forms(problem: Problem, candidate: Candidate, column: Array) -> tuple[Array
                 shapes.append(scale * whole - column)
                 defined = piece.at_definition.get(candidate.id)
                 worth.append(0.0 if defined is None else scale * float(defined[k]) - 1.0)
-    if ROWS[candidate.id].half_looks_like:
+    if candidate.id == LAG_ASYMMETRY.id:        # all on one side, half of it looks like an offset or a dead time
         shapes, worth = [*shapes, np.where(column != 0.0, 0.5 / problem.sd, 0.0)], [*worth, 0.0]
     return np.column_stack([np.zeros((len(column), 0)), *shapes]), np.array(worth)
 

@@ -6,7 +6,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from control.calibration.bench_table import LAGS, BenchTable
-from control.diagnosis.effects import LAG_COARSE_CLOCK, LAG_OFFSET, PLACE_LATENCY, PLACE_LEVER_ARM, ROWS
+from control.diagnosis.effects import (
+    LAG_COARSE_CLOCK,
+    LAG_OFFSET,
+    PLACE_LATENCY,
+    PLACE_LEVER_ARM,
+    ROWS,
+    SHAFT_DEAD_TIME,
+)
 from control.diagnosis.judgement.evidence import Z90
 from control.diagnosis.judgement.prior import LISTED, NAMED
 from control.diagnosis.result import Cause, Channel, NextRun, Rival, Size, Verdict
@@ -24,6 +31,7 @@ from .piece import BoolArray, Candidate, Piece, SizedEffect
 from .problem import Problem
 from .verdict import Judgement, Named
 
+CONSTANT_TIMES = (SHAFT_DEAD_TIME.id, LAG_OFFSET.id)     # the same in every row, as steps of a coarse clock may make it
 METRES_OF_A_PERCENT = 10.0      # causes are listed by consequence: 0.1 m of place counts as 1 % of rate
 CONTRAST_P = 0.01               # below it labels are said to differ
 OUTSTANDING = 2.0               # a setting that scatters so many times the usual is pointed out
@@ -57,7 +65,7 @@ def _cause(problem: Problem, one: Named, speed: float | None) -> Cause:
     candidate, size = one.effect
     rivals = tuple(Rival(r.id, r.probability) for r in one.rivals)
     probability = one.probability
-    if ROWS[candidate.id].constant_time and any(clock is not None and clock.undecided for clock in problem.clocks):
+    if candidate.id in CONSTANT_TIMES and any(clock is not None and clock.undecided for clock in problem.clocks):
         probability, rivals = _halved(probability, rivals, LAG_COARSE_CLOCK.id)
     interval = Size(size, size - Z90 * one.se, size + Z90 * one.se, unit_of(candidate.id, problem.machine))
     return Cause(candidate.id, interval, None, probability, rivals, candidate.member,

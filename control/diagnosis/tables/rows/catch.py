@@ -52,7 +52,7 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
                                                    and len(np.unique(lasts_s)) > 2))
     return (Piece(f"{table.path} mass_kg".strip(), "flow", "kg", columns["mass_kg"], predict,
                   spreads, labels_of(table), column_of(table), candidates,
-                  tuple(row.id for row in (FLOW_GAIN,) if table.kind in row.scoped_in), varying(variables),
+                  (FLOW_GAIN.id,), varying(variables),
                   {"flow": nominal * machine.tolerance.flow_percent / 100.0, "opening_mm": predict(wide) - nominal,
                    **_each_outlet(nominal, outlet, machine)},
                   {FLOW_FILL_FALLOFF.id: _falloffs(nominal, rpm, rpm, machine.flow.full_rpm),

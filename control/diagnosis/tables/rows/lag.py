@@ -10,7 +10,6 @@ from control.diagnosis.effects import (
     LAG_OFFSET,
     LAG_REBOUND,
     LAG_SPEED_SCALE,
-    ROWS,
     SHAFT_DEAD_TIME,
 )
 from control.diagnosis.tables.piece import Array, Candidate, Piece, varying
@@ -83,7 +82,7 @@ def _scoped_ids(name: str, roles: Roles) -> tuple[str, ...]:
     if roles.known:
         return ()
     ids = [*_ids(name, roles), *([LAG_SPEED_SCALE.id] if name == "lag_s" else [])]
-    return tuple(i for i in ids if "lag" in ROWS[i].scoped_in)
+    return tuple(i for i in ids if i in (SHAFT_DEAD_TIME.id, LAG_OFFSET.id, LAG_SPEED_SCALE.id))
 
 
 def predicted(machine: Machine, rpm: Array, name: str, roles: Roles) -> Array:

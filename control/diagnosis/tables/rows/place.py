@@ -55,7 +55,7 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
         variables["before_rpm"] = np.nan_to_num(table.columns["before_rpm"])
     return (Piece(f"{table.path} miss_m".strip(), "place", "m", table.columns["miss_m"], predict, (np.ones(len(rpm)),),
                   label, column_of(table), tuple(Candidate(row.id) for row in effects),
-                  tuple(row.id for row in effects if table.kind in row.scoped_in), varying(variables),
+                  (PLACE_LEVER_ARM.id, PLACE_LATENCY.id), varying(variables),
                   {"dead_time": speed * machine.tolerance.dead_time_s},
                   {LAG_REBOUND.id: rises(rpm, machine.fall.full_rpm) * speed[:, None]},
                   {LAG_REBOUND.id: rises(np.full(1, machine.fall.full_rpm), machine.fall.full_rpm)[0]},
