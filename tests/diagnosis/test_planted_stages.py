@@ -21,8 +21,8 @@ from control.diagnosis.runs.diagnose import diagnose_run, series_of_log
 from control.diagnosis.runs.hypothesis import EffectInstance, schedule, stages_of
 from control.diagnosis.runs.log import gate
 from control.diagnosis.runs.model import GROUPS, course, with_course
+from control.diagnosis.runs.nominal_values import settle
 from control.diagnosis.runs.search import Search
-from control.diagnosis.runs.settle import settle
 from control.diagnosis.runs.stages import run_data
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S

@@ -17,9 +17,9 @@ from control.diagnosis import effects
 from control.diagnosis.runs import report
 from control.diagnosis.runs.diagnose import diagnose_run
 from control.diagnosis.runs.model import nuisances
+from control.diagnosis.runs.remainder import Remains
 from control.diagnosis.runs.report import by_chance
 from control.diagnosis.runs.smooth import MIN_RANGE
-from control.diagnosis.runs.verdict import Remains
 from control.machine.machine import CATALOGUE, Machine
 from tests.diagnosis.logs import HUANGHAI, stairs_work
 

@@ -19,7 +19,7 @@ from control.diagnosis.judgement.prior import NAMED
 from control.diagnosis.result import UNKNOWN, Cause, Diagnosis, Fitted, Predicted, Rival, Size, TermFound, Unexplained
 from control.diagnosis.runs.hypothesis import EffectInstance
 from control.diagnosis.runs.model import GROUPS, hidden_within
-from control.diagnosis.runs.settle import MAX_OFFSET_SD
+from control.diagnosis.runs.nominal_values import MAX_OFFSET_SD
 from control.machine.machine import CATALOGUE, Machine, effect_sizes, unit_of
 from control.machine.terms import Term
 

@@ -210,13 +210,13 @@ class Columns:
                                  sd_of_size(part.size, row.on(model.machine).usual), -part.size))
         return found
 
-    def form_columns(self, parts: Hypothesis, slopes: Sequence[Column], share: float = FORM_SHARE) -> list[Column]:
+    def form_columns(self, parts: Hypothesis, slopes: Sequence[Column]) -> list[Column]:
         """Freedom of form of each part: smooth shapes of its variable with a prior in proportion to its signal."""
         found: list[Column] = []
         fixed = self.fixed(parts)
         for slope in slopes:
             part = parts[slope.label.part]
-            found += self._bends(parts, slope.label.part, share / FORM_SHARE)
+            found += self._bends(parts, slope.label.part)
             wobbles = self._wobbles(parts, part)
             if not wobbles:
                 continue
@@ -227,12 +227,12 @@ class Columns:
             for k, wobble in enumerate(wobbles):
                 at = len(fixed) + 1 + k
                 ratio = max(own, 0.0) / max(normal[at, at], 1e-12) / len(wobbles)
-                sd = share * abs(part.size) * np.sqrt(ratio)
+                sd = FORM_SHARE * abs(part.size) * np.sqrt(ratio)
                 free = wobble._replace(label=Label(Role.FORM, part.id, slope.label.part), sd=max(1e-9, float(sd)))
                 found.append(_less_slopes(free, slopes))
         return found
 
-    def _bends(self, parts: Hypothesis, k: int, share: float) -> list[Column]:
+    def _bends(self, parts: Hypothesis, k: int) -> list[Column]:
         """Shapes in time by which part k may grow unevenly: none where it does not grow."""
         part, model = parts[k], self.model
         if not part.grows or part.size == 0.0:
@@ -244,7 +244,7 @@ class Columns:
         return [_column(model, Label(Role.FORM, part.id, k),
                         {c.name: with_course(whole[c.name], np.sin(waves * np.pi * course(c, part)), c.copies,
                                               adds_up(part, c.name)) / part.size for c in channels},
-                        max(1e-9, share * bend * abs(part.size)))
+                        max(1e-9, bend * abs(part.size)))
                 for waves, bend in enumerate(BENDS, start=1)]
 
     def _wobbles(self, parts: Hypothesis, part: EffectInstance) -> list[Column]:
@@ -313,10 +313,10 @@ class Columns:
         with_it, without = self.model.predicted(parts), self.model.predicted(others)
         return _column(self.model, Label(Role.TRACE), {name: one - without[name] for name, one in with_it.items()})
 
-    def of_hypothesis(self, parts: Hypothesis, share: float = FORM_SHARE) -> list[Column]:
+    def of_hypothesis(self, parts: Hypothesis) -> list[Column]:
         """Nuisances, slopes and forms of a hypothesis, in the order of `compressed`."""
         slopes = self.slopes(parts)
-        return [*self.fixed(parts), *slopes, *self.form_columns(parts, slopes, share)]
+        return [*self.fixed(parts), *slopes, *self.form_columns(parts, slopes)]
 
     def compressed(self, parts: Hypothesis, more: Sequence[Column] = ()) -> tuple[Problem, int]:
         """Problem at a hypothesis: nuisances, slopes, forms, then `more`; and how many come before `more`."""

@@ -65,7 +65,7 @@ def diagnose_run(columns: Any, machine: Machine | str, *, path: str = "",
     cancelled
         Asked at every run of the model, many times a second; True ends the diagnosis with `Cancelled`.
     seed
-        Not used: the bootstrap has its own seed. It is here so that both entries have the same arguments.
+        As for `diagnose_tables`, whose probabilities are drawn; of a run nothing is.
     each
         `map`, or that of a pool: the groups of channels may be judged side by side.
 

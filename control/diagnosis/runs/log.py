@@ -15,7 +15,7 @@ from control.recordings.speeds import MOVING_MPS
 from control.recordings.times import SELDOM_STEP_S
 from control.recordings.values import ANYTHING, as_printed, known, readable, without_held, without_lone
 
-from .further import worth_asking
+from .recorded_variables import worth_asking
 
 Array = npt.NDArray[np.float64]
 

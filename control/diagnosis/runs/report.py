@@ -48,14 +48,13 @@ from .hypothesis import schedule
 from .intermittent import ReadOff
 from .model import hidden_within, tolerance_of
 from .next_run import next_run
+from .nominal_values import looked_for_to
 from .onset import stop_interval
+from .remainder import Remains, louder, remains, unknown_share
 from .search import Candidate, Search
 from .selection import GroupResult
-from .settle import looked_for_to
 from .stages import RunData
-from .term_seen import marginal, means_along
-from .terms import FittedTerm
-from .verdict import Remains, louder, remains, unknown_share
+from .terms import FittedTerm, marginal, means_along
 
 Array = npt.NDArray[np.float64]
 MOST_LOG_ODDS = 700.0       # whose exponential a computer can hold

@@ -88,11 +88,10 @@ def at_times(data: RunData, variable: str, time_s: Array) -> Array:
     return np.interp(time_s, data.time_s, data.variables[variable])
 
 
-def flow_change(hopper: Hopper, machine: Machine, base: Stages, percent: Array | float = 0.0,
-                kg_s: Array | float = 0.0) -> Array:
-    """What further per cent of the flow, or kg/s, in each bin (m+1,) do to the scale's reading: (m,)."""
+def flow_change(hopper: Hopper, machine: Machine, base: Stages, percent: Array) -> Array:
+    """What further per cent of the flow in each bin (m+1,) do to the scale's reading: (m,)."""
     nothing = schedule(base, ())
-    changed = hopper._replace(more_percent=hopper.more_percent + percent, more_kg_s=hopper.more_kg_s + kg_s)
+    changed = hopper._replace(more_percent=hopper.more_percent + percent)
     return np.asarray(hopper_channel(changed, machine).predict(nothing, MOST_STEP_S)
                       - hopper_channel(hopper, machine).predict(nothing, MOST_STEP_S))
 
@@ -107,7 +106,7 @@ def series(stage: str, over: Span, channel: ChannelSeries, unit: Array, *, data:
     """
     if stage == "flow" and data.hopper is not None:
         values = at_times(data, over.variable, data.hopper.time_s)
-        rows = [flow_change(data.hopper, machine, base, percent=table_run(over.nodes, shape(k), values))
+        rows = [flow_change(data.hopper, machine, base, table_run(over.nodes, shape(k), values))
                 for k in range(1, SHAPES + 1)]
         return np.array(rows)
     values = at_times(data, over.variable, channel.grid.even_s) if own is None else own

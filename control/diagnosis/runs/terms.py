@@ -36,10 +36,10 @@ from control.machine.compiled import term_run
 from control.machine.form import Tried
 from control.machine.forms import SPAN_PLACES, Lost, Periodic, Span
 from control.machine.term_sums import over_log
-from control.machine.terms import STAGE_OF, UNIT_OF, Acts, Interval, Term
+from control.machine.terms import STAGE_OF, UNIT_OF, Acts, Interval, Term, own_command
 
 from .coarsening import even_gain
-from .dictionary import CHANNEL_OF, Candidate, Dictionary, Variables, scan
+from .dictionary import CHANNEL_OF, ActedOn, Candidate, Dictionary, Variables, scan
 from .held_out import amplitudes, errors_of, held_out
 from .hypothesis import EffectInstance
 from .search import FittedHypothesis, Search
@@ -47,6 +47,7 @@ from .stages import RunData
 from .whitened import WhitenedResidual, gain_of
 
 Array = npt.NDArray[np.float64]
+Eight = tuple[float, float, float, float, float, float, float, float]
 
 MAX_TERMS = 2               # of one group of channels
 # What a scan hands on to be refitted; gains are of twice the log-likelihood, what ranks forms taken off.
@@ -62,6 +63,9 @@ LEVEL_SD = 2.0              # s.d. of a level, that it must differ from nothing 
 LEVEL_SHARE = 0.05          # ... and so much of what its form does: no form is quite right
 A_NAME = 0.97               # correlation with a name's size, above which a level is the name's
 A_LEVEL = 0.7               # cosine of what a tolerance does and a level, above which the one gives the other
+# As it is shown.
+CLASSES = 12                # of a variable, for means
+NODES = 8
 
 
 class FittedTerm(NamedTuple):
@@ -370,3 +374,53 @@ def _held_out_gain(given: Given, one: FittedTerm) -> float:
         left.append(before - sum(size * series for size, (_, series) in zip(sizes, columns, strict=True)))
     _, _, plain, better = errors_of(blocks, *left)
     return float(1.0 - np.sum(better ** 2) / max(float(np.sum(plain ** 2)), 1e-300)) if len(plain) else 0.0
+
+
+# -- as it is shown: how it runs along each of its variables, and what the data themselves say there -------------------
+
+def marginal(term: Term, variable: str, data: RunData) -> tuple[Eight, Eight]:
+    """Eight places along one of a term's variables and its mean there in the log."""
+    values = data.inputs[own_command(term.stage, variable)]
+    low, high = (float(v) for v in np.percentile(values, (1.0, 99.0)))
+    nodes = np.linspace(low, high, NODES)
+    nearest = np.clip(np.round((values - low) / max(high - low, 1e-12) * (NODES - 1)), 0, NODES - 1).astype(int)
+    series = series_of_term(term, data)
+    count = np.bincount(nearest, minlength=NODES)
+    mean = np.bincount(nearest, weights=series, minlength=NODES) / np.maximum(1, count)
+    known = count > 0
+    found = np.interp(nodes, nodes[known], mean[known])
+    return _eight(nodes), _eight(found)
+
+
+def _eight(numbers: Array) -> Eight:
+    a, b, c, d, e, f, g, h = (float(one) for one in numbers)
+    return a, b, c, d, e, f, g, h
+
+
+def means_along(search: Search, now: FittedHypothesis, found: FittedTerm,
+                data: RunData) -> tuple[tuple[float, float, float], ...]:
+    """By classes of the term's first variable (of a product: of what the term says): place, the data's own mean, the
+    term's mean.
+
+    The data's mean is what the channel leaves once the hypothesis is fitted, in the unit of what the term acts on:
+    least squares of one constant for each class.
+    """
+    acted = ActedOn(search.model, now.parts, found.term.acts_on)
+    channel = acted.channel
+    values = series_of_term(found.term, data)
+    along = values if len(found.tried.over) > 1 else data.inputs[own_command(found.stage, found.tried.over[0])]
+    edges = np.unique(np.percentile(along, np.linspace(0.0, 100.0, CLASSES + 1)))
+    if len(edges) < 3:
+        return ()
+    place = np.clip(np.searchsorted(edges, along, side="right") - 1, 0, len(edges) - 2)
+    inside = np.array([place == k for k in range(len(edges) - 1)], dtype=np.float64)
+    columns = acted.of(inside)
+    white = 1.0 / max(1e-12, found.noise[channel.name].fast_sd)
+    left = search.model.residual(now.parts)[channel.name]
+    if channel.name == "scale":                 # a level adds up: its changes say what flowed
+        columns, left = np.diff(columns, axis=1), np.diff(left)
+    normal = columns @ columns.T * white ** 2 + 1e-9 * np.eye(len(columns))
+    mean = np.linalg.solve(normal, columns @ left * white ** 2)
+    count = np.maximum(1.0, inside.sum(axis=1))
+    said = inside @ values / count
+    return tuple(zip((inside @ along / count).tolist(), mean.tolist(), said.tolist(), strict=True))

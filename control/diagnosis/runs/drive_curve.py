@@ -32,7 +32,6 @@ from .hypothesis import EffectInstance, Hypothesis, stages_of
 from .search import Search
 
 Array = npt.NDArray[np.float64]
-Rows = npt.NDArray[np.bool_]
 
 CURVES = (                  # names that are one curve of the command
     (SHAFT_GAIN.id, SHAFT_DEAD_ZONE.id), (SHAFT_GAIN.id, SHAFT_SATURATION.id),
@@ -48,7 +47,6 @@ DAMPINGS = (0.1, 0.3, 0.8, 2.0)     # ratios: rings long, overshoots, hardly, tw
 FITTED_FROM = 2             # best of these
 ZONES = (0.05, 0.2)         # of the full command, from which a zone starts: 5 to 25 % are usual of motors by duty cycle
 MOST_RUNS = 25              # steps of a start: it is refined by the judgement's own fit
-AGAIN_RUNS = 6              # ... from where the rest of the rows led
 NUDGE = 0.01                # of the usual size: difference for a slope
 STARTS_AT = 0.2             # of the usual size: inside the bounds, where every slope can be taken
 
@@ -64,7 +62,7 @@ def started(search: Search, now: Hypothesis, proposed: Sequence[EffectInstance])
     tried = {c.part.id for c in search.candidates if c.part.onset_s is None}
     swings = any(part.id == SHAFT_SECOND_ORDER.id and part.onset_s is None for part in (*now, *proposed))
     if swings and set(SWING) <= tried and not set(SWING) <= {part.id for part in now}:
-        yield fitted_together(search, tuple(part for part in now if part.id not in (*SWING, *MOVES)), SWING)
+        yield _fitted(search, tuple(part for part in now if part.id not in (*SWING, *MOVES)), SWING)
     if now and not model.channel("shaft").settled:
         return              # in a log of moves a curve's parts are also seen one by one: once will do
     back = tuple(one for one in BACKWARDS if one in tried)
@@ -73,13 +71,11 @@ def started(search: Search, now: Hypothesis, proposed: Sequence[EffectInstance])
     for curve in CURVES:
         if set(curve) <= tried - taken and not set(curve) <= {part.id for part in now}:
             for more in dict.fromkeys([(), back]):
-                yield fitted_together(search, others, (*curve, *more))
+                yield _fitted(search, others, (*curve, *more))
 
 
-def fitted_together(search: Search, others: Hypothesis, names: Sequence[str], rows: Rows | None = None,
-                    start: Hypothesis = ()) -> Hypothesis:
-    """Parts of these names, fitted with the others by least squares over all rows alike. rows : of the channel's even
-    grid, that are fitted to (m,). start : the same parts with sizes to start from."""
+def _fitted(search: Search, others: Hypothesis, names: Sequence[str]) -> Hypothesis:
+    """Parts of these names, fitted with the others by least squares over all rows alike."""
     from scipy.optimize import least_squares  # three tenths of a second: where it is asked for
     model, machine = search.model, search.model.machine
     channel, base = model.channel("shaft"), stages_of(machine)
@@ -90,17 +86,13 @@ def fitted_together(search: Search, others: Hypothesis, names: Sequence[str], ro
         return (*others, *(EffectInstance(name, float(size)) for name, size in zip(names, sizes, strict=True)))
 
     def left(sizes: Array) -> Array:
-        whole = channel.measured - model.run(parts(sizes), base, ("shaft",))["shaft"]
-        return np.asarray(whole if rows is None else whole[rows])
-
-    if start:
-        starts = [np.clip([part.size for part in start[len(others):]], low + 1e-9, high - 1e-9)]
-    elif names == SWING:
+        return np.asarray(channel.measured - model.run(parts(sizes), base, ("shaft",))["shaft"])
+    if names == SWING:
         starts = sorted(_swings(machine, low, high), key=lambda one: float(np.sum(left(one) ** 2)))[:FITTED_FROM]
     else:
         starts = _starts(names, usual, machine)
     found = [least_squares(left, one, lambda x: _slopes(left, x, NUDGE * usual, high), (low, high), x_scale=usual,
-                           max_nfev=AGAIN_RUNS if start else MOST_RUNS) for one in starts]
+                           max_nfev=MOST_RUNS) for one in starts]
     return parts(min(found, key=lambda one: float(one.cost)).x)
 
 
