@@ -12,7 +12,6 @@ import pytest
 
 import control
 import control.diagnosis as entry
-from control.calibration.bench_table import KINDS
 from control.diagnosis import effects
 from control.diagnosis.runs import report
 from control.diagnosis.runs.diagnose import diagnose_run
