@@ -4,6 +4,7 @@ from __future__ import annotations
 import numpy as np
 
 from control.diagnosis.effects import ROWS, reach
+from control.diagnosis.judgement.climb import climbed
 from control.diagnosis.judgement.evidence import Role, fitted, problem
 from control.diagnosis.judgement.noise import coefficients
 from control.machine.machine import Machine
@@ -97,18 +98,11 @@ def _move_time(columns: Columns, parts: Hypothesis, channel: ChannelSeries, n: N
         p = problem([channel], {name: coefficients(left, channel.cut)}, kept)
         return fitted(p, places, model.noise, rounds=2).log_likelihood - 0.5 * (off / n.sd) ** 2
     now = model.offsets.get(n.key, 0.0)
-    tried = {now: value(now)}
-    step = n.sd
-    for off in now + step * np.arange(-2.0, 3.0):
-        if abs(off) <= MAX_OFFSET_SD * n.sd:
-            tried[float(off)] = value(float(off))
-    for _ in range(HALVINGS):
-        step *= 0.5
-        middle = max(tried, key=lambda off: tried[off])
-        for off in (middle - step, middle + step):
-            tried.setdefault(off, value(off))
-    best = max(tried, key=lambda off: tried[off])
-    if tried[best] > tried[now] + TIME_GAIN:
+    best = climbed(now, value, lambda off, step: [
+        off + far * step for far in ((-2.0, -1.0, 1.0, 2.0) if step == n.sd else (-1.0, 1.0))
+        if abs(off + far * step) <= MAX_OFFSET_SD * n.sd],
+        [n.sd * 0.5 ** halvings for halvings in range(HALVINGS + 1)], again=False)
+    if value(best) > value(now) + TIME_GAIN:
         model.move({**model.offsets, n.key: best})
 
 

@@ -1,12 +1,15 @@
 """When an effect began: stops read off the drives, other onsets tried on a grid and then refined."""
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import binary_opening, median_filter, uniform_filter1d
 
 from control.diagnosis import effects
 from control.diagnosis.effects import ROWS
+from control.diagnosis.judgement.climb import climbed
 from control.diagnosis.judgement.prior import SAID
 from control.machine.effect import OPENING_RANGE, SHAFT_RANGE
 from control.machine.machine import CATALOGUE, of_nominal
@@ -15,7 +18,7 @@ from .changepoint import END_S
 from .hypothesis import EffectInstance, Hypothesis, replaced
 from .intermittent import prior_odds
 from .model import HALT_S, GroupModel
-from .search import Candidate, FittedHypothesis, Search
+from .search import Candidate, FittedHypothesis, Search, log_likelihood
 from .stages import RunData
 
 Array = npt.NDArray[np.float64]
@@ -157,21 +160,18 @@ def as_started(part: EffectInstance) -> EffectInstance:
 def refined(search: Search, found: FittedHypothesis, data: RunData) -> FittedHypothesis:
     """Onsets and ends moved to where they fit best, in ever smaller steps down to a row: an edge that is a row off is
     explained by nothing else."""
-    best = found
     first_s, last_s = float(data.time_s[0]) + END_S, float(data.time_s[-1]) - END_S
     row_s = min(channel.grid.step_s for channel in search.model.channels)
-    for rows in STEPS_ROWS:
-        for k, part in enumerate(best.parts):
+
+    def near(now: FittedHypothesis, rows: float) -> Iterator[FittedHypothesis]:
+        for k, part in enumerate(now.parts):
             if part.onset_s is None or CATALOGUE[part.id].effect.onset_only:
                 continue
             for moved in (*_moved(part, -rows * row_s), *_moved(part, rows * row_s)):
                 times = [t for t in (moved.onset_s, moved.until_s) if t is not None]
-                if times != sorted(set(times)) or times[0] < first_s or times[-1] > last_s:
-                    continue
-                tried = search.refit(replaced(best.parts, k, moved), best.noise)
-                if tried.log_likelihood > best.log_likelihood:
-                    best = tried
-    return best
+                if times == sorted(set(times)) and times[0] >= first_s and times[-1] <= last_s:
+                    yield search.refit(replaced(now.parts, k, moved), now.noise)
+    return climbed(found, log_likelihood, near, STEPS_ROWS, again=False)
 
 
 def _moved(part: EffectInstance, by_s: float) -> list[EffectInstance]:

@@ -1,13 +1,14 @@
 """The search over hypotheses of one group: candidates scanned by their columns, the best refitted through the model."""
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.effects import ROWS, FoundBy, Needs, reach
+from control.diagnosis.judgement.climb import climbed
 from control.diagnosis.judgement.evidence import (
     Z90,
     Fit,
@@ -40,7 +41,8 @@ FITTED_FROM = 4.0           # gain in twice the log-likelihood from which on the
 MOVES_MM = 2.0              # from 1st to 99th percentile, for a gate's play and slowness; on the nominal machine
 DIPS_WITHIN_S = 0.5         # a pulse that goes missing shows in rows of this length
 WALK_ROWS = 0.5             # of a row of the log: the first step of a walk ...
-WALK_TO = 0.5               # ... and of the size's s.d.: the last
+WALK_TO = 0.5               # ... and of the size's s.d.: the last ...
+SMALLEST_WALK = 1e-6        # ... of the first, where that s.d. is 0
 THRESHOLDS_TRIED = 16       # places of a threshold, over all commands
 THRESHOLD_GAP = 2.7         # of twice the log-likelihood: 90 % for one size (chi-square, one degree of freedom)
 
@@ -72,6 +74,10 @@ class FittedHypothesis(NamedTuple):
     noise: dict[str, Noise]
     collinearity: float = 0.0        # largest correlation between two sizes
     log_evidence: float = 0.0   # sizes integrated; priors of the parts and of their times left out
+
+
+def log_likelihood(one: FittedHypothesis) -> float:
+    return one.log_likelihood
 
 
 class Search:
@@ -201,24 +207,20 @@ class Search:
 
         def value(place: int) -> float:
             if place not in tried:
-                parts = replaced(found.parts, k, part._replace(size=0.5 * float(edges[place] + edges[place + 1])))
-                _, fit = self._fit(parts, found.noise)
-                tried[place] = found._replace(parts=parts, log_likelihood=fit.log_likelihood, noise=fit.noise,
-                                              log_evidence=fit.log_evidence)
+                tried[place] = self._at(found, k, 0.5 * float(edges[place] + edges[place + 1]))
             return tried[place].log_likelihood
 
         last = len(edges) - 2
-        here, step = int(np.clip(np.searchsorted(edges, part.size) - 1, 0, last)), 2
+        here, first = int(np.clip(np.searchsorted(edges, part.size) - 1, 0, last)), 2
         course = f"{part.id} {part.onset_s}"
         if course not in self._all_over:                # a plateau leads nowhere: look all over once
             self._all_over.add(course)
             places = np.unique(np.linspace(0, last, THRESHOLDS_TRIED).astype(int)).tolist()
-            best_place = max([here, *places, self._stood_below(edges, part.onset_s)], key=value)
-            here, step = best_place, max(1, last // THRESHOLDS_TRIED)
-        while step:
-            near = [place for place in (here - step, here + step) if 0 <= place <= last]
-            better = max([here, *near], key=value)
-            step, here = (step, better) if better != here else (step // 2, here)
+            here = max([here, *places, self._stood_below(edges, part.onset_s)], key=value)
+            first = max(1, last // THRESHOLDS_TRIED)
+        here = climbed(here, value, lambda place, step: [
+            near for near in (place - int(step), place + int(step)) if 0 <= near <= last],
+            [first >> halvings for halvings in range(first.bit_length())])
         as_good = [place for place in tried if value(place) > value(here) - 0.5 * THRESHOLD_GAP]
         low, high = float(edges[min(as_good)]), float(edges[max(as_good) + 1])
         best = tried[here]
@@ -238,15 +240,18 @@ class Search:
             if not ROWS[part.id].trial_sizes or ROWS[part.id].threshold:
                 continue
             low, high = reach(part.id, self.model.machine)
-            step = WALK_ROWS * self.model.channel(ROWS[part.id].channels[0]).grid.step_s
-            while step > WALK_TO * best.sd[k]:
-                size = best.parts[k].size
-                tried = [self._sized(best, k, float(np.clip(size + way, low, high))) for way in (-step, step)]
-                better = max((best, *tried), key=lambda one: one.log_likelihood)
-                step, best = (step, better) if better is not best else (0.5 * step, best)
+
+            def near(now: FittedHypothesis, step: float, k: int = k, low: float = low, high: float = high
+                     ) -> Iterator[FittedHypothesis]:
+                for size in (now.parts[k].size - step, now.parts[k].size + step):
+                    yield self._at(now, k, float(np.clip(size, low, high)))
+            first = WALK_ROWS * self.model.channel(ROWS[part.id].channels[0]).grid.step_s
+            halvings = int(np.ceil(np.log2(first / max(WALK_TO * best.sd[k], SMALLEST_WALK * first))))
+            best = climbed(best, log_likelihood, near, [first * 0.5 ** k for k in range(halvings)])
         return best
 
-    def _sized(self, found: FittedHypothesis, k: int, size: float) -> FittedHypothesis:
+    def _at(self, found: FittedHypothesis, k: int, size: float) -> FittedHypothesis:
+        """A hypothesis with another size of one part, its noise fitted and the other sizes as they are."""
         parts = replaced(found.parts, k, found.parts[k]._replace(size=size))
         _, fit = self._fit(parts, found.noise)
         return found._replace(parts=parts, log_likelihood=fit.log_likelihood, noise=fit.noise,

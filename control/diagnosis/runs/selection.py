@@ -107,25 +107,19 @@ class Board:
         """The data have changed: outliers were drawn in anew."""
         self._kept.clear()
 
-    def worth(self, found: FittedHypothesis, k: int, alone: FittedHypothesis) -> float:
-        """Log posterior odds of a model's part against nothing in its place. alone : the model without it."""
-        gain = found.log_likelihood - alone.log_likelihood
-        integrated = found.log_evidence - found.log_likelihood - (alone.log_evidence - alone.log_likelihood)
-        part = found.parts[k]
-        if gain > 0.0:
-            gain = min(gain, self._even(found, alone))
-        return min(gain, self._most(part, found.parts)) + integrated + self.prior(part)
-
-    def ahead(self, one: FittedHypothesis, k: int, other: FittedHypothesis, j: int) -> float:
-        """Log posterior odds of a model against another that differs from it in one part: k of the one, j of the other.
-        As far as it is evidence, what one of them fits better is held against the other, not each against nothing."""
+    def worth(self, one: FittedHypothesis, k: int, other: FittedHypothesis, j: int | None = None) -> float:
+        """Log posterior odds of a model against another that differs from it in one part: k of the one, j of the other,
+        None where it has nothing in its place. As far as it is evidence, what one of them fits better is held against
+        the other, not each against nothing."""
         gain = one.log_likelihood - other.log_likelihood
-        better, worse = (one, other) if gain > 0.0 else (other, one)
-        held = float(np.sign(gain)) * max(0.0, min(abs(gain), self._even(better, worse)))
-        mine, its = one.parts[k], other.parts[j]
-        held = min(max(held, -self._most(its, other.parts)), self._most(mine, one.parts))
         integrated = one.log_evidence - one.log_likelihood - (other.log_evidence - other.log_likelihood)
-        return held + integrated + self.prior(mine) - self.prior(its)
+        if gain > 0.0 or j is not None:
+            even = min(abs(gain), self._even(*((one, other) if gain > 0.0 else (other, one))))
+            gain = even if j is None else float(np.sign(gain)) * max(0.0, even)
+        if j is not None:
+            gain = max(gain, -self._most(other.parts[j], other.parts))
+        odds = min(gain, self._most(one.parts[k], one.parts)) + integrated + self.prior(one.parts[k])
+        return odds if j is None else odds - self.prior(other.parts[j])
 
     def _even(self, better: FittedHypothesis, worse: FittedHypothesis) -> float:
         """What one model gains over another, block by block; where a gate stopped is open in both."""
@@ -364,7 +358,7 @@ def _rivals(board: Board, now: FittedHypothesis) -> tuple[tuple[float, ...], tup
                 place = len(alone.parts)
                 over_nothing = own - board.worth(tried, place, alone)
                 higher = max if now.log_likelihood > tried.log_likelihood else min
-                found.append(RivalOf(tried.parts[-1], higher(board.ahead(now, k, tried, place), over_nothing)))
+                found.append(RivalOf(tried.parts[-1], higher(board.worth(now, k, tried, place), over_nothing)))
         worths.append(own)
         best = {one.part.id: one for one in sorted(found, key=lambda r: -r.behind) if one.behind < WINDOW
                 and (one.part.id != part.id or one.behind < -EVEN)}
