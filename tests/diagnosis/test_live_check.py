@@ -7,7 +7,7 @@ import pytest
 
 from control.diagnosis.judgement.noise import Noise
 from control.diagnosis.live.rolling import BAR, ChangePoint, Rolling
-from control.diagnosis.live.watch import AGAIN_S, LOOK_S, QUARTER_S, LiveCheck, departure_of
+from control.diagnosis.live.watch import AGAIN_S, LOOK_S, MOST_S, QUARTER_S, LiveCheck, departure_of
 from control.diagnosis.result import Cause, Data, Departure, Diagnosis, FieldCost, Rival, Size, Unexplained
 from control.diagnosis.runs.hypothesis import EffectInstance
 from control.machine.machine import Machine
@@ -225,11 +225,11 @@ def test_a_log_that_does_not_say_whether_it_works_is_looked_at() -> None:
 
 
 def test_rows_may_lack_a_column_and_old_ones_are_forgotten() -> None:
-    check = LiveCheck(MACHINE, lambda *_: [], lambda *_: diagnosis())
-    columns = wheel_log(3000.0)
-    less = {name: array for name, array in columns.items() if name != "state"}
-    check.add({name: array[:10_000] for name, array in less.items()})
-    check.add({name: array[10_000:] for name, array in columns.items()})
-    assert check.now_s == pytest.approx(2999.9)
-    rows = check._since(0.0)
-    assert len(rows["time_s"]) == len(rows["state"]) <= 30_000
+    kept: list[Any] = []
+    check = LiveCheck(MACHINE, lambda rows, _: kept.append(rows(0.0)) or [], lambda *_: diagnosis())
+    columns = wheel_log(4000.0)
+    fed(check, {name: array[:20_000] for name, array in columns.items() if name != "state"})
+    fed(check, {name: array[20_000:] for name, array in columns.items()})
+    assert check.now_s == pytest.approx(3999.9)
+    assert len(kept[-1]["time_s"]) == len(kept[-1]["state"])
+    assert np.ptp(kept[-1]["time_s"]) == pytest.approx(MOST_S + QUARTER_S, abs=LOOK_S)
