@@ -15,7 +15,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from terminals import Console, Watcher, wait
+from terminals import Console, Watcher, took, wait
 from verdict import exit_code
 
 from console.running import Where
@@ -67,13 +67,16 @@ def console_dies(folder: Path, how: str) -> Death:
         time.sleep(0.7)                                             # rows reach the disk every half second
         log, rows = log_says(where)
         happened = f"held, shaft commanded to 0 after {zero_s:.2f} s, stands {stands_s:.1f} s later; "
+        again_s = time.monotonic()
         if how == "SIGSTOP":
             os.kill(console.terminal.process.pid, signal.SIGCONT)
         else:
             console.terminal.end()
             console.terminal = console.open()
-        back_s = wait(lambda: console.terminal.shows("HELD"), 10.0, "held on screen",
-                      console.terminal)
+            wait(lambda: console.terminal.shows("joined it"), 20.0, "word of the machine that runs", console.terminal)
+            took(console.terminal, "\x1b", lambda text: "joined it" not in text)
+        wait(lambda: console.terminal.shows("HELD"), 10.0, "held on screen", console.terminal)
+        back_s = time.monotonic() - again_s
         console.terminal.type("a")
         wait(lambda: not watcher.frames[-1][1].alarms, 5.0, "acknowledged", console.terminal)
         console.terminal.type("s")
@@ -114,8 +117,7 @@ def run() -> int:
     found = []
     for case in cases:
         with tempfile.TemporaryDirectory() as folder:
-            d = case(Path(folder))
-        found.append(d)
+            found.append(d := case(Path(folder)))
         print(f"{d.what:36}{d.after_s or float('nan'):6.2f} s  {'ok' if d.ok else 'SHORT':6}{d.happened}\n"
               f"{'':44}      log: {d.log}", flush=True)
     return exit_code({f"{d.what}: as it should be": d.ok for d in found})

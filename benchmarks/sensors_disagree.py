@@ -142,10 +142,6 @@ class Found(NamedTuple):
     said: tuple[tuple[str, float], ...]     # alarm, seconds after the onset
     state: str
 
-    @property
-    def named_s(self) -> float | None:
-        return self.said[0][1] if self.said else None
-
 
 def _driven(case: Case, plain: bool, fault: bool) -> tuple[float, tuple[tuple[str, float], ...], str]:
     """Kilograms that left in the 30 s, alarms, state."""
