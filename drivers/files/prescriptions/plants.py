@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from control.targets.rate_map import Floats
-from drivers.files.limits import check_file, read_json
+from drivers.files.limits import check_file
 from drivers.files.prescriptions.words import PrescriptionError
 from drivers.plain_text import Where
 
@@ -48,10 +48,6 @@ def _csv(path: Path) -> list[tuple[float, float]]:
 
 
 def _geojson(path: Path) -> list[tuple[float, float]]:
-    try:
-        features = read_json(path)["features"]
-        points = [feature["geometry"]["coordinates"] for feature in features
-                  if feature["geometry"]["type"] == "Point"]
-        return [(float(point[1]), float(point[0])) for point in points]
-    except (ArithmeticError, ValueError, LookupError, TypeError) as error:
-        raise PrescriptionError(path, "not GeoJSON points: {why}", why=f"{type(error).__name__}: {error}") from None
+    from drivers.files.layers import read_geojson  # most jobs name no plants
+    points = read_geojson(path, ["Point"]).shapes
+    return [(point.y, point.x) for point in points if point is not None and not point.is_empty]
