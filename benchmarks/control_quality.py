@@ -64,8 +64,8 @@ class Found(NamedTuple):
                 f"{self.steps:6d}{self.lost:5d}{self.outside_m:8.3f}{self.gate_moves_per_h:8.0f}{self.tick_us:8.0f}")
 
 
-def measured(what: Manoeuvre, strategy: Strategy, preview: str, seeds: int, tree: str, settled: bool = False) -> Found:
-    setup = the_setup(settled)
+def measured(what: Manoeuvre, strategy: Strategy, preview: str, seeds: int, tree: str) -> Found:
+    setup = the_setup()
     width_m = setup.machine.geometry.working_width_m
     orders = GO_HELD if what.speeds and what.speeds[0][1] == 0 else None
     sim = sim_of(what) | ({} if preview == "none" else {"speed_told": preview})
@@ -102,7 +102,7 @@ def _against_needs(record: Any, what: Manoeuvre, width_m: float, rule: Any) -> t
     return tuple(100.0 * float(np.abs(got - need).sum() / max(1e-9, need.sum())) for need in (graded, smooth))
 
 
-def promises(found: Sequence[Found], settled: bool = False) -> dict[str, object]:
+def promises(found: Sequence[Found]) -> dict[str, object]:
     """What the issue asks for, where it was measured on enough seeds."""
     kept: dict[str, object] = {"something was measured": len(found) > 0}
     for f in found:
@@ -112,8 +112,7 @@ def promises(found: Sequence[Found], settled: bool = False) -> dict[str, object]
         kept[f"{who}: something landed as wanted: {f.held_percent:.2f} % below 40 %"] = f.held_percent < 40.0
         if f.seeds < PROMISED_FROM:
             continue
-        as_it_plans = f.strategy if settled or f.strategy != "balanced" else "opening_first"
-        limit = PROMISED.get((f.manoeuvre, as_it_plans, f.preview))
+        limit = PROMISED.get((f.manoeuvre, f.strategy, f.preview))
         if limit is not None:
             kept[f"{who}: rate error {f.held_percent:.2f} %: at most {limit:g} %"] = f.held_percent <= limit
         if f.manoeuvre.startswith("steady") and f.strategy != "speed_first" and f.preview == "none":
@@ -125,24 +124,17 @@ def promises(found: Sequence[Found], settled: bool = False) -> dict[str, object]
 # is: opening first cannot know a wander of the throttle that shows itself within the lag; at 1 m/s2 the shaft's limit
 # binds; in the middle of a field the first metre passes while the first granules fall.
 PROMISED: dict[tuple[str, str, str], float] = {
-    ("steady 4.5 km/h", "balanced", "none"): 1.1, ("steady 4.5 km/h", "balanced", "drive"): 1.0,
     ("steady 4.5 km/h", "opening_first", "none"): 1.6, ("steady 4.5 km/h", "opening_first", "drive"): 1.0,
     ("steady 4.5 km/h", "speed_first", "none"): 2.7,
-    ("accelerating 3 to 7 km/h, 0.5 m/s2", "balanced", "none"): 8.0,
-    ("accelerating 3 to 7 km/h, 0.5 m/s2", "balanced", "plan"): 3.0,
-    ("accelerating 3 to 7 km/h, 1.0 m/s2", "balanced", "none"): 12.0,
-    ("accelerating 3 to 7 km/h, 1.0 m/s2", "balanced", "plan"): 3.5,
-    ("start from standstill at the edge", "balanced", "none"): 8.0,
-    ("start from standstill at the edge", "balanced", "plan"): 8.0,
-    ("start from standstill in the field", "balanced", "plan"): 15.0}
+    ("accelerating 3 to 7 km/h, 0.5 m/s2", "opening_first", "plan"): 3.5}
 
 
 def every(chosen: Sequence[Manoeuvre], strategies: Sequence[str], preview: Sequence[str], seeds: int,
-          tree: str, settled: bool) -> Iterator[Found]:
+          tree: str) -> Iterator[Found]:
     for what in chosen:
         for strategy in strategies:
             for how in preview:
-                yield measured(what, Strategy(strategy), how, seeds, tree, settled)
+                yield measured(what, Strategy(strategy), how, seeds, tree)
 
 
 def _other(tree: Path, arguments: Sequence[str]) -> list[Found]:
@@ -158,11 +150,9 @@ def run() -> int:
     parser = argparse.ArgumentParser(description="Rate and place error by manoeuvre, strategy and knowledge of speed.")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--only", default="", help="manoeuvres whose name contains one of these, comma separated")
-    parser.add_argument("--strategies", default=",".join(Strategy))
+    parser.add_argument("--strategies", default="opening_first,speed_first")
     parser.add_argument("--preview", default=",".join(KNOWN))
     parser.add_argument("--against", type=Path, help="another tree, measured in the same run")
-    parser.add_argument("--settled", action="store_true",
-                        help="control knows from a lag test between two rates that the stream carries what falls")
     parser.add_argument("--json", action="store_true", help="one object a line")
     parser.add_argument("--out", type=Path, help="write the lines there too")
     given = parser.parse_args()
@@ -175,14 +165,13 @@ def run() -> int:
         found = [f._replace(tree="old", preview="old") for f in found]
         lines += [f.line() for f in found]
     print("\n".join(lines), flush=True)
-    for one in every(chosen, given.strategies.split(","), given.preview.split(","), given.seeds, "new",
-                     given.settled):
+    for one in every(chosen, given.strategies.split(","), given.preview.split(","), given.seeds, "new"):
         found.append(one)
         lines.append(json.dumps(one._asdict()) if given.json else one.line())
         print(lines[-1], flush=True)
     if given.out:
         given.out.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    return exit_code(promises(found, given.settled))
+    return exit_code(promises(found))
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import datetime as dt
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -78,13 +77,8 @@ class Judged(NamedTuple):
         return float(np.abs(self.places_m).mean()) if len(self.places_m) else float("nan")
 
 
-def the_setup(settled: bool = False) -> Setup:
-    """settled: a lag test between two rates has said that the stream in the tube carries what falls."""
-    setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
-    if not settled:
-        return setup
-    sure = setup.machine.tolerance.model_copy(update={"carried_share": 0.05})
-    return replace(setup, machine=setup.machine.model_copy(update={"tolerance": sure}))
+def the_setup() -> Setup:
+    return load_setup("huanghai", "demo", dt.date(2014, 3, 7))
 
 
 def driven(setup: Setup, strategy: Strategy, seed: int, seconds: float, sim: dict[str, Any],

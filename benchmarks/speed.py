@@ -51,8 +51,7 @@ SET_UP_S = "610"                # long enough for compiled steps
 SET_UPS: dict[str, tuple[str, ...]] = {
     "demo": ("--seconds", SET_UP_S, "--seed", "7"),
     "speed first": ("--seconds", SET_UP_S, "--seed", "2", "--strategy", "speed_first"),
-    "balanced, carried along": ("--seconds", SET_UP_S, "--seed", "3", "--strategy", "balanced",
-                                "--plant", "carried_along"),
+    "carried along": ("--seconds", SET_UP_S, "--seed", "3", "--plant", "carried_along"),
     "no look-ahead, no trim": ("--seconds", SET_UP_S, "--seed", "4", "--look-ahead", "off", "--flow-trim", "off"),
     "seven effects": ("--seconds", SET_UP_S, "--seed", "5", *(word for one in EFFECTS for word in ("--effect", one))),
     "a term": ("--seconds", SET_UP_S, "--seed", "6", "--term", "flow_percent bend speed_mps bend=-4.4 at=1.2"),

@@ -17,7 +17,14 @@ class State(StrEnum):
 class Strategy(StrEnum):
     OPENING_FIRST = "opening_first"
     SPEED_FIRST = "speed_first"
-    BALANCED = "balanced"
+    BALANCED = "balanced"           # a word of older job files, logs and orders: it works as opening first
+
+    @property
+    def in_force(self) -> Strategy:
+        return Strategy.OPENING_FIRST if self is Strategy.BALANCED else self
+
+
+STRATEGIES = tuple(one for one in Strategy if one is one.in_force)      # those that can be chosen
 
 
 class TargetSource(StrEnum):

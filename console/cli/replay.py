@@ -52,7 +52,7 @@ def replay(
 def _again(recorded: RunLog, out: Path, setup: Setup) -> None:
     from console.services.rerun import rerun
     from drivers.files.run_meta import run_meta
-    say_notes(recorded.findings)
+    say_notes((*recorded.findings, *setup.job.warnings))
     started = time.perf_counter()
     meta = run_meta(setup.machine, setup.crop, setup.job, sha256=setup.sha256,
                     extra={"replay_of": str(recorded.path), "job_folder": str(setup.folder)})

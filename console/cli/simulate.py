@@ -89,7 +89,7 @@ def simulate(
     terms = parse_terms(term or ())
     plants_shown = [*([] if plant is None else [f"machine {plant}"]), *(effect or ()), *(term or ())]
     placed = placed_of_job(resolved, setup.folder, setup.machine, setup.crop.index)
-    print_map_notes(check_of_job(resolved, setup.crop.max_rate_kg_ha, setup.folder), job)
+    print_map_notes(check_of_job(resolved, setup.crop.max_rate_kg_ha, setup.folder), job, resolved.warnings)
     with nullcontext() if out is None else whole_log(out, _meta(setup, resolved, seed)) as log:
         run = _run(setup, true, resolved, seed=seed, planted=planted, terms=terms, seconds=seconds, placed=placed,
                    log=log)
@@ -197,14 +197,14 @@ def _tell(run: _Ran, setup: Setup, job: Job, seconds: float, effects: list[str],
                    rule=setup.rule if by_canopy else None)
     one_rate = across(setup.rule, setup.machine, run.heads) if by_canopy and len(run.heads) > 1 else None
     if as_json:
-        summary = {"seconds": seconds, "strategy": job.strategy.value, "look_ahead": job.look_ahead,
+        summary = {"seconds": seconds, "strategy": job.strategy.in_force.value, "look_ahead": job.look_ahead,
                 "flow_trim": job.flow_trim, "effects": list(effects), **found._asdict(),
                 "one_rate": None if one_rate is None else one_rate._asdict(),
                 "alarm_ticks": alarms, "realtime_factor": round(seconds / took_s, 1)}
         sys.stdout.write(json.dumps(summary) + "\n")
         return
-    typer.echo(f"{seconds:g} s, {job.strategy.value}, look-ahead {'on' if job.look_ahead else 'off'}, flow trim "
-               f"{'on' if job.flow_trim else 'off'}" + (f", planted {', '.join(effects)}" if effects else ""))
+    typer.echo(f"{seconds:g} s, {job.strategy.in_force.value}, look-ahead {'on' if job.look_ahead else 'off'}, "
+               f"flow trim {'on' if job.flow_trim else 'off'}" + (f", planted {', '.join(effects)}" if effects else ""))
     typer.echo(f"rate error   {found.rate_error_kg_ha:.1f} kg/ha against what was held "
                f"({found.rate_error_percent:.2f} % of the mean target {found.mean_target_kg_ha:.1f}), "
                f"landed mean {found.mean_landed_kg_ha:.1f} kg/ha")

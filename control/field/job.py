@@ -202,6 +202,13 @@ class Job(FrozenModel):
 
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is said of the file though it is right."""
+        if self.strategy is self.strategy.in_force:
+            return ()
+        return (f"strategy {self.strategy}: works as {self.strategy.in_force}",)
+
+    @property
     def named_files(self) -> tuple[str, ...]:
         """Map, plants, index map and done ground, as the job names them, next to its file."""
         target = self.target

@@ -1,7 +1,6 @@
 """One tick of control: measurements in, commands and a log row out. No clock, no port, no file."""
 from __future__ import annotations
 
-from collections.abc import Callable
 from datetime import date
 from math import inf, isfinite
 
@@ -36,7 +35,6 @@ from control.machine.of_product import newest_test_date
 from control.machine.steps import Steps
 from control.metering.flow_trim import FlowTrim
 from control.metering.inverse import Conditions, flow_kg_s
-from control.metering.plan import Planner, Wanted
 from control.metering.setting import Setting
 from control.metering.strategies import Pair
 from control.metering.trims import DriveTrim, TrimLimits
@@ -50,7 +48,7 @@ from control.targets.lag_correction import ChangeQueue
 from control.targets.map_profile import MapProfile
 from control.targets.point import Threshold
 from control.targets.point_source import PointSource
-from control.targets.profile import Change, Profile, Target
+from control.targets.profile import Change, Target
 
 LONGEST_TICK_S = 1.0
 STANDING_TICKS = 10             # half a second at 20 Hz, as long as a drive may be silent
@@ -91,7 +89,6 @@ class ControlLoop:
         self._queue = ChangeQueue(Target(0.0, TargetSource.NONE))
         self._lags = ChangeLags(machine)
         self._setting = Setting(machine, job.strategy)
-        self._planner = Planner(machine, self._setting)
         self._forecaster = Forecaster()
         self._drive_trim = DriveTrim(TrimLimits(), still=1.0)
         self._flow_trim = FlowTrim(
@@ -289,18 +286,15 @@ class ControlLoop:
         planned = wanted.rate_kg_ha * (1.0 + choices.nudge_percent / 100.0)
         rate = min(self.crop.max_rate_kg_ha, planned)
         lag = reach.small_change_lag(self._queue.holding.rate_kg_ha, self.crop.fallback_rate_kg_ha)
-        pair = self._planner.pair(
-            Wanted(now, moment.dt_s, share * rate, self._rate_at(profile, holding, moment, share), moment.ahead),
-            self._expected.pair, moment.conditions)
+        pair = self._setting.pair(share * rate, moment.ahead.mps, now, moment.dt_s, self._expected.pair.opening_mm,
+                                  moment.conditions)
         inside = self._ahead.landing_inside(
             moment, wanted, lambda: _stop(reach, holding, sensed), choices, allow.outside)
         return Decision(wanted, planned, rate, lag, inside, pair, self._usable_mps(lag), fired, by_point, share)
 
     def _reach(self, moment: Moment, choices: Choices) -> Reach:
-        now = moment.m.time_s
-        share = self._ahead.sections.share_at(now) or 1.0
-        return Reach(self._setting, self._lags, self._expected.pair.opening_mm, moment, choices.look_ahead,
-                     self._planner.falls_s(now), share)
+        share = self._ahead.sections.share_at(moment.m.time_s) or 1.0
+        return Reach(self._setting, self._lags, self._expected.pair.opening_mm, moment, choices.look_ahead, share)
 
     def _open_share(self, moment: Moment, holding: Target, reach: Reach, by_point: bool) -> float:
         """Switch the sections; the share of the width that is to be open when a set-point of now shows in the flow."""
@@ -312,8 +306,7 @@ class ControlLoop:
         start = reach.lag(Target(0.0, holding.source), Change(moment.sensed.track_m, rate))
         small = reach.small_change_lag(holding.rate_kg_ha, self.crop.fallback_rate_kg_ha)
         leads = Leads(
-            reach.switch_m(prepare_s, small._replace(drop_s=self._planner.falls_s(now) + self.machine.fall.latency_s),
-                           small.response_s + small.transition_s),
+            reach.switch_m(prepare_s, small, small.response_s + small.transition_s),
             reach.switch_m(prepare_s, start, shaft_s),
             reach.switch_m(prepare_s, _stop(reach, holding, moment.sensed), shaft_s))
         sections.decide(moment.sensed, moment.dt_s, leads,
@@ -332,18 +325,6 @@ class ControlLoop:
                 or not sections.any_decided):
             return holding
         return Target(sections.map_rate_kg_ha(field_map.prescription), TargetSource.MAP)
-
-    def _rate_at(self, profile: Profile, holding: Target, moment: Moment,
-                 open_share: float) -> Callable[[float], float]:
-        """What is to lie so many metres ahead of the outlets, where it comes from the same source as what is held and
-        is not nothing: starts and stops are made by the queue alone. Of the whole width: times what is open of it."""
-        choices, here = self._operator.choices, moment.sensed.track_m
-
-        def rate(ahead_m: float) -> float:
-            there = profile.at(here + ahead_m) if choices.look_ahead else holding
-            target = there if there.rate_kg_ha > 0.0 and there.source is holding.source else holding
-            return open_share * min(self.crop.max_rate_kg_ha, target.rate_kg_ha * (1.0 + choices.nudge_percent / 100.0))
-        return rate
 
     def _meter(self, moment: Moment, decision: Decision) -> Metered:
         """What leaves the outlets now."""
@@ -405,7 +386,7 @@ class ControlLoop:
         self._weigh(moment, metered, calibrating and command.shaft_rpm > 0.0)
         bare = decision.pair if verdict.flow_allowed else Pair(0.0, decision.pair.opening_mm)
         turns = verdict.flow_allowed and not calibrating and not decision.by_point
-        self._planner.made(now, decision.pair if turns else Pair(0.0, decision.pair.opening_mm))
+        self._setting.made(decision.pair if turns else Pair(0.0, decision.pair.opening_mm))
         self._expected.step(command if calibrating else self._setting.wire(bare, moment.conditions),
                             moment.conditions.supply_v, dt_s, self._terms.drives)
         self._count(moment, decision, metered, verdict, command)

@@ -199,24 +199,12 @@ class Machine(Part):
         return self.tolerance.carried_share <= SETTLED_SHARE
 
     @property
-    def stream_carries(self) -> bool:
-        """Whether the shaft surely changes how fast all that is in the tube comes down."""
-        return self.tube_is_settled and self.fall.carried_share >= NEARLY_ALL
-
-    @property
-    def falls_singly(self) -> bool:
-        """Whether each granule surely keeps the pace of its release."""
-        return self.tube_is_settled and self.fall.carried_share <= NEARLY_NONE
-
-    @property
     def warnings(self) -> tuple[str, ...]:
         """What is said of the file though it is right."""
         return tuple(f"term {term.id} {OLD_NOTE}" for term in self.terms if term.source.note == OLD_NOTE)
 
 
-SETTLED_SHARE = 0.2      # tolerance of the carried share up to which the tube counts as measured ...
-NEARLY_ALL, NEARLY_NONE = 0.8, 0.4      # ... and shares that count as all and none: up to 0.5 the drop time changes by
-                                        # no more than 35 ms, and a step of the shaft lands alike
+SETTLED_SHARE = 0.2      # tolerance of the carried share up to which the tube counts as measured
 NOMINAL = Machine.model_construct()      # as its parts' defaults say; not validated, for that asks for it
 
 

@@ -1,10 +1,23 @@
-"""Which strategy plans, bumpless switching between them, and a pair to what goes on the wire: trims, rounding."""
+"""A wanted rate to shaft and gate: the pair of each tick by the strategy in force, and what goes on the wire.
+
+All of it is in closed form: what is released now lands a lag from now, so the flow is the rate times the width times
+the ground speed expected then, and the strategy's pair gives that flow by the inverse of the machine model.
+
+opening first   the gate; the shaft stays at its set-point while the gate can (`strategies`).
+speed first     the shaft, its changes drawn out (`_drawn_out`), so that what falls singly does not overtake; abrupt
+                changes are the gate's (`by_gate`).
+
+No strategy moves the shaft for what is falling already: nobody has measured what that does (docs/decisions/0007).
+"""
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import log
 
 from control.machine.change_lag import Settled
+from control.machine.fall import drop_s
 from control.machine.machine import Machine
+from control.machine.shaft import dead_s, lag_s
 from control.orders import Strategy
 from control.readings import DriveCommand
 
@@ -17,23 +30,85 @@ ABRUPT = 0.35               # |log| of rate after over rate before, from which o
                             # no two grades of a canopy in one second, but the edges of a map's zones
 BACK_PER_S = 0.02           # share of the opening by which it then returns: the shaft makes up for it, so slowly that
                             # no tube shows it (0.6 s x 0.02 / s: 1 % of the flow, where granules fall singly)
+UNSETTLED_SHARE = 0.5       # of the drawing out that granules which fall singly need, while nobody knows: the least
+                            # that the worst of both tubes is then off (2.5 % in steady work, benchmarks other_machines)
+PLAN_BAND_RPM = 0.6         # smaller moves are not planned: the noise of the speed alone would make ten a second ...
+PLAN_BAND_SHARE = 0.008     # ... of the shaft speed: not less than this ...
+PLAN_BAND_MOST = 0.0136     # ... nor more: 0.6 of a slow shaft's 20 r/min would be 3 % of the flow
+PLAN_BAND_MM = 0.15
+PLAN_BAND_MM_SHARE = 0.012  # of the opening: the gate's moves are what wears
 SHAFT_BAND_RPM = 0.3        # smaller moves are not sent: the plan leaves out what it need not do, this is for the trims
 OPENING_BAND_MM = 0.12
 
 
 class Setting:
-    """Holds the strategy and, while it is being changed, the one it comes from."""
+    """One of a run: holds the strategy and, while it is being changed, the one it comes from. `pair` once a tick, then
+    `made` with what was really commanded."""
 
     def __init__(self, machine: Machine, strategy: Strategy) -> None:
         self.machine = machine
-        self.strategy = strategy
+        self.strategy = strategy.in_force
+        self._shaft_answers_s = dead_s(machine.shaft) + lag_s(machine.shaft)
+        self._drawn_out_share = 1.0 - machine.fall.carried_share if machine.tube_is_settled else UNSETTLED_SHARE
+        self._last: Pair | None = None                  # as commanded; None: the shaft stands
+        self._drawn_rpm: float | None = None            # of speed first
         self._before: Strategy | None = None
         self._at_mm = machine.set_points.opening_mm     # at which speed first turns its shaft
         self._switched_s = 0.0
 
     def switch(self, strategy: Strategy, now_s: float) -> None:
-        if strategy is not self.strategy:
-            self._before, self.strategy, self._switched_s = self.strategy, strategy, now_s
+        if strategy.in_force is not self.strategy:
+            self._before, self.strategy, self._switched_s = self.strategy, strategy.in_force, now_s
+            self._drawn_rpm = None
+
+    def pair(self, rate_kg_ha: float, mps_in: Callable[[float], float], now_s: float, dt_s: float,
+             opening_now_mm: float, c: Conditions) -> Pair:
+        """True shaft speed and opening to aim at, small moves left out. `rate_kg_ha`: for what is released now;
+        `mps_in`: ground speed expected so many seconds from now; `opening_now_mm`: expected."""
+        machine, fall = self.machine, self.machine.fall
+        shaft_moves = self._last is None or self.by_shaft
+        answers_s = self._shaft_answers_s if shaft_moves else machine.gate.dead_time_s
+        turns_rpm = machine.set_points.shaft_rpm if self._last is None else self._last.shaft_rpm
+        mps = mps_in(answers_s + 0.5 * dt_s + drop_s(fall, turns_rpm) + fall.latency_s)
+        goal = self.goal(rate_kg_ha * machine.geometry.working_width_m * mps / 10_000.0, now_s, opening_now_mm, c)
+        if goal.shaft_rpm > 0.0 and self.by_shaft and goal.opening_mm == self._at_mm and not goal.limited:
+            opening = self._quiet(goal).opening_mm
+            limits, shaft = machine.limits, self._drawn_out(goal.shaft_rpm * goal.opening_mm / opening, dt_s)
+            goal = Pair(min(limits.shaft_high_rpm, max(limits.shaft_low_rpm, shaft)), opening)
+        return self._quiet(goal) if goal.shaft_rpm > 0.0 else goal
+
+    def made(self, pair: Pair) -> None:
+        """What was commanded in this tick; a shaft of 0: flow was stopped."""
+        self._last = pair if pair.shaft_rpm > 0.0 else None
+        if self._last is None:
+            self._drawn_rpm = None
+
+    def _drawn_out(self, settled_rpm: float, dt_s: float) -> float:
+        """Speed first's shaft, on its way to the speed that gives the flow.
+
+        Where granules fall singly, what is released at n lands with 1 / (1 + drop'(n) dn/dt) of its flow: later
+        granules come down sooner. That is the flow of `settled_rpm` where dn/dt = (1 - n / settled) / -drop'(n).
+        """
+        n, fall = self._drawn_rpm or settled_rpm, self.machine.fall
+        sooner_s = self._drawn_out_share * 0.5 * (drop_s(fall, n - 1.0) - drop_s(fall, n + 1.0))
+        share = dt_s / max(dt_s, sooner_s * settled_rpm)        # never past it
+        self._drawn_rpm = n + share * (settled_rpm - n)
+        return self._drawn_rpm
+
+    def _quiet(self, planned: Pair) -> Pair:
+        """The pair with small moves left out, and in steps of the drives' resolution."""
+        limits, last = self.machine.limits, self._last
+        shaft = _rounded(planned.shaft_rpm, limits.shaft_resolution_rpm)
+        opening = _rounded(planned.opening_mm, limits.opening_resolution_mm)
+        if last is not None:
+            band = max(PLAN_BAND_SHARE * last.shaft_rpm, min(PLAN_BAND_RPM, PLAN_BAND_MOST * last.shaft_rpm))
+            if abs(planned.shaft_rpm - last.shaft_rpm) < band:
+                shaft = last.shaft_rpm
+            rests = self.by_shaft and planned.opening_mm == self.machine.set_points.opening_mm
+            band_mm = max(PLAN_BAND_MM, PLAN_BAND_MM_SHARE * last.opening_mm)
+            if not rests and abs(planned.opening_mm - last.opening_mm) < band_mm:
+                opening = last.opening_mm
+        return Pair(shaft, opening, planned.limited)
 
     def settled(self, wanted_kg_s: float, opening_now_mm: float, c: Conditions) -> Pair:
         """The pair of the present strategy, as if it had always been in force."""
@@ -61,19 +136,9 @@ class Setting:
         self._at_mm += min(most, max(-most, wanted - self._at_mm))
 
     @property
-    def at_mm(self) -> float:
-        """Opening at which speed first turns its shaft: its set-point, or on the way back to it."""
-        return self._at_mm
-
-    @property
     def by_shaft(self) -> bool:
         """Speed first, and no change of strategy under way."""
         return self.strategy is Strategy.SPEED_FIRST and self._before is None
-
-    @property
-    def by_both(self) -> bool:
-        """Balanced, no change of strategy under way, and known what the shaft does to what falls."""
-        return self.strategy is Strategy.BALANCED and self._before is None and self.machine.stream_carries
 
     def goal(self, wanted_kg_s: float, now_s: float, opening_now_mm: float, c: Conditions) -> Pair:
         """The settled pair to plan towards. While a strategy is being changed the shaft glides over, and the opening

@@ -22,10 +22,6 @@ DIES_OUT_S = 0.8                # an acceleration is expected to die out this fa
                                 # another, and a forecast that goes on for the whole lag overshoots at the end of it
 STOPS_BELOW_MPS = 0.75          # slower than this and slowing down, a machine stops: nobody works so slowly ...
 STOPS_WITHIN_MPS = 0.15         # ... the less surely the nearer to it
-UNDER_WAY = 0.8                 # of its working speed: slower and speeding up, a machine goes back to that
-MOST_MORE = 2.0                 # times the present speed, that it is expected to have then
-CRUISE_TAU_S = 20.0             # filter `cruise`, first order: the speed while it is steady, of at least ...
-CRUISE_FROM_MPS = 0.6           # ... this
 STEADY_TAU_S = 0.35             # filter `steady`, first order, behind `quick`
 STEADY_MPS = 0.03               # apart by less: noise; by twice as much: a change of speed
 
@@ -50,11 +46,10 @@ class SpeedAhead(NamedTuple):
     faster_mps: float = 0.0                 # faster than the reference, now
     faster_mps2: float = 0.0
     believed: float = 0.0                   # 0 to 1
-    cruise_mps: float = 0.0                 # at which it works, as far as is known; 0: not yet
 
     def mps(self, in_s: float) -> float:
         """Speed so many seconds ahead, m/s; never below 0."""
-        own = speed_ahead_mps(self.now_mps, self.acceleration_mps2, in_s, self.cruise_mps)
+        own = speed_ahead_mps(self.now_mps, self.acceleration_mps2, in_s)
         if not self.announced_mps:
             return own
         known = _at(self.announced_mps, in_s) + self.faster_mps + _more_mps(self.faster_mps2, in_s)
@@ -62,7 +57,7 @@ class SpeedAhead(NamedTuple):
 
     def way_m(self, in_s: float) -> float:
         """Distance covered until then, m."""
-        own = travelled_ahead_m(self.now_mps, self.acceleration_mps2, in_s, self.cruise_mps)
+        own = travelled_ahead_m(self.now_mps, self.acceleration_mps2, in_s)
         if not self.announced_mps:
             return own
         known = _at(self.announced_way_m, in_s) + self.faster_mps * in_s + _more_m(self.faster_mps2, in_s)
@@ -91,7 +86,6 @@ class Forecaster:
         self._errors_mps2 = [AT_FIRST_MPS2, AT_FIRST_MPS2]      # squared, of the reference and of the own forecast
 
     def _forget(self) -> None:
-        self._cruise_mps = 0.0
         self._own, self._faster = _Quieted(), _Quieted()
         self._reference_mps: float | None = None
         self._reference = Moving()              # as the filter `quick` would see it
@@ -109,19 +103,16 @@ class Forecaster:
             self._forget()
             return SpeedAhead(0.0, 0.0)
         own = self._own.update(Moving(speed_mps, acceleration_mps2), dt_s)
-        if own.acceleration_mps2 == 0.0 and own.speed_mps > CRUISE_FROM_MPS:
-            share = 1.0 if self._cruise_mps == 0.0 else 1.0 - exp(-dt_s / CRUISE_TAU_S)
-            self._cruise_mps += share * (own.speed_mps - self._cruise_mps)
         if announced is None or not is_fresh(announced.time_s, now_s, ANNOUNCED_HOLDS_S):
             self._reference_mps = None
             self._waiting.clear()
-            return SpeedAhead(*own, cruise_mps=self._cruise_mps)
+            return SpeedAhead(*own)
         self._judge(now_s, speed_mps)
         self._drive_reference(announced, now_s, speed_mps, dt_s)
         faster = self._faster.update(Moving(speed_mps - self._reference.speed_mps,
                                             acceleration_mps2 - self._reference.acceleration_mps2), dt_s)
         table, way = _driven(announced, now_s - announced.time_s, self._reference_mps or 0.0)
-        ahead = SpeedAhead(*own, table, way, *faster, self.believed, self._cruise_mps)
+        ahead = SpeedAhead(*own, table, way, *faster, self.believed)
         if speed_mps >= STANDS_MPS and (not self._waiting or now_s + JUDGED_S - self._waiting[-1][0] >= JUDGED_EVERY_S):
             self._waiting.append((now_s + JUDGED_S, ahead._replace(believed=1.0).mps(JUDGED_S),
                                   ahead._replace(believed=0.0).mps(JUDGED_S)))
@@ -184,35 +175,26 @@ def _more_m(acceleration_mps2: float, in_s: float) -> float:
     return min(1.0, max(-1.0, acceleration_mps2)) * DIES_OUT_S * (in_s - DIES_OUT_S * (1.0 - exp(-in_s / DIES_OUT_S)))
 
 
-def travelled_ahead_m(speed_mps: float, acceleration_mps2: float, time_s: float, cruise_mps: float = 0.0) -> float:
+def travelled_ahead_m(speed_mps: float, acceleration_mps2: float, time_s: float) -> float:
     """Distance covered in `time_s` ahead, m: the integral of a speed that is believed as `speed_ahead_mps` believes
     it, at least half of what the present speed would give where it does not stop."""
     more_m = _more_m(acceleration_mps2, time_s)
     usual = speed_mps * time_s + min(0.5 * speed_mps * time_s, max(-0.5 * speed_mps * time_s, more_m))
-    share, ends_mps = _goes_on(speed_mps, acceleration_mps2, cruise_mps)
+    share = _stops(speed_mps, acceleration_mps2)
     if share <= 0.0:
         return usual
-    until_s = min(time_s, (ends_mps - speed_mps) / acceleration_mps2)
-    way_m = speed_mps * until_s + 0.5 * acceleration_mps2 * until_s ** 2 + ends_mps * (time_s - until_s)
-    return usual + share * (way_m - usual)
+    until_s = min(time_s, -speed_mps / acceleration_mps2)
+    return usual + share * (speed_mps * until_s + 0.5 * acceleration_mps2 * until_s ** 2 - usual)
 
 
-def speed_ahead_mps(speed_mps: float, acceleration_mps2: float, time_s: float, cruise_mps: float = 0.0) -> float:
+def speed_ahead_mps(speed_mps: float, acceleration_mps2: float, time_s: float) -> float:
     """Speed expected `time_s` ahead, m/s: the acceleration, up to 1 m/s2, dies out with `DIES_OUT_S`; the forecast
-    stays within 50-150 % of the present speed. A machine that is stopping or setting off goes on with it."""
+    stays within 50-150 % of the present speed. A machine that is stopping goes on with it."""
     more = _more_mps(acceleration_mps2, time_s)
     usual = min(1.5 * speed_mps, max(0.5 * speed_mps, speed_mps + more))
-    share, ends_mps = _goes_on(speed_mps, acceleration_mps2, cruise_mps)
-    if share <= 0.0:
-        return usual
-    until_s = min(time_s, (ends_mps - speed_mps) / acceleration_mps2)
-    return usual + share * (speed_mps + acceleration_mps2 * until_s - usual)
+    return usual + _stops(speed_mps, acceleration_mps2) * (max(0.0, speed_mps + acceleration_mps2 * time_s) - usual)
 
 
-def _goes_on(speed_mps: float, acceleration_mps2: float, cruise_mps: float) -> tuple[float, float]:
-    """How surely the acceleration goes on until the speed is another one, 0 to 1, and which that is, m/s."""
-    if acceleration_mps2 < 0.0:
-        return min(1.0, max(0.0, (STOPS_BELOW_MPS - speed_mps) / STOPS_WITHIN_MPS)), 0.0
-    if 0.0 < speed_mps < UNDER_WAY * cruise_mps and acceleration_mps2 > 0.0:
-        return 1.0, min(cruise_mps, MOST_MORE * speed_mps)
-    return 0.0, speed_mps
+def _stops(speed_mps: float, acceleration_mps2: float) -> float:
+    """How surely the machine stops, 0 to 1."""
+    return 0.0 if acceleration_mps2 >= 0.0 else min(1.0, max(0.0, (STOPS_BELOW_MPS - speed_mps) / STOPS_WITHIN_MPS))

@@ -23,11 +23,11 @@ from control.machine.fall import drop_s as drop_time_s
 from control.machine.history import noted
 from control.machine.machine import CATALOGUE, Machine, effect_sizes, with_effect
 from control.machine.terms import Term
-from control.metering.plan import OPENING_BAND_SHARE
+from control.metering.setting import PLAN_BAND_MM_SHARE
 from drivers.files import setup
 from drivers.files.config import load, save
 from drivers.files.config_error import ConfigError
-from drivers.files.kinds import MACHINE
+from drivers.files.kinds import JOB, MACHINE
 
 runner = CliRunner()
 
@@ -81,7 +81,7 @@ def test_headless_replay_decides_as_it_was_decided(log: Path, tmp_path: Path) ->
     old_rows, new_rows = rows_of(log), rows_of(new)
     assert [r["state"] for r in new_rows] == [r["state"] for r in old_rows]
     pairs = [(float(a["opening_mm_cmd"]), float(b["opening_mm_cmd"])) for a, b in zip(old_rows, new_rows, strict=True)]
-    same = sum(abs(a - b) <= OPENING_BAND_SHARE * max(a, b) + 0.1 for a, b in pairs) / len(pairs)
+    same = sum(abs(a - b) <= PLAN_BAND_MM_SHARE * max(a, b) + 0.1 for a, b in pairs) / len(pairs)
     assert same > 0.98      # the log's rounding may tip a dead band one tick sooner or later, never more than a band
     assert sum(a for a, _ in pairs) == pytest.approx(sum(b for _, b in pairs), rel=0.002)
 
@@ -93,6 +93,22 @@ def test_replay_with_another_strategy_moves_the_other_drive(log: Path, tmp_path:
     late = [float(r["opening_mm_cmd"]) for r in rows_of(new)[-600:]]
     assert max(late) - min(late) < 2.5
     assert {r["strategy"] for r in rows_of(new)[1:]} == {"speed_first"}
+
+
+def test_balanced_is_read_as_opening_first_and_said(log: Path, tmp_path: Path) -> None:
+    """A word of older job files: at each door where it was accepted."""
+    job, said = tmp_path / "old.yaml", "note: strategy balanced: works as opening_first"
+    save(job, load("demo", JOB).model.model_copy(update={"strategy": "balanced"}), JOB, "")
+    word = ["--strategy", "balanced"]
+    simulate = ["simulate", "--seconds", "3"]
+    for k, (command, has) in enumerate([(simulate, word), (simulate, ["--job", str(job)]),
+                                        (["replay", str(log), "--headless"], word)]):
+        out = tmp_path / f"{k}.csv"
+        result = runner.invoke(app, [*command, *has, "--out", str(out)])
+        assert result.exit_code == 0 and result.output.count(said) == 1, result.output
+        assert {r["strategy"] for r in rows_of(out)[1:]} == {"opening_first"}
+    result = runner.invoke(app, ["check", str(job)])
+    assert result.exit_code == 0 and result.output.count(said) == 1
 
 
 def test_summary_as_json() -> None:

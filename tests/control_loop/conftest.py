@@ -39,16 +39,15 @@ class Run:
 def simulated() -> Callable[..., Run]:
     """`simulated(seconds, strategy=..., effects=[...], **job changes)` -> Run; equal calls are run once.
 
-    plant: a plausible machine that is driven while control knows the shipped file. settled: of
-    that file's tube control is sure: a lag test between two rates was made."""
+    plant: a plausible machine that is driven while control knows the shipped file."""
     setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
     kept: dict[str, Run] = {}
 
     def run(seconds: float, strategy: str = "opening_first", effects: Sequence[str] = (), seed: int = 1,
             *,
             orders: Sequence[tuple[float, Order]] | None = None, sim: dict[str, Any] | None = None,
-            plant: str = "", settled: bool = False, **changes: Any) -> Run:
-        key = repr((seconds, strategy, tuple(effects), seed, orders, sim, plant, settled, sorted(changes.items())))
+            plant: str = "", **changes: Any) -> Run:
+        key = repr((seconds, strategy, tuple(effects), seed, orders, sim, plant, sorted(changes.items())))
         if key not in kept:
             job: Job = setup.job.model_copy(update={"strategy": Strategy(strategy), **changes})
             if sim:
@@ -57,8 +56,7 @@ def simulated() -> Callable[..., Run]:
             job = with_simulated_field(job, setup.machine)
             true = plausible(setup.machine, plant) if plant else setup.machine
             driven = simulated_machine(true, job, seed, 0.05, [parse_planted(text) for text in effects])
-            sure = {"tolerance": setup.machine.tolerance.model_copy(update={"carried_share": 0.05})} if settled else {}
-            loop = control_loop(setup.machine.model_copy(update=sure), setup.crop, setup.rule, job)
+            loop = control_loop(setup.machine, setup.crop, setup.rule, job)
             record, steps = Record(), []
             for step in simulated_run(driven, loop, seconds, orders):
                 record.add(step)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-STRATEGIES = ["opening_first", *(pytest.param(name, marks=pytest.mark.exam) for name in ("speed_first", "balanced"))]
+STRATEGIES = ["opening_first", pytest.param("speed_first", marks=pytest.mark.exam)]
 
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
@@ -24,14 +24,6 @@ def test_look_ahead_puts_the_rate_where_it_belongs(simulated: Any, strategy: str
 def test_a_change_is_made_on_the_tick_nearest_to_its_moment(simulated: Any) -> None:
     """On the first tick past it, it comes half a tick late: 0.03 m."""
     assert abs(simulated(240.0, "opening_first").errors.place_bias_m) < 0.02
-
-
-def test_what_the_next_change_does_to_the_stream_in_the_tube_is_made_up_for(simulated: Any) -> None:
-    """A faster shaft carries down faster what was released before: 9 kg/ha where nobody reckons with it."""
-    found = simulated(240.0, "speed_first", settled=True).errors
-    assert found.rate_error_kg_ha < 7.5
-    assert abs(found.place_bias_m) < 0.03       # each change is spread over three falls: a single step scatters
-    assert abs(found.bias_kg_ha) < 3.0
 
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
@@ -123,12 +115,6 @@ def test_the_plant_may_fall_otherwise_than_its_controller_believes(simulated: An
     assert other.errors.place_bias_m == pytest.approx(-1.25 * (1.175 - 0.859), abs=0.06), "0.32 s early at 4.5 km/h"
 
 
-@pytest.mark.parametrize("strategy", ["balanced", "speed_first"])
-def test_while_nobody_has_measured_the_tube_no_strategy_counts_on_it(simulated: Any, strategy: str) -> None:
-    """Of the same runs landed singly, balanced was 6.3 % off and speed first 9.8 %: they moved the shaft for a stream
-    that carries what falls."""
-    found = simulated(90.0, strategy, plant="singly")
-    assert found.errors.rate_error_percent < {"balanced": 4.0, "speed_first": 5.0}[strategy]
-    if strategy == "balanced":
-        at_work = [s.tick.command.shaft_rpm for s in found.steps if s.tick.command.shaft_rpm > 0.0]
-        assert len(set(at_work)) < 40, "the trim's own steps, no plan's"
+def test_while_nobody_has_measured_the_tube_speed_first_does_not_count_on_it(simulated: Any) -> None:
+    """Of the same run landed singly it was 9.8 % off when it moved the shaft for a stream that carries what falls."""
+    assert simulated(90.0, "speed_first", plant="singly").errors.rate_error_percent < 5.0

@@ -211,7 +211,7 @@ def test_a_start_that_is_held_is_one_event_and_launches(simulated: Any) -> None:
     sim = {"run_in_m": 0.5, "begin_m": 20.0, "speed_changes": [
         {"at_s": 0, "speed_kmh": 0}, {"at_s": 3, "speed_kmh": 4.5}]}
     held = [(0.5, Order(Do.READY)), *((1.0 + 0.2 * k, Order(Do.START, True)) for k in range(30))]
-    runs = [simulated(9.0, "balanced", orders=orders, sim=sim) for orders in ([*held], [*held[:2]])]
+    runs = [simulated(9.0, orders=orders, sim=sim) for orders in ([*held], [*held[:2]])]
     begins = [next(s.truth.speed_mps for s in run.steps if s.tick.command.shaft_rpm > 0.0) for run in runs]
     assert 0.1 < begins[0] < 0.3 < 0.5 <= begins[1] + 0.02
     assert sum("start" in (s.tick.row.events or "") for s in runs[0].steps) == 1

@@ -1,23 +1,22 @@
-"""The plan over the lag: what is in the tube, which hand does what, limits; told speeds believed as they came true."""
+"""The pair of a tick: which strategy moves what, limits; told speeds believed as they came true."""
 from __future__ import annotations
 
 import datetime as dt
 from math import inf, nan
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from control.machine.fall import Fall, drop_s
-from control.machine.landing import carried_s, falls_s
+from control.machine.fall import drop_s
+from control.machine.landing import falls_s
 from control.machine.machine import Machine, Tolerance
 from control.machine.start import with_carried_share
 from control.metering.inverse import Conditions, flow_kg_s
-from control.metering.plan import Planner, Wanted
 from control.metering.setting import Setting
-from control.metering.strategies import Pair
-from control.metering.tube import Tube
+from control.metering.strategies import Pair, pair_for
 from control.orders import Strategy
 from control.readings import GnssFix, Measurements, Reading, SpeedPlan, possible
 from control.sensing import Forecaster, SpeedAhead
@@ -29,75 +28,36 @@ CARRIES = Machine(tolerance=Tolerance(carried_share=0.05))      # a lag test bet
 SINGLY = with_carried_share(CARRIES, 0.0)
 
 
-@settings(max_examples=60, deadline=None)
-@given(st.lists(st.tuples(st.floats(0.05, 1.0), st.floats(10.0, 100.0)), min_size=1, max_size=12))
-def test_the_tube_lands_what_the_model_lands(commands: list[tuple[float, float]]) -> None:
-    """Against `carried_s` on a fine grid, for any shaft commands."""
-    tube, now, turns = Tube(Fall(), 0.4, 40.0), 0.0, [(-10.0, 40.0)]
-    for wait, rpm in commands:
-        now += wait
-        tube.command(now, rpm)
-        turns.append((now + 0.4, rpm))
-    time = np.arange(0.0, now + 4.0, 0.002)
-    at = np.searchsorted([begin for begin, _ in turns], time, side="right") - 1
-    falls = carried_s(time, np.array([drop_s(Fall(), turns[k][1]) for k in at]))
-    for released in (max(0.0, now - 1.0), now, now + 0.3):
-        k = round(released / 0.002)
-        assert tube.lands_s(released) - released == pytest.approx(falls[min(k, len(falls) - 1)], abs=0.006)
-
-
-def test_a_parcel_is_asked_for_when_it_lands() -> None:
-    tube = Tube(Fall(), 0.4, 70.0)
-    assert tube.landing(1.0) is None
-    tube.release(1.0, 11.0)
-    tube.release(1.5, 22.0)
-    falls = drop_s(Fall(), 70.0)
-    assert tube.landing(1.0 + falls - 0.01) is None
-    assert tube.landing(1.0 + falls + 0.01) == tube.landing(1.5 + falls - 0.01) == 11.0
-    assert tube.landing(1.5 + falls + 0.01) == 22.0
-
-
 def planned(strategy: Strategy, speeds: list[float], rate: float = 300.0, machine: Machine | None = None) -> list[Pair]:
     """Pairs tick by tick, at speeds that are expected to stay."""
     machine = machine or CARRIES
-    planner = Planner(machine, Setting(machine, strategy))
-    pairs = []
+    setting, pairs = Setting(machine, strategy), []
     for k, mps in enumerate(speeds):
-        wanted = Wanted(DT_S * k, DT_S, rate, lambda _: rate, SpeedAhead(mps, 0.0))
-        pair = planner.pair(wanted, Pair(70.0, 20.0), Conditions())
-        planner.made(DT_S * k, pair)
-        pairs.append(pair)
+        pairs.append(setting.pair(rate, SpeedAhead(mps, 0.0).mps, DT_S * k, DT_S, 20.0, Conditions()))
+        setting.made(pairs[-1])
     return pairs
 
 
 def test_opening_first_leaves_the_shaft_alone_and_speed_first_the_gate() -> None:
     speeds = [1.0] * 60 + [1.4] * 60
     assert {p.shaft_rpm for p in planned(Strategy.OPENING_FIRST, speeds)} == {70.0}
+    assert planned(Strategy.BALANCED, speeds) == planned(Strategy.OPENING_FIRST, speeds), "a word of older files"
     assert {p.opening_mm for p in planned(Strategy.SPEED_FIRST, speeds)} == {25.0}
 
 
-def test_balanced_speeds_the_tube_up_and_comes_back() -> None:
-    """The ground speed rises by a fifth unforeseen: the shaft at once, the gate for what is released; then the shaft
-    returns, for what lands was metered for the new speed."""
-    pairs = planned(Strategy.BALANCED, [1.0] * 60 + [1.2] * 60)
-    before, at, after = pairs[59], pairs[62], pairs[-1]
-    assert at.shaft_rpm > 1.15 * before.shaft_rpm
-    fall = Machine().fall
-    assert drop_s(fall, before.shaft_rpm) / drop_s(fall, at.shaft_rpm) == pytest.approx(1.2, abs=0.02)
-    assert after.shaft_rpm == pytest.approx(before.shaft_rpm, abs=2.0)
-    assert flow_kg_s(Machine(), *after[:2]) == pytest.approx(1.2 * flow_kg_s(Machine(), *before[:2]), rel=0.03)
-
-
-def test_balanced_meters_for_the_shaft_that_will_turn_at_release() -> None:
-    """While the shaft is quick the gate gives less: what lands later is right with the shaft at its set-point."""
-    pairs = planned(Strategy.BALANCED, [1.0] * 60 + [1.2] * 60)
-    assert min(p.opening_mm for p in pairs[66:80]) < pairs[-1].opening_mm - 0.5
-
-
-@pytest.mark.parametrize("machine", [Machine(), SINGLY, with_carried_share(CARRIES, 0.5)])
-def test_balanced_keeps_the_shaft_still_where_it_is_not_known_to_help(machine: Machine) -> None:
-    """Where granules fall singly, what was 1.0 % of the rate with a shaft that helps was 4.8 %."""
-    assert {p.shaft_rpm for p in planned(Strategy.BALANCED, [1.0] * 60 + [1.2] * 60, machine=machine)} == {70.0}
+def test_the_page_of_control_by_hand_has_the_figures_of_the_code() -> None:
+    machine, page = SETUP.machine, (Path(__file__).parents[2] / "docs" / "control.md").read_text(encoding="utf-8")
+    lag_s = machine.gate.dead_time_s + 0.5 * DT_S + drop_s(machine.fall, 70.0)
+    mps = SpeedAhead(1.25, 0.5).mps(lag_s)
+    openings = [planned(Strategy.OPENING_FIRST, [one])[0].opening_mm for one in (1.25, mps)]
+    settled = Setting(machine, Strategy.SPEED_FIRST).settled(0.09, 25.0, Conditions()).shaft_rpm
+    exact = [pair_for(machine, Strategy.OPENING_FIRST, 300.0 * 2.4 * one / 10_000.0, 20.0).opening_mm
+             for one in (1.25, mps)]
+    for text in (f"= {lag_s:.3f} s at 70", f"{mps:.2f} m/s in 1.30 s", f"| {1.25 * lag_s:.2f} m |",
+                 f"| {settled:.2f} r/min |", f"| {exact[0]:.2f} mm; {exact[1]:.2f} mm at {mps:.2f} m/s |",
+                 f"| {openings[0]:.1f} mm |"):
+        assert text in page
+    assert openings == [pytest.approx(one, abs=0.05) for one in exact]
 
 
 def test_where_granules_fall_singly_speed_first_lands_the_step_as_a_step() -> None:
@@ -120,17 +80,14 @@ def test_where_granules_fall_singly_speed_first_lands_the_step_as_a_step() -> No
 @pytest.mark.parametrize("machine", [Machine(), CARRIES, SINGLY])
 def test_an_abrupt_change_of_the_rate_is_the_gate_s_and_the_shaft_takes_over_slowly(machine: Machine) -> None:
     setting = Setting(machine, Strategy.SPEED_FIRST)
-    planner, pairs, rate = Planner(machine, setting), [], 450.0
+    pairs, rate = [], 450.0
     for k in range(1400):
         if k == 100:
             setting.changed(450.0, 150.0)
             rate = 150.0
         setting.rests(DT_S)
-        held = rate
-        pair = planner.pair(Wanted(DT_S * k, DT_S, rate, lambda _, held=held: held, SpeedAhead(1.25, 0.0)),  # type: ignore[misc]
-                            Pair(60.0, 25.0), Conditions())
-        planner.made(DT_S * k, pair)
-        pairs.append(pair)
+        pairs.append(setting.pair(rate, SpeedAhead(1.25, 0.0).mps, DT_S * k, DT_S, 25.0, Conditions()))
+        setting.made(pairs[-1])
     before, at, after = pairs[99], pairs[101], pairs[-1]
     assert before.opening_mm == 25.0 and at.opening_mm == pytest.approx(25.0 / 3.0, abs=0.3)
     assert at.shaft_rpm == pytest.approx(before.shaft_rpm, rel=0.03)
@@ -150,12 +107,6 @@ def test_no_plan_leaves_the_limits(strategy: Strategy, speeds: list[float], rate
         if pair.shaft_rpm > 0.0:
             assert limits.shaft_low_rpm <= pair.shaft_rpm <= limits.shaft_high_rpm
             assert limits.opening_low_mm <= pair.opening_mm <= limits.opening_high_mm
-
-
-def test_a_drop_time_that_the_shaft_does_not_change_leaves_the_shaft() -> None:
-    machine = CARRIES.model_copy(update={"fall": Fall(slope_s_per_rpm=0.0)})
-    pairs = planned(Strategy.BALANCED, [1.0] * 60 + [1.2] * 60, machine=machine)
-    assert len({p.shaft_rpm for p in pairs}) == 1
 
 
 def drive(forecaster: Forecaster, speeds: list[float], told: list[SpeedPlan | None]) -> list[SpeedAhead]:

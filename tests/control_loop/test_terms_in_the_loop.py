@@ -35,7 +35,7 @@ def with_terms(*terms: Term) -> Machine:
 
 def run(known: Machine, terms: list[Term], seconds: float = 300.0) -> tuple[dict[str, Any], Errors]:
     job = with_simulated_field(SETUP.job.model_copy(update={
-        "strategy": Strategy.BALANCED, "flow_trim": False, "simulated": SETUP.job.simulated.model_copy(update={
+        "strategy": Strategy.OPENING_FIRST, "flow_trim": False, "simulated": SETUP.job.simulated.model_copy(update={
             "roughness_deg": 1.5, "speed_wander_percent": 12.0})}), SETUP.machine)
     plant = simulated_machine(SETUP.machine, job, 3, 0.05, terms=terms)
     record, rows = Record(), []

@@ -151,16 +151,12 @@ def test_rate_and_place_error(benchmark_module, name, rate_percent, place_m):
     assert len(judged.places_m) >= 1
 
 
-@pytest.mark.parametrize(("name", "strategy", "told", "rate_percent"), [
-    ("accelerating 3 to 7 km/h, 0.5 m/s2", Strategy.BALANCED, "plan", 3.2),
-    *(pytest.param(*one, marks=pytest.mark.exam) for one in (
-        ("steady 4.5 km/h", Strategy.BALANCED, "none", 1.25), ("steady 4.5 km/h", Strategy.SPEED_FIRST, "none", 2.3),
-        ("accelerating 3 to 7 km/h, 0.5 m/s2", Strategy.BALANCED, "none", 8.0)))])
-def test_what_the_plan_reaches(benchmark_module, name, strategy, told, rate_percent):
-    """Before it: 1.7, 2.9, 11.6 and 11.6 %. Where the tube is settled: elsewhere no plan counts on it."""
+@pytest.mark.parametrize(("strategy", "rate_percent"), [(Strategy.OPENING_FIRST, 3.3), (Strategy.SPEED_FIRST, 5.9)])
+def test_what_a_speed_that_is_announced_reaches(benchmark_module, strategy, rate_percent):
+    """From 3 to 7 km/h; not announced 10 and 12 %."""
     m = benchmark_module("manoeuvres")
-    what = next(one for one in m.MANOEUVRES if one.name == name)
-    judged = m.measured(what._replace(sim={"speed_told": told}), strategy, 1, m.the_setup(settled=True))
+    what = next(one for one in m.MANOEUVRES if one.name == "accelerating 3 to 7 km/h, 0.5 m/s2")
+    judged = m.measured(what._replace(sim={"speed_told": "plan"}), strategy, 1, m.the_setup())
     assert judged.rate_percent < rate_percent
 
 

@@ -9,7 +9,6 @@ from control.machine.landing import carried_s, falls_s
 from control.machine.machine import Machine, effect_sizes
 from control.machine.plausible import PLAUSIBLE, plausible
 from control.machine.start import first_fall_s, with_carried_share
-from control.metering.tube import Tube
 
 MACHINE = Machine()
 
@@ -47,20 +46,6 @@ def test_the_share_goes_from_each_granule_s_own_fall_to_the_stream_s() -> None:
     late = int(np.searchsorted(time_s, 3.5))        # released before the step, still falling after it
     each = [falls_s(time_s, settled, share)[late] for share in (0.0, 0.3, 0.6, 1.0)]
     assert each == sorted(each, reverse=True) and each[0] - each[-1] > 0.1
-
-
-@pytest.mark.parametrize("share", [0.0, 0.4, 0.8, 1.0])
-def test_control_s_tube_falls_as_the_plant_s(share: float) -> None:
-    fall = with_carried_share(MACHINE, share).fall
-    tube = Tube(fall, 0.4, 40.0)
-    for at_s, rpm in ((1.0, 80.0), (1.7, 30.0), (2.1, 60.0)):
-        tube.command(at_s, rpm)
-    time_s = np.arange(0.0, 12.0, 0.005)
-    rpm = np.select([time_s < 1.4, time_s < 2.1, time_s < 2.5], [40.0, 80.0, 30.0], 60.0)
-    falls = falls_s(time_s, np.array([drop_s(fall, n) for n in rpm.tolist()]), share)
-    for at_s in (1.1, 1.5, 2.0, 2.3, 4.0):
-        lands = at_s + np.interp(at_s, time_s, falls)
-        assert tube.lands_s(at_s + 1e-6) == pytest.approx(lands, abs=0.02)
 
 
 def test_the_set_has_the_machines_that_it_says() -> None:

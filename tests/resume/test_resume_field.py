@@ -110,7 +110,7 @@ def test_a_start_knows_what_is_done_on_its_field(jobs, config, goes_on):
     loop = start(jobs, tuple(str(jobs / one) for one in config)).loop
     assert [done_before(loop, place) for place in ((0.0, 10.0), (1.1, 19.0), (0.0, 21.0))] == [goes_on, goes_on, False]
     assert loop.totals.applied_kg == (30.0 if goes_on else 0.0)
-    assert loop.strategy == ("speed_first" if not config else "balanced" if goes_on else "opening_first")
+    assert loop.strategy == ("opening_first" if config else "speed_first")
 
 
 def test_an_ended_job_is_another_pass(jobs):

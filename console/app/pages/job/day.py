@@ -112,7 +112,8 @@ def crop_note(note: str) -> str:
 
 
 def _crop(facts: Facts) -> Check:
-    name, notes = facts.setup.crop.name, [crop_note(note) for note in facts.setup.crop.warnings]
+    setup = facts.setup
+    name, notes = setup.crop.name, [crop_note(note) for note in (*setup.job.warnings, *setup.crop.warnings)]
     if notes:
         return Check(_("crop"), LOOK, f"{name}: {notes[0]}", (f"{name} ({facts.crop_file})", *notes))
     return Check(_("crop"), OK, name, (facts.crop_file,))

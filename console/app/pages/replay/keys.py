@@ -8,6 +8,7 @@ from console.app import words
 from console.app.action import REPLAY, Action, on
 from console.app.dialogs import Choice, ChoiceDialog, TextDialog
 from console.locale import N_, _
+from control.orders import STRATEGIES
 
 if TYPE_CHECKING:
     from console.app.pages.replay.page import ReplayScreen
@@ -40,7 +41,7 @@ def next_alarm(page: ReplayScreen) -> None:
 def what_if(page: ReplayScreen) -> None:
     job = page.played
     choices = [Choice(f"strategy:{name}", f"{_('strategy')}: {words.strategy_word(name)}")
-               for name in words.STRATEGIES]
+               for name in STRATEGIES]
     choices += [Choice(f"crop:{name}", f"{_('crop')}: {name}") for name in job.crops]
     choices += [Choice(f"machine:{name}", f"{_('machine')}: {name}") for name in job.machines]
     page.app.ask(ChoiceDialog(_("What if"), choices, "", _("changes add up; Del goes back to the log")), page.begin)

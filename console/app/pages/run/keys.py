@@ -14,7 +14,7 @@ from console.app.reasons import why_no_start, why_not_ready
 from console.app.typed_number import in_words, inside
 from console.app.undo import ordered_source
 from console.locale import N_, _
-from control.orders import BY_MAP, Do, Order, Strategy, TargetSource
+from control.orders import BY_MAP, STRATEGIES, Do, Order, TargetSource
 
 FAR_CELLS = 10                  # of the trend, by which its cursor goes far
 
@@ -44,7 +44,7 @@ def _give_new(page: RunScreen, do: Do, value: str | float, now: str | float) -> 
 
 def strategy(page: RunScreen) -> None:
     frame = page.app.arrival.frame
-    choices = [Choice(one.value, words.strategy_word(one.value)) for one in Strategy]
+    choices = [Choice(one.value, words.strategy_word(one.value)) for one in STRATEGIES]
     _ask_choice(page, _("Strategy"), choices, (frame.row.strategy if frame else None) or "", Do.STRATEGY)
 
 
@@ -140,7 +140,7 @@ ACTIONS = on(
            asks="number"),
     Action("nudge_down", "minus,kp_minus", "-", N_("less"), N_("Less than the target, in steps of 5 %; asks first."),
            lambda page: _ask_nudge(page, -1), bar=6, asks="number"),
-    Action("strategy", "t", "T", N_("strategy"), N_("Opening first, speed first or balanced; asks first."), strategy,
+    Action("strategy", "t", "T", N_("strategy"), N_("Opening first or speed first; asks first."), strategy,
            bar=7),
     Action("source", "o", "O", N_("target from"), N_("Canopy, map, plants, manual or fallback rate; asks first."),
            source, bar=8),
