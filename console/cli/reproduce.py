@@ -14,7 +14,7 @@ from console.cli.outputs import Force, marked, refuse_collisions
 from console.cli.progress import progress
 
 if TYPE_CHECKING:
-    from control.simulation.papers.page import Section, Table
+    from control.papers.page import Section, Table
 
 DAY = dt.date(2014, 3, 7)           # the decision paper's day of sensing
 PAGE = "reproduce.html"
@@ -50,10 +50,10 @@ def reproduce(
 
 def run_papers(seed: int) -> list[Section]:
     """Everything the page shows. Takes about half a minute."""
-    from control.simulation.papers.claims import summary
-    from control.simulation.papers.decision import decision_section
-    from control.simulation.papers.lag import lag_section
-    from control.simulation.papers.points import points_section
+    from control.papers.claims import summary
+    from control.papers.decision import decision_section
+    from control.papers.lag import lag_section
+    from control.papers.points import points_section
     from drivers.files.setup import load_setup
     setup = load_setup("huanghai", "demo", DAY)
     papers: list[Callable[[], Section]] = [lambda: decision_section(setup.machine, setup.crop, seed),

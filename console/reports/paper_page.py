@@ -8,7 +8,7 @@ from console.reports.html import Picture as Drawn
 from console.reports.html import escape, figure, page, paragraph, table
 from console.reports.numbers import fixed
 from console.reports.page_style import STYLE
-from control.simulation.papers.page import Cell, Picture, Section, Table
+from control.papers.page import Cell, Picture, Section, Table
 
 COLOURS = {"published": BEFORE, "ours": AFTER, "other": THIRD}
 PAPERS_STYLE = """

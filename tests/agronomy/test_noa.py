@@ -29,7 +29,7 @@ from control.agronomy.sampling import (
     frequency_table,
     subsample,
 )
-from control.simulation.papers.claims_decision import extra_nitrogen_kg_ha, rate_from_weighing_kg_ha
+from control.papers.claims_decision import extra_nitrogen_kg_ha, rate_from_weighing_kg_ha
 
 
 def smooth(crop: Crop) -> Crop:

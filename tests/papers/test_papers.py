@@ -15,18 +15,18 @@ from control.machine.fall import drop_s
 from control.machine.landing import carried_s
 from control.machine.machine import Machine
 from control.machine.start import first_fall_s, response_s, start_lag_s
-from control.simulation.papers import map_geometry, published
-from control.simulation.papers.claims import ledger
-from control.simulation.papers.claims_decision import decision_claims, yields
-from control.simulation.papers.claims_lag import lag_claims
-from control.simulation.papers.claims_points import points_claims
-from control.simulation.papers.correction import IN_PHASE, ONCE_A_SECOND, READINGS, explain, misses_m, wider_apart
-from control.simulation.papers.decision import forward_targets, nitrogen, sampling
-from control.simulation.papers.experiments import experiment_tables, speed_or_delay
-from control.simulation.papers.lag import eq3, lag_line
-from control.simulation.papers.map_geometry import boundary_table, cells_that_agree, paper_cell
-from control.simulation.papers.page import Claim, How, Table
-from control.simulation.papers.points import delays, microsteps
+from control.papers import map_geometry, published
+from control.papers.claims import ledger
+from control.papers.claims_decision import decision_claims, yields
+from control.papers.claims_lag import lag_claims
+from control.papers.claims_points import points_claims
+from control.papers.correction import IN_PHASE, ONCE_A_SECOND, READINGS, explain, misses_m, wider_apart
+from control.papers.decision import forward_targets, nitrogen, sampling
+from control.papers.experiments import experiment_tables, speed_or_delay
+from control.papers.lag import eq3, lag_line
+from control.papers.map_geometry import boundary_table, cells_that_agree, paper_cell
+from control.papers.page import Claim, How, Table
+from control.papers.points import delays, microsteps
 from control.targets.point import point_lag
 from drivers.files.config import load
 from drivers.files.kinds import CROP
@@ -189,7 +189,7 @@ def test_the_point_papers_delays_and_shaft_speeds() -> None:
 def test_the_page_is_written_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("matplotlib", reason="matplotlib is not installed")
     from console.cli import reproduce
-    from control.simulation.papers.lag import lag_section
+    from control.papers.lag import lag_section
     monkeypatch.setattr(reproduce, "run_papers", lambda seed: [lag_section(Machine())])
     told = CliRunner().invoke(app, ["reproduce", "--out", str(tmp_path / "r")])
     assert told.exit_code == 0, told.stderr

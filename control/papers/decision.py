@@ -10,10 +10,10 @@ from control.field.job import Canopy, Job, Simulated
 from control.machine.elements import Array
 from control.machine.machine import Machine
 from control.machine.planting import parse_planted
+from control.papers.claims_decision import extra_nitrogen_kg_ha, rate_from_weighing_kg_ha
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.canopy import CanopyField
 from control.simulation.closed_loop import simulated_run
-from control.simulation.papers.claims_decision import extra_nitrogen_kg_ha, rate_from_weighing_kg_ha
 
 from .claims import ledger
 from .claims_decision import decision_claims, yields
