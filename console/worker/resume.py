@@ -54,7 +54,6 @@ class Snapshot:
     strategy: Strategy = Strategy.OPENING_FIRST
     look_ahead: bool = True
     flow_trim_on: bool = True
-    flow_trim: float = 1.0
     origin_deg: Place | None = None                 # of the plane: latitude, longitude
     place_m: Place | None = None                    # the outlets' last one
     heading_deg: float | None = None

@@ -33,7 +33,6 @@ FINISHED = "mark job finished"      # the event by which the operator ends a job
 class _Handed(NamedTuple):
     seen: Tick
     sums: Sums | None
-    flow_trim: float
     plane: TangentPlane | None
 
 
@@ -66,7 +65,7 @@ class Keeper:
         if seen.row.time_s - self._taken_s >= SUMS_S:
             self._taken_s, sums = seen.row.time_s, self._loop.sums
         if self._handed.qsize() < MAX_WAITING_ROWS:         # as many as the log lets wait for a disk that hangs
-            self._handed.put(_Handed(seen, sums, self._loop.flow_trim, self._loop.plane))
+            self._handed.put(_Handed(seen, sums, self._loop.plane))
 
     def quit(self) -> None:
         """The worker was asked to end: nothing is cut off. Before the last `work`."""
@@ -117,9 +116,8 @@ class Keeper:
         known = {"strategy": row.strategy or None, "hopper_kg": row.hopper_kg, "place_m": seen.place_m,
                  "heading_deg": row.heading_deg}
         changes |= {name: value for name, value in known.items() if value is not None}
-        self._snapshot = replace(self._snapshot, time_s=row.time_s, flow_trim=handed.flow_trim,
-                                 look_ahead=seen.look_ahead, flow_trim_on=seen.flow_trim_on,
-                                 **changes)      # type: ignore[arg-type]
+        self._snapshot = replace(self._snapshot, time_s=row.time_s, look_ahead=seen.look_ahead,
+                                 flow_trim_on=seen.flow_trim_on, **changes)      # type: ignore[arg-type]
 
     def _since(self, before: LogRow | None, row: LogRow) -> dict[str, object]:
         """What the step from one row to the next adds."""

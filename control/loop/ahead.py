@@ -11,7 +11,7 @@ from control.field.done_ground import DoneGround
 from control.field.job import Job
 from control.loop.canopy_heads import CanopyHeads
 from control.loop.moment import Choices, Moment
-from control.loop.sections import Sections, Whole
+from control.loop.sections import Sections
 from control.machine.change_lag import Lag
 from control.machine.fall import drop_s
 from control.machine.machine import Machine
@@ -50,8 +50,7 @@ class Ahead:
         cell_m = min(CELL_M, width_m / 6.0)
         self.overlap = Overlap(Coverage(width_m, cell_m, longest_m=LONGEST_M, strips=[
             (strip.left_m, strip.right_m) for strip in machine.switched], steps=steps), geometry.outlets)
-        self.sections: Sections | Whole = (
-            Sections(machine, job.section_overlap_percent, cell_m) if machine.switched else Whole())
+        self.sections = Sections(machine, job.section_overlap_percent, cell_m)
         mean = job.target.hold_mean_kg_ha
         self.hold = None if mean is None else HoldMean(mean)
         self._around = Around(job.target.around_percent, job.target.around_kg_ha)
@@ -96,7 +95,7 @@ class Ahead:
         released = tuple([turns and on for on in opened]) if len(opened) > 1 else turns and opened[0]
         self.overlap.note(sensed.time_s, place, sensed.heading_deg, released,
                           drop_s(self._machine.fall, rpm) if turns else 0.0)
-        if no_double and not isinstance(self.sections, Sections):
+        if no_double and not self.sections.strips:
             self.overlap.look(sensed.track_m, place, sensed.heading_deg, fired_to_m)
 
     def _look_at_map(self, sensed: Sensed, fired_to_m: float) -> None:
@@ -124,7 +123,7 @@ class Ahead:
     def _by_section(self, choices: Choices) -> bool:
         """Whether every section is switched by its own strip: then the whole machine is not. Doses are the whole
         machine's."""
-        return isinstance(self.sections, Sections) and choices.source is not TargetSource.POINT
+        return bool(self.sections.strips) and choices.source is not TargetSource.POINT
 
     def ground(self, choices: Choices, may_outside: bool) -> Ground:
         """What says which sections are to be on."""

@@ -25,7 +25,7 @@ from control.loop.moment import Choices, Decision, Metered, Moment
 from control.loop.ordered import Operator
 from control.loop.reach import Reach
 from control.loop.row import head_ndvi, log_row
-from control.loop.sections import Leads, Sections
+from control.loop.sections import Leads
 from control.loop.situation import situation
 from control.loop.stopped import Stopped, open_share, standing_limits
 from control.loop.tick import Tick
@@ -131,10 +131,6 @@ class ControlLoop:
     def sums(self) -> Sums:
         """What a later loop needs to go on with the totals. Takes some 50 us: not for every tick."""
         return self._totals.sums
-
-    @property
-    def flow_trim(self) -> float:
-        return self._flow_trim.value
 
     @property
     def plane(self) -> TangentPlane | None:
@@ -299,7 +295,7 @@ class ControlLoop:
     def _open_share(self, moment: Moment, holding: Target, reach: Reach, by_point: bool) -> float:
         """Switch the sections; the share of the width that is to be open when a set-point of now shows in the flow."""
         sections, choices = self._ahead.sections, self._operator.choices
-        if not isinstance(sections, Sections):
+        if not sections.strips:
             return 1.0
         now, prepare_s, shaft_s = moment.m.time_s, sections.prepare_s, sections.shaft_answers_s
         rate = Target(holding.rate_kg_ha or self.crop.fallback_rate_kg_ha, holding.source)

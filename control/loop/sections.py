@@ -79,7 +79,8 @@ def _at(turns: deque[_Turn], time_s: float) -> bool:
 
 
 class Sections:
-    """One of a run, for a machine whose sections have valves. A tick: `decide`, `share_at`, `valves`, `commanded`."""
+    """One of a run. A tick: `decide`, `share_at`, `valves`, `commanded`. A machine without valves has no strips: it is
+    open over its whole width, and nothing is decided."""
 
     def __init__(self, machine: Machine, overlap_percent: float, edge_m: float) -> None:
         shaft = machine.shaft
@@ -88,7 +89,7 @@ class Sections:
         self._switches = [_Switch(section.valve.open_s, section.valve.close_s)
                           for section in machine.sections if section.valve is not None]
         self.shaft_answers_s = dead_s(shaft) + lag_s(shaft)
-        self.prepare_s = max(self.shaft_answers_s, *(max(one.open_s, one.close_s) for one in self._switches))
+        self.prepare_s = max([self.shaft_answers_s, *(max(one.open_s, one.close_s) for one in self._switches)])
         self._gate_dead_s, self._slew_mm_s = machine.gate.dead_time_s, max(0.5, machine.gate.slew_mm_s)
         self._started = [False] * len(self.strips)
         self._judged_at: tuple[Place, float] | None = None
@@ -109,7 +110,7 @@ class Sections:
 
     @property
     def any_decided(self) -> bool:
-        return any(one.decided for one in self._switches)
+        return not self.strips or any(one.decided for one in self._switches)
 
     def ground(self, ground: Ground) -> Ground:
         """The same with where the operator wants flow."""
@@ -174,7 +175,7 @@ class Sections:
 
     def inside(self, now_s: float) -> bool:
         """Whether some section is inside the field, or on its way there; what flows now lands inside as well."""
-        return any(one.inside or _at(one.planned, now_s) for one in self._switches)
+        return not self.strips or any(one.inside or _at(one.planned, now_s) for one in self._switches)
 
     # -- what follows from it --------------------------------------------------------------------------------------
 
@@ -189,7 +190,7 @@ class Sections:
     def share_at(self, time_s: float) -> float:
         """Share of the working width that is to be open at a time, at most `prepare_s` ahead."""
         return sum(strip.share for strip, one in zip(self.strips, self._switches, strict=True)
-                   if _at(one.planned, time_s))
+                   if _at(one.planned, time_s)) if self.strips else 1.0
 
     def valves(self, now_s: float, dt_s: float, off_by_hand: tuple[int, ...]) -> tuple[bool, ...]:
         """What the valves are to be commanded in this tick, before safety is asked."""
@@ -203,49 +204,14 @@ class Sections:
 
     def open_now(self, now_s: float) -> tuple[bool, ...]:
         """The valves as they should stand by now."""
-        return tuple(_at(one.stands, now_s) for one in self._switches)
+        return tuple(_at(one.stands, now_s) for one in self._switches) if self.strips else (True,)
 
     def open_share(self, now_s: float) -> float:
-        return sum(strip.share for strip, on in zip(self.strips, self.open_now(now_s), strict=True) if on)
+        return sum(strip.share for strip, on in zip(self.strips, self.open_now(now_s), strict=True)
+                   if on) if self.strips else 1.0
 
     def states(self, valves: tuple[bool, ...], off_by_hand: tuple[int, ...]) -> tuple[SectionState, ...]:
         """For who looks at them."""
         return tuple(SectionState(True) if on else SectionState(
             False, BY_HAND if k + 1 in off_by_hand else one.why or NO_FLOW)
             for k, (one, on) in enumerate(zip(self._switches, valves, strict=True)))
-
-
-class Whole:
-    """A machine without valves, asked as `Sections` is: it is open over its whole width, and nothing is switched."""
-
-    any_decided = True
-
-    def started(self) -> None:
-        pass
-
-    def moved(self) -> None:
-        pass
-
-    def map_rate_kg_ha(self, rates: Rates) -> float:
-        return 0.0
-
-    def inside(self, now_s: float) -> bool:
-        return True
-
-    def share_at(self, time_s: float) -> float:
-        return 1.0
-
-    def open_share(self, now_s: float) -> float:
-        return 1.0
-
-    def open_now(self, now_s: float) -> tuple[bool, ...]:
-        return (True,)
-
-    def valves(self, now_s: float, dt_s: float, off_by_hand: tuple[int, ...]) -> tuple[bool, ...]:
-        return ()
-
-    def commanded(self, now_s: float, valves: tuple[bool, ...]) -> None:
-        pass
-
-    def states(self, valves: tuple[bool, ...], off_by_hand: tuple[int, ...]) -> tuple[SectionState, ...]:
-        return ()

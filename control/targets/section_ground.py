@@ -62,7 +62,7 @@ class SectionGround:
             aside.append(np.linspace(left + edge, right - edge, count))
         self._counts = [len(points) for points in aside]
         self._begins = np.concatenate([[0], np.cumsum(self._counts)[:-1]])
-        self._aside = np.concatenate(aside)
+        self._aside = np.concatenate([np.empty(0), *aside])
 
     def unknown(self, ground: Ground) -> tuple[Judged, ...]:
         """No place known: outside the field, where there is one."""

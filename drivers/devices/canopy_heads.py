@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from drivers.devices.lines import Counts, LineCutter
+from drivers.devices.lines import LineDecoder
 
 LOWEST_NDVI = -1.0
 HIGHEST_NDVI = 1.0
@@ -43,7 +43,7 @@ class HeadSample(NamedTuple):
     index_2: float | None = None
 
 
-class HeadDecoder:
+class HeadDecoder(LineDecoder[HeadSample]):
     """Bytes of one head, or of several heads on one line, to samples.
 
     Parameters
@@ -63,42 +63,33 @@ class HeadDecoder:
     into another digit cannot be seen here; the fusion of six heads by their median is what withstands it.
     """
 
+    longest = 200
+
     def __init__(self, fields: FieldMap, head: int | None = 1, heads: int = 6) -> None:
         for what, number in (("ndvi", fields.ndvi), ("index_2", fields.index_2)):
             lowest = 1 if what == "ndvi" else 0
             if not lowest <= number <= fields.fields:
                 raise ValueError(f"field map: {what} is field {number}, allowed is {lowest} to {fields.fields}")
-        self.counts = Counts()
+        super().__init__()
         self._map = fields
         self._head = head
         self._heads = heads
-        self._cutter = LineCutter(self.counts, longest=200)
         self._first = True
 
-    def feed(self, data: bytes, time_s: float) -> list[HeadSample]:
-        """Samples completed by `data`, which arrived at `time_s`; oldest first."""
-        return self._read(self._cutter.feed(data), time_s)
-
-    def flush(self, time_s: float) -> list[HeadSample]:
-        """At the end of a recording: the last line, where it has no line end."""
-        return self._read(self._cutter.flush(), time_s)
-
-    def _read(self, lines: list[bytes], time_s: float) -> list[HeadSample]:
-        samples = []
-        for line in lines:
-            first, self._first = self._first, False
-            if line.startswith(b"#"):
-                self.counts.ignore("comment")
-                continue
-            found = self._sample(line.strip(), time_s)
-            if isinstance(found, HeadSample):
-                self.counts.accept()
-                samples.append(found)
-            elif first:
-                self.counts.ignore("partial_first")
-            else:
-                self.counts.reject(found)
-        return samples
+    def _line(self, line: bytes, time_s: float) -> list[HeadSample]:
+        first, self._first = self._first, False
+        if line.startswith(b"#"):
+            self.counts.ignore("comment")
+            return []
+        found = self._sample(line.strip(), time_s)
+        if isinstance(found, HeadSample):
+            self.counts.accept()
+            return [found]
+        if first:
+            self.counts.ignore("partial_first")
+        else:
+            self.counts.reject(found)
+        return []
 
     def _sample(self, line: bytes, time_s: float) -> HeadSample | str:
         """The sample, or the kind of what is wrong with the line."""

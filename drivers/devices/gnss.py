@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, date, datetime, timedelta
 
 from control.readings import GnssFix
-from drivers.devices.lines import Counts, LineCutter
+from drivers.devices.lines import LineDecoder
 from drivers.devices.nmea import GNSS_TALKERS, Ignored, Rejected, Sentence, parse
 
 DAY_MS = 86_400_000
@@ -36,7 +36,7 @@ class _Epoch:
         return any(sentence.speed_mps is not None for sentence in self.sentences.values())
 
 
-class GnssDecoder:
+class GnssDecoder(LineDecoder[GnssFix]):
     """Bytes to fixes.
 
     Parameters
@@ -59,41 +59,32 @@ class GnssDecoder:
     """
 
     def __init__(self, live: bool = True) -> None:
-        self.counts = Counts()
+        super().__init__()
         self._live = live
-        self._cutter = LineCutter(self.counts)
         self._epoch: _Epoch | None = None
         self._types_of_last_epochs: tuple[list[str], list[str]] = ([], [])
         self._dated: tuple[date, int] | None = None         # newest date, and the time of day it came with
         self._behind: tuple[int, float] | None = None       # last backward time of day, arrival of the first
         self._heard_s: dict[str, float] = {}                # types of sentences, and "receiver" -> when they spoke last
 
-    def feed(self, data: bytes, time_s: float) -> list[GnssFix]:
-        """Fixes completed by `data`, which arrived at `time_s`; oldest first, mostly none or one."""
-        return self._read(self._cutter.feed(data), time_s)
-
     def flush(self, time_s: float) -> list[GnssFix]:
         """At the end of a recording: the last line and the last epoch."""
-        return self._read(self._cutter.flush(), time_s) + self._close_epoch()
+        return super().flush(time_s) + self._close_epoch()
 
-    def _read(self, lines: list[bytes], time_s: float) -> list[GnssFix]:
+    def _line(self, line: bytes, time_s: float) -> list[GnssFix]:
+        if line.startswith(b"#"):
+            self.counts.ignore("comment")
+            return []
         fixes: list[GnssFix] = []
-        for line in lines:
-            if line.startswith(b"#"):
-                self.counts.ignore("comment")
-                continue
-            before, *sentences = line.split(b"$")       # a sentence cut short is followed at once by the next
-            if before.strip():
-                self.counts.reject("garbage")
-            for sentence in sentences:
-                try:
-                    fixes += self._take(self._first_hand(parse(sentence), time_s), time_s)
-                except Rejected as kind:
-                    self.counts.reject(str(kind))
-                except Ignored as kind:
-                    self.counts.ignore(str(kind))
-                    if str(kind) == "no_fix":           # it speaks, and says that it does not know
-                        self._note(sentence[:2].decode(), sentence[2:5].decode(), time_s)
+        for sentence in self._frames(line):
+            try:
+                fixes += self._take(self._first_hand(parse(sentence), time_s), time_s)
+            except Rejected as kind:
+                self.counts.reject(str(kind))
+            except Ignored as kind:
+                self.counts.ignore(str(kind))
+                if str(kind) == "no_fix":           # it speaks, and says that it does not know
+                    self._note(sentence[:2].decode(), sentence[2:5].decode(), time_s)
         return fixes
 
     def _first_hand(self, sentence: Sentence, time_s: float) -> Sentence:

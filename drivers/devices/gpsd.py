@@ -8,7 +8,7 @@ from typing import Any
 
 from control.readings import GnssFix
 from drivers.devices.gnss import NEW_CLOCK_AFTER_S
-from drivers.devices.lines import Counts, LineCutter
+from drivers.devices.lines import LineDecoder
 from drivers.devices.nmea import FASTEST_MPS, LARGEST_HDOP
 
 WATCH = b'?WATCH={"enable":true,"json":true};\n'
@@ -16,7 +16,7 @@ QUALITY_OF_STATUS = {0: 1, 1: 1, 2: 2, 3: 4, 4: 5, 5: 6, 6: 6, 7: 1, 8: 8, 9: 3}
 _UTC = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?Z")
 
 
-class GpsdDecoder:
+class GpsdDecoder(LineDecoder[GnssFix]):
     """Bytes of a gpsd connection to fixes. Send `WATCH` after every connect.
 
     Counted as rejected: `malformed` (no JSON object), `impossible_value`, `time_backwards`, `duplicate_epoch`,
@@ -24,41 +24,32 @@ class GpsdDecoder:
     receivers; the first that has a fix stays).
     """
 
+    longest = 16384
+
     def __init__(self) -> None:
-        self.counts = Counts()
-        self._cutter = LineCutter(self.counts, longest=16384)
+        super().__init__()
         self._device: str | None = None
         self._utc = ""
         self._behind_since_s: float | None = None
         self._satellites: int | None = None
         self._hdop: float | None = None
 
-    def feed(self, data: bytes, time_s: float) -> list[GnssFix]:
-        """Fixes completed by `data`, which arrived at `time_s`; oldest first."""
-        return self._read(self._cutter.feed(data), time_s)
-
-    def flush(self, time_s: float) -> list[GnssFix]:
-        """At the end of a recording: the last line, where it has no line end."""
-        return self._read(self._cutter.flush(), time_s)
-
-    def _read(self, lines: list[bytes], time_s: float) -> list[GnssFix]:
-        fixes = []
-        for line in lines:
-            try:
-                said = json.loads(line)
-            except (ValueError, RecursionError):
-                said = None
-            found = self._take(said, time_s) if isinstance(said, dict) else "malformed"
-            if isinstance(found, GnssFix):
-                self.counts.accept()
-                fixes.append(found)
-            elif found.startswith("+"):
-                self.counts.accept()
-            elif found.startswith("-"):
-                self.counts.ignore(found[1:])
-            else:
-                self.counts.reject(found)
-        return fixes
+    def _line(self, line: bytes, time_s: float) -> list[GnssFix]:
+        try:
+            said = json.loads(line)
+        except (ValueError, RecursionError):
+            said = None
+        found = self._take(said, time_s) if isinstance(said, dict) else "malformed"
+        if isinstance(found, GnssFix):
+            self.counts.accept()
+            return [found]
+        if found.startswith("+"):
+            self.counts.accept()
+        elif found.startswith("-"):
+            self.counts.ignore(found[1:])
+        else:
+            self.counts.reject(found)
+        return []
 
     def _take(self, said: dict[str, Any], time_s: float) -> GnssFix | str:
         """The fix; or `+` accepted without one; or `-kind` ignored; or the kind of what is wrong."""

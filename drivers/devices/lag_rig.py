@@ -15,7 +15,7 @@ from drivers.devices.board_frames import (
     plain_number,
     whole,
 )
-from drivers.devices.lines import Counts, LineCutter
+from drivers.devices.lines import LineDecoder
 
 ORDER, STATUS = "R1", "L1"
 IDLE, ARMED, TURNING, LANDED = 0, 1, 2, 3
@@ -50,7 +50,7 @@ class RigReadings(NamedTuple):
     plate_before: bool
 
 
-class LagRig:
+class LagRig(LineDecoder[RigReadings]):
     """Bytes of the rig to readings, orders to bytes. Opens nothing and reads no clock.
 
     The rig's clock is laid over the host's by the line of the last 10 to 20 s that came with the least delay: `start_s`
@@ -59,27 +59,23 @@ class LagRig:
     Counted as rejected: as the slave board's lines, see `slave_board.SlaveBoard`.
     """
 
+    longest = 200
+
     def __init__(self) -> None:
-        self.counts = Counts()
-        self._cutter = LineCutter(self.counts, longest=200)
+        super().__init__()
         self._last_seq: int | None = None
         self._next_order = 0
         self._micros: int | None = None     # the rig's clock, run on over its wraps
         self._offsets_s = [math.inf, math.inf]      # host's clock less the rig's: least of the last block, of this one
         self._block_s = -math.inf
 
-    def feed(self, data: bytes, time_s: float) -> list[RigReadings]:
-        """Readings completed by `data`, which arrived at `time_s`; oldest first."""
+    def _line(self, line: bytes, time_s: float) -> list[RigReadings]:
         readings = []
-        for line in self._cutter.feed(data):
-            before, *frames = line.split(b"$")
-            if before.strip():
-                self.counts.reject("garbage")
-            for frame in frames:
-                try:
-                    readings.append(self._take(decode_status(frame), time_s))
-                except BadFrame as kind:
-                    self.counts.reject(str(kind))
+        for frame in self._frames(line):
+            try:
+                readings.append(self._take(decode_status(frame), time_s))
+            except BadFrame as kind:
+                self.counts.reject(str(kind))
         return readings
 
     def order(self, run: int, arm: bool) -> bytes:

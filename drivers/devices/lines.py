@@ -1,9 +1,10 @@
-"""Bytes that arrive in any pieces, cut into lines; and the counts that every decoder keeps."""
+"""Bytes that arrive in any pieces, cut into lines; what every decoder of lines has, and the counts that it keeps."""
 from __future__ import annotations
 
 import re
 from collections import Counter
 from dataclasses import dataclass, field
+from typing import ClassVar, Generic, TypeVar
 
 _LINE_END = re.compile(rb"[\r\n]+")
 
@@ -65,3 +66,35 @@ class Counts:
     @property
     def rejected_total(self) -> int:
         return sum(self.rejected.values())
+
+
+Said = TypeVar("Said")
+
+
+class LineDecoder(Generic[Said]):
+    """Bytes of a protocol of lines to what they say. Opens nothing and reads no clock. A protocol gives `_line`."""
+
+    longest: ClassVar[int] = 512        # of a line, bytes
+
+    def __init__(self) -> None:
+        self.counts = Counts()
+        self._cutter = LineCutter(self.counts, self.longest)
+
+    def feed(self, data: bytes, time_s: float) -> list[Said]:
+        """What `data`, which arrived at `time_s`, completes; oldest first."""
+        return [one for line in self._cutter.feed(data) for one in self._line(line, time_s)]
+
+    def flush(self, time_s: float) -> list[Said]:
+        """At the end of a recording: the last line, where it has no line end."""
+        return [one for line in self._cutter.flush() for one in self._line(line, time_s)]
+
+    def _line(self, line: bytes, time_s: float) -> list[Said]:
+        """What one line says; whatever is wrong with it is counted by kind."""
+        raise NotImplementedError
+
+    def _frames(self, line: bytes) -> list[bytes]:
+        """The frames of a line, without their `$`: one that was cut short is followed at once by the next."""
+        before, *frames = line.split(b"$")
+        if before.strip():
+            self.counts.reject("garbage")
+        return frames

@@ -26,8 +26,8 @@ from drivers.devices.board_frames import (
     valves_mask,
     valves_of,
 )
-from drivers.devices.lines import Counts, LineCutter
-from drivers.devices.point_dose import REPORT, DoseReport, PointDose, decode_report
+from drivers.devices.lines import LineDecoder
+from drivers.devices.point_dose import REPORT, PointDose, decode_report
 from drivers.devices.wheel import WheelGeometry, WheelSpeed
 
 DOSE_REPORT = REPORT.encode() + b","
@@ -65,7 +65,7 @@ class BoardReadings(NamedTuple):
     old_order: bool = False
 
 
-class SlaveBoard:
+class SlaveBoard(LineDecoder[BoardReadings]):
     """Bytes of the board to readings, commands to bytes. Opens nothing and reads no clock.
 
     Counted as rejected: `bad_crc`, `missing_crc`, `unknown_frame` (another name or version), `wrong_length` (number
@@ -73,12 +73,13 @@ class SlaveBoard:
     lines that the sequence numbers say were sent and never came. `dose`: what became of the doses sent by `give_dose`.
     """
 
+    longest = 200
+
     def __init__(self, limits: DriveLimits | None = None, wheel: WheelGeometry | None = None) -> None:
-        self.counts = Counts()
+        super().__init__()
         self.missed = 0
         self._limits = limits or DriveLimits()
         self._wheel = WheelSpeed(wheel or WheelGeometry())
-        self._cutter = LineCutter(self.counts, longest=200)
         self._last_seq: int | None = None
         self._next_command = 0
         self._word: int | None = None           # the board's; None: it has none, or did not tell it yet
@@ -87,14 +88,6 @@ class SlaveBoard:
         self._sent_opening_mm = 0.0
         self._valves = 0                        # of the newest command
         self.dose = PointDose(self._limits.max_shaft_rpm)
-
-    def feed(self, data: bytes, time_s: float) -> list[BoardReadings]:
-        """Readings completed by `data`, which arrived at `time_s`; oldest first."""
-        return self._read(self._cutter.feed(data), time_s)
-
-    def flush(self, time_s: float) -> list[BoardReadings]:
-        """At the end of a recording: the last line, where it has no line end."""
-        return self._read(self._cutter.flush(), time_s)
 
     def command(self, command: DriveCommand | None, enabled: bool) -> bytes:
         """The next command line, heartbeat included; to be sent 10 times a second or more. Before it, where the board
@@ -137,29 +130,23 @@ class SlaveBoard:
         self._next_command += 1
         return line
 
-    def _read(self, lines: list[bytes], time_s: float) -> list[BoardReadings]:
+    def _line(self, line: bytes, time_s: float) -> list[BoardReadings]:
         readings = []
-        for line in lines:
-            before, *frames = line.split(b"$")
-            if before.strip():
-                self.counts.reject("garbage")
-            for frame in frames:
-                try:
-                    if frame.startswith(DOSE_REPORT):
-                        self._take_report(decode_report(frame), time_s)
-                    elif frame.startswith(BOARD_WORD):
-                        seq, word = decode_word(frame)
-                        self._count(seq)
-                        self._word, self._ask, self._asked = word, False, 0
-                    else:
-                        readings.append(self._take(decode_status(frame), time_s))
-                except BadFrame as kind:
-                    self.counts.reject(str(kind))
+        for frame in self._frames(line):
+            try:
+                if frame.startswith(DOSE_REPORT):
+                    report = decode_report(frame)
+                    self._count(report.seq)
+                    self.dose.hear(report, time_s)
+                elif frame.startswith(BOARD_WORD):
+                    seq, word = decode_word(frame)
+                    self._count(seq)
+                    self._word, self._ask, self._asked = word, False, 0
+                else:
+                    readings.append(self._take(decode_status(frame), time_s))
+            except BadFrame as kind:
+                self.counts.reject(str(kind))
         return readings
-
-    def _take_report(self, report: DoseReport, time_s: float) -> None:
-        self._count(report.seq)
-        self.dose.hear(report, time_s)
 
     def _count(self, seq: int) -> None:
         """Raises BadFrame for a frame that was there before."""

@@ -10,56 +10,45 @@ from __future__ import annotations
 import re
 
 from control.readings import MOST_ANNOUNCED, SpeedPlan, can_be_announced
-from drivers.devices.lines import Counts, LineCutter
+from drivers.devices.lines import LineDecoder
 from drivers.devices.nmea import checksum
 
 HEAD = b"PTDSP,"
-LONGEST = 1024
 _SENTENCE = re.compile(rb"\$([^*$]*)\*([0-9A-Fa-f]{2})")
 _NUMBER = re.compile(rb"-?\d{1,4}(\.\d{1,6})?")
 
 
-class TractorSpeedDecoder:
+class TractorSpeedDecoder(LineDecoder[SpeedPlan]):
     """Bytes to announced speeds. Rejected: `bad_checksum`, `wrong_fields`, `impossible_value`, `overlong`, `garbage`;
     ignored: sentences of another name."""
 
-    def __init__(self) -> None:
-        self.counts = Counts()
-        self._lines = LineCutter(self.counts, LONGEST)
+    longest = 1024
 
-    def feed(self, data: bytes, time_s: float) -> list[SpeedPlan]:
-        """What `data`, which arrived at `time_s`, completes; oldest first."""
-        return [announced for line in self._lines.feed(data) if (announced := self._take(line, time_s)) is not None]
-
-    def flush(self, time_s: float) -> list[SpeedPlan]:
-        """At the end of a recording."""
-        return [announced for line in self._lines.flush() if (announced := self._take(line, time_s)) is not None]
-
-    def _take(self, line: bytes, time_s: float) -> SpeedPlan | None:
+    def _line(self, line: bytes, time_s: float) -> list[SpeedPlan]:
         found = _SENTENCE.fullmatch(line.strip())
         if found is None:
             self.counts.reject("garbage")
-            return None
+            return []
         body, sum_ = found.groups()
         if checksum(body) != int(sum_, 16):
             self.counts.reject("bad_checksum")
-            return None
+            return []
         if not body.startswith(HEAD):
             self.counts.ignore("other_sentence")
-            return None
+            return []
         fields = body[len(HEAD):].split(b",")
         if len(fields) % 2 == 0 or not 3 <= len(fields) <= 1 + 2 * MOST_ANNOUNCED or not all(
                 map(_NUMBER.fullmatch, fields)):
             self.counts.reject("wrong_fields")
-            return None
+            return []
         values = [float(field) for field in fields]
         announced = SpeedPlan(time_s, tuple(
             (in_s, kmh / 3.6) for in_s, kmh in zip(values[1::2], values[2::2], strict=True)), values[0])
         if not can_be_announced(announced):
             self.counts.reject("impossible_value")
-            return None
+            return []
         self.counts.accept()
-        return announced
+        return [announced]
 
 
 def sentence(announced: SpeedPlan) -> bytes:

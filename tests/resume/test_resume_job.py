@@ -400,12 +400,12 @@ def test_the_job_goes_on_with_its_strips(tmp_path):
     assert rule_of(setup.crop, job).strips == Strips(0.66, 0.55)
 
 
-def test_a_snapshot_of_before_has_none(tmp_path):
+def test_a_snapshot_of_before_has_no_strips_and_the_trim_that_nobody_reads(tmp_path):
     path = tmp_path / "a.resume.json"
     resume.write(path, Snapshot("a.csv"))
     text = path.read_text().replace('"ndvi_nrich":null,', "").replace('"ndvi_check":null,', "")
-    assert "ndvi" not in text
-    path.write_text(text)
+    assert "ndvi" not in text and '"flow_trim":' not in text
+    path.write_text(text.replace('"flow_trim_on"', '"flow_trim":1.02,"flow_trim_on"'))
     assert resume.read(path).ndvi_nrich is None
 
 
