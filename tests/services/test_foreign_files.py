@@ -10,7 +10,7 @@ import pytest
 from console.app.pages.diagnosis.service import IMPORT, OpenQuestions, Stop
 from console.services.diagnosis import DiagnosisFiles
 from console.services.foreign_files import brought_in, is_listed
-from drivers.files.imports.trouble import ImportTrouble
+from drivers.plain_text import Refused
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples" / "import"
 
@@ -67,7 +67,7 @@ def test_an_import_file_without_its_file_is_refused(folder: Path, tmp_path: Path
     with pytest.raises(ValueError, match=r"must stand next to it as gone\.csv or alike; there: none"):
         brought_in(alone, tmp_path)
     (folder / "broken.parquet").write_bytes(b"no table")
-    with pytest.raises(ImportTrouble, match="not readable as Parquet"):
+    with pytest.raises(Refused, match="not readable as Parquet"):
         brought_in(folder / "broken.parquet", tmp_path / "logs")
     assert not (folder / "broken.import.yaml").exists() and not (tmp_path / "logs").exists()
 
