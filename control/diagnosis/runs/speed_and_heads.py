@@ -17,7 +17,9 @@ from .log import MIN_ROWS
 
 Array = npt.NDArray[np.float64]
 
-SPEED_WINDOW_S = 2.0 * SMOOTH_S     # parabola through the speed: a tractor's acceleration is slower than their noise
+SPEED_WINDOWS_S = tuple(k * SMOOTH_S for k in (2.0, 4.0, 8.0))      # of a parabola through the speed: from as long as a
+                            # tractor takes to start or stop, to where it keeps its speed
+FORGOTTEN_S = 0.5           # after which a receiver's or a wheel's noise is no longer alike
 MIN_READINGS_OF_TWO = 400    # readings from which two sensors' noises are told apart: variances to 7 %
 CLIPPED_SD = 4.0            # of steps from reading to reading: what is farther is an outlier, and no noise
 LEAST_OWN = 0.01            # of a sensor's steps that are its own noise, at least: a share of 0 would trust it alone
@@ -70,8 +72,11 @@ def speed_of(every: Rows, gnss: Array, wheel: Array, machine: Machine) -> Speed 
     ratio = float(np.median(wheel_there[going] / gnss[rows][going])) if going.any() else 1.0
     trust = _trust(gnss[rows], wheel_there / ratio, machine)
     both = (1.0 - trust) * gnss[rows] + trust * wheel_there / ratio
-    window = min(len(both) - 1 + len(both) % 2, 2 * int(0.5 * SPEED_WINDOW_S / step) + 1)
-    smooth = _smoothed(both, window) if window > 3 else both
+    longest = len(both) - 1 + len(both) % 2
+    windows = [min(longest, 2 * int(0.5 * one / step) + 1) for one in SPEED_WINDOWS_S]
+    alike, ends = int(FORGOTTEN_S / step), min(windows[-1] // 2, len(both) // 4)
+    smooth = both if windows[0] <= 3 else _smoothed(
+        both, min(windows, key=lambda one: _left_out(both, one, alike, ends)))
     moving = smooth > MOVING_MPS
     looked = moving if moving.sum() > MOVES_SHARE * len(at) else np.ones(len(at), bool)
     grid = grid_of(at, looked, step, seam_s=FORGETS_S)
@@ -93,6 +98,19 @@ def _trust(gnss: Array, wheel: Array, machine: Machine) -> float:
         spread = np.cov(np.clip(steps, -reach, reach))
         own = np.maximum(np.diag(spread) - max(0.0, float(spread[0, 1])), LEAST_OWN * np.diag(spread)) + 1e-12
     return float(own[0] / own.sum())
+
+
+def _left_out(values: Array, window: int, alike: int, ends: int) -> float:
+    """Mean square error of quadratics, each at the middle of a window (odd) of which it did not see the neighbours
+    within `alike`, whose noise is alike (Burman, Chow and Nolan 1994, Biometrika 81, 351); the first and last `ends`
+    do not count. What is smoothed too little makes a delay between the two sensors look too short, by the noise in the
+    speed's slope."""
+    at = np.arange(window) - window // 2
+    seen = np.abs(at) > min(alike, window // 4)
+    weights = np.zeros(window)
+    weights[seen] = np.linalg.pinv(np.vander(at[seen], 3, increasing=True))[0]
+    error = values - convolve1d(values, weights[::-1], mode="nearest")
+    return float(np.mean(error[ends:len(error) - ends] ** 2))
 
 
 def _smoothed(values: Array, window: int) -> Array:

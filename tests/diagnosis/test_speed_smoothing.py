@@ -1,0 +1,40 @@
+"""A GNSS speed that comes late is found as late as it is, though the ground's speed is known by noisy sensors alone."""
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from control.diagnosis.effects import SPEED_GNSS_LATENCY
+from control.diagnosis.runs.channels import channels
+from control.diagnosis.runs.hypothesis import EffectInstance, schedule, stages_of
+from control.diagnosis.runs.log import gate
+from control.diagnosis.runs.stages import run_data
+from control.machine.over_log import MOST_STEP_S
+from drivers.files.config import load
+from drivers.files.kinds import MACHINE
+
+SHARE = 0.2     # of the delay: from gentle driving it is known to some 10 %
+
+
+@pytest.mark.parametrize("programme, late_s", [
+    ("steady_rate", 0.4),       # hardly changes its speed: smoothed over 3 s it was 0.25 s
+    ("sine_speed", 0.8),        # 0.45 s
+    ("stop_and_go", 0.4),       # starts and stops: smoothed over 12 s it is 0.5 s
+])
+def test_a_delay_is_not_short_by_the_noise_of_the_speed(
+        hidden: SimpleNamespace, programme: str, late_s: float) -> None:
+    machine = load("huanghai", MACHINE).model
+    driven = next(one for one in hidden.programmes.PROGRAMMES if one.name == programme)
+    plant = hidden.plant.Plant(hidden.programmes.drive(driven._replace(minutes=(15.0, 16.0)), 5))
+    noises = hidden.noise.noises("ar1", plant.drive.row_s, np.random.default_rng(3))
+    late = hidden.nominal.Effect("speed.gnss_latency", late_s)
+    columns = hidden.runlog.columns(plant, hidden.nominal.Physics(), (late,), noises, 5)
+    speed = channels(run_data(gate(columns), machine), machine)["speed"]
+
+    def left(size: float) -> float:
+        parts = (EffectInstance(SPEED_GNSS_LATENCY.id, size),)
+        return float(np.var(speed.measured - speed.predict(schedule(stages_of(machine), parts), MOST_STEP_S)))
+    found = min(np.arange(0.05, 1.5, 0.025).tolist(), key=left)
+    assert found == pytest.approx(late_s, rel=SHARE)
