@@ -21,6 +21,7 @@ from control.machine.terms import Term
 from .on_log import OnLog
 
 Array = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.int64]
 
 BLOCKS = 8                  # of a log: each longer than the noise remembers
 STEP = 0.02                 # of a number, by which it is moved for its slope
@@ -116,21 +117,23 @@ def slopes(on_log: OnLog, machine: Machine, channels: Sequence[str], numbers: Se
 
 
 def held(on_log: OnLog, machine: Machine, channels: Sequence[str], numbers: Sequence[Number],
-         usual: dict[str, float] | None = None) -> Held:
+         usual: dict[str, float] | None = None, over: str = "") -> Held:
     """A machine file on a log's channels. usual : by which mean square errors of channels are weighed; left out: its
-    own."""
+    own. over : recorded variable whose ranges are the blocks, in place of stretches of time: what a few levels of it
+    show, all of them seen in every stretch, says nothing of the levels between them."""
     left = errors(on_log, machine, channels)
     square = {name: float(np.mean(one ** 2)) if len(one) else 0.0 for name, one in left.items()}
     rms = {name: float(np.sqrt(one)) for name, one in square.items()}
-    cuts = {name: in_blocks(len(one)) for name, one in left.items()}
+    cuts = {name: in_ranges(on_log.at_errors(name, over, len(one))) if over else in_blocks(len(one))
+            for name, one in left.items()}
     if not numbers:
-        return Held(rms, {name: by_block(left[name]) for name in channels})
+        return Held(rms, {name: by_block(left[name], cuts[name]) for name in channels})
     columns = slopes(on_log, machine, channels, numbers, left)
     weight = {name: 1.0 / max(1e-300, (usual or square)[name] * max(1, len(left[name]))) for name in channels}
     scale = np.sqrt(sum(weight[name] * np.sum(columns[name] ** 2, axis=0) for name in channels)) + 1e-150
     each = [(sum(weight[name] * (x := columns[name][cuts[name][b]] / scale).T @ x for name in channels),
              sum(weight[name] * (columns[name][cuts[name][b]] / scale).T @ left[name][cuts[name][b]]
-                 for name in channels)) for b in range(BLOCKS)]
+                 for name in channels)) for b in range(len(cuts[channels[0]]))]
     ridge = RIDGE * np.eye(len(numbers))
     normal, right = sum(n for n, _ in each), sum(r for _, r in each)
     whole = np.linalg.solve(normal + ridge, right)
@@ -145,19 +148,27 @@ def held(on_log: OnLog, machine: Machine, channels: Sequence[str], numbers: Sequ
             piece = left[name][cuts[name][b]] - columns[name][cuts[name][b]] @ move
             blocks[name].append(float(np.mean(piece ** 2)) if len(piece) else 0.0)
     spread = np.array(moves) - np.mean(moves, axis=0)
-    sd = np.sqrt((BLOCKS - 1.0) / BLOCKS * np.sum(spread ** 2, axis=0))
+    sd = np.sqrt((len(each) - 1.0) / len(each) * np.sum(spread ** 2, axis=0))
     return Held(rms, {name: np.array(several) for name, several in blocks.items()}, tuple(sd.tolist()))
 
 
-def in_blocks(count: int) -> list[slice]:
+def in_blocks(count: int) -> list[Rows]:
     """Even stretches of a series: blocks of time, of a staircase pieces of it."""
     edges = np.linspace(0, count, BLOCKS + 1).astype(int).tolist()
-    return [slice(a, b) for a, b in pairwise(edges)]
+    return [np.arange(a, b) for a, b in pairwise(edges)]
 
 
-def by_block(left: Array) -> Array:
-    """Mean squares of errors (m,) by block (BLOCKS,)."""
-    return np.array([float(np.mean(left[cut] ** 2)) if cut.stop > cut.start else 0.0 for cut in in_blocks(len(left))])
+def in_ranges(values: Array) -> list[Rows]:
+    """Samples by the range of a variable (m,) that they lie in, each level in one range: as many ranges as blocks, or
+    fewer where it has fewer levels."""
+    edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, BLOCKS + 1)[1:-1]))
+    within = np.searchsorted(edges, values, side="right")
+    return [np.flatnonzero(within == k) for k in range(len(edges) + 1)]
+
+
+def by_block(left: Array, cuts: Sequence[Rows]) -> Array:
+    """Mean squares of errors (m,) by block (blocks,)."""
+    return np.array([float(np.mean(left[cut] ** 2)) if len(cut) else 0.0 for cut in cuts])
 
 
 def gained(one: Held, other: Held, usual: dict[str, float]) -> Array:

@@ -23,7 +23,7 @@ from control.diagnosis.runs.nominal_values import MAX_OFFSET_SD
 from control.machine.machine import CATALOGUE, Machine, effect_sizes, unit_of
 from control.machine.terms import Term
 
-from .blocks import Held, by_block, gained, held, numbers_of, surely
+from .blocks import Held, by_block, gained, held, in_blocks, numbers_of, surely
 from .on_log import OnLog
 from .rival import AGAIN, STAGE, fitted, rival_of
 from .rival import Rival as PlainRival
@@ -255,7 +255,7 @@ def _said(on_log: OnLog, found: Diagnosis, channel: str, read_off: Collection[st
     machine = on_log.machine.model_copy(update={"terms": (*on_log.machine.terms, *terms)})
     left = on_log.errors(channel, on_log.predicted(machine, (channel,), parts)[channel])
     return Held({channel: float(np.sqrt(np.mean(left ** 2))) if len(left) else 0.0},
-                {channel: by_block(left)})
+                {channel: by_block(left, in_blocks(len(left)))})
 
 
 def _file(on_log: OnLog, taken: Diagnosis, channel: str) -> Held:

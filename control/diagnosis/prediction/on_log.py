@@ -62,6 +62,13 @@ class OnLog:
         found = errors_of(whole, series.measured, series.measured - predicted)[3]
         return np.ascontiguousarray(found.reshape(series.copies, -1).T).ravel()     # of several heads time by time
 
+    def at_errors(self, channel: str, variable: str, count: int) -> Array:
+        """A recorded variable where a channel's errors stand, of which there are `count`."""
+        even_s = self.seen[channel].grid.even_s
+        time_s = np.interp(np.linspace(0.0, 1.0, count), np.linspace(0.0, 1.0, len(even_s)), even_s)
+        values = self.inputs[variable]
+        return values[np.minimum(np.searchsorted(self.time_s, time_s), len(values) - 1)]
+
     def unit(self, channel: str) -> str:
         """Of its errors."""
         return "kg/s" if channel == "scale" else self.seen[channel].unit

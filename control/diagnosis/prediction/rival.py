@@ -98,7 +98,8 @@ def rival_of(on_log: OnLog, channel: str) -> Rival | None:
         if tried is None:
             break
         machine, best = tried
-    if machine is on_log.machine:
+    if machine is on_log.machine or (curved and channel == "shaft" and not _over_ranges(
+            on_log, channel, machine, on_log.machine, own_command(channel, "shaft_rpm"), usual)):
         return None
     names = [number.name for number in numbers_of(machine, on_log.machine)]
     was, now = effect_sizes(on_log.machine), effect_sizes(machine)
@@ -114,7 +115,17 @@ def _with_line(on_log: OnLog, channel: str, machine: Machine, line: Term, best: 
     tried = machine.model_copy(update={"terms": (*machine.terms, line)})
     tried = fitted(on_log, (channel,), tried, AGAIN)
     after = held(on_log, tried, (channel,), numbers_of(tried, on_log.machine), usual)
-    return (tried, after) if surely(gained(after, best, usual)) else None
+    stands = surely(gained(after, best, usual)) and _over_ranges(
+        on_log, channel, tried, machine, own_command(STAGE.get(channel, channel), line.variables[0]), usual)
+    return (tried, after) if stands else None
+
+
+def _over_ranges(on_log: OnLog, channel: str, machine: Machine, without: Machine, over: str, usual: dict[str, float]
+                 ) -> bool:
+    """Whether a file is surely better than one with less on ranges of a variable that its numbers did not see."""
+    one, other = (held(on_log, file, (channel,), numbers_of(file, on_log.machine), usual, over)
+                  for file in (machine, without))
+    return surely(gained(one, other, usual))
 
 
 def fitted(on_log: OnLog, channels: Sequence[str], machine: Machine, runs: int) -> Machine:
