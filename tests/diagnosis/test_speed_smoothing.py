@@ -19,9 +19,9 @@ SHARE = 0.2     # of the delay: from gentle driving it is known to some 10 %
 
 
 @pytest.mark.parametrize("programme, late_s", [
-    ("steady_rate", 0.4),       # hardly changes its speed: smoothed over 3 s it was 0.25 s
-    ("sine_speed", 0.8),        # 0.45 s
-    ("stop_and_go", 0.4),       # starts and stops: smoothed over 12 s it is 0.5 s
+    ("steady_rate", 0.4),       # hardly changes its speed
+    ("sine_speed", 0.8),        # changes it gently: smoothed over 3 s it was 0.63 s
+    ("stop_and_go", 0.4),       # starts and stops: smoothed over 12 s it would be 0.5 s
 ])
 def test_a_delay_is_not_short_by_the_noise_of_the_speed(
         hidden: SimpleNamespace, programme: str, late_s: float) -> None:

@@ -26,8 +26,9 @@ WRONG_NAMES = 1                                 # of ten machines, at most
 
 
 class Answer(NamedTuple):
-    """Of one machine. found : whether anything is said, be it that a sensor is louder than its file. wrong : names said for sure that are no fair answer. worse : channels of the second log that the
-    adopted file predicts worse than the data sheet, with both errors."""
+    """Of one machine. found : whether anything is said, be it that a sensor is louder than its file. wrong : names
+    said for sure that are no fair answer. worse : channels of the second log that the adopted file predicts worse than
+    the data sheet, with both errors."""
 
     verdict: str
     found: bool
