@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from console.reports.words import undecided
+from console.reports.said import undecided
 from control.diagnosis.extend import extend
 from control.diagnosis.judgement.prior import NAMED
 from control.diagnosis.runs.adoption import adoptable_of
