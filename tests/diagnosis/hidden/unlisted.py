@@ -4,7 +4,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from .kernels import drag_by
+from .kernels import drag
 from .nominal import Effect, Physics
 from .plant import Plant
 from .programmes import Drive
@@ -40,7 +40,7 @@ class Unlisted(Plant):
         opening = super()._gate(p, effects)
         if self.machine == "creeping_play":
             way = np.cumsum(np.abs(np.diff(opening, prepend=opening[0])))
-            return drag_by(opening, 0.5 * PLAY_MM * -np.expm1(-way / PLAY_TRAVEL_MM), float(opening[0]))
+            return drag(opening, 0.5 * PLAY_MM * -np.expm1(-way / PLAY_TRAVEL_MM), float(opening[0]))
         return np.round(opening / STEP_MM) * STEP_MM if self.machine == "coarse_gate" else opening
 
     def _shaft(self, p: Physics, effects: tuple[Effect, ...], opening: Floats) -> Floats:
