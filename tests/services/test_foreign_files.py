@@ -76,9 +76,9 @@ def test_the_page_diagnoses_a_foreign_file_by_its_process(folder: Path, tmp_path
     service, told = DiagnosisFiles([folder], own=tmp_path / "own"), []
     source = service.source(str(folder / "tractor.csv"))
     found = service.diagnose(source, None, lambda share, stage: told.append(stage), Stop())
-    assert source.kind == IMPORT and found.source == "tractor.csv" and found.rows > 100
-    assert Path(found.path) == tmp_path / "own" / "logs" / "tractor.csv" and "importing" in told
-    assert any("65535" in note for note in found.notes)
+    assert source.kind == IMPORT and found.source == "tractor.csv" and found.found.data.rows > 100
+    assert Path(found.found.data.path) == tmp_path / "own" / "logs" / "tractor.csv" and "importing" in told
+    assert any("65535" in note for note in found.found.findings)
     with pytest.raises(OpenQuestions, match="opening_mm"):
         service.diagnose(service.source(str(folder / "planter.csv")), None, lambda *_: None, Stop())
     (folder / "broken.parquet").write_bytes(b"no table")
