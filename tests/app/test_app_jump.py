@@ -90,8 +90,8 @@ async def test_buttons_of_a_dialog_have_letters_too(full):
         dialog = full.screen
         assert len(places_of(dialog)) == len(dialog.query(Button)) + len(dialog.choices)
         await shown_letters(full, pilot)
-        await pilot.press(*label_of(full, lambda place: place.widget.id == "choices" and place.at.y == 2))
-        assert full.screen is dialog and dialog.at == 2
+        await pilot.press(*label_of(full, lambda place: place.widget.id == "choices" and place.at.y == 1))
+        assert full.screen is dialog and dialog.at == 1
         await shown_letters(full, pilot)
         await pilot.press(*label_of(full, lambda place: place.widget.id == "cancel"))
         assert full.screen is full.page

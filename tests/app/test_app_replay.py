@@ -194,7 +194,7 @@ async def test_what_if_shows_the_recomputed_frames_at_the_same_place_and_back(fr
         assert replay_source.at_s == pytest.approx(12.0)
         assert app.page.query_one("#rates", Rates).view.target.text == "123"
         assert any("what if: speed first" in row for row in shown(app))
-        await pilot.press("q", "1", "enter", "4", "enter")
+        await pilot.press("q", "1", "enter", "3", "enter")
         await until(pilot, lambda: len(asked) == 2 and app.replay_page.computing is None)
         assert asked[1] == WhatIf(strategy="speed_first", crop="durum"), "changes add up"
         await pilot.press("delete")
