@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 from terminals import Console, Watcher, took, wait
 from verdict import exit_code
 
-from console.running import Where
+from console.running import WorkerAddress
 from drivers.files.read_log import read_log
 
 
@@ -30,7 +30,7 @@ class Death(NamedTuple):
     ok: bool
 
 
-def at_work(console: Console) -> tuple[Where, Watcher]:
+def at_work(console: Console) -> tuple[WorkerAddress, Watcher]:
     where = console.where()
     watcher = Watcher(where)
     wait(lambda: bool(watcher.frames), 10.0, "frames", console.terminal)
@@ -43,7 +43,7 @@ def at_work(console: Console) -> tuple[Where, Watcher]:
     return where, watcher
 
 
-def log_says(where: Where) -> tuple[str, list[Any]]:
+def log_says(where: WorkerAddress) -> tuple[str, list[Any]]:
     rows = list(read_log(Path(where.log_path)).rows())
     gap_s = max(later.time_s - earlier.time_s for earlier, later in pairwise(rows))
     return f"{len(rows)} rows, last state {rows[-1].state}, longest gap {1000 * gap_s:.0f} ms", rows

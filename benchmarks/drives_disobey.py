@@ -22,7 +22,7 @@ from control.orders import Do, Order, TargetSource
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.closed_loop import simulated_run
 from control.simulation.compiled_steps import STEPS
-from control.simulation.plant import Sensed
+from control.simulation.plant import SensorReadings
 from drivers.files.setup import load_setup
 from drivers.virtual.runaway import RUNAWAY_MM, RUNAWAY_RPM, Runaway
 
@@ -41,10 +41,10 @@ class Lie(NamedTuple):
     effects: tuple[str, ...] = ()
     at_s: float = 0.0
 
-    def lie(self) -> Callable[[Sensed], Sensed]:
+    def lie(self) -> Callable[[SensorReadings], SensorReadings]:
         full_kg: list[float] = []
 
-        def sensed_as(sensed: Sensed) -> Sensed:
+        def sensed_as(sensed: SensorReadings) -> SensorReadings:
             if sensed.time_s < self.at_s:
                 return sensed
             full_kg.append(sensed.hopper_kg)
@@ -58,7 +58,7 @@ class ReadsZero:
 
     on = False
 
-    def __call__(self, sensed: Sensed) -> Sensed:
+    def __call__(self, sensed: SensorReadings) -> SensorReadings:
         return sensed._replace(shaft_rpm=0.0) if self.on else sensed
 
 

@@ -26,7 +26,7 @@ from drivers.devices.board_frames import CommandFrame, StatusFrame, encode_comma
 from drivers.devices.canopy_heads import PROTOCOLS, FieldMap, HeadDecoder
 from drivers.devices.gnss import GnssDecoder
 from drivers.devices.nmea import Ignored, Rejected, parse
-from drivers.devices.rate_module_frames import Relays, Status, Target, encode_relays, encode_target
+from drivers.devices.rate_module_frames import FlowTarget, Relays, Status, encode_relays, encode_target
 from drivers.devices.rate_module_frames import encode_status as encode_module
 from drivers.devices.slave_board import SlaveBoard
 from drivers.devices.tractor_speed import TractorSpeedDecoder
@@ -135,8 +135,8 @@ def module_status(chance: random.Random) -> bytes:
 def module_commands(chance: random.Random) -> bytes:
     if chance.random() < 0.3:
         return encode_relays(Relays(chance.randrange(16), chance.randrange(16), chance.randrange(2)))
-    return encode_target(Target(chance.randrange(16), 0, chance.uniform(0, 100), chance.uniform(100, 1000), "motor",
-                                chance.random() < 0.5))
+    return encode_target(FlowTarget(chance.randrange(16), 0, chance.uniform(0, 100), chance.uniform(100, 1000), "motor",
+                                    chance.random() < 0.5))
 
 
 def tractor_line(chance: random.Random) -> bytes:

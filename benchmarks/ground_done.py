@@ -75,7 +75,7 @@ def covered(arguments: list[str], until_s: float) -> tuple[GroundKg, float]:
 def of_this_tree(folder: Path) -> list[Part]:
     """With the code that this process was started with."""
     import console.services.launcher as launchers
-    from console.app.pages.job.service import Reading
+    from console.app.pages.job.service import MapReading
     from console.services.job import JobFiles
     from console.worker import resume_assemble
     from control.geodesy import TangentPlane
@@ -97,7 +97,7 @@ def of_this_tree(folder: Path) -> list[Part]:
 
     def take(what: str) -> None:
         if what == "map":
-            desk.take_map(desk.preview(str(shipped("jobs")["map_demo"].with_suffix(".geojson")), Reading()))
+            desk.take_map(desk.preview(str(shipped("jobs")["map_demo"].with_suffix(".geojson")), MapReading()))
         elif what == "boundary":
             desk.take_boundary(ring)
         elif what == "job":

@@ -22,7 +22,7 @@ from console.worker.host import Host
 from console.worker.parts import Assembly, Names
 from console.worker.simulated_bench import SimulatedBench
 from control.orders import Answer, Do, Order
-from control.simulation.plant import Sensed
+from control.simulation.plant import SensorReadings
 from drivers.files.atomic import NewFile
 from drivers.files.run_log import RunLogWriter
 from drivers.files.run_meta import run_meta
@@ -36,10 +36,10 @@ class WheelFaults:
 
     def __init__(self) -> None:
         self.stuck = self.mad = False
-        self._last: Sensed | None = None
+        self._last: SensorReadings | None = None
         self._added = 0
 
-    def __call__(self, sensed: Sensed) -> Sensed:
+    def __call__(self, sensed: SensorReadings) -> SensorReadings:
         if self.stuck and self._last is not None:
             sensed = sensed._replace(wheel_pulses=self._last.wheel_pulses, wheel_pulse_s=self._last.wheel_pulse_s)
         elif self.mad:

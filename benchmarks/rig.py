@@ -15,7 +15,7 @@ from control.machine.planting import parse_planted
 from control.orders import Do, Order, State
 from control.readings import DriveCommand
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.plant import Plant, Sensed, Truth
+from control.simulation.plant import Plant, SensorReadings, Truth
 from drivers.cab import BoardConfig, Cab, CabConfig, GnssConfig, HeadsConfig
 from drivers.files.prescriptions.for_job import map_of_job
 from drivers.files.setup import load_setup
@@ -31,11 +31,12 @@ DT_S = 0.05
 class Lying:
     """The plant as the bytes have it: its sensors through `lie`, its shaft `turns` times as fast as commanded."""
 
-    def __init__(self, plant: Plant, lie: Callable[[Sensed], Sensed], turns: Callable[[float], float]) -> None:
+    def __init__(self, plant: Plant, lie: Callable[[SensorReadings], SensorReadings],
+                 turns: Callable[[float], float]) -> None:
         self.dt_s = plant.dt_s
         self._plant, self._lie, self._turns = plant, lie, turns
 
-    def step(self, command: DriveCommand, enabled: bool) -> Sensed:
+    def step(self, command: DriveCommand, enabled: bool) -> SensorReadings:
         turns = self._turns(self._plant.time_s)
         return self._lie(self._plant.step(command._replace(shaft_rpm=turns * command.shaft_rpm), enabled))
 
@@ -50,7 +51,7 @@ class Rig:
     """
 
     def __init__(self, machine: str = "huanghai", job: str = "demo", seed: int = 1, *, dt_s: float = DT_S,
-                 parks: bool = True, lie: Callable[[Sensed], Sensed] = lambda sensed: sensed,
+                 parks: bool = True, lie: Callable[[SensorReadings], SensorReadings] = lambda sensed: sensed,
                  turns: Callable[[float], float] = lambda at_s: 1.0, effects: Iterable[str] = (), **sim: Any) -> None:
         self.setup = setup = load_setup(machine, job, DAY)
         simulated = Simulated.model_validate(setup.job.simulated.model_dump() | sim)

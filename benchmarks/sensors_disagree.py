@@ -23,7 +23,7 @@ from verdict import exit_code
 
 from control.geodesy import TangentPlane
 from control.orders import Do, Order, State, TargetSource
-from control.simulation.plant import Sensed
+from control.simulation.plant import SensorReadings
 from drivers.virtual.runaway import Runaway
 
 ONSET_S, LASTS_S = 40.0, 30.0
@@ -45,7 +45,7 @@ class Sensors:
         self._plane: TangentPlane | None = None
         self._way_m, self._pulses, self._pulse_s, self._next_s = 0.0, 0, None, 0.0
 
-    def __call__(self, sensed: Sensed) -> Sensed:
+    def __call__(self, sensed: SensorReadings) -> SensorReadings:
         lies = sensed.time_s >= self._begin_s
         mps = self._wheel(sensed.wheel_mps) if lies and self._wheel else sensed.wheel_mps
         self._way_m += mps * DT_S

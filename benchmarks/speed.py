@@ -30,7 +30,7 @@ from trees import environment_of, trees, worked
 from verdict import exit_code
 
 from console.link import Link, WorkerGone
-from console.running import Where
+from console.running import WorkerAddress
 
 PROGRAM = Path(sys.executable).parent / "topdress"
 TIMES = 5
@@ -417,7 +417,7 @@ def loop(both: dict[str, Path], folder: Path, times: int) -> Iterator[Row]:
     yield Row("loop p99.9 over a bare loop", "times, 100 Hz", "1.1 to 1.2", found)
 
 
-async def stats_of(where: Where) -> dict[str, float]:
+async def stats_of(where: WorkerAddress) -> dict[str, float]:
     """What the worker says of its own punctuality."""
     link = Link(where)
     run = asyncio.create_task(link.run())

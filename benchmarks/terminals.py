@@ -26,7 +26,7 @@ import yaml
 
 from console.frame import Frame
 from console.link import Link, WorkerGone
-from console.running import Where, WorkerFailed, find_running
+from console.running import WorkerAddress, WorkerFailed, find_running
 
 SIZE = (120, 40)
 TAKES_ITS_TERMINAL = ("import fcntl, os, signal, sys, termios; os.setsid(); fcntl.ioctl(0, termios.TIOCSCTTY, 0); "
@@ -144,7 +144,7 @@ class Terminal:
 class Watcher:
     """A client that only looks, in a thread of its own: frames with the moment at which they came."""
 
-    def __init__(self, where: Where) -> None:
+    def __init__(self, where: WorkerAddress) -> None:
         self.frames: list[tuple[float, Frame]] = []
         self.gone_at_s: float | None = None
         self._link = Link(where.looking_only())
@@ -197,8 +197,8 @@ class Console:
         program = Path(sys.executable).parent / "topdress"
         return Terminal([str(program), "run", "--config", str(self.job), *self._more], self.environment)
 
-    def where(self) -> Where:
-        found: list[Where] = []
+    def where(self) -> WorkerAddress:
+        found: list[WorkerAddress] = []
 
         def there() -> bool:
             with suppress(WorkerFailed):

@@ -17,7 +17,7 @@ from console.attached import own_name
 from console.frame import DeviceDo, Frame, from_json
 from console.knock import HOST, LINE_BYTES
 from console.locale import _
-from console.running import Where
+from console.running import WorkerAddress
 from control.orders import Answer, Order
 
 KEEP_ALIVE_S = 0.1            # the worker holds after 2 s of silence: the console may draw for nearly all of them
@@ -35,7 +35,7 @@ class Link:
 
     tablet = False                # how the others at this machine have it
 
-    def __init__(self, where: Where, name: str | None = None) -> None:
+    def __init__(self, where: WorkerAddress, name: str | None = None) -> None:
         """name: how this console calls itself (`console.attached.own_name`); the worker may put a number behind it."""
         self.where = where
         self.name = own_name(name)
@@ -160,8 +160,8 @@ class Link:
 class ComingLink(Link):
     """A link to a worker that is still coming up: the screen need not wait for it."""
 
-    def __init__(self, coming: Future[Where], name: str | None = None) -> None:
-        super().__init__(Where(0, None, 0), name)
+    def __init__(self, coming: Future[WorkerAddress], name: str | None = None) -> None:
+        super().__init__(WorkerAddress(0, None, 0), name)
         self._coming = coming
 
     async def run(self) -> NoReturn:

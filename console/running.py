@@ -29,7 +29,7 @@ class WorkerFailed(RuntimeError):
 
 
 @dataclass(frozen=True, slots=True)
-class Where:
+class WorkerAddress:
     """Where a worker listens. Without the token the console only looks."""
 
     port: int
@@ -39,7 +39,7 @@ class Where:
     log_path: str = ""
     parent: int = 0           # the process that started it
 
-    def looking_only(self) -> Where:
+    def looking_only(self) -> WorkerAddress:
         return replace(self, token=None)
 
 
@@ -51,7 +51,7 @@ def default_run_file() -> Path:
         return Path(platformdirs.user_runtime_dir("topdress", appauthor=False)) / "worker.json"
 
 
-def find_running(run_file: Path | None = None) -> Where | None:
+def find_running(run_file: Path | None = None) -> WorkerAddress | None:
     """The worker that runs for this user, or None, also while one is just starting. Takes 0.5 s at most.
 
     A run file is removed only where no worker holds the lock next to it. One that is missing or wrong while a worker
@@ -77,7 +77,7 @@ def find_running(run_file: Path | None = None) -> Where | None:
         time.sleep(AGAIN_S)
 
 
-def _greeted(where: Where, until_s: float) -> Where:
+def _greeted(where: WorkerAddress, until_s: float) -> WorkerAddress:
     """The same, once it has greeted. Raises WorkerFailed."""
     greeting = knock(where.port, until_s)
     if greeting is None:
@@ -108,20 +108,21 @@ def _nobody_holds(path: Path) -> bool:
     return True
 
 
-def _read(path: Path) -> Where:
+def _read(path: Path) -> WorkerAddress:
     try:
         said = json.loads(path.read_bytes()[:LINE_BYTES])
         port, pid, parent = said["port"], said["pid"], said.get("parent", 0)
         if not all(type(number) is int for number in (port, pid, parent)) or not 0 < port < 1 << 16:
             raise ValueError
-        return Where(port, str(said["token"]), pid, str(said.get("started", "")), str(said.get("log_path", "")), parent)
+        return WorkerAddress(port, str(said["token"]), pid, str(said.get("started", "")),
+                             str(said.get("log_path", "")), parent)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise WorkerFailed(_("{path}: does not say where the control worker that runs listens: end that one").format(
             path=path)) from None
 
 
 def start_worker(args: Sequence[str], trouble_path: str | Path, *, run_file: Path | None = None,
-                 timeout_s: float = START_S, program: Sequence[str] = WORKER) -> Where:
+                 timeout_s: float = START_S, program: Sequence[str] = WORKER) -> WorkerAddress:
     """Start a worker in a session of its own and wait until it says where it listens.
 
     What it writes on stderr is appended to `trouble_path`, because the console draws on stderr. `program` are the

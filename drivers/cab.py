@@ -18,7 +18,7 @@ from drivers.devices.lag_rig import LagRig, RigReadings
 from drivers.devices.lines import Counts
 from drivers.devices.point_dose import Dose
 from drivers.devices.rate_module import ModuleAddress, RateModule
-from drivers.devices.slave_board import BoardReadings, DriveLimits, SlaveBoard
+from drivers.devices.slave_board import BoardReadings, SetPointLimits, SlaveBoard
 from drivers.devices.tractor_speed import TractorSpeedDecoder
 from drivers.devices.wheel import WheelGeometry
 from drivers.ports import Clock, Port
@@ -71,7 +71,7 @@ class Cab:
             self._heads = [_open_heads(config.heads, place, clock, opener) for place in range(len(config.heads.ports))]
         if config.board is not None:
             board = SlaveBoard(
-                DriveLimits(config.board.max_shaft_rpm, config.board.max_opening_mm),
+                SetPointLimits(config.board.max_shaft_rpm, config.board.max_opening_mm),
                 WheelGeometry(config.board.wheel_circumference_m, config.board.wheel_pulses_per_turn))
             self._drives = _opened("board", "slave-board/1", config.board.port, config.board.baud, board, clock,
                                    opener), board

@@ -50,13 +50,13 @@ class Reason:
         return self.text.format(**self.values)
 
 
-class Where(NamedTuple):
+class PlaceInFile(NamedTuple):
     """A place in a file: the file, and the way down to what is meant, from the outside in."""
 
     file: str
     inside: tuple[Reason, ...] = ()
 
-    def at(self, text: str, **values: object) -> Where:
+    def at(self, text: str, **values: object) -> PlaceInFile:
         """One step further down."""
         return self._replace(inside=(*self.inside, Reason(text, values)))
 
@@ -68,13 +68,13 @@ class Refused(OneLine):
     """Where, and why. Its one line is for a terminal; a screen says the same in its own language from `where` and
     `reason`. `hint`: what only the user of a command can do about it (an option, a program to run)."""
 
-    def __init__(self, where: Where | Path | str, text: str, hint: str = "", **values: object) -> None:
-        self.where = where if isinstance(where, Where) else Where(str(where))
+    def __init__(self, where: PlaceInFile | Path | str, text: str, hint: str = "", **values: object) -> None:
+        self.where = where if isinstance(where, PlaceInFile) else PlaceInFile(str(where))
         self.reason, self.hint = Reason(text, values), hint
         super().__init__(": ".join(part for part in (str(self.where), f"{self.reason}{hint}") if part))
 
     @classmethod
-    def of(cls, error: Refused, where: Where | Path | str | None = None, hint: str = "") -> Self:
+    def of(cls, error: Refused, where: PlaceInFile | Path | str | None = None, hint: str = "") -> Self:
         """The same refusal as one of this kind; where: instead of the place that it names. hint: one more."""
         return cls(error.where if where is None else where, error.reason.text, error.hint + hint, **error.reason.values)
 

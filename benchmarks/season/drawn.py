@@ -144,9 +144,9 @@ def main() -> int:
 
 def _asked(made: list[Made]) -> Any:
     from control.diagnosis.season.courses import fitted
-    from control.diagnosis.season.evidence import Form
+    from control.diagnosis.season.evidence import QuadraticForm
     from control.diagnosis.season.forms import OneLog
-    return fitted([OneLog(one.key, one.machine, one.time_d, (Form(**one.form),), one.shared) for one in made])
+    return fitted([OneLog(one.key, one.machine, one.time_d, (QuadraticForm(**one.form),), one.shared) for one in made])
 
 
 def _as_drawn(found: Any) -> list[bool]:

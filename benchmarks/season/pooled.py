@@ -27,7 +27,7 @@ from truth import MACHINES, WEAK, WEAK_PROGRAMME, Day, days  # noqa: E402
 from verdict import exit_code  # noqa: E402
 
 from control.diagnosis.season.courses import fitted  # noqa: E402
-from control.diagnosis.season.evidence import Form, evidence  # noqa: E402
+from control.diagnosis.season.evidence import QuadraticForm, evidence  # noqa: E402
 from control.diagnosis.season.forms import OneLog  # noqa: E402
 from control.machine.machine import Machine  # noqa: E402
 from drivers.files.config import load  # noqa: E402
@@ -56,7 +56,8 @@ def root_of(normal: np.ndarray) -> np.ndarray:
     return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
-def drawn(form: Form, truth: dict[str, float], off: dict[str, float], rng: np.random.Generator) -> Form:
+def drawn(form: QuadraticForm, truth: dict[str, float], off: dict[str, float],
+          rng: np.random.Generator) -> QuadraticForm:
     """A log's form where the sizes are `truth`, and the machine is off by `off` of its tolerances."""
     normal, pulls = np.array(form.normal), np.array(form.pulls)
     size = np.array([truth.get(name, 0.0) for name in form.names])
@@ -65,7 +66,7 @@ def drawn(form: Form, truth: dict[str, float], off: dict[str, float], rng: np.ra
     return form._replace(right=tuple((normal @ size + shift + noise).tolist()))
 
 
-def season_of(seed: int, real: list[tuple[Form, ...]], weak: tuple[Form, ...]) -> list[OneLog]:
+def season_of(seed: int, real: list[tuple[QuadraticForm, ...]], weak: tuple[QuadraticForm, ...]) -> list[OneLog]:
     """Every day of every machine; `weak`: of the machine whose effect is seen in no single log."""
     rng, logs = np.random.default_rng([seed, 17]), list[OneLog]()
     off: dict[str, dict[str, float]] = {}

@@ -44,7 +44,7 @@ from console.app.screens.gone import GoneScreen
 from console.app.screens.help import HelpScreen
 from console.app.services import Services
 from console.app.settings import apply, limit_rates, theme_of
-from console.app.source import Arrival, FrameSource
+from console.app.source import FrameArrival, FrameSource
 from console.app.stray import HeldEnter, StrayTyping
 from console.app.terminal import Takes, drawn_on
 from console.app.tour import Tour
@@ -140,7 +140,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.asked_by = ""                  # the key that was pressed last on a page
         self.gone = ""
         self.not_started = ""              # why the worker that this console began with never came up
-        self.arrival, self.history = Arrival(), History()
+        self.arrival, self.history = FrameArrival(), History()
         self.notice_text, self._notice_until_s = "", 0.0
         self.rates = Rates()
         self.pages = Pages(replay, self.services, self._page_made)
@@ -640,7 +640,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             self._show_gone(str(error))
             return
         self.gone = ""
-        self.arrival, self.alarm_book = Arrival(), AlarmBook()
+        self.arrival, self.alarm_book = FrameArrival(), AlarmBook()
         self.history = History()
         self._earlier_of = ""
         self._frame_before = None

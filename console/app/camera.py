@@ -37,7 +37,7 @@ class Pixels(NamedTuple):
         return self.west_m + (columns + 0.5) * self.metres, self.north_m - (rows + 0.5) * self.metres
 
 
-class Camera(NamedTuple):
+class MapCamera(NamedTuple):
     east_m: float
     north_m: float
     metres: float
@@ -48,29 +48,29 @@ class Camera(NamedTuple):
         north = round(self.north_m / self.metres + rows / 2) * self.metres
         return Pixels(columns, rows, self.metres, west, north)
 
-    def zoomed(self, steps: int) -> Camera:
+    def zoomed(self, steps: int) -> MapCamera:
         """steps > 0: nearer."""
         at = min(range(len(SCALES_M)), key=lambda k: abs(SCALES_M[k] - self.metres))
         return self._replace(metres=SCALES_M[max(0, min(len(SCALES_M) - 1, at - steps))])
 
-    def moved(self, columns: float, rows: float) -> Camera:
+    def moved(self, columns: float, rows: float) -> MapCamera:
         """By pixels, to the right and up."""
         return self._replace(east_m=self.east_m + columns * self.metres, north_m=self.north_m + rows * self.metres)
 
-    def following(self, place: tuple[float, float], columns: int, rows: int) -> Camera:
+    def following(self, place: tuple[float, float], columns: int, rows: int) -> MapCamera:
         """The same while the place is well inside; else with the place in the middle."""
         column, row = self.pixels(columns, rows).at(*place)
         inside = (EDGE * columns <= column < (1 - EDGE) * columns) and (EDGE * rows <= row < (1 - EDGE) * rows)
         return self if inside else self._replace(east_m=place[0], north_m=place[1])
 
 
-def fit(box: Box | None, columns: int, rows: int) -> Camera:
+def fit(box: Box | None, columns: int, rows: int) -> MapCamera:
     """The nearest round scale at which a box is seen whole on columns x rows pixels, and calm while it grows."""
     box = box or Box(0.0, 0.0, 0.0, 0.0)
     need = max((box.east_m - box.west_m) / max(1, columns - 4), (box.north_m - box.south_m) / max(1, rows - 4),
                LEAST_SPAN_M / max(1, min(columns, rows)))
     metres = next((scale for scale in SCALES_M if scale >= need), need)
-    return Camera(0.5 * (box.west_m + box.east_m), 0.5 * (box.south_m + box.north_m), metres)
+    return MapCamera(0.5 * (box.west_m + box.east_m), 0.5 * (box.south_m + box.north_m), metres)
 
 
 def around(*boxes: Box | None) -> Box | None:

@@ -26,7 +26,7 @@ def _plain(name: str, decimals: int, per_si: float = 1.0) -> UnitOf:
     return lambda units: unit
 
 
-class Channel(NamedTuple):
+class TrendChannel(NamedTuple):
     """id: the log's column. group: channels of one group share their scale when they are plotted together."""
 
     id: str
@@ -41,39 +41,39 @@ _RATE, _SPEED, _MASS = _of("rate"), _of("speed", 2), _of("mass", 1)
 _SHAFT, _OPENING, _DISTANCE = _of("shaft"), _of("opening"), _of("fine_distance")
 
 CHANNELS = (
-    Channel("target_rate_kg_ha", N_("target rate"), _RATE, "rate"),
-    Channel("applied_rate_kg_ha", N_("applied rate"), _RATE, "rate"),
-    Channel(ERROR, N_("rate error"), _plain("%", 1)),
-    Channel("speed_used_mps", N_("speed used"), _SPEED, "speed"),
-    Channel("speed_mps", N_("GNSS speed"), _SPEED, "speed"),
-    Channel("wheel_speed_mps", N_("wheel speed"), _SPEED, "speed"),
-    Channel("ndvi", N_("NDVI, fused"), _NDVI, "ndvi"),
-    Channel("ndvi_1", N_("NDVI, head 1"), _NDVI, "ndvi"),
-    Channel("ndvi_2", N_("NDVI, head 2"), _NDVI, "ndvi"),
-    Channel("ndvi_3", N_("NDVI, head 3"), _NDVI, "ndvi"),
-    Channel("ndvi_4", N_("NDVI, head 4"), _NDVI, "ndvi"),
-    Channel("ndvi_5", N_("NDVI, head 5"), _NDVI, "ndvi"),
-    Channel("ndvi_6", N_("NDVI, head 6"), _NDVI, "ndvi"),
-    Channel("shaft_rpm_cmd", N_("shaft, set"), _SHAFT, "shaft"),
-    Channel("shaft_rpm", N_("shaft, measured"), _SHAFT, "shaft"),
-    Channel("opening_mm_cmd", N_("opening, set"), _OPENING, "opening"),
-    Channel("opening_mm", N_("opening, measured"), _OPENING, "opening"),
-    Channel("hopper_kg", N_("hopper"), _MASS),
-    Channel("flow_trim", N_("scale trim"), _NDVI),
-    Channel("lag_s", N_("look-ahead, time"), _plain("s", 2)),
-    Channel("lag_m", N_("look-ahead, way"), _DISTANCE),
-    Channel("nudge_percent", N_("nudge"), _plain("%", 0)),
-    Channel("heading_deg", N_("heading"), _DEGREES),
-    Channel("pitch_deg", N_("pitch"), _DEGREES, "tilt"),
-    Channel("roll_deg", N_("roll"), _DEGREES, "tilt"),
-    Channel("supply_v", N_("supply"), _plain("V", 2)),
-    Channel("work_switch", N_("work switch"), _COUNT),
-    Channel("fix_quality", N_("GNSS fix quality"), _COUNT),
-    Channel("satellites", N_("satellites"), _COUNT),
-    Channel("hdop", N_("GNSS dilution (HDOP)"), _plain("", 2)),
-    Channel("lat_deg", N_("latitude"), _plain("deg", 7)),
-    Channel("lon_deg", N_("longitude"), _plain("deg", 7)),
-    Channel("ndre", N_("NDRE, fused"), _NDVI, "ndvi"),
+    TrendChannel("target_rate_kg_ha", N_("target rate"), _RATE, "rate"),
+    TrendChannel("applied_rate_kg_ha", N_("applied rate"), _RATE, "rate"),
+    TrendChannel(ERROR, N_("rate error"), _plain("%", 1)),
+    TrendChannel("speed_used_mps", N_("speed used"), _SPEED, "speed"),
+    TrendChannel("speed_mps", N_("GNSS speed"), _SPEED, "speed"),
+    TrendChannel("wheel_speed_mps", N_("wheel speed"), _SPEED, "speed"),
+    TrendChannel("ndvi", N_("NDVI, fused"), _NDVI, "ndvi"),
+    TrendChannel("ndvi_1", N_("NDVI, head 1"), _NDVI, "ndvi"),
+    TrendChannel("ndvi_2", N_("NDVI, head 2"), _NDVI, "ndvi"),
+    TrendChannel("ndvi_3", N_("NDVI, head 3"), _NDVI, "ndvi"),
+    TrendChannel("ndvi_4", N_("NDVI, head 4"), _NDVI, "ndvi"),
+    TrendChannel("ndvi_5", N_("NDVI, head 5"), _NDVI, "ndvi"),
+    TrendChannel("ndvi_6", N_("NDVI, head 6"), _NDVI, "ndvi"),
+    TrendChannel("shaft_rpm_cmd", N_("shaft, set"), _SHAFT, "shaft"),
+    TrendChannel("shaft_rpm", N_("shaft, measured"), _SHAFT, "shaft"),
+    TrendChannel("opening_mm_cmd", N_("opening, set"), _OPENING, "opening"),
+    TrendChannel("opening_mm", N_("opening, measured"), _OPENING, "opening"),
+    TrendChannel("hopper_kg", N_("hopper"), _MASS),
+    TrendChannel("flow_trim", N_("scale trim"), _NDVI),
+    TrendChannel("lag_s", N_("look-ahead, time"), _plain("s", 2)),
+    TrendChannel("lag_m", N_("look-ahead, way"), _DISTANCE),
+    TrendChannel("nudge_percent", N_("nudge"), _plain("%", 0)),
+    TrendChannel("heading_deg", N_("heading"), _DEGREES),
+    TrendChannel("pitch_deg", N_("pitch"), _DEGREES, "tilt"),
+    TrendChannel("roll_deg", N_("roll"), _DEGREES, "tilt"),
+    TrendChannel("supply_v", N_("supply"), _plain("V", 2)),
+    TrendChannel("work_switch", N_("work switch"), _COUNT),
+    TrendChannel("fix_quality", N_("GNSS fix quality"), _COUNT),
+    TrendChannel("satellites", N_("satellites"), _COUNT),
+    TrendChannel("hdop", N_("GNSS dilution (HDOP)"), _plain("", 2)),
+    TrendChannel("lat_deg", N_("latitude"), _plain("deg", 7)),
+    TrendChannel("lon_deg", N_("longitude"), _plain("deg", 7)),
+    TrendChannel("ndre", N_("NDRE, fused"), _NDVI, "ndvi"),
 )
 BY_ID = {channel.id: channel for channel in CHANNELS}
 COLUMN = {channel.id: index for index, channel in enumerate(CHANNELS)}

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from math import atan2, degrees, hypot
 from typing import NamedTuple
 
-from console.app.camera import Camera
+from console.app.camera import MapCamera
 
 LEAST_M = 10.0          # from A to B: below it the noise of a fix turns the line by degrees
 FAR_M = 10_000.0        # so far the line is drawn beyond its ends
@@ -69,7 +69,7 @@ class GuideLine:
             off_m = -off_m
         return Off(off_m, number)
 
-    def drawn(self, camera: Camera) -> tuple[tuple[Place, ...], ...]:
+    def drawn(self, camera: MapCamera) -> tuple[tuple[Place, ...], ...]:
         """What a map shows of it: the line through A and B, over what is in sight."""
         if self.a is None or self.b is None:
             return ()

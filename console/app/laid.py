@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from math import floor, log10
 from typing import NamedTuple
 
-from console.app.layers import RATES, Layer, LayerScale
+from console.app.layers import RATES, LayerScale, MapLayer
 from console.app.scale import calm_ends
 from console.app.worked import Worked
 
@@ -25,7 +25,7 @@ class LaidFile:
 
     name: str
     worked: Worked
-    has: frozenset[Layer]
+    has: frozenset[MapLayer]
     harvest: Harvest | None = None
     apart_m: float = 0.0
 
@@ -39,7 +39,7 @@ class LaidFile:
             low, high = self.worked.ndvi_ends or (0.0, 1.0)
             step = 10.0 ** floor(log10(max(high - low, abs(high), 1e-3) / _PARTS))
             low, high = calm_ends((low, high), step, 2 * step)
-            return LayerScale(Layer.NDVI, low, high, 1.0, max(0, -floor(log10(step))), self.harvest.unit)
+            return LayerScale(MapLayer.NDVI, low, high, 1.0, max(0, -floor(log10(step))), self.harvest.unit)
         return shown if shown.layer in self.has else None
 
 

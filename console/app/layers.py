@@ -12,22 +12,23 @@ from console.app.worked import Worked
 from console.locale import N_
 
 
-class Layer(StrEnum):
+class MapLayer(StrEnum):
     APPLIED = "applied"
     TARGET = "target"
     ERROR = "error"
     NDVI = "ndvi"
 
 
-LABELS = {Layer.APPLIED: N_("applied"), Layer.TARGET: N_("target"), Layer.ERROR: N_("error"), Layer.NDVI: N_("NDVI")}
+LABELS = {MapLayer.APPLIED: N_("applied"), MapLayer.TARGET: N_("target"), MapLayer.ERROR: N_("error"),
+          MapLayer.NDVI: N_("NDVI")}
 NDVI_ENDS = (0.2, 0.9)      # bare soil to a closed canopy, as the heads tell them
-RATES = frozenset({Layer.APPLIED, Layer.TARGET})
+RATES = frozenset({MapLayer.APPLIED, MapLayer.TARGET})
 
 
 class LayerScale(NamedTuple):
     """low, high: of the colours, in the unit inside; per_si and decimals: how they are shown."""
 
-    layer: Layer
+    layer: MapLayer
     low: float
     high: float
     per_si: float
@@ -38,23 +39,23 @@ class LayerScale(NamedTuple):
         """A value as shown, without its unit."""
         if value is None:
             return "--"
-        sign = "+" if self.layer is Layer.ERROR and value > 0.0 else ""
+        sign = "+" if self.layer is MapLayer.ERROR and value > 0.0 else ""
         return f"{sign}{round(value * self.per_si, self.decimals) + 0.0:.{self.decimals}f}"
 
     def colour(self, share: float) -> Rgb:
-        return error_colour(share) if self.layer is Layer.ERROR else colour(share)
+        return error_colour(share) if self.layer is MapLayer.ERROR else colour(share)
 
 
-def scale_of(layer: Layer, worked: Worked, picture: FieldPicture | None, units: Units,
+def scale_of(layer: MapLayer, worked: Worked, picture: FieldPicture | None, units: Units,
              laid: tuple[float, float] | None = None, most_kg_ha: float | None = None) -> LayerScale:
     """Applied and target share one scale, which also holds what is planned, and the rates of a laid file.
 
     most_kg_ha: of the job that runs. Its scale then stands from the first metre to the last, by the plan, else by this
     limit: a colour that meant 200 kg/ha in the morning means 200 kg/ha in the evening. None: by what was worked so far.
     """
-    if layer is Layer.ERROR:
+    if layer is MapLayer.ERROR:
         return LayerScale(layer, -ERROR_SPAN, ERROR_SPAN, 100.0, 0, "%")
-    if layer is Layer.NDVI:
+    if layer is MapLayer.NDVI:
         low, high = NDVI_ENDS if most_kg_ha is not None else calm_ends(worked.ndvi_ends or (), step=0.05, least=0.2)
         return LayerScale(layer, low, high, 1.0, 2, "")
     planned = picture.planned.ends if picture is not None and picture.planned is not None else None
@@ -64,6 +65,6 @@ def scale_of(layer: Layer, worked: Worked, picture: FieldPicture | None, units: 
     return LayerScale(layer, low / per_si, high / per_si, per_si, 0, units.rate.name)
 
 
-def after(layer: Layer) -> Layer:
-    layers = tuple(Layer)
+def after(layer: MapLayer) -> MapLayer:
+    layers = tuple(MapLayer)
     return layers[(layers.index(layer) + 1) % len(layers)]

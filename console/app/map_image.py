@@ -10,7 +10,7 @@ import numpy.typing as npt
 from console.app.camera import Pixels
 from console.app.field_picture import FieldPicture, Ring
 from console.app.laid import LaidView
-from console.app.layers import RATES, Layer, LayerScale
+from console.app.layers import RATES, LayerScale, MapLayer
 from console.app.scale import STEPS
 from console.app.view import RATE_FLOOR_KG_HA
 from console.app.worked import KINDS, NOTHING_KG_HA, Window, Worked
@@ -25,7 +25,7 @@ LAID = PLAN + STEPS                     # LAID + step: ground of a laid file
 ENTRIES = LAID + STEPS
 
 
-class Ground(NamedTuple):
+class GroundPixels(NamedTuple):
     """Means over each pixel, NaN where nothing is known; passed: whether the outlets' middle went there."""
 
     applied_kg_ha: Values
@@ -33,19 +33,20 @@ class Ground(NamedTuple):
     ndvi: Values
     passed: npt.NDArray[np.bool_]
 
-    def layer(self, layer: Layer) -> Values:
-        if layer is Layer.ERROR:
+    def layer(self, layer: MapLayer) -> Values:
+        if layer is MapLayer.ERROR:
             floor = np.maximum(self.target_kg_ha, np.float32(RATE_FLOOR_KG_HA))
             return np.asarray((self.applied_kg_ha - self.target_kg_ha) / floor, dtype=np.float32)
-        return {Layer.APPLIED: self.applied_kg_ha, Layer.TARGET: self.target_kg_ha, Layer.NDVI: self.ndvi}[layer]
+        return {MapLayer.APPLIED: self.applied_kg_ha, MapLayer.TARGET: self.target_kg_ha,
+                MapLayer.NDVI: self.ndvi}[layer]
 
 
-def ground(worked: Worked, pixels: Pixels) -> Ground:
+def ground(worked: Worked, pixels: Pixels) -> GroundPixels:
     """What was entered, as it lies under the pixels."""
     planes = _under(worked, pixels)
     with np.errstate(invalid="ignore", divide="ignore"):
         applied, target, ndvi = planes[:KINDS] / planes[KINDS:2 * KINDS]
-    return Ground(applied, target, ndvi, planes[2 * KINDS] > 0.0)
+    return GroundPixels(applied, target, ndvi, planes[2 * KINDS] > 0.0)
 
 
 def image(worked: Worked, picture: FieldPicture | None, scale: LayerScale, pixels: Pixels, plan: bool = True,
@@ -86,13 +87,13 @@ def _under(worked: Worked, pixels: Pixels) -> Window:
     """Planes summed over every pixel (planes, rows from the north, columns)."""
     cell = worked.cell_for(pixels.metres)
     south = pixels.north_m - pixels.rows * pixels.metres
-    columns = _Axis.of(pixels.west_m, pixels.metres, pixels.columns, cell)
-    rows = _Axis.of(south, pixels.metres, pixels.rows, cell)
+    columns = _PixelAxis.of(pixels.west_m, pixels.metres, pixels.columns, cell)
+    rows = _PixelAxis.of(south, pixels.metres, pixels.rows, cell)
     planes = worked.window(cell, columns.first, rows.first, columns.cells, rows.cells)
     return columns.gathered(rows.gathered(planes, 1), 2)[:, ::-1, :]
 
 
-class _Axis(NamedTuple):
+class _PixelAxis(NamedTuple):
     """The cells (first, how many) under a row of pixels; starts: the first cell of each pixel, or, where pixels are
     smaller than cells, the one cell that a pixel lies in."""
 
@@ -102,7 +103,7 @@ class _Axis(NamedTuple):
     summed: bool
 
     @classmethod
-    def of(cls, begin_m: float, metres: float, pixels: int, cell_m: float) -> _Axis:
+    def of(cls, begin_m: float, metres: float, pixels: int, cell_m: float) -> _PixelAxis:
         if metres < cell_m:
             cells = np.floor((begin_m + (np.arange(pixels) + 0.5) * metres) / cell_m).astype(np.int64)
             return cls(int(cells[0]), int(cells[-1] - cells[0]) + 1, cells - cells[0], False)

@@ -9,7 +9,7 @@ from textual.containers import Horizontal, Vertical
 from textual.widgets import Button, Static
 
 from console.app.dialogs import Confirm, Dialog
-from console.app.typed_number import MOST_CHARACTERS, Reading, plain_number, read_between
+from console.app.typed_number import MOST_CHARACTERS, TypedReading, plain_number, read_between
 from console.locale import _
 
 
@@ -36,7 +36,7 @@ class NumberDialog(Dialog[float | None]):
         self._fresh = bool(typed)
 
     @property
-    def reading(self) -> Reading:
+    def reading(self) -> TypedReading:
         return read_between(self.typed, self.low, self.high, self.unit)
 
     def body(self) -> ComposeResult:

@@ -16,7 +16,7 @@ WIDTHS_S = (0.2, 1.0, 4.0, 16.0, 64.0)       # of a bucket, from level to level
 KEPT = 2_048                                 # buckets of each level: 7 min, 34 min, 2.3 h, 9 h, 36 h
 
 
-class Stretch(NamedTuple):
+class TrendStretch(NamedTuple):
     """Buckets in order of time. time_s: of a bucket's first row; low, high, mean: NaN where nothing was known; counts:
     of known values."""
 
@@ -27,7 +27,7 @@ class Stretch(NamedTuple):
     counts: Floats
 
 
-class Sums(NamedTuple):
+class SpanSums(NamedTuple):
     """Over a span; NaN where nothing was known."""
 
     low: float
@@ -35,7 +35,7 @@ class Sums(NamedTuple):
     high: float
 
 
-class Series(Protocol):
+class TrendSeries(Protocol):
     """What a trend is drawn from. Times are s of the run."""
 
     @property
@@ -45,28 +45,28 @@ class Series(Protocol):
     @property
     def end_s(self) -> float | None: ...
 
-    def stretch(self, channel: str, from_s: float, to_s: float, buckets: int) -> Stretch:
+    def stretch(self, channel: str, from_s: float, to_s: float, buckets: int) -> TrendStretch:
         """The channel from one time to another in about `buckets` or more pieces, as far as they are held."""
 
 
-def sums(stretch: Stretch) -> Sums:
+def sums(stretch: TrendStretch) -> SpanSums:
     """Lowest, mean and highest of a stretch; the mean is of all rows, not of the buckets."""
     known = stretch.counts > 0
     if not known.any():
-        return Sums(np.nan, np.nan, np.nan)
+        return SpanSums(np.nan, np.nan, np.nan)
     weight = stretch.counts[known]
-    return Sums(float(stretch.low[known].min()), float((stretch.mean[known] * weight).sum() / weight.sum()),
-                float(stretch.high[known].max()))
+    return SpanSums(float(stretch.low[known].min()), float((stretch.mean[known] * weight).sum() / weight.sum()),
+                    float(stretch.high[known].max()))
 
 
-class _Row(NamedTuple):
+class _RowOfAll(NamedTuple):
     """Of all channels, made once for all levels: (value, minus value) and (value or 0, 1 where known)."""
 
     extremes: Floats
     totals: Floats
 
 
-class _Level:
+class _BucketLevel:
     """Buckets of one width for all channels; the oldest are dropped when twice `kept` are there.
 
     extremes[bucket]: lowest value and lowest negated value; totals[bucket]: sum and count.
@@ -79,7 +79,7 @@ class _Level:
         self.extremes: Floats = np.zeros((2 * kept, 2, len(CHANNELS)))
         self.totals: Floats = np.zeros((2 * kept, 2, len(CHANNELS)))
 
-    def add(self, time_s: float, row: _Row) -> None:
+    def add(self, time_s: float, row: _RowOfAll) -> None:
         number = int(time_s / self.width_s + 1e-6)
         if number != self.number or self.size == 0:
             self._begin(number, time_s)
@@ -101,14 +101,14 @@ class _Level:
     def first_s(self) -> float:
         return float(self.time_s[0])
 
-    def stretch(self, column: int, from_s: float, to_s: float) -> Stretch:
+    def stretch(self, column: int, from_s: float, to_s: float) -> TrendStretch:
         times = self.time_s[:self.size]
         begin = max(0, int(np.searchsorted(times, from_s - self.width_s, side="right")))
         end = int(np.searchsorted(times, to_s, side="right"))
         total, count = self.totals[begin:end, :, column].T.copy()
         low, high = self.extremes[begin:end, :, column].T.copy()
         with np.errstate(invalid="ignore", divide="ignore"):
-            return Stretch(times[begin:end].copy(), low, -high, total / count, count)
+            return TrendStretch(times[begin:end].copy(), low, -high, total / count, count)
 
 
 class Pyramid:
@@ -119,7 +119,7 @@ class Pyramid:
         self.clear()
 
     def clear(self) -> None:
-        self._levels = [_Level(width, self.kept) for width in self.widths_s]
+        self._levels = [_BucketLevel(width, self.kept) for width in self.widths_s]
         self._started_s: float | None = None
         self._end_s: float | None = None
 
@@ -141,14 +141,14 @@ class Pyramid:
         values = np.array(values_of(frame.row))
         known = np.isfinite(values)
         time_s = frame.row.time_s
-        row = _Row(np.array((values, -values)), np.array((np.where(known, values, 0.0), known)))
+        row = _RowOfAll(np.array((values, -values)), np.array((np.where(known, values, 0.0), known)))
         for level in self._levels:
             level.add(time_s, row)
         self._end_s = time_s
         if self._started_s is None:
             self._started_s = time_s
 
-    def stretch(self, channel: str, from_s: float, to_s: float, buckets: int) -> Stretch:
+    def stretch(self, channel: str, from_s: float, to_s: float, buckets: int) -> TrendStretch:
         """From the coarsest level that gives as many buckets and reaches back far enough, else the one that does."""
         started = self._started_s or 0.0
         reach = [level for level in self._levels if level.first_s <= max(from_s, started)] or self._levels[-1:]
@@ -172,7 +172,7 @@ class LogSeries:
     def end_s(self) -> float | None:
         return float(self._times[-1]) if len(self._times) else None
 
-    def stretch(self, channel: str, from_s: float, to_s: float, buckets: int) -> Stretch:
+    def stretch(self, channel: str, from_s: float, to_s: float, buckets: int) -> TrendStretch:
         values = self._values.get(channel)
         if values is None:
             values = self._values[channel] = np.array([value_of(frame.row, channel) for frame in self._frames])
@@ -180,14 +180,14 @@ class LogSeries:
         return _in_buckets(self._times[begin:end], values[begin:end], from_s, (to_s - from_s) / max(1, buckets))
 
 
-def _in_buckets(times: Floats, values: Floats, from_s: float, width_s: float) -> Stretch:
+def _in_buckets(times: Floats, values: Floats, from_s: float, width_s: float) -> TrendStretch:
     """Rows, in order of time, gathered in buckets of one width; empty buckets are left out."""
     if not len(times):
-        return Stretch(*(np.zeros(0),) * 5)
+        return TrendStretch(*(np.zeros(0),) * 5)
     number = np.floor((times - from_s) / max(width_s, 1e-9) + 1e-6)
     begins = np.flatnonzero(np.diff(number, prepend=number[0] - 1.0))
     known = np.isfinite(values)
     count = np.add.reduceat(known.astype(np.float64), begins)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.add.reduceat(np.where(known, values, 0.0), begins) / count
-    return Stretch(times[begins], np.fmin.reduceat(values, begins), np.fmax.reduceat(values, begins), mean, count)
+    return TrendStretch(times[begins], np.fmin.reduceat(values, begins), np.fmax.reduceat(values, begins), mean, count)

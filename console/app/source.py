@@ -27,7 +27,7 @@ class FrameSource(Protocol):
         """Begins or ends the lag test, which measures while the state is calibrating. Raises as `order`."""
 
 
-class Arrival:
+class FrameArrival:
     def __init__(self) -> None:
         self.frame: Frame | None = None
         self._at_s = 0.0

@@ -12,7 +12,7 @@ FLOWING_KG_HA = 1.0
 READ_S = 8.0                  # long enough to read what a step only shows
 
 
-class Seen(NamedTuple):
+class TourSeen(NamedTuple):
     """What a step looks at. began: the frame with which the step began; lasted_s: since then."""
 
     frame: Frame
@@ -25,32 +25,33 @@ class Seen(NamedTuple):
         return self.frame.row.state or ""
 
 
-class Step(NamedTuple):
+class TourStep(NamedTuple):
     text: str
-    done: Callable[[Seen], bool]
+    done: Callable[[TourSeen], bool]
 
 
 STEPS = (
-    Step(N_("This machine is simulated: nothing moves outside. Press R to make it ready."),
-         lambda seen: seen.state in ("ready", "working", "held")),
-    Step(N_("Press S: the tractor drives on and fertilizer flows."),
-         lambda seen: seen.state == "working" and (seen.frame.row.applied_rate_kg_ha or 0.0) > FLOWING_KG_HA),
-    Step(N_("The big numbers: target rate and applied rate. Below: speed, shaft, opening, what is left in the hopper."),
-         lambda seen: seen.lasted_s >= READ_S),
-    Step(N_("Press T and choose another strategy: shaft and opening change, the rate does not."),
-         lambda seen: seen.frame.row.strategy != seen.began.row.strategy),
-    Step(N_("Press F3: the map of what was applied, and where."), lambda seen: seen.where == MAP),
-    Step(N_("Press Space: flow stops at once, on every page."), lambda seen: seen.state == "held"),
-    Step(N_("Press F2 for the numbers, then S: work goes on."), lambda seen: seen.state == "working"),
-    Step(N_("Press X: machine off, from any state. F1 explains every key of a page."),
-         lambda seen: seen.state == "off"),
+    TourStep(N_("This machine is simulated: nothing moves outside. Press R to make it ready."),
+             lambda seen: seen.state in ("ready", "working", "held")),
+    TourStep(N_("Press S: the tractor drives on and fertilizer flows."),
+             lambda seen: seen.state == "working" and (seen.frame.row.applied_rate_kg_ha or 0.0) > FLOWING_KG_HA),
+    TourStep(N_("The big numbers: target rate and applied rate. Below: speed, shaft, opening, what is left in the "
+                "hopper."),
+             lambda seen: seen.lasted_s >= READ_S),
+    TourStep(N_("Press T and choose another strategy: shaft and opening change, the rate does not."),
+             lambda seen: seen.frame.row.strategy != seen.began.row.strategy),
+    TourStep(N_("Press F3: the map of what was applied, and where."), lambda seen: seen.where == MAP),
+    TourStep(N_("Press Space: flow stops at once, on every page."), lambda seen: seen.state == "held"),
+    TourStep(N_("Press F2 for the numbers, then S: work goes on."), lambda seen: seen.state == "working"),
+    TourStep(N_("Press X: machine off, from any state. F1 explains every key of a page."),
+             lambda seen: seen.state == "off"),
 )
 
 
 class Tour:
     """Which step is shown. None of it gives an order: the keys pressed are the operator's."""
 
-    def __init__(self, steps: tuple[Step, ...] = STEPS) -> None:
+    def __init__(self, steps: tuple[TourStep, ...] = STEPS) -> None:
         self.steps = steps
         self.index = 0
         self._began: tuple[Frame, float] | None = None
@@ -71,7 +72,7 @@ class Tour:
         if self._began is None:
             self._began = frame, now_s
         began, began_s = self._began
-        if self.steps[self.index].done(Seen(frame, began, where, now_s - began_s)):
+        if self.steps[self.index].done(TourSeen(frame, began, where, now_s - began_s)):
             self.next()
 
     def next(self) -> None:

@@ -18,7 +18,7 @@ _SAME = {"\uff0c": ",", "\uff0e": ".", "\u3002": ".", "\uff61": ".", "\u066b": "
          "\u2212": "-", "\u2013": "-", "\u2012": "-", "\uff0d": "-", "\ufe63": "-"}
 
 
-class Reading(NamedTuple):
+class TypedReading(NamedTuple):
     """value: in the unit shown, None while there is none. why: what is wrong, in words, "" where nothing is. half: more
     keys may still make a number of it."""
 
@@ -27,28 +27,28 @@ class Reading(NamedTuple):
     half: bool = False
 
 
-def read(text: str) -> Reading:
+def read(text: str) -> TypedReading:
     """The number that stands in a field, in whatever script its digits are."""
     plain = _plain(text)
     if not plain:
-        return Reading(None, _("Type a number."), half=True)
+        return TypedReading(None, _("Type a number."), half=True)
     if len(plain) > MOST_CHARACTERS:
-        return Reading(None, _("{typed}... is too long for a number.").format(typed=plain[:MOST_CHARACTERS]))
+        return TypedReading(None, _("{typed}... is too long for a number.").format(typed=plain[:MOST_CHARACTERS]))
     digits = plain.removeprefix("-")
     wrong = next((one for one in digits if not (one.isdecimal() or one in ".,")), "")
     if wrong:
-        return Reading(None, _not_a_digit(plain, wrong))
+        return TypedReading(None, _not_a_digit(plain, wrong))
     signs = [one for one in digits if one in ".,"]
     if len(signs) > 1:
-        return Reading(None, _many_signs(plain, signs))
+        return TypedReading(None, _many_signs(plain, signs))
     whole, sign, rest = digits.partition(signs[0]) if signs else (digits, "", "")
     if not whole or (sign and not rest):
-        return Reading(None, _("{typed} is half a number: digits stand on both sides of the decimal sign.").format(
+        return TypedReading(None, _("{typed} is half a number: digits stand on both sides of the decimal sign.").format(
             typed=plain) if sign else _("{typed} is half a number.").format(typed=plain), half=True)
-    return Reading(float(plain.replace(",", ".")))
+    return TypedReading(float(plain.replace(",", ".")))
 
 
-def read_between(text: str, low: float, high: float, unit: str) -> Reading:
+def read_between(text: str, low: float, high: float, unit: str) -> TypedReading:
     """As `read`, and within low ... high, both as shown in `unit`. Where a sign could part thousands as well, and both
     readings are allowed, neither is taken."""
     reading = read(text)
@@ -57,14 +57,14 @@ def read_between(text: str, low: float, high: float, unit: str) -> Reading:
     thousands = _as_thousands(_plain(text))
     if thousands is not None and low <= thousands <= high and low <= reading.value <= high:
         said = _("{typed} can mean {one} or {other} {unit}: type it without a sign for thousands.")
-        return Reading(None, said.format(typed=_plain(text), one=f"{reading.value:g}", other=f"{thousands:.0f}",
-                                         unit=unit))
+        return TypedReading(None, said.format(typed=_plain(text), one=f"{reading.value:g}", other=f"{thousands:.0f}",
+                                              unit=unit))
     if low <= reading.value <= high:
         return reading
     refused = _("{number} {unit} is too little: {low} to {high} {unit} is allowed.") if reading.value < low else (
         _("{number} {unit} is too much: {low} to {high} {unit} is allowed."))
-    return Reading(None, refused.format(number=plain_number(reading.value), unit=unit, low=f"{low:g}",
-                                        high=f"{high:g}"), half=reading.value < low)
+    return TypedReading(None, refused.format(number=plain_number(reading.value), unit=unit, low=f"{low:g}",
+                                             high=f"{high:g}"), half=reading.value < low)
 
 
 def plain_number(value: float) -> str:

@@ -26,7 +26,7 @@ NOT_TAKEN_BACK = MappingProxyType({
 })
 
 
-class Change(NamedTuple):
+class Undoable(NamedTuple):
     """what: in words, as it would be again: "strategy opening first". back: does it."""
 
     what: str
@@ -37,16 +37,16 @@ class Undo:
     """The newest change first; those of another run are forgotten with it."""
 
     def __init__(self) -> None:
-        self._changes: list[Change] = []
+        self._changes: list[Undoable] = []
 
     def add(self, what: str, back: Callable[[], None]) -> None:
-        self._changes = [*self._changes[1 - MOST:], Change(what, back)]
+        self._changes = [*self._changes[1 - MOST:], Undoable(what, back)]
 
     @property
-    def newest(self) -> Change | None:
+    def newest(self) -> Undoable | None:
         return self._changes[-1] if self._changes else None
 
-    def take(self) -> Change | None:
+    def take(self) -> Undoable | None:
         return self._changes.pop() if self._changes else None
 
     def forget(self) -> None:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from control.calibration.flow_fit import FlowFit
     from control.calibration.heads_check import HeadsFit
     from control.calibration.lag_fit import LagFit
-    from control.calibration.least_squares import Interval
+    from control.calibration.least_squares import FittedInterval
     from control.calibration.tube_fit import TubeFit
     from control.calibration.wheel_fit import WheelFit
     from control.machine.machine import Machine
@@ -252,5 +252,5 @@ def _tell_notes(notes: Iterable[str]) -> None:
         typer.echo(f"note: {note}")
 
 
-def _span(one: Interval) -> str:
+def _span(one: FittedInterval) -> str:
     return f"{one.value:.5g} (90 %: {one.low:.5g} to {one.high:.5g})"

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from drivers.files.imports.raw import RawTable
 
 
-class _Given(NamedTuple):
+class _ImportOptions(NamedTuple):
     """Of the command line: `source` of an import file, and the most of each drive's columns."""
 
     said: dict[str, str]
@@ -54,7 +54,7 @@ def import_log(
     if twice is not None:
         raise CommandError(f"{twice}: named twice: allowed is each file once, for its rows would count twice")
     refuse_other(files, LOG)
-    given = _Given(_said(inside, task, device, log, values_from), _full(machine))
+    given = _ImportOptions(_said(inside, task, device, log, values_from), _full(machine))
     if guess:
         need_ending("--mapping" if mapping is not None else "--out", mapping or (
             out if out is not None and not _is_log_name(out) else None), ".yaml", ".yml")
@@ -98,7 +98,7 @@ def _full(machine: str | None) -> dict[str, float]:
             "opening_mm_cmd": limits.opening_high_mm, "opening_mm": limits.opening_high_mm}
 
 
-def _guess(files: list[Path], place: Path, given: _Given, force: bool) -> None:
+def _guess(files: list[Path], place: Path, given: _ImportOptions, force: bool) -> None:
     from drivers.files.atomic import write_atomically
     from drivers.files.imports.mapping_text import first_import_file
     refuse_collisions(_read(files), [Output((place,))], force)
@@ -114,7 +114,7 @@ def _elements(raw: RawTable) -> list[str]:
     return [str(finding) for finding in raw.findings if finding.id == "elements"]
 
 
-def _guessed(files: list[Path], given: _Given) -> tuple[RawTable, Guess]:
+def _guessed(files: list[Path], given: _ImportOptions) -> tuple[RawTable, Guess]:
     from drivers.files.imports.guess import guess
     from drivers.files.imports.mapping import Source
     from drivers.files.imports.read import read_raw
@@ -128,7 +128,7 @@ def _read(files: list[Path]) -> list[Path]:
     return [one for path in files for one in files_of(path)]
 
 
-def _import(files: list[Path], mapping_file: Path | None, out: Path, given: _Given, force: bool) -> None:
+def _import(files: list[Path], mapping_file: Path | None, out: Path, given: _ImportOptions, force: bool) -> None:
     from drivers.files.imports.convert import convert
     from drivers.files.imports.join import joined
     from drivers.files.imports.log_file import is_import_of, write_imported
@@ -178,7 +178,7 @@ def _copy(source: Path, out: Path, force: bool) -> None:
     typer.echo(f"{out}: {len(log)} rows, {log.duration_s:.0f} s, {out.stat().st_size / 1e6:.1f} MB")
 
 
-def _mapping(files: list[Path], place: Path | None, given: _Given) -> tuple[RawTable | None, ImportFile]:
+def _mapping(files: list[Path], place: Path | None, given: _ImportOptions) -> tuple[RawTable | None, ImportFile]:
     """The import file; without one, the guess where nothing of it is unsure, and the file by which it was made."""
     from drivers.files.config import load
     from drivers.files.imports.mapping import IMPORT

@@ -14,7 +14,7 @@ from drivers import day_clock
 
 if TYPE_CHECKING:
     from drivers.files.exports.as_applied import AsApplied
-    from drivers.files.prescriptions.words import Choice, Imported
+    from drivers.files.prescriptions.words import Imported, RateChoice
     from drivers.files.read_log import RunLog
 
 SHOWN_RATES = 20
@@ -60,7 +60,7 @@ def map_files(
     force: Force = False,
 ) -> None:
     """Read a prescription and convert it, or export what a run log applied."""
-    from drivers.files.prescriptions.words import Choice
+    from drivers.files.prescriptions.words import RateChoice
     refuse_other([source], MAP)
     if out is not None and out.resolve() in (source.resolve(), source.resolve().parent):
         raise CommandError(f"--out {out}: allowed is another place than IN's")
@@ -71,9 +71,9 @@ def map_files(
         _export(source, out, machine=machine, product=product, nitrogen=nitrogen, every_s=every, polygons=polygons,
                 as_json=as_json)
         return
-    choice = Choice(column=column, unit=unit, scale=scale, density_kg_l=density, n_fraction=nitrogen,
-                    default_kg_ha=default, outside_kg_ha=outside, lost_kg_ha=lost, layer=layer, inside=inside,
-                    rate_from=_source(rate_from))
+    choice = RateChoice(column=column, unit=unit, scale=scale, density_kg_l=density, n_fraction=nitrogen,
+                        default_kg_ha=default, outside_kg_ha=outside, lost_kg_ha=lost, layer=layer, inside=inside,
+                        rate_from=_source(rate_from))
     _convert(source, out, choice, rule, as_json)
 
 
@@ -117,7 +117,7 @@ def _source(text: str | None) -> Literal["ddi", "presentation"] | None:
     return text  # type: ignore[return-value]
 
 
-def _by_rule(source: Path, choice: Choice, job: str) -> Imported:
+def _by_rule(source: Path, choice: RateChoice, job: str) -> Imported:
     """A map of an index, as rates by the rule of a job's crop."""
 
     from drivers.files.prescriptions.by_rule import by_rule, index_choice
@@ -127,7 +127,7 @@ def _by_rule(source: Path, choice: Choice, job: str) -> Imported:
     return by_rule(read_prescription(source, index_choice(choice, rule, job)), rule)
 
 
-def _convert(source: Path, out: Path | None, choice: Choice, rule: str | None, as_json: bool) -> None:
+def _convert(source: Path, out: Path | None, choice: RateChoice, rule: str | None, as_json: bool) -> None:
     from drivers.files.prescriptions.read import read_prescription
     from drivers.files.prescriptions.write import write_prescription
     read = read_prescription(source, choice) if rule is None else _by_rule(source, choice, rule)
@@ -179,13 +179,13 @@ def _tell(read: Imported, as_json: bool) -> None:
 def _export(source: Path, out: Path | None, *, machine: str | None, product: str | None, nitrogen: float | None,
             every_s: float, polygons: bool, as_json: bool) -> None:
     from drivers.files.any_log import is_foreign, open_log
-    from drivers.files.exports.as_applied import Product, as_applied
+    from drivers.files.exports.as_applied import SpreadProduct, as_applied
     from drivers.files.exports.columns import summary
     from drivers.files.exports.write import write_as_applied
     from drivers.files.read_log import read_log
     given = None
     if product is not None or nitrogen is not None:
-        given = Product(product or "product", nitrogen or 0.0)
+        given = SpreadProduct(product or "product", nitrogen or 0.0)
     log = open_log(source) if is_foreign(source) else read_log(source)
     loaded = machine_of(machine) if machine else None
     applied = as_applied(log, loaded, given, every_s)

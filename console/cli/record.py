@@ -74,13 +74,13 @@ def _pass(log: Path, machine: Machine | None, nitrogen: float | None, prices: di
           currency: str | None) -> Pass:
     from console.reports.job_about import about_of
     from drivers.files.any_log import is_foreign, open_log
-    from drivers.files.exports.as_applied import Product, as_applied
+    from drivers.files.exports.as_applied import SpreadProduct, as_applied
     from drivers.files.exports.farm_record import Pass
     from drivers.files.read_log import read_log
     opened = open_log(log) if is_foreign(log) else read_log(log)
     about = about_of(opened)
     who = about.who
-    given = None if nitrogen is None else Product(who.product or "product", nitrogen)
+    given = None if nitrogen is None else SpreadProduct(who.product or "product", nitrogen)
     applied = as_applied(opened, machine, given)
     said = {"client": who.client, "farm": who.farm, "field": who.field, "crop": about.crop, "operator": who.operator,
             "product": who.product}

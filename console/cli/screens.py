@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from console.app.joined import Joined
     from console.app.services import Services
-    from console.running import Where
+    from console.running import WorkerAddress
     from console.services.launcher import Launcher
     from drivers.files.config import Loaded
     from drivers.files.read_log import RunLog
@@ -34,8 +34,8 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
     from console.running import WorkerFailed, find_running
     from console.services.launcher import Launcher
     launcher = Launcher(config, effects, seed, hz, log, trouble_path(), name)
-    coming: Future[Where] | None = None
-    running: Where | None = None
+    coming: Future[WorkerAddress] | None = None
+    running: WorkerAddress | None = None
     if has_terminal():
         running = find_running()
         if running is None and not launcher.may_go_on():
@@ -85,7 +85,7 @@ def own_job(name: str) -> str:
     return str(own) if "/" not in name and "\\" not in name and own.is_file() else name
 
 
-def _join(launcher: Launcher, running: Where) -> Joined:
+def _join(launcher: Launcher, running: WorkerAddress) -> Joined:
     """Go by the files of the worker that runs."""
     from console.app.joined import Joined
     named = launcher.config
@@ -110,7 +110,7 @@ def _setup_of_running(theirs: tuple[str, ...], ours: tuple[str, ...]) -> tuple[S
     raise AssertionError("the last of them is tried or raised")
 
 
-def _started(start: Callable[[], Where]) -> Future[Where]:
+def _started(start: Callable[[], WorkerAddress]) -> Future[WorkerAddress]:
     """The worker comes up, a process of its own, while this one imports the console: each takes about as long."""
     thread = ThreadPoolExecutor(max_workers=1)
     coming = thread.submit(start)
@@ -118,7 +118,7 @@ def _started(start: Callable[[], Where]) -> Future[Where]:
     return coming
 
 
-def _setup(config: tuple[str, ...], coming: Future[Where] | None) -> tuple[Setup, dict[str, Loaded[BaseModel]]]:
+def _setup(config: tuple[str, ...], coming: Future[WorkerAddress] | None) -> tuple[Setup, dict[str, Loaded[BaseModel]]]:
     """The files as the console needs them. Raises ConfigError; the worker that comes up refuses such files too, and is
     waited for: its last words are no concern of whoever reads the line about the file."""
     from drivers.files.config_error import ConfigError

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from control.simulation.closed_loop import Record
     from control.simulation.dose_watch import DoseWatch
     from control.targets.point import Threshold
-    from drivers.files.prescriptions.for_job import Placed
+    from drivers.files.prescriptions.for_job import LoopTargets
     from drivers.files.run_log import PlainLogWriter
     from drivers.files.run_meta import RunMeta
     from drivers.files.setup import Setup
@@ -120,7 +120,7 @@ class _Ran(NamedTuple):
 
 
 def _run(setup: Setup, true: Machine, job: Job, *, seed: int, planted: list[Planted], terms: list[Term], seconds: float,
-         placed: Placed, log: PlainLogWriter | None) -> _Ran:
+         placed: LoopTargets, log: PlainLogWriter | None) -> _Ran:
     from control.orders import TargetSource
     from control.simulation.assembly import control_loop, simulated_machine
     from control.simulation.closed_loop import Record, simulated_run

@@ -18,7 +18,7 @@ from console.app.services import Services
 from console.app.tablet import NONE_RUNS, Key, TabletApp
 from console.link import Link
 from console.locale import _
-from console.running import Where, WorkerFailed, default_run_file, find_running
+from console.running import WorkerAddress, WorkerFailed, default_run_file, find_running
 from console.serve import ADDRESS, SERVER
 from console.worker.system import private_folder, write_private
 from drivers.files.lock import take_lock
@@ -56,7 +56,7 @@ def token_in(path: Path | None) -> str | None:
     return lines[0].strip() if lines and lines[0].strip() else None
 
 
-def options_of(where: Where | None) -> dict[str, Any]:
+def options_of(where: WorkerAddress | None) -> dict[str, Any]:
     """Limits and hopper of the job at work, as its log's sidecar has them; the console's own where it has none."""
     from console.services.at_work import at_work
     found = None if where is None else at_work(where.log_path)
@@ -131,7 +131,7 @@ def end_with(server: int) -> None:
     os._exit(1)
 
 
-def tab_app(where: Where | None, token: str | None) -> TabletApp:
+def tab_app(where: WorkerAddress | None, token: str | None) -> TabletApp:
     """The app of one tab, looking."""
     from console.services.at_work import earlier
     from console.services.diagnosis import DiagnosisFiles

@@ -11,7 +11,7 @@ from console.reports.figure import need_matplotlib
 from console.reports.html import Picture, escape, facts, figure, folded, items, page, paragraph, section, table
 from console.reports.numbers import decimals_of, fixed, number, p_value, percent, span_of, with_interval
 from console.reports.page_style import STYLE
-from console.reports.pictures import Pictures, pictures_of
+from console.reports.pictures import PictureSet, pictures_of
 from console.reports.term_words import compensation
 from console.reports.term_words import sentence as term_sentence
 from control.diagnosis.result import UNKNOWN, Cause, Diagnosis, Gain, TermFound
@@ -109,7 +109,7 @@ def _id(effect_id: str) -> str:
     return "" if effect_id == UNKNOWN else f' <span class="id">{escape(effect_id)}</span>'
 
 
-def _left(found: Diagnosis, k: int, pictures: Pictures) -> str:
+def _left(found: Diagnosis, k: int, pictures: PictureSet) -> str:
     return paragraph(sentences.left(found.unexplained[k], found.data.kind)) + figure(pictures.left[k])
 
 

@@ -8,7 +8,7 @@ from console.reports.figure import AFTER, BEFORE, DIM, drawn, svg
 from console.reports.html import Picture, escape, figure, items, page, paragraph, section, table
 from console.reports.numbers import fixed
 from console.reports.page_style import STYLE
-from control.diagnosis.season.courses import Course, Fit, Same, Shared, wears
+from control.diagnosis.season.courses import Course, Same, SeasonFit, Shared, wears
 from control.diagnosis.season.mixed import MACHINE, Alternative
 from control.diagnosis.season.owner import Low, MachineSeason, still_there
 from control.machine.machine import CATALOGUE
@@ -20,7 +20,7 @@ FACTORS = {"product": N_("product"), "operator": N_("operator"), "field": N_("fi
            "fleet": N_("all machines")}
 
 
-def fleet_page(machines: Sequence[MachineSeason], fit: Fit, *, low: Sequence[Low], units: Mapping[str, str],
+def fleet_page(machines: Sequence[MachineSeason], fit: SeasonFit, *, low: Sequence[Low], units: Mapping[str, str],
                broken: Sequence[tuple[str, str]], price: float | None, currency: str, software: str,
                aside: Sequence[tuple[str, str]] = (), by_file_date: int = 0) -> str:
     """A whole HTML page. price: of a kilogram; None: no money. aside: path and date of logs whose clock was wrong.
@@ -62,7 +62,7 @@ def _between(low: float, high: float, digits: int = 0) -> str:
     return ends[0] if ends[0] == ends[1] else _("{low} to {high}").format(low=ends[0], high=ends[1])
 
 
-def _level_tables(fit: Fit, units: Mapping[str, str]) -> Iterator[str]:
+def _level_tables(fit: SeasonFit, units: Mapping[str, str]) -> Iterator[str]:
     """Every operator and product of each effect that is reported, the commonest among them, with its interval."""
     for effect in sorted({one.effect for one in fit.levels}):
         rows = [[_factor(one), str(one.logs), f"{one.size:+.2f} +- {fixed(one.half, 2)}",

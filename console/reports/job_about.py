@@ -15,7 +15,7 @@ from drivers.files.read_log import RunLog
 MOST_ALARMS = 12            # kinds on the time line; the longest
 
 
-class Span(NamedTuple):
+class AlarmSpan(NamedTuple):
     """An alarm from when to when, s."""
 
     id: str
@@ -24,7 +24,7 @@ class Span(NamedTuple):
 
 
 class Happened(NamedTuple):
-    alarms: tuple[Span, ...] = ()
+    alarms: tuple[AlarmSpan, ...] = ()
     refills: tuple[tuple[float, float], ...] = ()       # s, kg
     working: tuple[tuple[float, float], ...] = ()       # from, to, s
     growth: str = ""                                    # as said at START: outside the stages of the crop's rule
@@ -71,7 +71,7 @@ def _price(value: object) -> float | None:
 def happened(log: RunLog) -> Happened:
     """Spans of alarms and of work, and refills, from the rows."""
     stands: dict[str, float] = {}
-    spans: list[Span] = []
+    spans: list[AlarmSpan] = []
     refills: list[tuple[float, float]] = []
     working: list[tuple[float, float]] = []
     started: float | None = None
@@ -79,7 +79,7 @@ def happened(log: RunLog) -> Happened:
     last_s = 0.0
     for row in log.rows():
         now = {name for name in (row.alarms or "").split(";") if name}
-        spans += [Span(name, stands.pop(name), row.time_s) for name in list(stands) if name not in now]
+        spans += [AlarmSpan(name, stands.pop(name), row.time_s) for name in list(stands) if name not in now]
         for name in now:
             stands.setdefault(name, row.time_s)
         for event in (row.events or "").split(";"):
@@ -96,7 +96,7 @@ def happened(log: RunLog) -> Happened:
             working.append((started, row.time_s))
             started = None
         last_s = row.time_s
-    spans += [Span(name, since, last_s) for name, since in stands.items()]
+    spans += [AlarmSpan(name, since, last_s) for name, since in stands.items()]
     if started is not None:
         working.append((started, last_s))
     return Happened(tuple(spans), tuple(refills), tuple(working), growth)

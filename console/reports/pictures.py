@@ -13,7 +13,7 @@ from control.diagnosis.extend import extend
 from control.diagnosis.result import Diagnosis
 
 
-class Pictures(NamedTuple):
+class PictureSet(NamedTuple):
     """`causes`: one entry for each cause; `left`: one for each entry of unexplained; `data`: of the whole."""
 
     causes: tuple[tuple[Picture, ...], ...]
@@ -22,16 +22,16 @@ class Pictures(NamedTuple):
     terms: tuple[Picture | None, ...] = ()      # one for each term
 
 
-def pictures_of(found: Diagnosis, tools: Mapping[str, Any]) -> Pictures:
+def pictures_of(found: Diagnosis, tools: Mapping[str, Any]) -> PictureSet:
     """All pictures; none of the data where `tools` holds neither columns nor tables."""
     if "columns" in tools:
         return _of_run(found, tools)
     if "tables" in tools:
         return _of_tables(found, tools)
-    return Pictures(tuple(() for _ in found.causes), tuple(None for _ in found.unexplained), ())
+    return PictureSet(tuple(() for _ in found.causes), tuple(None for _ in found.unexplained), ())
 
 
-def _of_run(found: Diagnosis, tools: Mapping[str, Any]) -> Pictures:
+def _of_run(found: Diagnosis, tools: Mapping[str, Any]) -> PictureSet:
     of_this_run = parts_of([cause for cause in found.causes if cause.onset_s is not None or cause.until_s is not None
                             or cause.grows])
     views = run_views(tools["columns"], tools["machine"], extend(tools["machine"], found), of_this_run)
@@ -46,10 +46,10 @@ def _of_run(found: Diagnosis, tools: Mapping[str, Any]) -> Pictures:
         left.append(run_pictures.left_picture(views, parts, one, fit, f"left{k}"))
     over_time = run_pictures.time_lines(views, parts, "time")
     terms = tuple(term_picture(one, f"term{k}") for k, one in enumerate(found.terms))
-    return Pictures(tuple(causes), tuple(left), (over_time,) if over_time else (), terms)
+    return PictureSet(tuple(causes), tuple(left), (over_time,) if over_time else (), terms)
 
 
-def _of_tables(found: Diagnosis, tools: Mapping[str, Any]) -> Pictures:
+def _of_tables(found: Diagnosis, tools: Mapping[str, Any]) -> PictureSet:
     views = table_views(tools["tables"], tools["machine"], found.causes)
     causes = []
     for k, cause in enumerate(found.causes):
@@ -58,5 +58,5 @@ def _of_tables(found: Diagnosis, tools: Mapping[str, Any]) -> Pictures:
             phase = table_pictures.phase_picture(views, cause.size.value, f"cause{k}")
         causes.append((phase,) if phase else ())
     left = tuple(table_pictures.left_picture(views, one, f"left{k}") for k, one in enumerate(found.unexplained))
-    return Pictures(tuple(causes), left, tuple(table_pictures.table_picture(view, f"table{k}")
-                                               for k, view in enumerate(views)))
+    return PictureSet(tuple(causes), left, tuple(table_pictures.table_picture(view, f"table{k}")
+                                                 for k, view in enumerate(views)))

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from console.reports.figure import AFTER, BEFORE, DIM, INK, PAPER, drawn, svg
 from console.reports.html import Picture, escape
 from console.reports.panels import EXTENDED, MEASURED, NOMINAL, legend_below, smooth_line, zero_line
-from console.reports.table_views import Group, TableView
+from console.reports.table_views import Group, MeasuredColumn
 from console.reports.variables import recorded
 from control.diagnosis.result import Unexplained
 
@@ -22,7 +22,7 @@ MARKERS = ("o", "s", "^", "D", "v", "P")
 PHASES = 12
 
 
-def table_picture(view: TableView, name: str) -> Picture:
+def table_picture(view: MeasuredColumn, name: str) -> Picture:
     """Points with both models' lines above, residuals before and after below."""
     named = any(group.held for group in view.groups)
     labels = [group for group in view.groups if group.label]
@@ -39,7 +39,7 @@ def table_picture(view: TableView, name: str) -> Picture:
     return Picture(text, _caption(view, named))
 
 
-def _caption(view: TableView, named: bool) -> str:
+def _caption(view: MeasuredColumn, named: bool) -> str:
     path, column = view.table, view.column
     table = path.replace("\\", "/").rsplit("/", 1)[-1]
     models = "the nominal machine and the machine with the causes" if named else "the nominal machine"
@@ -52,7 +52,7 @@ def _caption(view: TableView, named: bool) -> str:
     return " ".join(said)
 
 
-def _models(axes: Any, view: TableView, group: Group, named: bool, first: bool) -> None:
+def _models(axes: Any, view: MeasuredColumn, group: Group, named: bool, first: bool) -> None:
     rows = group.rows
     sets = _settings(view, rows)
     if view.main and len(sets) <= MOST_LINES:
@@ -80,12 +80,12 @@ def _models(axes: Any, view: TableView, group: Group, named: bool, first: bool) 
         axes.set_ylabel(f"{MEASURED}, {view.unit}")
 
 
-def _lines(view: TableView, named: bool) -> list[tuple[Array, str, str, str]]:
+def _lines(view: MeasuredColumn, named: bool) -> list[tuple[Array, str, str, str]]:
     lines = [(view.nominal, BEFORE, "--", NOMINAL)]
     return [*lines, (view.extended, AFTER, "-", EXTENDED)] if named else lines
 
 
-def _settings(view: TableView, rows: npt.NDArray[np.bool_]) -> list[tuple[str, npt.NDArray[np.bool_]]]:
+def _settings(view: MeasuredColumn, rows: npt.NDArray[np.bool_]) -> list[tuple[str, npt.NDArray[np.bool_]]]:
     """Rows that differ in nothing that moves the model but the main variable, with words where there are several."""
     others = [name for name in view.variables if name not in (view.main, "replicate")]
     moving = [name for name in others if not _follows(view, name)]
@@ -100,7 +100,7 @@ def _settings(view: TableView, rows: npt.NDArray[np.bool_]) -> list[tuple[str, n
     return found
 
 
-def _follows(view: TableView, name: str) -> bool:
+def _follows(view: MeasuredColumn, name: str) -> bool:
     """Whether both models are the same wherever the main variable is, whatever this one is."""
     if not view.main:
         return False
@@ -113,7 +113,7 @@ def _follows(view: TableView, name: str) -> bool:
     return True
 
 
-def _left(axes: Any, view: TableView, group: Group, named: bool, first: bool) -> None:
+def _left(axes: Any, view: MeasuredColumn, group: Group, named: bool, first: bool) -> None:
     rows = group.rows
     x = view.variables[view.main] if view.main else np.arange(len(view.observed), dtype=float)
     step = _step(x)
@@ -144,7 +144,7 @@ def _by_value(x: Array, y: Array) -> tuple[Array, Array]:
     return kinds, np.bincount(index, y) / np.bincount(index)
 
 
-def left_picture(views: Sequence[TableView], left: Unexplained, name: str) -> Picture | None:
+def left_picture(views: Sequence[MeasuredColumn], left: Unexplained, name: str) -> Picture | None:
     """What no effect explains, along the setting that is named, with the smooth function through it."""
     view = next((v for v in views if v.channel == left.channel and (left.variable in v.variables
                                                                     or left.variable in ("label", "constant"))), None)
@@ -176,7 +176,7 @@ def left_picture(views: Sequence[TableView], left: Unexplained, name: str) -> Pi
                          f"{label}, and the smooth function through it.")
 
 
-def phase_picture(views: Sequence[TableView], step_s: float, name: str) -> Picture | None:
+def phase_picture(views: Sequence[MeasuredColumn], step_s: float, name: str) -> Picture | None:
     """Where within a step of a coarse clock the times lie: even, if there is none."""
     view = next((v for v in views if v.unit == "s"), None)
     if view is None or step_s <= 0.0:

@@ -11,7 +11,7 @@ from control.calibration.bench_table import BenchTable, usable
 from control.diagnosis.effects import LAG_COARSE_CLOCK
 from control.diagnosis.result import Cause
 from control.diagnosis.tables.duplicate_rows import without_duplicates
-from control.diagnosis.tables.piece import Candidate, Piece, SizedEffect, with_effects, within_scope
+from control.diagnosis.tables.piece import SizedEffect, TableCandidate, TablePiece, with_effects, within_scope
 from control.diagnosis.tables.rows import pieces_of
 from control.machine.machine import CATALOGUE, Machine
 
@@ -21,7 +21,7 @@ IN_STEPS = LAG_COARSE_CLOCK.id  # shows in how the times heap, not in what the m
 UNSORTED = ("replicate", "area_m2", "duration_s")       # shown against only where nothing else varies
 
 
-class Part(NamedTuple):
+class CausePart(NamedTuple):
     """A cause as the model takes it. `scope`: the rows that it holds in, as its cause names them; None: all."""
 
     effect: SizedEffect
@@ -41,7 +41,7 @@ class Group(NamedTuple):
     not_held: tuple[str, ...]
 
 
-class TableView(NamedTuple):
+class MeasuredColumn(NamedTuple):
     """One measured column. Arrays (n,) in `unit`."""
 
     table: str                          # its path
@@ -68,19 +68,19 @@ class TableView(NamedTuple):
         return self.observed - self.extended
 
 
-def table_views(tables: Sequence[BenchTable], machine: Machine, causes: Sequence[Cause]) -> tuple[TableView, ...]:
+def table_views(tables: Sequence[BenchTable], machine: Machine, causes: Sequence[Cause]) -> tuple[MeasuredColumn, ...]:
     """Views of every measured column, in the order of the tables.
 
     Raises ValueError with one line for tables that cannot be used.
     """
-    parts = tuple(Part(SizedEffect(Candidate(cause.id, cause.member), cause.size.value), cause.scope)
+    parts = tuple(CausePart(SizedEffect(TableCandidate(cause.id, cause.member), cause.size.value), cause.scope)
                   for cause in causes
                   if cause.id in CATALOGUE and cause.id != IN_STEPS and cause.size.value is not None)
     return tuple(_view(piece, machine, parts) for table in without_duplicates(list(map(usable, tables)), machine).tables
                  for piece in pieces_of(table, machine))
 
 
-def _view(piece: Piece, machine: Machine, parts: tuple[Part, ...]) -> TableView:
+def _view(piece: TablePiece, machine: Machine, parts: tuple[CausePart, ...]) -> MeasuredColumn:
     nominal = piece.predict(machine)
     felt = dict.fromkeys(part.id for part in parts
                          if np.any(piece.predict(with_effects(machine, (part.effect,))) != nominal))
@@ -95,8 +95,8 @@ def _view(piece: Piece, machine: Machine, parts: tuple[Part, ...]) -> TableView:
         groups.append(Group(text, rows, tuple(n for n in felt if n in names), tuple(n for n in felt if n not in names)))
     variables = dict(piece.variables)
     table, _, column = piece.name.rpartition(" ")
-    return TableView(table, column, piece.channel, piece.unit, piece.observed, nominal, extended, variables,
-                     _main(variables, extended - nominal, nominal), tuple(groups))
+    return MeasuredColumn(table, column, piece.channel, piece.unit, piece.observed, nominal, extended, variables,
+                          _main(variables, extended - nominal, nominal), tuple(groups))
 
 
 def _main(variables: dict[str, Array], effect: Array, nominal: Array) -> str:

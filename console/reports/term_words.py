@@ -7,7 +7,7 @@ from typing import Any
 
 from console.locale import N_, _
 from console.reports.numbers import short
-from control.machine.form import FORMS, Said
+from control.machine.form import FORMS, SaidNumbers
 from control.machine.machine import CATALOGUE, Change
 from control.machine.term_sums import not_compensated, partly_compensated
 from control.machine.terms import STAGE_OF, VARIABLES, Acts, Term
@@ -71,7 +71,7 @@ def _said(term: Term) -> str:
         **{name: short(value, 4) for name, value in words.times_s.items()})
 
 
-def _units_of(words: Said) -> float:
+def _units_of(words: SaidNumbers) -> float:
     """A change is given for so many units of its variable that it is no nought: a load in grams moves little each."""
     sizes = [abs(value) for value in (*words.changes.values(), words.numbers.get("size", 0.0)) if value != 0.0]
     return 10.0 ** max(0.0, math.ceil(math.log10(LEAST_SHOWN / max(sizes)))) if sizes else 1.0

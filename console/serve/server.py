@@ -153,7 +153,7 @@ class TabletServer(Server):
 
         Raises ValueError and its like for what is no message of the page.
         """
-        pace = Pace(asyncio.get_running_loop().time)
+        pace = MessagePace(asyncio.get_running_loop().time)
         async for message in tab:
             if message.type is not web.WSMsgType.TEXT:
                 continue
@@ -234,7 +234,7 @@ class Few(logging.Filter):
         return True
 
 
-class Pace:
+class MessagePace:
     """How long to wait before the next message is taken: `MESSAGES_S` a second on the mean, a burst of a second."""
 
     def __init__(self, clock: Callable[[], float]) -> None:

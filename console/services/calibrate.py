@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from console.app.pages.calibrate.catch import CatchPoint
-from console.app.pages.calibrate.service import CalibrateService, CurvePoint, Estimate, Fitted, LagTable, Number
+from console.app.pages.calibrate.service import Calibrated, CalibrateService, CurvePoint, Estimate, LagTable, Number
 from console.app.pages.calibrate.wheel import WheelSample
 from console.services.launcher import data_folder
 from control.machine.flow import grams_per_rev
@@ -19,7 +19,7 @@ from drivers.files.atomic import free_path
 
 if TYPE_CHECKING:
     from control.calibration.bench_table import BenchTable
-    from control.calibration.least_squares import Interval
+    from control.calibration.least_squares import FittedInterval
     from control.calibration.wheel_fit import WheelFit
 
 CURVE_POINTS = 40
@@ -55,7 +55,7 @@ def calibrate_job(machine: Machine, wheel_circumference_m: float | None = None, 
 # --- catch ------------------------------------------------------------------------------------------------------------
 
 
-def fit_catch(machine: Machine, caught: Sequence[CatchPoint]) -> Fitted:
+def fit_catch(machine: Machine, caught: Sequence[CatchPoint]) -> Calibrated:
     """Flow per turn from weighed catches, with the line over opening (over shaft speed where only that was changed)."""
     from scipy.stats import t as student
 
@@ -90,9 +90,10 @@ def fit_catch(machine: Machine, caught: Sequence[CatchPoint]) -> Fitted:
     estimates = (_estimate("grams_per_rev_mm", flow.grams_per_rev_mm, "g/rev/mm", 4),
                  _estimate("zero_offset", flow.zero_offset_g_rev, "g/rev", 2),
                  _estimate("fill_falloff", flow.fill_falloff_percent, "%", 1))
-    return Fitted("catch", estimates, points, tuple(CurvePoint(x, y, y * (1 - band), y * (1 + band)) for x, y in line),
-                  "shaft r/min" if by_speed else "opening mm", "g per turn",
-                  scatter=f"{flow.residual_sd_percent:.2f} %", source=tuple(caught))
+    return Calibrated("catch", estimates, points, tuple(CurvePoint(x, y, y * (1 - band), y * (1 + band)) for x,
+                                                        y in line),
+                      "shaft r/min" if by_speed else "opening mm", "g per turn",
+                      scatter=f"{flow.residual_sd_percent:.2f} %", source=tuple(caught))
 
 
 def catch_table(caught: Sequence[CatchPoint], path: str) -> BenchTable:
@@ -146,7 +147,7 @@ def open_lag_table(path: Path) -> LagTable:
     return LagTable(str(path), table.rows, labels)
 
 
-def fit_lag(machine: Machine, path: str, label: str | None) -> Fitted:
+def fit_lag(machine: Machine, path: str, label: str | None) -> Calibrated:
     """The lag line of a table, with its points in and outside the range."""
     import numpy as np
     from scipy.stats import t as student
@@ -157,8 +158,8 @@ def fit_lag(machine: Machine, path: str, label: str | None) -> Fitted:
     table = read_bench_table(Path(path), "lag")
     if table.running().all():
         tube = settle_tube(table, machine)[1]
-        return Fitted("lag", (_estimate("carried_share", tube.carried_share, "", 2),),
-                      scatter=f"{tube.scatter_s:.3f} s", source=(path, label))
+        return Calibrated("lag", (_estimate("carried_share", tube.carried_share, "", 2),),
+                          scatter=f"{tube.scatter_s:.3f} s", source=(path, label))
     _machine, line = lag_fit.fit_lag(table, machine, label=label)
     chosen = np.ones(table.rows, bool) if table.label is None else table.label == label
     lags = table.columns["lag_s"] if "lag_s" in table.columns else table.columns.get("drop_s")
@@ -178,18 +179,18 @@ def fit_lag(machine: Machine, path: str, label: str | None) -> Fitted:
 
     curve = tuple(CurvePoint(x, line.lag_s(x), line.lag_s(x) - band(x), line.lag_s(x) + band(x))
                   for x in _steps(line.from_rpm, line.to_rpm))
-    return Fitted("lag", (_estimate("slope", line.slope_s_per_rpm, "s per r/min", 5),
-                          _estimate("intercept", line.intercept_s, "s", 3)), points, curve, "shaft r/min", "lag s",
-                  (line.from_rpm, line.to_rpm), f"{line.residual_sd_s:.3f} s", (path, label))
+    return Calibrated("lag", (_estimate("slope", line.slope_s_per_rpm, "s per r/min", 5),
+                              _estimate("intercept", line.intercept_s, "s", 3)), points, curve, "shaft r/min", "lag s",
+                      (line.from_rpm, line.to_rpm), f"{line.residual_sd_s:.3f} s", (path, label))
 
 
 # --- wheel ------------------------------------------------------------------------------------------------------------
 
 
-def fit_wheel(machine: Machine, counted_m: float, samples: Sequence[WheelSample]) -> Fitted:
+def fit_wheel(machine: Machine, counted_m: float, samples: Sequence[WheelSample]) -> Calibrated:
     """The circumference from a straight drive; counted_m: the one by which its wheel speed was counted."""
     _machine, fit = _wheel(machine, counted_m, samples)
-    return Fitted("wheel", (_estimate("circumference", fit.circumference_m, "m", 4),), source=tuple(samples))
+    return Calibrated("wheel", (_estimate("circumference", fit.circumference_m, "m", 4),), source=tuple(samples))
 
 
 def _wheel(machine: Machine, counted_m: float, samples: Sequence[WheelSample],
@@ -205,7 +206,7 @@ def _wheel(machine: Machine, counted_m: float, samples: Sequence[WheelSample],
 # --- files ------------------------------------------------------------------------------------------------------------
 
 
-def save(machine: Machine, fitted: Fitted, name: str, folder: Path, counted_m: float) -> str:
+def save(machine: Machine, fitted: Calibrated, name: str, folder: Path, counted_m: float) -> str:
     """Writes the new machine file, and next to it the table it comes from; returns its path.
 
     Raises ValueError in one line where the name is taken, OSError where it cannot be written.
@@ -243,7 +244,7 @@ def _steps(low: float, high: float) -> list[float]:
     return [low + (high - low) * k / (CURVE_POINTS - 1) for k in range(CURVE_POINTS)]
 
 
-def _estimate(name: Number, interval: Interval | None, unit: str, decimals: int) -> Estimate:
+def _estimate(name: Number, interval: FittedInterval | None, unit: str, decimals: int) -> Estimate:
     if interval is None:
         return Estimate(name, None, None, None, unit, decimals)
     return Estimate(name, interval.value, interval.low, interval.high, unit, decimals)

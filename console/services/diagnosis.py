@@ -18,16 +18,16 @@ from console.app.pages.diagnosis.service import (
     Adoption,
     ComparedRow,
     ComparedShown,
+    DiagnosisSource,
     DiagnosisView,
     Export,
     OpenQuestions,
-    Source,
     Stop,
-    Stopped,
     Tell,
+    WorkStopped,
 )
 from console.reports.said import others
-from console.services.diagnosis_job import REPORT, RESULT, VIEW, Order
+from console.services.diagnosis_job import REPORT, RESULT, VIEW, DiagnosisOrder
 from console.services.foreign_files import is_listed, may_be_brought_in
 from console.services.launcher import data_folder
 from console.threads import ONE_THREAD
@@ -70,7 +70,7 @@ class DiagnosisFiles:
 
     # --- files ---------------------------------------------------------------------------------------------------
 
-    def sources(self, running_log: str) -> tuple[Source, ...]:
+    def sources(self, running_log: str) -> tuple[DiagnosisSource, ...]:
         found: dict[Path, float] = {}
         for folder in self.folders:
             with contextlib.suppress(OSError):
@@ -87,7 +87,7 @@ class DiagnosisFiles:
                 listed.append(_source(path)._replace(working=path == running))
         return tuple(listed)
 
-    def source(self, path: str) -> Source:
+    def source(self, path: str) -> DiagnosisSource:
         if not path.strip():
             raise ValueError("no file is named")
         whole = Path(path.strip()).expanduser()
@@ -103,19 +103,20 @@ class DiagnosisFiles:
 
     # --- long work -----------------------------------------------------------------------------------------------
 
-    def diagnose(self, source: Source, machine: str | None, tell: Tell, stop: Stop) -> DiagnosisView:
-        return self._worked(Order(source.path, str(self._folder()), source.kind, machine, self.machine,
-                                  logs=str(self.own / "logs")), tell, stop)
+    def diagnose(self, source: DiagnosisSource, machine: str | None, tell: Tell, stop: Stop) -> DiagnosisView:
+        return self._worked(DiagnosisOrder(source.path, str(self._folder()), source.kind, machine, self.machine,
+                                           logs=str(self.own / "logs")), tell, stop)
 
     def drive(self, found: DiagnosisView, tell: Tell, stop: Stop) -> DiagnosisView:
         if not found.drives:
             raise ValueError("this run cannot be driven on the simulated machine")
         planted = self.effects or tuple(text for text in (_as_planted(found),) if text)
-        return self._worked(Order(found.found.data.path, str(self._folder()), "run", None, self.machine, found.drives,
-                                  planted), tell, stop)
+        return self._worked(DiagnosisOrder(found.found.data.path, str(self._folder()), "run", None, self.machine,
+                                           found.drives,
+                                           planted), tell, stop)
 
-    def compare(self, machine: str, source: Source, tell: Tell, stop: Stop) -> ComparedShown:
-        order = Order(source.path, str(self._folder()), "run", machine, self.machine, compare=True)
+    def compare(self, machine: str, source: DiagnosisSource, tell: Tell, stop: Stop) -> ComparedShown:
+        order = DiagnosisOrder(source.path, str(self._folder()), "run", machine, self.machine, compare=True)
         self._done(order, tell, stop)
         made = Path(order.folder) / REPORT
         stem = f"{Path(source.path).stem}-compared"
@@ -123,13 +124,13 @@ class DiagnosisFiles:
         plain = json.loads((Path(order.folder) / RESULT).read_text(encoding="utf-8"))
         return ComparedShown(tuple(ComparedRow(**one) for one in plain["logs"][0]["channels"]), report)
 
-    def _worked(self, order: Order, tell: Tell, stop: Stop) -> DiagnosisView:
+    def _worked(self, order: DiagnosisOrder, tell: Tell, stop: Stop) -> DiagnosisView:
         from drivers.files.plain import typed
         self._done(order, tell, stop)
         plain = json.loads((Path(order.folder) / VIEW).read_text(encoding="utf-8"))
         return typed(DiagnosisView, plain)._replace(folder=order.folder)
 
-    def _done(self, order: Order, tell: Tell, stop: Stop) -> None:
+    def _done(self, order: DiagnosisOrder, tell: Tell, stop: Stop) -> None:
         """The work in a process of its own. Raises Stopped, OpenQuestions, and ValueError of one line."""
         orders = Path(order.folder) / "order.json"
         orders.write_text(json.dumps(dataclasses.asdict(order)), encoding="utf-8")
@@ -150,7 +151,7 @@ class DiagnosisFiles:
                         asked = OpenQuestions(tuple(map(str, said["questions"])), str(said["import_file"]))
                     done, why = bool(said.get("done", done)), str(said.get("error", why))
         if stop.is_set():
-            raise Stopped
+            raise WorkStopped
         if asked is not None:
             raise asked
         if not done:
@@ -228,7 +229,7 @@ class DiagnosisFiles:
         return str(path)
 
 
-def _source(path: Path) -> Source:
+def _source(path: Path) -> DiagnosisSource:
     """Raises OSError, and ValueError for a file that is no run log, no bench table and nothing that import reads."""
     status = path.stat()
     kind = _kind(path)
@@ -237,7 +238,7 @@ def _source(path: Path) -> Source:
     if kind is None:
         raise ValueError(f"{path}: neither a run log (column time_s), a bench table nor a log that import reads")
     changed = day_clock.said_of_file(status.st_mtime)
-    return Source(str(path), path.name, kind, changed, _size(status.st_size), bytes=status.st_size)
+    return DiagnosisSource(str(path), path.name, kind, changed, _size(status.st_size), bytes=status.st_size)
 
 
 def _kind(path: Path) -> str | None:

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from console.app.pages.diagnosis.service import IMPORT, Offer, OpenQuestions
+from console.app.pages.diagnosis.service import IMPORT, AdoptionOffer, OpenQuestions
 from drivers import day_clock
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ NICE = 10                       # the control loop comes first
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Order:
+class DiagnosisOrder:
     """machine None: the one that the log names, else `default_machine`. manoeuvre: drive this run first and diagnose
     its log instead of `data`. planted: effects of the machine that drives it (grammar of `simulate --effect`).
     logs: folder of the log that data of kind import becomes first. compare: `machine` as it was before its last change
@@ -51,7 +51,7 @@ class Order:
     compare: bool = False
 
 
-def work(order: Order, tell: Tell) -> None:
+def work(order: DiagnosisOrder, tell: Tell) -> None:
     """Everything; raises ValueError, OSError or a ConfigError of one line."""
     if order.compare:
         compared_before_and_after(order, tell)
@@ -75,7 +75,7 @@ def work(order: Order, tell: Tell) -> None:
     _diagnosed(order, machine, data, name, notes, later)
 
 
-def compared_before_and_after(order: Order, tell: Tell) -> None:
+def compared_before_and_after(order: DiagnosisOrder, tell: Tell) -> None:
     """Errors of a machine file on a log before and after its last change, in words and as a page."""
     from console.reports.compare_page import compare_page
     from console.reports.compare_text import plain
@@ -95,13 +95,13 @@ def compared_before_and_after(order: Order, tell: Tell) -> None:
         write_atomically(Path(order.folder) / REPORT, compare_page(logs, old, str(order.machine)))
 
 
-def machine_of(order: Order) -> Machine:
+def machine_of(order: DiagnosisOrder) -> Machine:
     """The machine that the data is held against."""
     from console.services.live_check import machine_of_log
     return machine_of_log(Path(order.data), order.machine, order.default_machine)
 
 
-def drive(order: Order, machine: Machine, out: Path, tell: Tell) -> None:
+def drive(order: DiagnosisOrder, machine: Machine, out: Path, tell: Tell) -> None:
     """The separating run on the simulated machine, as an ordinary run log."""
     from console.services.separating_run import drive_of
     from control.machine.planting import parse_planted
@@ -126,7 +126,7 @@ def drive(order: Order, machine: Machine, out: Path, tell: Tell) -> None:
         writer.close()
 
 
-def _diagnosed(order: Order, machine: Machine, data: Path, name: str, notes: tuple[str, ...],
+def _diagnosed(order: DiagnosisOrder, machine: Machine, data: Path, name: str, notes: tuple[str, ...],
                tell: Tell) -> None:
     """notes: of bringing the data in."""
     from console.app.pages.diagnosis.adoption import selections
@@ -175,7 +175,7 @@ def _report(found: Diagnosis, tools: dict[str, Any], path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def _offer(found: Diagnosis, ids: tuple[str, ...], machine: Machine, data: Path, path: Path) -> Offer:
+def _offer(found: Diagnosis, ids: tuple[str, ...], machine: Machine, data: Path, path: Path) -> AdoptionOffer:
     """The machine file with what may be adopted, for the page to put in its place when the operator says so; and what
     changed in it, a line each."""
     from console.reports.said import whole_id
@@ -190,12 +190,12 @@ def _offer(found: Diagnosis, ids: tuple[str, ...], machine: Machine, data: Path,
     refused = tuple(f"{name}: {why}" for name, why in taken.refused)
     extended = extend(machine, taken.found, date=day_clock.today().isoformat(), sha256=sha256_of(data))
     if extended == machine:
-        return Offer(ids, "", (), refused)
+        return AdoptionOffer(ids, "", (), refused)
     left = {name for name, _ in taken.refused}
     comment = "\n".join([f"Extended by a diagnosis of {data.name}, verdict {found.verdict}:",
                          *(f"  {one}" for one in ids if one not in left)])
     save(path, extended, MACHINE, comment)
-    return Offer(ids, path.name, tuple(side_by_side(extended.history[-1])), refused)
+    return AdoptionOffer(ids, path.name, tuple(side_by_side(extended.history[-1])), refused)
 
 
 def teller() -> Tell:
@@ -222,7 +222,7 @@ def main(path: str) -> int:
         os.nice(NICE)
     try:
         said = json.loads(Path(path).read_text(encoding="utf-8"))
-        work(typed(Order, said), teller())
+        work(typed(DiagnosisOrder, said), teller())
     except OpenQuestions as asked:
         _say({"questions": asked.questions, "import_file": asked.import_file})
     except ConfigError as error:

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from console.app.pages.diagnosis.service import Curve, DiagnosisView, Drawn
+from console.app.pages.diagnosis.service import DiagnosisView, Drawn, ResidualCurve
 from console.reports.binned import Array, Axis, Binned
 from console.reports.run_views import View, parts_of, run_views, view_of
 from console.reports.said import headlines_first, sorted_out
-from console.reports.table_views import TableView, table_views
+from console.reports.table_views import MeasuredColumn, table_views
 from console.services.separating_run import drivable
 from control.diagnosis.result import Cause, Diagnosis
 from control.diagnosis.runs.hypothesis import EffectInstance
@@ -44,7 +44,7 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean((known - known.mean()) ** 2))) if len(known) else 0.0
 
 
-def _curves(cause: Cause, views: Sequence[View], tables: Sequence[TableView], parts: tuple[EffectInstance, ...]
+def _curves(cause: Cause, views: Sequence[View], tables: Sequence[MeasuredColumn], parts: tuple[EffectInstance, ...]
             ) -> Drawn:
     own = parts_of([cause])
     if not own:
@@ -59,7 +59,7 @@ def _curves(cause: Cause, views: Sequence[View], tables: Sequence[TableView], pa
     return Drawn(_curve(view, view.axis_of(own[0], effect), parts), _over_time(view, parts, onset))
 
 
-def _left_curve(found: Diagnosis, views: Sequence[View], parts: tuple[EffectInstance, ...]) -> Curve | None:
+def _left_curve(found: Diagnosis, views: Sequence[View], parts: tuple[EffectInstance, ...]) -> ResidualCurve | None:
     if not found.unexplained:
         return None
     left = found.unexplained[0]
@@ -67,13 +67,13 @@ def _left_curve(found: Diagnosis, views: Sequence[View], parts: tuple[EffectInst
     return None if view is None else _curve(view, view.axes[left.variable], parts)
 
 
-def _curve(view: View, axis: Axis, parts: tuple[EffectInstance, ...]) -> Curve | None:
+def _curve(view: View, axis: Axis, parts: tuple[EffectInstance, ...]) -> ResidualCurve | None:
     before, after = view.residual(()), view.residual(parts)
     memory = view.memory(after)
     return _drawn(view, axis.variable, view.means(axis, before, memory), view.means(axis, after, memory), axis.names)
 
 
-def _over_time(view: View, parts: tuple[EffectInstance, ...], onset_min: float | None) -> Curve | None:
+def _over_time(view: View, parts: tuple[EffectInstance, ...], onset_min: float | None) -> ResidualCurve | None:
     """Means over even bins of the log's time, in minutes; of one head alone where the heads differ."""
     cell, middle = view.even_bins(view.time_s / 60.0, TIME_BINS if view.segments is None else RATE_BINS)
     before, after = view.residual(()), view.residual(parts)
@@ -85,7 +85,7 @@ def _over_time(view: View, parts: tuple[EffectInstance, ...], onset_min: float |
 
 
 def _drawn(view: View, variable: str, before: Binned, after: Binned, names: tuple[str, ...],
-           onset: float | None = None) -> Curve | None:
+           onset: float | None = None) -> ResidualCurve | None:
     """Both at the same places: those that both have."""
     mine = {round(float(x), 9): float(y) for x, y in zip(before.at, before.mean, strict=True)}
     rows = [(float(x), mine[round(float(x), 9)], float(y), float(h))
@@ -94,10 +94,10 @@ def _drawn(view: View, variable: str, before: Binned, after: Binned, names: tupl
     if len(rows) < 2:
         return None
     at, old, new, half = zip(*sorted(rows), strict=True)
-    return Curve(view.name, view.unit, variable, at, old, new, half, names, onset)
+    return ResidualCurve(view.name, view.unit, variable, at, old, new, half, names, onset)
 
 
-def _of_table(cause: Cause, tables: Sequence[TableView]) -> Curve | None:
+def _of_table(cause: Cause, tables: Sequence[MeasuredColumn]) -> ResidualCurve | None:
     """A bench table's misses along its main variable: means at each value, the spread of a mean as half."""
     stage = CATALOGUE[cause.id].stage
     usable = [table for table in tables if table.main and np.any(table.extended != table.nominal)]
@@ -115,8 +115,9 @@ def _of_table(cause: Cause, tables: Sequence[TableView]) -> Curve | None:
 
     after = means(table.after)
     spread = np.sqrt(np.bincount(index, (table.after - after[index]) ** 2)) / np.bincount(index)
-    return Curve(table.channel, table.unit, table.main, tuple(kinds.tolist()), tuple(means(table.before).tolist()),
-                 tuple(after.tolist()), tuple((1.645 * spread).tolist()))
+    return ResidualCurve(table.channel, table.unit, table.main, tuple(kinds.tolist()),
+                         tuple(means(table.before).tolist()),
+                         tuple(after.tolist()), tuple((1.645 * spread).tolist()))
 
 
 def mean_target(columns: Mapping[str, Any]) -> float | None:

@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from control.diagnosis.season.courses import Fit, fitted
-from control.diagnosis.season.evidence import Form, Worked
+from control.diagnosis.season.courses import SeasonFit, fitted
+from control.diagnosis.season.evidence import LogWork, QuadraticForm
 from control.diagnosis.season.forms import OneLog
 from control.diagnosis.season.owner import Low, MachineSeason, OwnersLog, low_hoppers, machines
 from drivers import day_clock
@@ -26,7 +26,7 @@ class Season(NamedTuple):
     """units: of effects. broken: path and why. by_file_date: logs that tell no time but that of their file."""
 
     machines: tuple[MachineSeason, ...]
-    fit: Fit
+    fit: SeasonFit
     low: tuple[Low, ...]
     logs: tuple[OwnersLog, ...]
     units: Mapping[str, str]
@@ -41,7 +41,7 @@ def season(records: Sequence[Mapping[str, Any]], broken: Sequence[tuple[str, str
     aside = tuple(Aside(one["path"], _date(one["time_d"])) for one in records if one not in timely)
     named = one_spelling(timely)
     logs = [one_log(one) for one in named]
-    owners = [OwnersLog(one["key"], one["unit"], one["time_d"], Worked(**one["worked"]), one["percent"], one["shared"])
+    owners = [OwnersLog(one["key"], one["unit"], one["time_d"], LogWork(**one["worked"]), one["percent"], one["shared"])
               for one in named]
     units: dict[str, str] = {}
     for one in named:
@@ -53,7 +53,7 @@ def season(records: Sequence[Mapping[str, Any]], broken: Sequence[tuple[str, str
 
 def one_log(record: Mapping[str, Any]) -> OneLog:
     """A record as the season sees it."""
-    forms = tuple(Form(**{name: _tuples(value) for name, value in form.items()}) for form in record["forms"])
+    forms = tuple(QuadraticForm(**{name: _tuples(value) for name, value in form.items()}) for form in record["forms"])
     return OneLog(record["key"], record["unit"], record["time_d"], forms, record["shared"])
 
 

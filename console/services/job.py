@@ -19,9 +19,9 @@ from console.app.pages.job.service import (
     JobNames,
     MapFile,
     MapPreview,
+    MapReading,
     Offer,
     Progress,
-    Reading,
     Recent,
 )
 from console.services.launcher import Launcher, data_folder, others_than
@@ -183,17 +183,17 @@ class JobFiles:
         except OSError as error:
             raise ValueError(f"{error.strerror or error}: {folder}") from None
 
-    def preview(self, path: str, reading: Reading) -> MapPreview:
+    def preview(self, path: str, reading: MapReading) -> MapPreview:
         """Raises ValueError."""
         from console.services.field import picture_of
         from console.services.map_refused import in_words, refused
         from control.targets.prescription import statistics
         from drivers.files.prescriptions.for_job import check_of_job
         from drivers.files.prescriptions.read import read_prescription
-        from drivers.files.prescriptions.words import UNIT_NOT_NAMED, Choice, RateQuestion
+        from drivers.files.prescriptions.words import UNIT_NOT_NAMED, RateChoice, RateQuestion
         from drivers.files.prescriptions.write import write_prescription
         from drivers.files.setup import setup_of
-        choice = Choice(column=reading.column or None, unit=reading.unit or None)
+        choice = RateChoice(column=reading.column or None, unit=reading.unit or None)
         path = _typed(path)
         try:
             read = read_prescription(path, choice)

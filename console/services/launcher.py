@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import platformdirs
 
-from console.running import Where, start_worker
+from console.running import WorkerAddress, start_worker
 from console.worker.snapshots import may_go_on
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ class Launcher:
         self.config, self.effects, self.seed, self.hz, self.log = tuple(config), tuple(effects), seed, hz, log
         self.trouble, self.name = trouble, name
 
-    def start(self, resumed: Path | None = None) -> Where:
+    def start(self, resumed: Path | None = None) -> WorkerAddress:
         """Raises WorkerFailed."""
         arguments = [*_pairs("--config", self.config), *_pairs("--effect", self.effects), "--seed", str(self.seed),
                      "--hz", f"{self.hz:g}"]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from console.app.laid import Harvest, LaidFile
-from console.app.layers import Layer
+from console.app.layers import MapLayer
 from console.app.pages.diagnosis.service import OpenQuestions
 from console.app.pages.replay.service import LogFile
 from console.app.worked import Box, Worked, spot_of
@@ -79,8 +79,8 @@ def laid(log: RunLog, plane: TangentPlane, width_m: float, frame: Frame) -> Laid
         raise ValueError(f"{log.path}: no places in it: allowed is a file with latitude and longitude")
     worked = Worked(_width_of(log, width_m))
     has = frozenset(layer for layer, columns in (
-        (Layer.APPLIED, ("applied_rate_kg_ha",)), (Layer.TARGET, ("target_rate_kg_ha",)),
-        (Layer.ERROR, ("applied_rate_kg_ha", "target_rate_kg_ha")), (Layer.NDVI, ("ndvi",)))
+        (MapLayer.APPLIED, ("applied_rate_kg_ha",)), (MapLayer.TARGET, ("target_rate_kg_ha",)),
+        (MapLayer.ERROR, ("applied_rate_kg_ha", "target_rate_kg_ha")), (MapLayer.NDVI, ("ndvi",)))
         if all(log.has(column) for column in columns))
     harvest = None if has else _harvest(log)
     if not has and harvest is None:
@@ -93,7 +93,7 @@ def laid(log: RunLog, plane: TangentPlane, width_m: float, frame: Frame) -> Laid
         if spot is not None:
             spots.append(spot if value is None else spot._replace(ndvi=value))
     worked.add(spots)
-    return LaidFile(log.path.name, worked, has or frozenset({Layer.NDVI}), None if harvest is None else harvest[1],
+    return LaidFile(log.path.name, worked, has or frozenset({MapLayer.NDVI}), None if harvest is None else harvest[1],
                     _apart_m(worked.box, frame))
 
 

@@ -58,21 +58,21 @@ def _of_the_field(kept: KeptLines, log: Path) -> KeptLines:
     return kept
 
 
-class _Field(NamedTuple):
+class _SharedField(NamedTuple):
     """place: what two jobs on one field share: its plane and its edge."""
 
     place: tuple[object, ...]
     began: str
 
 
-def _field_of(log: Path) -> _Field | None:
+def _field_of(log: Path) -> _SharedField | None:
     """None: its job has no field, or cannot be read."""
     meta = sidecar_meta(log)
     field = None if meta is None else (meta.job or {}).get("field")
     if meta is None or not isinstance(field, dict) or not field.get("boundary_m"):
         return None
-    return _Field(tuple(field.get(key) for key in ("origin_lat_deg", "origin_lon_deg", "boundary_m")),
-                  meta.started_utc or "")
+    return _SharedField(tuple(field.get(key) for key in ("origin_lat_deg", "origin_lon_deg", "boundary_m")),
+                        meta.started_utc or "")
 
 
 def _drive_on(kept: KeptLines, log: Path, after_s: float) -> None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from console.app.pages.diagnosis.service import IMPORT, Source
+from console.app.pages.diagnosis.service import IMPORT, DiagnosisSource
 from console.app.pages.replay.service import LogFile, ReplayJob
 from console.services.diagnosis import DiagnosisFiles
 from console.services.foreign_files import YAML
 
 
-def logs_among(sources: Iterable[Source]) -> tuple[LogFile, ...]:
+def logs_among(sources: Iterable[DiagnosisSource]) -> tuple[LogFile, ...]:
     return tuple(LogFile(one.path, one.name, one.changed, one.size) for one in sources
                  if one.kind in ("run", IMPORT) and not one.name.endswith(YAML))
 

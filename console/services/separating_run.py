@@ -19,7 +19,7 @@ BEGIN_S = 4.0               # the tractor moves by then
 FLOW_KG_S = 0.09            # about what 300 kg/ha take at 4.5 km/h on 2.4 m
 
 
-class Drive(NamedTuple):
+class SeparatingDrive(NamedTuple):
     """orders None: the simulated operator's own (ready, start, start again after a refill)."""
 
     job: Job
@@ -32,7 +32,7 @@ def drivable(run_id: str) -> bool:
     return run_id in _DRIVES
 
 
-def drive_of(manoeuvre: str, job: Job, machine: Machine) -> Drive:
+def drive_of(manoeuvre: str, job: Job, machine: Machine) -> SeparatingDrive:
     """A manoeuvre on the ground of `job`: with a fixed rate and without the scale's trim, so that only it moves things.
 
     Raises ValueError for a manoeuvre that the simulated machine cannot drive.
@@ -55,14 +55,14 @@ def _standing(job: Job) -> Job:
     return _with(job, speed_changes=(SpeedChange(at_s=0.0, speed_kmh=0.0),), refill_at_kg=0.0)
 
 
-def _stairs(job: Job, machine: Machine) -> Drive:
+def _stairs(job: Job, machine: Machine) -> SeparatingDrive:
     shafts = shaft_levels(machine) * 2
-    return Drive(_standing(job), 500.0, _bench([(rpm, machine.set_points.opening_mm) for rpm in shafts]))
+    return SeparatingDrive(_standing(job), 500.0, _bench([(rpm, machine.set_points.opening_mm) for rpm in shafts]))
 
 
-def _openings(job: Job, machine: Machine) -> Drive:
+def _openings(job: Job, machine: Machine) -> SeparatingDrive:
     openings = opening_levels(machine) * 2
-    return Drive(_standing(job), 500.0, _bench([(machine.set_points.shaft_rpm, mm) for mm in openings]))
+    return SeparatingDrive(_standing(job), 500.0, _bench([(machine.set_points.shaft_rpm, mm) for mm in openings]))
 
 
 def _bench(settings: list[tuple[float, float]]) -> Orders:
@@ -79,32 +79,32 @@ def _bench(settings: list[tuple[float, float]]) -> Orders:
     return tuple(sorted(orders, key=lambda one: one[0]))
 
 
-def _slope(job: Job, machine: Machine) -> Drive:
-    return Drive(_with(job, slope_deg=4.0, pass_length_m=140.0, passes=24, refill_at_kg=0.0), 660.0, None)
+def _slope(job: Job, machine: Machine) -> SeparatingDrive:
+    return SeparatingDrive(_with(job, slope_deg=4.0, pass_length_m=140.0, passes=24, refill_at_kg=0.0), 660.0, None)
 
 
-def _two_speeds(job: Job, machine: Machine) -> Drive:
+def _two_speeds(job: Job, machine: Machine) -> SeparatingDrive:
     changes = tuple(SpeedChange(at_s=120.0 * k, speed_kmh=3.0 if k % 2 == 0 else 6.0) for k in range(5))
-    return Drive(_with(job, speed_changes=changes, refill_at_kg=0.0), 600.0, None)
+    return SeparatingDrive(_with(job, speed_changes=changes, refill_at_kg=0.0), 600.0, None)
 
 
-def _out_of_work(job: Job, machine: Machine) -> Drive:
+def _out_of_work(job: Job, machine: Machine) -> SeparatingDrive:
     orders = [(1.0, Order(Do.READY)), (BEGIN_S + 2.0, Order(Do.START))]
     for minute in range(1, 10):
         orders.append((60.0 * minute, Order(Do.HOLD if minute % 2 else Do.START)))
-    return Drive(_with(job, refill_at_kg=0.0), 600.0, tuple(orders))
+    return SeparatingDrive(_with(job, refill_at_kg=0.0), 600.0, tuple(orders))
 
 
-def _still(job: Job, machine: Machine) -> Drive:
-    return Drive(_standing(job), 600.0, ((1.0, Order(Do.READY)),))
+def _still(job: Job, machine: Machine) -> SeparatingDrive:
+    return SeparatingDrive(_standing(job), 600.0, ((1.0, Order(Do.READY)),))
 
 
-def _refill(job: Job, machine: Machine) -> Drive:
+def _refill(job: Job, machine: Machine) -> SeparatingDrive:
     empty_kg = machine.flow.full_kg / 3.0
     begin_kg = empty_kg + 600.0 * FLOW_KG_S
-    return Drive(_with(job, hopper_kg=begin_kg, refill_at_kg=empty_kg), 1260.0, None)
+    return SeparatingDrive(_with(job, hopper_kg=begin_kg, refill_at_kg=empty_kg), 1260.0, None)
 
 
-_DRIVES: dict[str, Callable[[Job, Machine], Drive]] = {
+_DRIVES: dict[str, Callable[[Job, Machine], SeparatingDrive]] = {
     "stairs": _stairs, "openings": _openings, "slope": _slope, "two_speeds": _two_speeds, "out_of_work": _out_of_work,
     "standing": _still, "refill": _refill}

@@ -26,7 +26,7 @@ from drivers.cab_config import MODULE_STOPS_S
 from drivers.devices.board_frames import SILENT_HOST_S
 from drivers.files.config import ConfigError, Loaded
 from drivers.files.kinds import CAB, MACHINE
-from drivers.files.prescriptions.for_job import Placed, placed_of_job
+from drivers.files.prescriptions.for_job import LoopTargets, placed_of_job
 from drivers.files.run_log import RunLogWriter
 from drivers.files.run_meta import run_meta
 from drivers.files.setup import Setup, by_kind, disagreements, index_disagreements, setup_of
@@ -120,7 +120,7 @@ def with_fixed_gate(machine: Machine, opening_mm: float) -> Machine:
     return machine.model_copy(update={"limits": limits, "set_points": set_points})
 
 
-def _placed(job: Job, setup: Setup) -> Placed:
+def _placed(job: Job, setup: Setup) -> LoopTargets:
     """Map, plants, index map and done ground of the job. Raises ValueError, OSError."""
     placed = placed_of_job(job, setup.folder, setup.machine, setup.crop.index)
     if job.target.source is TargetSource.POINT and placed["plants"] is None:

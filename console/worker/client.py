@@ -9,7 +9,7 @@ from console.attached import UNNAMED, Attached
 from console.worker.limits import LINE_BYTES, REFUSAL_AGAIN_S, REFUSALS, SEND_BUFFER_BYTES, UNREAD_BYTES
 
 
-class Kind(Enum):
+class ClientKind(Enum):
     NEW = auto()              # has said nothing yet that counts
     LOOKING = auto()
     WITH_KEY = auto()
@@ -40,7 +40,7 @@ class Client:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.connection = connection
         self.came_s = came_s
-        self.kind = Kind.NEW
+        self.kind = ClientKind.NEW
         self.patience = Patience(came_s)
         self.aside_s: float | None = None          # since when it is not heard any more; None: it is heard
         self.alive_s = -inf                        # when it last said that it is a console that lives
@@ -54,7 +54,7 @@ class Client:
 
     def attached(self, late_s: float) -> Attached:
         """As others see it; who said before `late_s` that it lives keeps nothing working."""
-        return Attached(self.name or UNNAMED, self.tablet, self.kind is Kind.WITH_KEY, self.alive_s > late_s)
+        return Attached(self.name or UNNAMED, self.tablet, self.kind is ClientKind.WITH_KEY, self.alive_s > late_s)
 
     @property
     def waits(self) -> bool:

@@ -137,13 +137,13 @@ class _Test:
             found = found._replace(said=state.last_error or (state.last_lines() or ["silent"])[-1])
         self.result = DeviceTest(False, found.protocol, found.baud, found.accepted, found.rejected, found.said)
 
-    def _at_other_rates(self) -> probe.Finding:
+    def _at_other_rates(self) -> probe.ProbeFinding:
         line = self._line
         line.port.plug(False)
         try:
             return probe.probe(lambda baud: self._opener(line.port.name, baud, time.monotonic),
                                [baud for baud in probe.BAUDS if baud != line.baud])
         except (OSError, ValueError) as error:
-            return probe.Finding(said=str(error))
+            return probe.ProbeFinding(said=str(error))
         finally:
             line.port.plug(line.plugged)

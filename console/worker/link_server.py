@@ -24,7 +24,7 @@ from typing import Any
 from console.attached import UNNAMED, said_of, unlike
 from console.frame import Frame
 from console.worker import wire
-from console.worker.client import Client, Kind
+from console.worker.client import Client, ClientKind
 from console.worker.host import Host
 from console.worker.limits import (
     ACCEPTS_A_TURN,
@@ -53,7 +53,7 @@ IDLE_S = 0.1                  # and while nobody is
 PAUSE_S = 0.005               # between two turns of a holder of the token who says more than a turn takes
 
 Events = list[tuple[selectors.SelectorKey, int]]
-PLACES = {Kind.LOOKING: CLIENTS_LOOKING, Kind.WITH_KEY: CLIENTS_WITH_KEY}
+PLACES = {ClientKind.LOOKING: CLIENTS_LOOKING, ClientKind.WITH_KEY: CLIENTS_WITH_KEY}
 
 
 class LinkServer(threading.Thread):
@@ -106,7 +106,7 @@ class LinkServer(threading.Thread):
     def _wait(self) -> Events:
         """Until a holder of the token says something, or a frame may be there, or strangers have their turn. What the
         holders have said, where it was waited for."""
-        holders = [client for client in self._clients if client.kind is Kind.WITH_KEY]
+        holders = [client for client in self._clients if client.kind is ClientKind.WITH_KEY]
         wait_s = REST_S if self._telling.moves else STILL_S
         if self._strangers_come or self._clock() < self._quick_until_s:
             wait_s = LOOK_S
@@ -120,20 +120,20 @@ class LinkServer(threading.Thread):
         return self._holders.select(0.0) if holders else []        # Windows cannot choose from nothing
 
     def _hear_holders(self, said: Events) -> None:
-        for client in self._ready(said, Kind.WITH_KEY):
+        for client in self._ready(said, ClientKind.WITH_KEY):
             self._guarded(client)
 
     def _hear_strangers(self) -> None:
         """One turn of all who have not shown the token: those who are there, then those who come."""
         said = self._strangers.select(0.0)
         self._strangers_come = bool(said)
-        for client in self._ready(said, Kind.NEW, Kind.LOOKING):
+        for client in self._ready(said, ClientKind.NEW, ClientKind.LOOKING):
             self._guarded(client)
         if any(key.data is None for key, _ in said):
             self._accept()
         self._end_the_silent()
 
-    def _ready(self, said: Events, *kinds: Kind) -> list[Client]:
+    def _ready(self, said: Events, *kinds: ClientKind) -> list[Client]:
         """Who of these has something to be heard. Nothing waits here."""
         new = {id(key.data) for key, _ in said if key.data is not None}
         return [client for client in self._clients if client.kind in kinds and client.aside_s is None
@@ -157,7 +157,7 @@ class LinkServer(threading.Thread):
     def _make_room(self) -> None:
         """No more new clients than allowed: who was put aside gives his place, then the oldest that still has nothing
         to say."""
-        while len(new := [c for c in self._clients if c.kind is Kind.NEW and not c.gone]) >= CLIENTS_NEW:
+        while len(new := [c for c in self._clients if c.kind is ClientKind.NEW and not c.gone]) >= CLIENTS_NEW:
             oldest = next((client for client in new if client.aside_s is not None), new[0])
             if oldest.aside_s is None:
                 self._guarded(oldest)
@@ -172,7 +172,7 @@ class LinkServer(threading.Thread):
                 client.gone = True
 
     def _drop_silent(self, client: Client) -> None:
-        if client.kind is Kind.NEW and not client.gone:
+        if client.kind is ClientKind.NEW and not client.gone:
             self.counts["clients_silent"] += 1
             client.gone = True
 
@@ -197,7 +197,7 @@ class LinkServer(threading.Thread):
             client.gone = True
 
     def _hear(self, client: Client) -> None:
-        with_key = client.kind is Kind.WITH_KEY
+        with_key = client.kind is ClientKind.WITH_KEY
         lines = client.lines(LINES_A_TURN if with_key else LINES_A_TURN_WITHOUT_KEY,
                              LINE_BYTES if with_key else READ_BYTES_WITHOUT_KEY)
         if client.oversized:
@@ -211,7 +211,7 @@ class LinkServer(threading.Thread):
         request = parse(line, self._token) if line.strip() else None
         if isinstance(request, Request) and request.with_key:
             self._take_request(client, request)
-        elif not client.patience.spend(self._clock()) and client.kind is not Kind.WITH_KEY:
+        elif not client.patience.spend(self._clock()) and client.kind is not ClientKind.WITH_KEY:
             self._put_aside(client)
         elif isinstance(request, Request):
             self._take_request(client, request)
@@ -227,7 +227,7 @@ class LinkServer(threading.Thread):
         client.send(wire.answered(None, Answer(False, "refused too often"), {}))
 
     def _take_request(self, client: Client, request: Request) -> None:
-        if not self._has_place(client, Kind.WITH_KEY if request.with_key else Kind.LOOKING):
+        if not self._has_place(client, ClientKind.WITH_KEY if request.with_key else ClientKind.LOOKING):
             self.counts["clients_refused"] += 1
             client.gone = True
             return
@@ -251,12 +251,12 @@ class LinkServer(threading.Thread):
             others = {other.name for other in self._clients if other is not client and not other.gone}
             client.name, client.tablet = unlike(request.name or UNNAMED, others), request.tablet
 
-    def _has_place(self, client: Client, kind: Kind) -> bool:
-        if client.kind in (kind, Kind.WITH_KEY):
+    def _has_place(self, client: Client, kind: ClientKind) -> bool:
+        if client.kind in (kind, ClientKind.WITH_KEY):
             return True
         if sum(1 for other in self._clients if other.kind is kind) >= PLACES[kind]:
             return False
-        if kind is Kind.WITH_KEY:
+        if kind is ClientKind.WITH_KEY:
             self._strangers.unregister(client.connection)
             self._holders.register(client.connection, selectors.EVENT_READ, client)
         client.kind = kind
@@ -290,8 +290,8 @@ class LinkServer(threading.Thread):
         """To the frames, and who comes, falls silent or is heard again to the log."""
         now_s = self._clock()
         for client in self._clients:
-            settled = client.kind is Kind.WITH_KEY or (client.kind is Kind.LOOKING
-                                                       and client.came_s < now_s - LOOKER_STAYS_S)
+            settled = client.kind is ClientKind.WITH_KEY or (client.kind is ClientKind.LOOKING
+                                                             and client.came_s < now_s - LOOKER_STAYS_S)
             if client.gone or not settled:
                 continue
             before, now = client.shown, client.attached(now_s - CONSOLE_S)
@@ -313,7 +313,7 @@ class LinkServer(threading.Thread):
             self.counts["frames_not_finite"] += 1
             return
         for client in self._clients:
-            if client.kind is Kind.NEW or client.aside_s is not None:
+            if client.kind is ClientKind.NEW or client.aside_s is not None:
                 continue
             if client.behind:
                 self.counts["dropped_frames"] += 1

@@ -22,7 +22,7 @@ MOST_STEP_S = 1.0           # a longer step between rows is a gap
 SCALE_S = 5.0               # of the scale's readings: five of its correlation times
 
 
-class _Row(NamedTuple):
+class _TailRow(NamedTuple):
     time_s: float
     lat_deg: float
     lon_deg: float
@@ -96,7 +96,7 @@ def with_tail(snapshot: Snapshot, machine: Machine, n_fraction: float, stops_s: 
                    refills=noted, after_cut_kg=after_cut_kg, cut_hopper_kg=cut_hopper_kg)
 
 
-def _add(sums: Totaliser, row: _Row, step_s: float, turning_rpm: float, is_new: bool) -> None:
+def _add(sums: Totaliser, row: _TailRow, step_s: float, turning_rpm: float, is_new: bool) -> None:
     """A row to the sums, as the loop counts it; only what is not in them yet."""
     worked = row.state == State.WORKING and (row.shaft_rpm_cmd > 0.0 or row.shaft_rpm >= turning_rpm)
     if not worked:
@@ -108,7 +108,7 @@ def _add(sums: Totaliser, row: _Row, step_s: float, turning_rpm: float, is_new: 
         sums.add_stopped(row.stopped_kg)
 
 
-def _with_shares(rows: Iterator[_Row], machine: Machine) -> Iterator[_Row]:
+def _with_shares(rows: Iterator[_TailRow], machine: Machine) -> Iterator[_TailRow]:
     """The rows with what was open, where the machine has valves."""
     if not machine.switched:
         yield from rows
@@ -118,7 +118,7 @@ def _with_shares(rows: Iterator[_Row], machine: Machine) -> Iterator[_Row]:
         yield row._replace(open_share=valves.share(valves.open_at(row.time_s, row.sections_cmd)))
 
 
-def _hopper_kg(rows: list[_Row], width_m: float) -> float | None:
+def _hopper_kg(rows: list[_TailRow], width_m: float) -> float | None:
     """The scale at the last row: the mean of the last readings, each less what was released after it."""
     released_kg, before_kg = 0.0, []
     for row, step_s in _backwards(rows):
@@ -131,13 +131,13 @@ def _hopper_kg(rows: list[_Row], width_m: float) -> float | None:
     return sum(before_kg) / len(before_kg) if before_kg else None
 
 
-def _backwards(rows: list[_Row]) -> Iterator[tuple[_Row, float]]:
+def _backwards(rows: list[_TailRow]) -> Iterator[tuple[_TailRow, float]]:
     """Each row from the last one on, with the time since the row before it, s."""
     for number in range(len(rows) - 1, 0, -1):
         yield rows[number], min(MOST_STEP_S, max(0.0, rows[number].time_s - rows[number - 1].time_s))
 
 
-def _rows_after(log: Path, time_s: float) -> Iterator[_Row]:
+def _rows_after(log: Path, time_s: float) -> Iterator[_TailRow]:
     """Whole rows later than `time_s` that tell a place. Raises OSError."""
     with log.open("rb") as file:
         header = file.readline().decode("utf-8-sig", errors="replace").strip().split(",")
@@ -151,14 +151,14 @@ def _rows_after(log: Path, time_s: float) -> Iterator[_Row]:
                 yield row
 
 
-def _row(cells: dict[str, str]) -> _Row | None:
+def _row(cells: dict[str, str]) -> _TailRow | None:
     def known(name: str, otherwise: float = 0.0) -> float:
         return float(cells.get(name) or otherwise)
 
     try:
         events = cells.get("events") or ""
         refills, stopped, back = (_sum_of(events, word) for word in ("refill", "released_stopped", "refill_back"))
-        return _Row(
+        return _TailRow(
             time_s=float(cells["time_s"]), lat_deg=float(cells["lat_deg"]), lon_deg=float(cells["lon_deg"]),
             heading_deg=float(cells["heading_deg"]), speed_used_mps=known("speed_used_mps"),
             shaft_rpm=known("shaft_rpm"), shaft_rpm_cmd=known("shaft_rpm_cmd"),

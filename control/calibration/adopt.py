@@ -5,10 +5,10 @@ from collections.abc import Collection, Mapping
 
 from control.machine.machine import Adopted, Machine
 
-from .least_squares import Interval
+from .least_squares import FittedInterval
 
 
-def record(id_: str, size: Interval, unit: str, data: str, date: str, valid: Mapping[str, tuple[float, float]],
+def record(id_: str, size: FittedInterval, unit: str, data: str, date: str, valid: Mapping[str, tuple[float, float]],
            member: int | None = None) -> Adopted:
     """Where a calibrated parameter comes from (`data`: path of the table or log) and where it holds."""
     return Adopted(id=id_, size=size.value, low=size.low, high=size.high, unit=unit, data=data, date=date,

@@ -12,7 +12,7 @@ from control.machine.machine import Machine, unit_of
 
 from .adopt import record, retitled, with_records
 from .bench_table import Array, BenchTable, usable
-from .least_squares import Fit, Interval, fitted
+from .least_squares import FittedInterval, LinearFit, fitted
 
 LEVEL = 0.01            # an offset or a fall-off goes into the machine file only below this p
 
@@ -26,9 +26,9 @@ class FlowFit:
     settings of the test.
     """
 
-    grams_per_rev_mm: Interval
-    zero_offset_g_rev: Interval | None
-    fill_falloff_percent: Interval | None
+    grams_per_rev_mm: FittedInterval
+    zero_offset_g_rev: FittedInterval | None
+    fill_falloff_percent: FittedInterval | None
     shaft_rpm: tuple[float, float]
     opening_mm: tuple[float, float]
     rows_used: int
@@ -48,7 +48,7 @@ def fit_flow(table: BenchTable, machine: Machine, *, date: str = "") -> tuple[Ma
         raise ValueError(f"{table.path}: a {table.kind} table: a flow fit needs a catch table")
     rows = _rows(table, machine)
     keep = (rows.mass_per_rev > 0.0) & (rows.opening_mm > 0.0)
-    rows = _Rows(*(values[keep] for values in rows))
+    rows = _CatchRows(*(values[keep] for values in rows))
     if len(rows.mass_per_rev) < 2:
         raise ValueError(f"{table.path}: {len(rows.mass_per_rev)} rows with flow: at least 2 are needed")
     notes = [] if keep.all() else [f"{int((~keep).sum())} rows without flow or opening are left out"]
@@ -65,23 +65,23 @@ def fit_flow(table: BenchTable, machine: Machine, *, date: str = "") -> tuple[Ma
     return _calibrated(machine, flow, table, date), flow
 
 
-class _Rows(NamedTuple):
+class _CatchRows(NamedTuple):
     mass_per_rev: Array         # of all outlets, g, (n,)
     opening_mm: Array
     share: Array                # of the shaft speed at which the fall-off is given
     shaft_rpm: Array
 
 
-def _rows(table: BenchTable, machine: Machine) -> _Rows:
+def _rows(table: BenchTable, machine: Machine) -> _CatchRows:
     columns = table.columns
     grams = 1000.0 * columns["mass_kg"] / np.maximum(columns["shaft_rpm"] / 60.0 * columns["duration_s"], 1e-9)
     if "outlet" in columns:
         grams = grams * machine.geometry.outlets
-    return _Rows(np.where(columns["shaft_rpm"] > 0.0, grams, 0.0), columns["opening_mm"],
-                 columns["shaft_rpm"] / machine.flow.full_rpm, columns["shaft_rpm"])
+    return _CatchRows(np.where(columns["shaft_rpm"] > 0.0, grams, 0.0), columns["opening_mm"],
+                      columns["shaft_rpm"] / machine.flow.full_rpm, columns["shaft_rpm"])
 
 
-def _fit(rows: _Rows, terms: tuple[str, ...]) -> Fit:
+def _fit(rows: _CatchRows, terms: tuple[str, ...]) -> LinearFit:
     """Gauss-Newton on ln-like weights: the residuals' unit is the fitted mass, so that noise is a share of it.
 
     Coefficients: grams per revolution and mm, then the terms' own, the fall-off as a share at full_rpm.
@@ -106,7 +106,7 @@ def _fit(rows: _Rows, terms: tuple[str, ...]) -> Fit:
     return fit
 
 
-def _chosen(rows: _Rows) -> tuple[tuple[str, ...], Fit, list[str]]:
+def _chosen(rows: _CatchRows) -> tuple[tuple[str, ...], LinearFit, list[str]]:
     """The terms that this test shows, by significance, the weakest left out first."""
     notes = []
     terms: tuple[str, ...] = ()
@@ -132,11 +132,11 @@ def _chosen(rows: _Rows) -> tuple[tuple[str, ...], Fit, list[str]]:
     return terms, fit, notes
 
 
-def _of(terms: tuple[str, ...], fit: Fit, name: str, times: float = 1.0) -> Interval | None:
+def _of(terms: tuple[str, ...], fit: LinearFit, name: str, times: float = 1.0) -> FittedInterval | None:
     if name not in terms:
         return None
     found = fit.interval(1 + terms.index(name))
-    return Interval(found.value * times, found.low * times, found.high * times)
+    return FittedInterval(found.value * times, found.low * times, found.high * times)
 
 
 def _calibrated(machine: Machine, flow: FlowFit, table: BenchTable, date: str) -> Machine:

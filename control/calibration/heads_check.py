@@ -11,7 +11,7 @@ from control.machine.machine import Adopted, Machine, with_effect
 
 from .adopt import record, retitled, with_records
 from .bench_table import Array
-from .least_squares import Interval
+from .least_squares import FittedInterval
 
 BLOCK_S = 10.0              # the canopy's own differences between heads last a few metres: blocks are worth one each
 LEAST_BLOCKS = 6
@@ -25,7 +25,7 @@ class HeadFit(NamedTuple):
     through both, None where the canopy is too even to tell them apart."""
 
     number: int
-    gain_percent: Interval
+    gain_percent: FittedInterval
     slope: float | None
     offset: float | None
     samples: int
@@ -85,7 +85,7 @@ def _head(number: int, k: int, values: Array, blocks: npt.NDArray[np.int64], hea
     if others.std() > 0.03:
         slope = float(np.cov(own, others)[0, 1] / others.var(ddof=1))
         offset = float(own.mean() - slope * others.mean())
-    percent = Interval(100.0 * gain, 100.0 * (gain - half), 100.0 * (gain + half))
+    percent = FittedInterval(100.0 * gain, 100.0 * (gain - half), 100.0 * (gain + half))
     return HeadFit(number, percent, slope, offset, len(own),
                    abs(gain) > sure and abs(percent.value) > FOULED_PERCENT)
 

@@ -12,7 +12,7 @@ from control.machine.start import first_fall_s, resettled, response_s
 
 from .adopt import record, retitled, with_records
 from .bench_table import Array, BenchTable, usable
-from .least_squares import Interval, fitted
+from .least_squares import FittedInterval, fitted
 
 _SLACK_RPM = 1e-6
 MOST_MORE = 0.1         # of start_more_per_rpm, as the machine file allows it
@@ -27,8 +27,8 @@ class LagFit:
     """
 
     measured: str
-    intercept_s: Interval
-    slope_s_per_rpm: Interval
+    intercept_s: FittedInterval
+    slope_s_per_rpm: FittedInterval
     from_rpm: float
     to_rpm: float
     rows_used: int
@@ -125,7 +125,7 @@ def _beyond(line: Array, speeds: Array, lags: Array, rest: np.ndarray, response:
 
 
 def _calibrated(machine: Machine, line: LagFit, response: float, table: BenchTable, date: str) -> Machine:
-    drop = Interval(*(value - response for value in line.intercept_s))
+    drop = FittedInterval(*(value - response for value in line.intercept_s))
     valid = {"shaft_rpm": (line.from_rpm, line.to_rpm)}
     fall = machine.fall._replace(intercept_s=drop.value, slope_s_per_rpm=line.slope_s_per_rpm.value, offset_s=0.0,
                                  valid_from_rpm=line.from_rpm, valid_to_rpm=line.to_rpm, rebound_s=0.0)

@@ -9,7 +9,7 @@ from scipy.special import stdtr, stdtrit  # scipy.stats takes a second to load
 from .bench_table import Array
 
 
-class Interval(NamedTuple):
+class FittedInterval(NamedTuple):
     """A fitted number and its 90 % interval."""
 
     value: float
@@ -17,7 +17,7 @@ class Interval(NamedTuple):
     high: float
 
 
-class Fit(NamedTuple):
+class LinearFit(NamedTuple):
     """`coefficients` and `se`: (p,), `residuals`: (n,) in the unit of y, `p_values`: (p,) two-sided, against 0."""
 
     coefficients: Array
@@ -26,12 +26,12 @@ class Fit(NamedTuple):
     residuals: Array
     dof: int
 
-    def interval(self, k: int) -> Interval:
+    def interval(self, k: int) -> FittedInterval:
         value, half = float(self.coefficients[k]), float(stdtrit(self.dof, 0.95) * self.se[k])
-        return Interval(value, value - half, value + half)
+        return FittedInterval(value, value - half, value + half)
 
 
-def fitted(design: Array, y: Array, sd: Array) -> Fit:
+def fitted(design: Array, y: Array, sd: Array) -> LinearFit:
     """Least squares of y (n,) on design (n, p) with relative noise `sd` (n,).
 
     Raises ValueError where fewer rows than coefficients plus one, or columns that the rows cannot tell apart.
@@ -49,4 +49,4 @@ def fitted(design: Array, y: Array, sd: Array) -> Fit:
     dof = rows - count
     variance = float(np.sum((residuals / sd) ** 2) / dof)
     se = np.sqrt(np.maximum(np.diag(inverse) * variance, 1e-300))
-    return Fit(coefficients, se, 2.0 * stdtr(dof, -np.abs(coefficients) / se), residuals, dof)
+    return LinearFit(coefficients, se, 2.0 * stdtr(dof, -np.abs(coefficients) / se), residuals, dof)

@@ -17,7 +17,7 @@ from control.machine.start import change_response_s, with_carried_share
 
 from .adopt import record, retitled, with_records
 from .bench_table import Array, BenchTable, usable
-from .least_squares import Interval
+from .least_squares import FittedInterval
 
 SHARES = np.linspace(0.0, 1.0, 11)      # that are held against the table
 LEAST_ROWS = 3
@@ -33,7 +33,7 @@ class TubeFit:
     """Share of the pace in the tube that the stream sets, 0 to 1, with its s.d. and 90 % interval; rows used, their
     scatter and how far their mean lies off the nearest share's drop, s."""
 
-    carried_share: Interval
+    carried_share: FittedInterval
     sd: float
     rows_used: int
     scatter_s: float
@@ -74,7 +74,7 @@ def settle_tube(table: BenchTable, machine: Machine, *, date: str = "") -> tuple
     share = float(weight @ SHARES)
     sd = max(LEAST_SD, float(np.sqrt(weight @ (SHARES - share) ** 2)))
     below, above = np.interp([0.5 - 0.5 * MOST_STATED, 0.5 + 0.5 * MOST_STATED], np.cumsum(weight), SHARES).tolist()
-    interval = Interval(round(share, 2), below, above)
+    interval = FittedInterval(round(share, 2), below, above)
     settled = with_carried_share(machine, interval.value)
     settled = settled.model_copy(update={
         "tolerance": machine.tolerance.model_copy(update={"carried_share": round(min(1.0, sd), 3)}),

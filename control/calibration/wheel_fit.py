@@ -13,7 +13,7 @@ from control.machine.machine import Machine
 
 from .adopt import record, retitled, with_records
 from .bench_table import Array
-from .least_squares import Interval
+from .least_squares import FittedInterval
 
 STRETCH_M = 10.0            # straight from fix to fix; the noise of both ends is part of the scatter
 ASIDE_M = 0.10              # a fix farther aside from the chord: no straight stretch
@@ -38,11 +38,11 @@ class WheelLog(NamedTuple):
 class WheelFit:
     """`slip_percent`: at work against out of work; None where the log has not both."""
 
-    circumference_m: Interval
+    circumference_m: FittedInterval
     way_m: float
     stretches: int
     at_work: bool               # no way out of work: slip is in the circumference
-    slip_percent: Interval | None
+    slip_percent: FittedInterval | None
     notes: tuple[str, ...]
 
 
@@ -61,7 +61,7 @@ def fit_wheel(log: WheelLog, machine: Machine, counted_m: float, data: str, *,
         raise ValueError(f"{data}: {len(used)} straight stretches of {STRETCH_M:g} m, {used[:, 0].sum():.0f} m, with "
                          f"wheel and places: at least {LEAST_STRETCHES} and {LEAST_M:g} m are needed")
     share = _ratio(used)
-    circumference = Interval(*(counted_m * value for value in share))
+    circumference = FittedInterval(*(counted_m * value for value in share))
     notes = []
     if at_work:
         notes.append("the log has too little way without flow: the wheel's slip under load is in the circumference")
@@ -73,7 +73,7 @@ def fit_wheel(log: WheelLog, machine: Machine, counted_m: float, data: str, *,
         work = _ratio(loaded)
         half = 100.0 * np.hypot(work.high - work.value, share.high - share.value)
         percent = 100.0 * (share.value / work.value - 1.0)
-        slip = Interval(percent, percent - float(half), percent + float(half))
+        slip = FittedInterval(percent, percent - float(half), percent + float(half))
     fit = WheelFit(circumference, float(used[:, 0].sum()), len(used), at_work, slip, tuple(notes))
     speed = machine.speed._replace(wheel_circumference_m=circumference.value, radius_percent=0.0)
     checked = Machine.model_validate({**dict(machine), "speed": speed})
@@ -87,13 +87,13 @@ def _enough(stretches: Array) -> bool:
     return len(stretches) >= LEAST_STRETCHES and float(stretches[:, 0].sum()) >= LEAST_M
 
 
-def _ratio(stretches: Array) -> Interval:
+def _ratio(stretches: Array) -> FittedInterval:
     """Way by GNSS over way by the wheel, with the 90 % interval from the scatter of the stretches."""
     gnss, wheel = stretches[:, 0], stretches[:, 1]
     ratio = float(gnss.sum() / wheel.sum())
     off = (gnss - ratio * wheel) / wheel.mean()
     half = float(stdtrit(len(off) - 1, 0.95) * off.std(ddof=1) / np.sqrt(len(off)))
-    return Interval(ratio, ratio - half, ratio + half)
+    return FittedInterval(ratio, ratio - half, ratio + half)
 
 
 def _stretches(log: WheelLog, data: str) -> Array:

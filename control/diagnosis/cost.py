@@ -18,7 +18,7 @@ from control.machine.speed import SpeedInput, speed_start, speed_step
 STEP_S = 1.0                # over which the mass that the scale reads is taken
 
 
-class Point(NamedTuple):
+class OperatingPoint(NamedTuple):
     """One operating point: how the drives truly stand, and what is around them."""
 
     shaft_rpm: float
@@ -31,7 +31,7 @@ class Point(NamedTuple):
     refills: float = 0.0        # number of refills so far
 
 
-def dose(machine: Machine, points: Sequence[Point]) -> float:
+def dose(machine: Machine, points: Sequence[OperatingPoint]) -> float:
     """What leaves the machine over operating points, in kg for a second at each, under a control that believes its
     sensors: the speed at each point, the mass that the scale tells over all of them (its trim is slow)."""
     left = asked = reported = 0.0
@@ -45,7 +45,7 @@ def dose(machine: Machine, points: Sequence[Point]) -> float:
     return asked * left / reported if reported > 0.0 else asked
 
 
-def _reported_speed(machine: Machine, point: Point) -> float:
+def _reported_speed(machine: Machine, point: OperatingPoint) -> float:
     """Speed as measured over true speed, whichever of the two sensors is believed: an effect moves one of them."""
     true = point.speed_mps
     if true <= 0.0:
@@ -54,7 +54,7 @@ def _reported_speed(machine: Machine, point: Point) -> float:
     return reported.wheel_mps * reported.gnss_mps / true ** 2
 
 
-def _reported_mass_kg(machine: Machine, point: Point, left_kg: float) -> float:
+def _reported_mass_kg(machine: Machine, point: OperatingPoint, left_kg: float) -> float:
     """Mass that the scale says has left where `left_kg` have; 0 while nothing leaves."""
     if left_kg <= 0.0:
         return 0.0
@@ -63,8 +63,8 @@ def _reported_mass_kg(machine: Machine, point: Point, left_kg: float) -> float:
     return before - after
 
 
-def rate_error_percent(nominal: Machine, wanted: Sequence[Point], changed: Machine,
-                       applied: Sequence[Point]) -> float | None:
+def rate_error_percent(nominal: Machine, wanted: Sequence[OperatingPoint], changed: Machine,
+                       applied: Sequence[OperatingPoint]) -> float | None:
     """Applied over wanted less 1, %, over operating points; None where nothing was wanted.
 
     wanted : as the nominal machine stands at them. applied : as the changed one does when it is asked for the same.

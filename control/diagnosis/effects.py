@@ -50,7 +50,7 @@ class Costs(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class EffectRow:
     """What a diagnosis must know of an effect besides its place in the model."""
 
     id: str
@@ -65,7 +65,7 @@ class Row:
     only_adds: bool = False             # something lost or extra: never less of it than the machine file has
     costs: Costs = Costs.DOSE
 
-    def on(self, machine: Machine) -> Row:
+    def on(self, machine: Machine) -> EffectRow:
         """The row with the sizes that are natural on a machine: shares of its ranges."""
         scale = size_scale(self.id, machine)
         tried = tuple(scale * size for size in self.tried)
@@ -136,67 +136,70 @@ def _finer(lowest_rpm: float, machine: Machine) -> tuple[float, ...]:
 # moved stop gives. Supply: as it droops from 14 to 12 V. Slope: a per cent a degree, as a hopper rests on its side.
 # A blocked outlet is one of six.
 MOVED = (Needs.MOVES, Needs.FINE_READINGS)      # what a delay of the shaft needs
-SHAFT_GAIN = Row("shaft.gain", 3.0, (0.5,), form_over="shaft_rpm", moves="gain_percent")
-SHAFT_SLOW = Row("shaft.slow", 0.2, (0.03, 0.1, 0.3, 0.8), needs=MOVED, siblings=("shaft.dead_time",),
-                 moves="time_constant_s", costs=Costs.PLACE)
-SHAFT_DEAD_TIME = Row("shaft.dead_time", 0.15, (0.03, 0.1, 0.25, 0.6), needs=MOVED, siblings=("shaft.slow",),
-                      moves="dead_time_s", only_adds=True, costs=Costs.PLACE)
-SHAFT_SECOND_ORDER = Row("shaft.second_order", 0.1, (0.01, 0.04, 0.15, 0.5), needs=MOVED,
-                         siblings=("shaft.dead_time",), may_begin=False,    # a setting, a coupling
-                         only_adds=True, costs=Costs.PLACE)
-SHAFT_RAMP = Row("shaft.ramp", 0.5, (0.05, 0.2, 1.0, 4.0), needs=(*MOVED, Needs.OPEN_LOOP), siblings=("shaft.slow",),
-                 may_begin=False,       # a setting; else the machine file's own limit
-                 only_adds=True, costs=Costs.PLACE)
-SHAFT_DEAD_BAND = Row("shaft.dead_band", 20.0, (11.0, 13.0, 16.0, 20.0, 25.0, 31.0, 40.0), FoundBy.THRESHOLD)
-SHAFT_DEAD_ZONE = Row("shaft.dead_zone", 10.0, (2.0, 8.0, 20.0, 40.0), needs=(Needs.OPEN_LOOP,), form_over="shaft_rpm",
-                      only_adds=True)
-SHAFT_SATURATION = Row("shaft.saturation", 15.0, (3.0, 12.0, 30.0, 60.0), needs=(Needs.OPEN_LOOP,),
-                       form_over="shaft_rpm", only_adds=True)
-SHAFT_BACK_GAIN = Row("shaft.back_gain", 5.0, (0.5,), needs=(Needs.BOTH_WAYS,), form_over="shaft_rpm")
-SHAFT_BACK_ZONE = Row("shaft.back_zone", 5.0, (0.5,), needs=(Needs.BOTH_WAYS, Needs.OPEN_LOOP), form_over="shaft_rpm")
-SHAFT_VOLTAGE_SAG = Row("shaft.voltage_sag", 3.0, (0.5,), form_over="supply_v")
-SHAFT_LOAD_DROOP = Row("shaft.load_droop", 6.0, (1.0,), needs=(Needs.OPENING,), form_over="opening_mm")
-SHAFT_COARSE_ENCODER = Row("shaft.coarse_encoder", 4.0, found_by=FoundBy.STEPS, costs=Costs.NEITHER)
-SHAFT_STALL = Row("shaft.stall", 1.0, found_by=FoundBy.STOP)
-GATE_OFFSET = Row("gate.offset", 1.5, (0.1,), form_over="opening_mm")
-GATE_HOME_ERROR = Row("gate.home_error", 1.5, (0.1,), form_over="opening_mm")
-GATE_BACKLASH = Row("gate.backlash", 0.8, (0.02, 0.06, 0.15, 0.4, 1.0, 2.5), needs=(Needs.MOVES, Needs.OPENINGS))
-GATE_LOST_STEPS = Row("gate.lost_steps", 0.3, (0.02,), may_begin=False)
-GATE_SLOW = Row("gate.slow", 8.0, (0.4, 1.5, 5.0, 10.0, 15.0), needs=(Needs.MOVES, Needs.OPENINGS),
-                moves="slew_mm_s", costs=Costs.PLACE)
-GATE_STUCK = Row("gate.stuck", 1.0, found_by=FoundBy.STOP)
-FLOW_GAIN = Row("flow.gain", 6.0, (1.0,))
-FLOW_ZERO_OFFSET = Row("flow.zero_offset", 6.0, (1.0,), form_over="opening_mm")
-FLOW_FILL_FALLOFF = Row("flow.fill_falloff", 6.0, (1.0,), form_over="shaft_rpm", only_adds=True)
-FLOW_HOPPER_HEAD = Row("flow.hopper_head", 6.0, (1.0,), form_over="hopper_kg")
-FLOW_MOISTURE_DRIFT = Row("flow.moisture_drift", 5.0, (1.0,), form_over="time_s", may_begin=False)
-FLOW_BATCH = Row("flow.batch", 6.0, (1.0,), needs=(Needs.REFILL,), may_begin=False)
-FLOW_BLOCKED_OUTLET = Row("flow.blocked_outlet", 17.0, (2.0,), FoundBy.ONSET)
-FLOW_OUTLET_UNEVEN = Row("flow.outlet_uneven", 6.0)
-FLOW_BRIDGING = Row("flow.bridging", 10.0, found_by=FoundBy.STANDSTILL)
-FLOW_LEAK = Row("flow.leak", 20.0, (1.0,))
-FLOW_SLOPE = Row("flow.slope", 1.0, (0.2,), form_over="pitch_deg")
-FLOW_PULSATION = Row("flow.pulsation", 10.0, costs=Costs.NEITHER)
-SCALE_GAIN = Row("scale.gain", 4.0, (0.2,))
-SCALE_DRIFT = Row("scale.drift", 3.0, (0.5,), form_over="time_s", may_begin=False)
-SCALE_TILT = Row("scale.tilt", 0.5, (0.05,), form_over="pitch_deg")
-SPEED_WHEEL_SLIP = Row("speed.wheel_slip", 4.0, (0.5,), form_over="pitch_deg", only_adds=True)
-SPEED_WHEEL_RADIUS = Row("speed.wheel_radius", 3.0, (0.5,))
-SPEED_MISSED_PULSES = Row("speed.missed_pulses", 5.0, (0.5,), FoundBy.DIPS)
-SPEED_GNSS_LATENCY = Row("speed.gnss_latency", 0.3, (0.1, 0.3, 0.8), costs=Costs.PLACE)
-CANOPY_HEAD_FOULED = Row("canopy.head_fouled", 8.0, (1.0,), costs=Costs.CROP)
-CANOPY_WARM_UP = Row("canopy.warm_up", 8.0, costs=Costs.CROP)
-CANOPY_SATURATION = Row("canopy.saturation", 8.0, costs=Costs.CROP)
-LAG_OFFSET = Row("lag.offset", 0.2, costs=Costs.PLACE)
-LAG_REBOUND = Row("lag.rebound", 0.2, only_adds=True, costs=Costs.PLACE)
-LAG_FIRST_FILL = Row("lag.first_fill", 0.4, only_adds=True, costs=Costs.PLACE)
-LAG_ASYMMETRY = Row("lag.asymmetry", 0.2, costs=Costs.PLACE)
-LAG_COARSE_CLOCK = Row("lag.coarse_clock", 0.1, costs=Costs.NEITHER)
-LAG_SPEED_SCALE = Row("lag.speed_scale", 5.0, costs=Costs.PLACE)
-PLACE_LEVER_ARM = Row("place.lever_arm", 1.0, costs=Costs.PLACE)
-PLACE_LATENCY = Row("place.latency", 0.3, costs=Costs.PLACE)
+SHAFT_GAIN = EffectRow("shaft.gain", 3.0, (0.5,), form_over="shaft_rpm", moves="gain_percent")
+SHAFT_SLOW = EffectRow("shaft.slow", 0.2, (0.03, 0.1, 0.3, 0.8), needs=MOVED, siblings=("shaft.dead_time",),
+                       moves="time_constant_s", costs=Costs.PLACE)
+SHAFT_DEAD_TIME = EffectRow("shaft.dead_time", 0.15, (0.03, 0.1, 0.25, 0.6), needs=MOVED, siblings=("shaft.slow",),
+                            moves="dead_time_s", only_adds=True, costs=Costs.PLACE)
+SHAFT_SECOND_ORDER = EffectRow("shaft.second_order", 0.1, (0.01, 0.04, 0.15, 0.5), needs=MOVED,
+                               siblings=("shaft.dead_time",), may_begin=False,    # a setting, a coupling
+                               only_adds=True, costs=Costs.PLACE)
+SHAFT_RAMP = EffectRow("shaft.ramp", 0.5, (0.05, 0.2, 1.0, 4.0), needs=(*MOVED, Needs.OPEN_LOOP),
+                       siblings=("shaft.slow",),
+                       may_begin=False,       # a setting; else the machine file's own limit
+                       only_adds=True, costs=Costs.PLACE)
+SHAFT_DEAD_BAND = EffectRow("shaft.dead_band", 20.0, (11.0, 13.0, 16.0, 20.0, 25.0, 31.0, 40.0), FoundBy.THRESHOLD)
+SHAFT_DEAD_ZONE = EffectRow("shaft.dead_zone", 10.0, (2.0, 8.0, 20.0, 40.0), needs=(Needs.OPEN_LOOP,),
+                            form_over="shaft_rpm",
+                            only_adds=True)
+SHAFT_SATURATION = EffectRow("shaft.saturation", 15.0, (3.0, 12.0, 30.0, 60.0), needs=(Needs.OPEN_LOOP,),
+                             form_over="shaft_rpm", only_adds=True)
+SHAFT_BACK_GAIN = EffectRow("shaft.back_gain", 5.0, (0.5,), needs=(Needs.BOTH_WAYS,), form_over="shaft_rpm")
+SHAFT_BACK_ZONE = EffectRow("shaft.back_zone", 5.0, (0.5,), needs=(Needs.BOTH_WAYS, Needs.OPEN_LOOP),
+                            form_over="shaft_rpm")
+SHAFT_VOLTAGE_SAG = EffectRow("shaft.voltage_sag", 3.0, (0.5,), form_over="supply_v")
+SHAFT_LOAD_DROOP = EffectRow("shaft.load_droop", 6.0, (1.0,), needs=(Needs.OPENING,), form_over="opening_mm")
+SHAFT_COARSE_ENCODER = EffectRow("shaft.coarse_encoder", 4.0, found_by=FoundBy.STEPS, costs=Costs.NEITHER)
+SHAFT_STALL = EffectRow("shaft.stall", 1.0, found_by=FoundBy.STOP)
+GATE_OFFSET = EffectRow("gate.offset", 1.5, (0.1,), form_over="opening_mm")
+GATE_HOME_ERROR = EffectRow("gate.home_error", 1.5, (0.1,), form_over="opening_mm")
+GATE_BACKLASH = EffectRow("gate.backlash", 0.8, (0.02, 0.06, 0.15, 0.4, 1.0, 2.5), needs=(Needs.MOVES, Needs.OPENINGS))
+GATE_LOST_STEPS = EffectRow("gate.lost_steps", 0.3, (0.02,), may_begin=False)
+GATE_SLOW = EffectRow("gate.slow", 8.0, (0.4, 1.5, 5.0, 10.0, 15.0), needs=(Needs.MOVES, Needs.OPENINGS),
+                      moves="slew_mm_s", costs=Costs.PLACE)
+GATE_STUCK = EffectRow("gate.stuck", 1.0, found_by=FoundBy.STOP)
+FLOW_GAIN = EffectRow("flow.gain", 6.0, (1.0,))
+FLOW_ZERO_OFFSET = EffectRow("flow.zero_offset", 6.0, (1.0,), form_over="opening_mm")
+FLOW_FILL_FALLOFF = EffectRow("flow.fill_falloff", 6.0, (1.0,), form_over="shaft_rpm", only_adds=True)
+FLOW_HOPPER_HEAD = EffectRow("flow.hopper_head", 6.0, (1.0,), form_over="hopper_kg")
+FLOW_MOISTURE_DRIFT = EffectRow("flow.moisture_drift", 5.0, (1.0,), form_over="time_s", may_begin=False)
+FLOW_BATCH = EffectRow("flow.batch", 6.0, (1.0,), needs=(Needs.REFILL,), may_begin=False)
+FLOW_BLOCKED_OUTLET = EffectRow("flow.blocked_outlet", 17.0, (2.0,), FoundBy.ONSET)
+FLOW_OUTLET_UNEVEN = EffectRow("flow.outlet_uneven", 6.0)
+FLOW_BRIDGING = EffectRow("flow.bridging", 10.0, found_by=FoundBy.STANDSTILL)
+FLOW_LEAK = EffectRow("flow.leak", 20.0, (1.0,))
+FLOW_SLOPE = EffectRow("flow.slope", 1.0, (0.2,), form_over="pitch_deg")
+FLOW_PULSATION = EffectRow("flow.pulsation", 10.0, costs=Costs.NEITHER)
+SCALE_GAIN = EffectRow("scale.gain", 4.0, (0.2,))
+SCALE_DRIFT = EffectRow("scale.drift", 3.0, (0.5,), form_over="time_s", may_begin=False)
+SCALE_TILT = EffectRow("scale.tilt", 0.5, (0.05,), form_over="pitch_deg")
+SPEED_WHEEL_SLIP = EffectRow("speed.wheel_slip", 4.0, (0.5,), form_over="pitch_deg", only_adds=True)
+SPEED_WHEEL_RADIUS = EffectRow("speed.wheel_radius", 3.0, (0.5,))
+SPEED_MISSED_PULSES = EffectRow("speed.missed_pulses", 5.0, (0.5,), FoundBy.DIPS)
+SPEED_GNSS_LATENCY = EffectRow("speed.gnss_latency", 0.3, (0.1, 0.3, 0.8), costs=Costs.PLACE)
+CANOPY_HEAD_FOULED = EffectRow("canopy.head_fouled", 8.0, (1.0,), costs=Costs.CROP)
+CANOPY_WARM_UP = EffectRow("canopy.warm_up", 8.0, costs=Costs.CROP)
+CANOPY_SATURATION = EffectRow("canopy.saturation", 8.0, costs=Costs.CROP)
+LAG_OFFSET = EffectRow("lag.offset", 0.2, costs=Costs.PLACE)
+LAG_REBOUND = EffectRow("lag.rebound", 0.2, only_adds=True, costs=Costs.PLACE)
+LAG_FIRST_FILL = EffectRow("lag.first_fill", 0.4, only_adds=True, costs=Costs.PLACE)
+LAG_ASYMMETRY = EffectRow("lag.asymmetry", 0.2, costs=Costs.PLACE)
+LAG_COARSE_CLOCK = EffectRow("lag.coarse_clock", 0.1, costs=Costs.NEITHER)
+LAG_SPEED_SCALE = EffectRow("lag.speed_scale", 5.0, costs=Costs.PLACE)
+PLACE_LEVER_ARM = EffectRow("place.lever_arm", 1.0, costs=Costs.PLACE)
+PLACE_LATENCY = EffectRow("place.latency", 0.3, costs=Costs.PLACE)
 
-ROWS: dict[str, Row] = {row.id: row for row in (
+ROWS: dict[str, EffectRow] = {row.id: row for row in (
     SHAFT_GAIN, SHAFT_SLOW, SHAFT_DEAD_TIME, SHAFT_SECOND_ORDER, SHAFT_RAMP, SHAFT_DEAD_BAND, SHAFT_DEAD_ZONE,
     SHAFT_SATURATION, SHAFT_BACK_GAIN, SHAFT_BACK_ZONE, SHAFT_VOLTAGE_SAG, SHAFT_LOAD_DROOP, SHAFT_COARSE_ENCODER,
     SHAFT_STALL, GATE_OFFSET, GATE_HOME_ERROR, GATE_BACKLASH, GATE_LOST_STEPS, GATE_SLOW, GATE_STUCK, FLOW_GAIN,

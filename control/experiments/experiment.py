@@ -30,13 +30,13 @@ class Experiment(NamedTuple, Generic[Readings]):
     reads: Callable[[Machine], Readings]
 
 
-class Chosen(NamedTuple):
+class ChosenTest(NamedTuple):
     tests: tuple[int, ...]
     settled: npt.NDArray[np.bool_]      # (pairs,)
     apart_sd: float | None              # the least that the tests set a settled pair apart; None: no test does
 
 
-def chosen(apart_sd: Array, minutes: Sequence[float], least_sd: float, most: int) -> Chosen:
+def chosen(apart_sd: Array, minutes: Sequence[float], least_sd: float, most: int) -> ChosenTest:
     """At most `most` experiments, those that settle most pairs a minute. apart_sd : (pairs, experiments)."""
     picked: list[int] = []
     settles = apart_sd >= least_sd
@@ -50,7 +50,7 @@ def chosen(apart_sd: Array, minutes: Sequence[float], least_sd: float, most: int
         picked.append(best)
         waiting &= ~settles[:, best]
     clear = [float(np.max(row[picked])) for row, still in zip(apart_sd, waiting, strict=True) if not still]
-    return Chosen(tuple(picked), ~waiting, min(clear, default=None))
+    return ChosenTest(tuple(picked), ~waiting, min(clear, default=None))
 
 
 def listed(values: Sequence[float]) -> str:

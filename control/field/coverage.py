@@ -41,7 +41,7 @@ class Raster(NamedTuple):
     done: npt.NDArray[np.bool_]
 
 
-class _Bar(NamedTuple):
+class _OutletBar(NamedTuple):
     """A row of outlets; `middle`: of the whole machine."""
 
     middle: Place
@@ -49,19 +49,19 @@ class _Bar(NamedTuple):
     right: Place
 
 
-class _Strip:
+class _OutletStrip:
     """Outlets that flow together, and where their last stretch ended. Edges: m to the right of the middle."""
 
     def __init__(self, left_m: float, right_m: float) -> None:
         self.left_m, self.right_m = left_m, right_m
-        self.bar: _Bar | None = None               # where the last stretch ended
+        self.bar: _OutletBar | None = None               # where the last stretch ended
         self.saved: tuple[Place, float, float] | None = None    # worked up to this place, on this course, since: less
                                                                 # than half a cell on
 
-    def bar_at(self, place: Place, east: float, north: float) -> _Bar:
+    def bar_at(self, place: Place, east: float, north: float) -> _OutletBar:
         """Here, on a course of this direction."""
-        return _Bar(place, (place[0] + self.left_m * north, place[1] - self.left_m * east),
-                    (place[0] + self.right_m * north, place[1] - self.right_m * east))
+        return _OutletBar(place, (place[0] + self.left_m * north, place[1] - self.left_m * east),
+                          (place[0] + self.right_m * north, place[1] - self.right_m * east))
 
 
 class Coverage:
@@ -91,7 +91,7 @@ class Coverage:
         self._cells = self._again = 0
         self._travelled_m = 0.0
         self._last: Place | None = None
-        self._strips = [_Strip(left, right) for left, right in strips or ((-0.5 * width_m, 0.5 * width_m),)]
+        self._strips = [_OutletStrip(left, right) for left, right in strips or ((-0.5 * width_m, 0.5 * width_m),)]
         self._sides = sides_room()
         self._empty = _empty_tile()
         self.loops: Any = None if steps is None else steps.cells
@@ -218,12 +218,12 @@ class Coverage:
         for strip in self._strips:
             self._end(strip, None)
 
-    def _end(self, strip: _Strip, bar: _Bar | None) -> None:
+    def _end(self, strip: _OutletStrip, bar: _OutletBar | None) -> None:
         if strip.bar is not None and strip.saved is not None:
             self._sweep(strip.bar, strip.bar_at(*strip.saved))
         strip.bar, strip.saved = bar, None
 
-    def _sweep(self, before: _Bar, now: _Bar) -> None:
+    def _sweep(self, before: _OutletBar, now: _OutletBar) -> None:
         corners = (before.left, before.right, now.right, now.left)
         west = math.floor(min([corner[0] for corner in corners]) / self.cell_m)
         east = math.floor(max([corner[0] for corner in corners]) / self.cell_m)

@@ -27,7 +27,7 @@ from control.targets.map_and_canopy import Around, MapAndCanopy
 from control.targets.map_profile import MapProfile
 from control.targets.overlap import LONGEST_M, Overlap
 from control.targets.profile import Everywhere, Profile, Stretches, Target, Unspread
-from control.targets.section_ground import Ground
+from control.targets.section_ground import SectionsGround
 
 CELL_M = 0.2                    # of the bitmap of ground that is done
 DOSES_ONLY = Everywhere(Target(0.0, TargetSource.POINT))
@@ -125,13 +125,13 @@ class Ahead:
         machine's."""
         return bool(self.sections.strips) and choices.source is not TargetSource.POINT
 
-    def ground(self, choices: Choices, may_outside: bool) -> Ground:
+    def ground(self, choices: Choices, may_outside: bool) -> SectionsGround:
         """What says which sections are to be on."""
         nothing = self._headland is not None and self._headland_target.rate_kg_ha <= 0.0
         by_map = self.map is not None and choices.source is TargetSource.MAP
-        return Ground(None if may_outside else self.fence, self._headland if nothing else None,
-                      self.overlap.coverage if choices.no_double else None,
-                      self.map.prescription if by_map and self.map is not None else None, ())
+        return SectionsGround(None if may_outside else self.fence, self._headland if nothing else None,
+                              self.overlap.coverage if choices.no_double else None,
+                              self.map.prescription if by_map and self.map is not None else None, ())
 
     def _chosen(self, choices: Choices) -> Profile:
         if choices.source is TargetSource.CANOPY:

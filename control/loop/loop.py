@@ -21,9 +21,9 @@ from control.loop.events import Events
 from control.loop.expected import ExpectedDrives
 from control.loop.known_terms import KnownTerms
 from control.loop.map_near import MapNear
-from control.loop.moment import Choices, Decision, Metered, Moment
+from control.loop.moment import Choices, Metered, Moment, TickDecision
 from control.loop.ordered import Operator
-from control.loop.reach import Reach
+from control.loop.reach import TickReach
 from control.loop.row import head_ndvi, log_row
 from control.loop.sections import Leads
 from control.loop.situation import situation
@@ -48,7 +48,7 @@ from control.targets.lag_correction import ChangeQueue
 from control.targets.map_profile import MapProfile
 from control.targets.point import Threshold
 from control.targets.point_source import PointSource
-from control.targets.profile import Change, Target
+from control.targets.profile import Target, TargetChange
 
 LONGEST_TICK_S = 1.0
 STANDING_TICKS = 10             # half a second at 20 Hz, as long as a drive may be silent
@@ -263,7 +263,7 @@ class ControlLoop:
             self._ahead.jumped()
             self._queue.restart(Target(0.0, self._operator.choices.source), sensed.track_m)
 
-    def _decide(self, moment: Moment) -> Decision:
+    def _decide(self, moment: Moment) -> TickDecision:
         """The target that what is released now must meet, and the pair that meets it."""
         choices, sensed, now = self._operator.choices, moment.sensed, moment.m.time_s
         allow = self.safety.memory.allow
@@ -286,20 +286,20 @@ class ControlLoop:
                                   moment.conditions)
         inside = self._ahead.landing_inside(
             moment, wanted, lambda: _stop(reach, holding, sensed), choices, allow.outside)
-        return Decision(wanted, planned, rate, lag, inside, pair, self._usable_mps(lag), fired, by_point, share)
+        return TickDecision(wanted, planned, rate, lag, inside, pair, self._usable_mps(lag), fired, by_point, share)
 
-    def _reach(self, moment: Moment, choices: Choices) -> Reach:
+    def _reach(self, moment: Moment, choices: Choices) -> TickReach:
         share = self._ahead.sections.share_at(moment.m.time_s) or 1.0
-        return Reach(self._setting, self._lags, self._expected.pair.opening_mm, moment, choices.look_ahead, share)
+        return TickReach(self._setting, self._lags, self._expected.pair.opening_mm, moment, choices.look_ahead, share)
 
-    def _open_share(self, moment: Moment, holding: Target, reach: Reach, by_point: bool) -> float:
+    def _open_share(self, moment: Moment, holding: Target, reach: TickReach, by_point: bool) -> float:
         """Switch the sections; the share of the width that is to be open when a set-point of now shows in the flow."""
         sections, choices = self._ahead.sections, self._operator.choices
         if not sections.strips:
             return 1.0
         now, prepare_s, shaft_s = moment.m.time_s, sections.prepare_s, sections.shaft_answers_s
         rate = Target(holding.rate_kg_ha or self.crop.fallback_rate_kg_ha, holding.source)
-        start = reach.lag(Target(0.0, holding.source), Change(moment.sensed.track_m, rate))
+        start = reach.lag(Target(0.0, holding.source), TargetChange(moment.sensed.track_m, rate))
         small = reach.small_change_lag(holding.rate_kg_ha, self.crop.fallback_rate_kg_ha)
         leads = Leads(
             reach.switch_m(prepare_s, small, small.response_s + small.transition_s),
@@ -322,7 +322,7 @@ class ControlLoop:
             return holding
         return Target(sections.map_rate_kg_ha(field_map.prescription), TargetSource.MAP)
 
-    def _meter(self, moment: Moment, decision: Decision) -> Metered:
+    def _meter(self, moment: Moment, decision: TickDecision) -> Metered:
         """What leaves the outlets now."""
         m, c = moment.m, moment.conditions
         opening, flow = self._opening(m), None
@@ -338,7 +338,7 @@ class ControlLoop:
         return Metered(flow if share > 0.0 or flow is None else 0.0, self._over_ground(flow, moment.speed_mps, share),
                        c.flow_trim, self._over_ground(should, moment.speed_mps, share), self._metres_left_m, share)
 
-    def _command_of(self, moment: Moment, decision: Decision, verdict: Verdict) -> DriveCommand:
+    def _command_of(self, moment: Moment, decision: TickDecision, verdict: Verdict) -> DriveCommand:
         """What the drives are commanded, through the last gate."""
         if verdict.state is State.CALIBRATING:
             asked = self._calibrating()
@@ -355,7 +355,8 @@ class ControlLoop:
             command = command._replace(dose=dose)
         return command
 
-    def _valves(self, moment: Moment, decision: Decision, verdict: Verdict, command: DriveCommand) -> tuple[bool, ...]:
+    def _valves(self, moment: Moment, decision: TickDecision, verdict: Verdict, command: DriveCommand) -> tuple[bool,
+                                                                                                                ...]:
         """What the valves are commanded, through the last gate. Nothing is opened while nothing is to flow; calibrating
         is done with all of them open."""
         sections, off, now = self._ahead.sections, self._operator.choices.sections_off, moment.m.time_s
@@ -368,7 +369,7 @@ class ControlLoop:
         sections.commanded(now, valves)
         return valves
 
-    def _follow(self, moment: Moment, decision: Decision, metered: Metered, verdict: Verdict,
+    def _follow(self, moment: Moment, decision: TickDecision, metered: Metered, verdict: Verdict,
                 command: DriveCommand) -> None:
         """Trims, expectation and totals follow what was commanded and measured."""
         m, sensed, dt_s, now = moment.m, moment.sensed, moment.dt_s, moment.m.time_s
@@ -402,7 +403,7 @@ class ControlLoop:
             self._flow_trim.update(now, moment.dt_s, metered.flow_kg_s or 0.0 if rpm > 0.0 else 0.0, rpm,
                                    moment.conditions.pitch_deg, self._terms.weighed(m.hopper_kg))
 
-    def _count(self, moment: Moment, decision: Decision, metered: Metered, verdict: Verdict,
+    def _count(self, moment: Moment, decision: TickDecision, metered: Metered, verdict: Verdict,
                command: DriveCommand) -> None:
         """Totals: the ground that is worked, and what leaves the machine though it is commanded to stop."""
         m, now, applied = moment.m, moment.m.time_s, metered.rate_kg_ha
@@ -422,7 +423,7 @@ class ControlLoop:
             self._events.add(event)
         self._stopped.command(now, command, verdict, self._expected.pair)
 
-    def _hold_mean(self, moment: Moment, decision: Decision, given_kg_ha: float) -> None:
+    def _hold_mean(self, moment: Moment, decision: TickDecision, given_kg_ha: float) -> None:
         """Ground of the canopy counts to its mean: no headland with a rate of its own, nothing a second time."""
         hold, sensed = self._ahead.hold, moment.sensed
         if (hold is None or decision.holding.source not in OF_THE_CANOPY
@@ -431,7 +432,7 @@ class ControlLoop:
         hold.landed(given_kg_ha / (1.0 + self._operator.choices.nudge_percent / 100.0),
                     moment.speed_mps * moment.dt_s)
 
-    def _tick(self, moment: Moment, decision: Decision, metered: Metered, verdict: Verdict,
+    def _tick(self, moment: Moment, decision: TickDecision, metered: Metered, verdict: Verdict,
               command: DriveCommand) -> Tick:
         """The row, and what the console shows."""
         choices, heads, usable_mps = self._operator.choices, self._ahead.heads, decision.usable_mps
@@ -514,7 +515,7 @@ class ControlLoop:
         memory, now = self.safety.memory, self._time_s or 0.0
         return BenchRun(command.shaft_rpm, command.opening_mm, now - memory.entered_s, memory.calibrate_until_s - now)
 
-    def _notes(self, moment: Moment, decision: Decision) -> tuple[str, ...]:
+    def _notes(self, moment: Moment, decision: TickDecision) -> tuple[str, ...]:
         """What else is to be said of this tick."""
         sensed, pair, choices = moment.sensed, decision.pair, self._operator.choices
         lands_m = sensed.track_m + moment.speed_mps * decision.lag.total_s
@@ -544,9 +545,9 @@ class ControlLoop:
         return [f"zero_{source.value}"] if source in ZERO_BY_SOURCE else []
 
 
-def _stop(reach: Reach, holding: Target, sensed: Sensed) -> Lag:
+def _stop(reach: TickReach, holding: Target, sensed: Sensed) -> Lag:
     """The lag of a stop that is made here."""
-    return reach.lag(holding, Change(sensed.track_m, OUTSIDE))
+    return reach.lag(holding, TargetChange(sensed.track_m, OUTSIDE))
 
 
 def _plane(job: Job, prescription: MapProfile | None, points: PointSource | None, index_map: IndexMap | None,

@@ -36,7 +36,7 @@ class Moment(NamedTuple):
     ahead: SpeedAhead               # how fast it will go
 
 
-class Decision(NamedTuple):
+class TickDecision(NamedTuple):
     """What the machine is to do, before safety is asked."""
 
     holding: Target

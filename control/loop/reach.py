@@ -4,12 +4,12 @@ from __future__ import annotations
 from control.loop.moment import Moment
 from control.machine.change_lag import ChangeLags, Lag, Settled
 from control.metering.setting import Setting
-from control.targets.profile import Change, Target
+from control.targets.profile import Target, TargetChange
 
 FARTHEST_S = 4.0                # changes are looked for this far ahead
 
 
-class Reach:
+class TickReach:
     """At one tick. opening_mm: expected now; `look_ahead` False: changes are made where they belong; open_share: of the
     working width."""
 
@@ -27,7 +27,7 @@ class Reach:
         self._kept: dict[float, Settled] = {}       # lag by rate: a tick asks for the same rate several times
         self.farthest_m = self._speed * FARTHEST_S + 1.0 if look_ahead else 0.0
 
-    def lag(self, before: Target, change: Change) -> Lag:
+    def lag(self, before: Target, change: TargetChange) -> Lag:
         """A change between two settled pairs, played through the model."""
         one, other = self._settled(before.rate_kg_ha), self._settled(change.target.rate_kg_ha)
         by_gate = self._setting.by_gate(before.rate_kg_ha, change.target.rate_kg_ha)

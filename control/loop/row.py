@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from control.log_row import GNSS_HOLDS_S, HOLDS_S, LogRow
-from control.loop.moment import Choices, Decision, Metered, Moment
+from control.loop.moment import Choices, Metered, Moment, TickDecision
 from control.orders import BY_CANOPY, Strategy, TargetSource
 from control.readings import DriveCommand, Measurements, Reading, is_fresh
 from control.safety import Verdict
@@ -11,7 +11,7 @@ HEAD_SILENT_S = HOLDS_S["ndvi_1"]
 _SILENT = (None,) * 7               # six heads and what was decided by them
 
 
-def log_row(started_s: float, moment: Moment, *, decision: Decision, metered: Metered, verdict: Verdict,
+def log_row(started_s: float, moment: Moment, *, decision: TickDecision, metered: Metered, verdict: Verdict,
             command: DriveCommand, choices: Choices, strategy: Strategy, heads: tuple[float | None, ...],
             decided_ndvi: float | None, events: list[str], speed_told: str | None) -> LogRow:
     """The row of one tick; times count from `started_s`; heads: as `head_ndvi` has them. A GNSS place that was refused

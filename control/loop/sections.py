@@ -15,7 +15,7 @@ from control.machine.machine import Machine
 from control.machine.shaft import dead_s, lag_s
 from control.orders import SectionState
 from control.sensing import Sensed
-from control.targets.section_ground import OUTSIDE, Ground, Judged, Rates, SectionGround
+from control.targets.section_ground import OUTSIDE, JudgedStrip, SectionGround, SectionRates, SectionsGround
 
 BY_HAND, NO_FLOW = "hand", "no_flow"        # why a section is closed, along with those of `targets.section_ground`
 SHORTEST_M = 0.5            # of way between two switches of one section: shorter stretches are cut corners
@@ -112,11 +112,11 @@ class Sections:
     def any_decided(self) -> bool:
         return not self.strips or any(one.decided for one in self._switches)
 
-    def ground(self, ground: Ground) -> Ground:
+    def ground(self, ground: SectionsGround) -> SectionsGround:
         """The same with where the operator wants flow."""
         return ground._replace(started=tuple(self._started))
 
-    def decide(self, sensed: Sensed, dt_s: float, leads: Leads, ground: Ground, off_by_hand: tuple[int, ...],
+    def decide(self, sensed: Sensed, dt_s: float, leads: Leads, ground: SectionsGround, off_by_hand: tuple[int, ...],
                everywhere: bool = False) -> None:
         """Judge the ground at the landing place and switch what is to be switched. off_by_hand: sections counted from
         1, left to right. `everywhere`: the ground is not asked (point mode)."""
@@ -141,12 +141,12 @@ class Sections:
                 one.why, one.switched_m = found.why, way_m
                 one.decide(now + self.prepare_s, on)
 
-    def _judged(self, sensed: Sensed, leads: Leads, ground: Ground,
-                everywhere: bool) -> tuple[tuple[Judged, ...], float]:
+    def _judged(self, sensed: Sensed, leads: Leads, ground: SectionsGround,
+                everywhere: bool) -> tuple[tuple[JudgedStrip, ...], float]:
         """Of every section, and how far ahead."""
         self._judged_at = None
         if everywhere:
-            return (Judged(True, "", 0.0, False),) * len(self.strips), leads.running_m
+            return (JudgedStrip(True, "", 0.0, False),) * len(self.strips), leads.running_m
         if not sensed.position_ok or sensed.east_m is None or sensed.north_m is None or sensed.heading_deg is None:
             return self._ground.unknown(ground), leads.running_m
         if not self.any_decided:
@@ -156,7 +156,7 @@ class Sections:
             return ends, leads.stop_m
         return self._look(sensed, leads.running_m, ground), leads.running_m
 
-    def _look(self, sensed: Sensed, ahead_m: float, ground: Ground) -> tuple[Judged, ...]:
+    def _look(self, sensed: Sensed, ahead_m: float, ground: SectionsGround) -> tuple[JudgedStrip, ...]:
         assert sensed.east_m is not None and sensed.north_m is not None and sensed.heading_deg is not None
         way_m = -ahead_m if sensed.backwards else ahead_m
         bend_deg_m = sensed.turn_deg_s / max(0.3, sensed.speed_mps or 0.0)
@@ -167,7 +167,7 @@ class Sections:
         self._judged_at = place, sensed.heading_deg + turned
         return self._ground.look(place, sensed.heading_deg + turned, ground)
 
-    def map_rate_kg_ha(self, rates: Rates) -> float:
+    def map_rate_kg_ha(self, rates: SectionRates) -> float:
         """What a map wants on the mean under the sections that are on, where it wants any; at the judged place."""
         if self._judged_at is None:
             return 0.0

@@ -2,13 +2,13 @@
 from __future__ import annotations
 
 from control.loop.canopy_heads import CanopyHeads
-from control.loop.moment import Choices, Decision, Metered, Moment
+from control.loop.moment import Choices, Metered, Moment, TickDecision
 from control.orders import BY_CANOPY
 from control.readings import ScaleSays
 from control.safety import Commanded, Situation
 
 
-def situation(moment: Moment, decision: Decision, metered: Metered, choices: Choices, *, heads: CanopyHeads,
+def situation(moment: Moment, decision: TickDecision, metered: Metered, choices: Choices, *, heads: CanopyHeads,
               between_doses: bool, console_age_s: float | None,
               log_ok: bool, commanded: Commanded, map_elsewhere: bool, scale: ScaleSays) -> Situation:
     """`between_doses`: a rate means nothing there, and is not given."""

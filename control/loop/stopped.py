@@ -10,7 +10,7 @@ from dataclasses import replace
 from math import inf, isfinite
 
 from control.machine.machine import Machine
-from control.machine.sections import Strip
+from control.machine.sections import SectionStrip
 from control.metering.strategies import Pair
 from control.orders import State
 from control.readings import DriveCommand, Measurements, is_fresh
@@ -33,7 +33,7 @@ def standing_limits(machine: Machine, limits: SafetyLimits) -> SafetyLimits:
     return replace(limits, shaft_stands_rpm=stands_rpm, valve_closes_s=closes_s + VALVE_LINE_S)
 
 
-def open_share(strips: Sequence[Strip], m: Measurements) -> float:
+def open_share(strips: Sequence[SectionStrip], m: Measurements) -> float:
     """Of the working width, by the valves' own switches; 0 where they tell nothing."""
     if m.valves is None or not is_fresh(m.valves.time_s, m.time_s, SHAFT_HOLDS_S):
         return 0.0

@@ -115,7 +115,7 @@ def scaled(name: str, x: Array, work: npt.NDArray[np.bool_], time_s: Array, run:
     return Scaled(name, held, middle, spread, low, high if high > low else low + 1.0, work, time_s, run)
 
 
-class Series(NamedTuple):
+class FormSeries(NamedTuple):
     """A series over the rows: a function of one variable or two, and of a place."""
 
     of: Callable[..., Array]
@@ -127,7 +127,7 @@ class Series(NamedTuple):
 
 
 Shape = Mapping[str, float]
-Columns = tuple[dict[Series, float], ...]       # of each column the weights of its series
+Columns = tuple[dict[FormSeries, float], ...]       # of each column the weights of its series
 
 
 class Written(NamedTuple):
@@ -139,7 +139,7 @@ class Written(NamedTuple):
     values: list[float] = []
 
 
-class Said(NamedTuple):
+class SaidNumbers(NamedTuple):
     """The numbers of a sentence. changes : shown with sign and the term's unit. which : of the form's sentences."""
 
     changes: Mapping[str, float] = {}
@@ -148,7 +148,7 @@ class Said(NamedTuple):
     which: int = 0
 
 
-class Tried(NamedTuple):
+class TriedForm(NamedTuple):
     """A form with its shape settled."""
 
     kind: type[TermForm]
@@ -162,7 +162,7 @@ class Tried(NamedTuple):
         """What ranks forms in a scan, in twice the log-likelihood."""
         return PER_AMPLITUDE * len(self.columns) + 2.0 * float(np.log(self.places))
 
-    def moved(self, shape: Shape, by: Mapping[str, Scaled]) -> Tried:
+    def moved(self, shape: Shape, by: Mapping[str, Scaled]) -> TriedForm:
         """The same form of another shape."""
         return self._replace(shape=shape, columns=self.kind.columns(shape, by[self.over[0]], by[self.over[-1]]))
 
@@ -207,16 +207,16 @@ class TermForm:
         raise NotImplementedError
 
     @staticmethod
-    def said(term: Term) -> Said:
+    def said(term: Term) -> SaidNumbers:
         raise NotImplementedError
 
     @classmethod
-    def tried(cls, x: Scaled) -> list[Tried]:
+    def tried(cls, x: Scaled) -> list[TriedForm]:
         """The form over one variable, at all places where it is looked for."""
         if (x.name not in cls.only_over) if cls.only_over else (x.name in ANGLES or x.name == "time_s"):
             return []
         shapes = cls.shapes(x)
-        return [Tried(cls, (x.name,), one, cls.columns(one, x, x), cls.places(x, len(shapes))) for one in shapes]
+        return [TriedForm(cls, (x.name,), one, cls.columns(one, x, x), cls.places(x, len(shapes))) for one in shapes]
 
     @classmethod
     def shapes(cls, x: Scaled) -> list[Shape]:

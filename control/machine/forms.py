@@ -10,7 +10,20 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from .elements import Array, table_at
-from .form import ANGLES, FORMS, SHAFT_ANGLE, Columns, Said, Scaled, Series, Shape, TermForm, TermParams, Tried, Written
+from .form import (
+    ANGLES,
+    FORMS,
+    SHAFT_ANGLE,
+    Columns,
+    FormSeries,
+    SaidNumbers,
+    Scaled,
+    Shape,
+    TermForm,
+    TermParams,
+    TriedForm,
+    Written,
+)
 
 if TYPE_CHECKING:
     from .terms import Term
@@ -76,13 +89,13 @@ class Slope(TermForm, form=Form.SLOPE):
         return p.slope * (x - p.at)
 
     @staticmethod
-    def said(term: Term) -> Said:
+    def said(term: Term) -> SaidNumbers:
         size = term.coefficients["slope"]
-        return Said(numbers={"size": abs(size)}, which=int(size <= 0.0))
+        return SaidNumbers(numbers={"size": abs(size)}, which=int(size <= 0.0))
 
     @classmethod
     def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
-        return ({Series(line, (x.name,)): 1.0},)
+        return ({FormSeries(line, (x.name,)): 1.0},)
 
     @classmethod
     def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
@@ -101,21 +114,21 @@ class Bend(TermForm, form=Form.BEND):
         return p.slope * away + p.bend * away * away
 
     @staticmethod
-    def said(term: Term) -> Said:
+    def said(term: Term) -> SaidNumbers:
         c = term.coefficients
         vertex = c.get("at", 0.0) - 0.5 * c.get("slope", 0.0) / c["bend"] if c["bend"] else 0.0
-        return Said(numbers={"size": abs(c["bend"]), "at": vertex}, which=int(c["bend"] <= 0.0))
+        return SaidNumbers(numbers={"size": abs(c["bend"]), "at": vertex}, which=int(c["bend"] <= 0.0))
 
     @classmethod
     def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
-        return {Series(line, (x.name,)): 1.0}, {Series(times, (x.name, x.name)): 1.0}
+        return {FormSeries(line, (x.name,)): 1.0}, {FormSeries(times, (x.name, x.name)): 1.0}
 
     @classmethod
     def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
         return {"slope": a[0] / x.spread, "bend": a[1] / x.spread ** 2, "at": x.middle, "level": level}
 
 
-class _Placed(TermForm):
+class _PlacedForm(TermForm):
     """A form with a place where it bends or leaps."""
 
     needs, may, movable = ("at",), ("below", "above", "level"), ("at",)
@@ -125,7 +138,7 @@ class _Placed(TermForm):
         return [{"at": place} for place in x.knots]
 
 
-class Hinge(_Placed, form=Form.HINGE):
+class Hinge(_PlacedForm, form=Form.HINGE):
     means = "level + below (x - at) where x is less than at, above (x - at) where it is more"
     sentences = ("{what} changes by {below} for each {per} of {x} below {at} {per}, by {above} above",)
 
@@ -134,13 +147,13 @@ class Hinge(_Placed, form=Form.HINGE):
         return (p.above if x > p.at else p.below) * (x - p.at)
 
     @staticmethod
-    def said(term: Term) -> Said:
+    def said(term: Term) -> SaidNumbers:
         c = term.coefficients
-        return Said({"below": c.get("below", 0.0), "above": c.get("above", 0.0)}, {"at": c["at"]})
+        return SaidNumbers({"below": c.get("below", 0.0), "above": c.get("above", 0.0)}, {"at": c["at"]})
 
     @classmethod
     def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
-        return {Series(line, (x.name,)): 1.0}, {Series(hinge, (x.name,), shape["at"]): 1.0}
+        return {FormSeries(line, (x.name,)): 1.0}, {FormSeries(hinge, (x.name,), shape["at"]): 1.0}
 
     @classmethod
     def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
@@ -174,11 +187,11 @@ class Saturation(_Ended, form=Form.SATURATION):
         return p.slope * (clipped(x, p.low_end, p.high_end) - p.low_end)
 
     @staticmethod
-    def said(term: Term) -> Said:
+    def said(term: Term) -> SaidNumbers:
         c = term.coefficients
         if c["low_end"] == 0.0 and term.acts_on == "shaft_rpm" and term.variables == ("shaft_rpm",):
-            return Said({"size": c["slope"] * c["high_end"]}, which=1)
-        return Said({"size": c["slope"]}, {"low": c["low_end"], "high": c["high_end"]})
+            return SaidNumbers({"size": c["slope"] * c["high_end"]}, which=1)
+        return SaidNumbers({"size": c["slope"]}, {"low": c["low_end"], "high": c["high_end"]})
 
     @classmethod
     def shapes(cls, x: Scaled) -> list[Shape]:
@@ -191,8 +204,8 @@ class Saturation(_Ended, form=Form.SATURATION):
     def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
         """z held between the ends, nothing where z is 0."""
         low, high = shape["low_end"], shape["high_end"]
-        return ({Series(hinge, (x.name,), low): 1.0, Series(hinge, (x.name,), high): -1.0,
-                 Series(ones, (x.name,)): low - clipped(0.0, low, high)},)
+        return ({FormSeries(hinge, (x.name,), low): 1.0, FormSeries(hinge, (x.name,), high): -1.0,
+                 FormSeries(ones, (x.name,)): low - clipped(0.0, low, high)},)
 
     @classmethod
     def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
@@ -215,7 +228,7 @@ class Lost(Saturation):
 
     @classmethod
     def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
-        return ({Series(since, (x.name,), float(np.min(x.x[x.work], initial=np.inf))): 1.0},)
+        return ({FormSeries(since, (x.name,), float(np.min(x.x[x.work], initial=np.inf))): 1.0},)
 
     @classmethod
     def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
@@ -233,9 +246,9 @@ class DeadZone(_Ended, form=Form.DEAD_ZONE):
         return p.slope * (x - clipped(x, p.low_end, p.high_end))
 
     @staticmethod
-    def said(term: Term) -> Said:
+    def said(term: Term) -> SaidNumbers:
         c = term.coefficients
-        return Said({"size": c["slope"]}, {"low": c["low_end"], "high": c["high_end"]})
+        return SaidNumbers({"size": c["slope"]}, {"low": c["low_end"], "high": c["high_end"]})
 
     @classmethod
     def shapes(cls, x: Scaled) -> list[Shape]:
@@ -244,11 +257,11 @@ class DeadZone(_Ended, form=Form.DEAD_ZONE):
     @classmethod
     def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
         low, high = shape["low_end"], shape["high_end"]
-        return ({Series(line, (x.name,)): 1.0, Series(hinge, (x.name,), low): -1.0,
-                 Series(hinge, (x.name,), high): 1.0, Series(ones, (x.name,)): -low},)
+        return ({FormSeries(line, (x.name,)): 1.0, FormSeries(hinge, (x.name,), low): -1.0,
+                 FormSeries(hinge, (x.name,), high): 1.0, FormSeries(ones, (x.name,)): -low},)
 
 
-class Threshold(_Placed, form=Form.THRESHOLD):
+class ThresholdForm(_PlacedForm, form=Form.THRESHOLD):
     main, leaps = "above", True
     means = "level + above where x is more than at, else + below"
     sentences = ("{what} differs by {size} where {x} is above {at} {per}",)
@@ -258,13 +271,13 @@ class Threshold(_Placed, form=Form.THRESHOLD):
         return p.above if x > p.at else p.below
 
     @staticmethod
-    def said(term: Term) -> Said:
+    def said(term: Term) -> SaidNumbers:
         c = term.coefficients
-        return Said({"size": c.get("above", 0.0) - c.get("below", 0.0)}, {"at": c["at"]})
+        return SaidNumbers({"size": c.get("above", 0.0) - c.get("below", 0.0)}, {"at": c["at"]})
 
     @classmethod
     def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
-        return ({Series(beyond, (x.name,), shape["at"]): 1.0},)
+        return ({FormSeries(beyond, (x.name,), shape["at"]): 1.0},)
 
     @classmethod
     def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
@@ -281,7 +294,7 @@ def times(x: Scaled, y: Scaled, at: float) -> Array:
     return x.z * y.z
 
 
-class Product(TermForm, form=Form.PRODUCT):
+class ProductForm(TermForm, form=Form.PRODUCT):
     needs, may, variables, main = ("slope",), ("at", "second_at", "level"), 2, "slope"
     means = "level + slope (x - at) (y - second_at)"
     sentences = ("{what} changes by {size} for each {per} of {x} from {at} times each {per2} of {y} from {at2}",)
@@ -291,23 +304,23 @@ class Product(TermForm, form=Form.PRODUCT):
         return p.slope * (x - p.at) * (y - p.second_at)
 
     @staticmethod
-    def said(term: Term) -> Said:
+    def said(term: Term) -> SaidNumbers:
         c = term.coefficients
-        return Said({"size": c["slope"]}, {"at": c.get("at", 0.0), "at2": c.get("second_at", 0.0)})
+        return SaidNumbers({"size": c["slope"]}, {"at": c.get("at", 0.0), "at2": c.get("second_at", 0.0)})
 
     @classmethod
-    def tried(cls, x: Scaled) -> list[Tried]:
+    def tried(cls, x: Scaled) -> list[TriedForm]:
         return []
 
     @classmethod
-    def tried_with(cls, x: Scaled, y: Scaled, alone: int = 2) -> list[Tried]:
+    def tried_with(cls, x: Scaled, y: Scaled, alone: int = 2) -> list[TriedForm]:
         """The product, and along with it what `alone` of its variables do by themselves."""
-        return [Tried(cls, (x.name, y.name), one, cls.columns(one, x, y)) for one in ({}, {"alone": float(alone)})]
+        return [TriedForm(cls, (x.name, y.name), one, cls.columns(one, x, y)) for one in ({}, {"alone": float(alone)})]
 
     @classmethod
     def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
         alone = (x, y)[:int(shape.get("alone", 0.0))]
-        return (*({Series(line, (v.name,)): 1.0} for v in alone), {Series(times, (x.name, y.name)): 1.0})
+        return (*({FormSeries(line, (v.name,)): 1.0} for v in alone), {FormSeries(times, (x.name, y.name)): 1.0})
 
     @classmethod
     def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
@@ -328,7 +341,7 @@ def way(x: Scaled, tau_s: float) -> Array:
     return x.stepped(TermParams(NUMBER[Form.SIDE], above=1.0, below=-1.0, high_end=WAY_SHARE, tau_s=tau_s))
 
 
-class Memory(TermForm, form=Form.MEMORY):
+class MemoryForm(TermForm, form=Form.MEMORY):
     needs, may, positive = ("bend", "tau_s"), ("slope", "at", "level"), ("tau_s",)
     movable, main, of_moves = ("tau_s",), "bend", True
     means = "level + slope (x - at) + bend (m - at), m following x with the time constant tau_s"
@@ -341,11 +354,11 @@ class Memory(TermForm, form=Form.MEMORY):
         return p.slope * (x - p.at) + p.bend * (slow - p.at)
 
     @staticmethod
-    def said(term: Term) -> Said:
+    def said(term: Term) -> SaidNumbers:
         c = term.coefficients
         now, late = c.get("slope", 0.0), c["bend"]
         forgets = abs(now + late) < FORGETS * max(abs(now), abs(late))
-        return Said({"size": now if forgets else now + late}, {"tau": c["tau_s"]}, which=int(forgets))
+        return SaidNumbers({"size": now if forgets else now + late}, {"tau": c["tau_s"]}, which=int(forgets))
 
     @classmethod
     def shapes(cls, x: Scaled) -> list[Shape]:
@@ -357,8 +370,8 @@ class Memory(TermForm, form=Form.MEMORY):
 
     @classmethod
     def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
-        late = {Series(remembered, (x.name,), shape["tau_s"]): 1.0}
-        return ({Series(line, (x.name,)): 1.0}, late) if shape["alone"] else (late,)
+        late = {FormSeries(remembered, (x.name,), shape["tau_s"]): 1.0}
+        return ({FormSeries(line, (x.name,)): 1.0}, late) if shape["alone"] else (late,)
 
     @classmethod
     def step(cls, shape: Shape, name: str, steps: float, x: Scaled) -> float:
@@ -384,9 +397,9 @@ class Side(TermForm, form=Form.SIDE):
         return 0.5 * (p.above + p.below) + 0.5 * (p.above - p.below) * clipped(away / p.high_end, -1.0, 1.0)
 
     @staticmethod
-    def said(term: Term) -> Said:
+    def said(term: Term) -> SaidNumbers:
         c = term.coefficients
-        return Said({"size": c.get("above", 0.0) - c.get("below", 0.0)}, which=int(c.get("tau_s", 0.0) > 0.0))
+        return SaidNumbers({"size": c.get("above", 0.0) - c.get("below", 0.0)}, which=int(c.get("tau_s", 0.0) > 0.0))
 
     @classmethod
     def shapes(cls, x: Scaled) -> list[Shape]:
@@ -394,7 +407,7 @@ class Side(TermForm, form=Form.SIDE):
 
     @classmethod
     def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
-        return ({Series(way, (x.name,), shape["tau_s"]): 1.0},)
+        return ({FormSeries(way, (x.name,), shape["tau_s"]): 1.0},)
 
     @classmethod
     def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
@@ -423,10 +436,10 @@ class Periodic(TermForm, form=Form.PERIODIC):
         return p.sine * sin(angle) + p.cosine * cos(angle)
 
     @staticmethod
-    def said(term: Term) -> Said:
+    def said(term: Term) -> SaidNumbers:
         c = term.coefficients
         size = (c.get("sine", 0.0) ** 2 + c.get("cosine", 0.0) ** 2) ** 0.5
-        return Said(numbers={"size": size, "count": c["cycles"]})
+        return SaidNumbers(numbers={"size": size, "count": c["cycles"]})
 
     @classmethod
     def shapes(cls, x: Scaled) -> list[Shape]:
@@ -439,9 +452,9 @@ class Periodic(TermForm, form=Form.PERIODIC):
 
     @classmethod
     def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
-        first, second = Series(sine, (x.name,), shape["cycles"]), Series(cosine, (x.name,), shape["cycles"])
+        first, second = FormSeries(sine, (x.name,), shape["cycles"]), FormSeries(cosine, (x.name,), shape["cycles"])
         if "sine" in shape:
-            return ({Series(along_axis, (x.name,), axis_deg(shape)): 1.0},)
+            return ({FormSeries(along_axis, (x.name,), axis_deg(shape)): 1.0},)
         return {first: 1.0}, {second: 1.0}
 
     @classmethod
@@ -483,7 +496,7 @@ def since(x: Scaled, at: float) -> Array:
     return (x.x >= at).astype(np.float64)
 
 
-class Span(TermForm, form=Form.SPAN):
+class SpanForm(TermForm, form=Form.SPAN):
     needs, may, only_over = ("low_end", "high_end", "above"), ("grows", "level"), ("time_s",)
     movable, main, one_run, leaps, has_level = ("low_end", "high_end"), "above", True, True, False
     means = "level + above from low_end to high_end (s), growing to it with grows 1"
@@ -496,9 +509,9 @@ class Span(TermForm, form=Form.SPAN):
         return p.above * ((x - p.low_end) / (p.high_end - p.low_end) if p.grows > 0.0 else 1.0)
 
     @staticmethod
-    def said(term: Term) -> Said:
+    def said(term: Term) -> SaidNumbers:
         c = term.coefficients
-        return Said({"size": c["above"]}, times_s={"begin": c["low_end"], "end": c["high_end"]})
+        return SaidNumbers({"size": c["above"]}, times_s={"begin": c["low_end"], "end": c["high_end"]})
 
     @classmethod
     def shapes(cls, x: Scaled) -> list[Shape]:
@@ -511,7 +524,8 @@ class Span(TermForm, form=Form.SPAN):
 
     @classmethod
     def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
-        return ({Series(since, (x.name,), shape["low_end"]): 1.0, Series(since, (x.name,), shape["high_end"]): -1.0},)
+        return ({FormSeries(since, (x.name,), shape["low_end"]): 1.0,
+                 FormSeries(since, (x.name,), shape["high_end"]): -1.0},)
 
     @classmethod
     def step(cls, shape: Shape, name: str, steps: float, x: Scaled) -> float:
@@ -538,8 +552,8 @@ class TableForm(TermForm, form=Form.TABLE):
         return float(table_at(p.nodes, p.values, x))
 
     @staticmethod
-    def said(term: Term) -> Said:
-        return Said({"low": min(term.values), "high": max(term.values)})
+    def said(term: Term) -> SaidNumbers:
+        return SaidNumbers({"low": min(term.values), "high": max(term.values)})
 
     @classmethod
     def places(cls, x: Scaled, shapes: int) -> int:
@@ -547,7 +561,7 @@ class TableForm(TermForm, form=Form.TABLE):
 
     @classmethod
     def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
-        return tuple({Series(wave, (x.name,), float(n)): 1.0} for n in range(1, WAVES + 1))
+        return tuple({FormSeries(wave, (x.name,), float(n)): 1.0} for n in range(1, WAVES + 1))
 
     @classmethod
     def written(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> Written:

@@ -12,7 +12,7 @@ from .flow import Flow
 from .gate import Gate
 from .heads import Heads
 from .scale import Scale
-from .sections import MOST_SECTIONS, Section, Strip, strips, trouble_of
+from .sections import MOST_SECTIONS, Section, SectionStrip, strips, trouble_of
 from .shaft import Shaft
 from .speed import Speed
 from .terms import OLD_NOTE, Number, Term
@@ -187,7 +187,7 @@ class Machine(Part):
         return not self.stages or stage in self.stages
 
     @property
-    def switched(self) -> tuple[Strip, ...]:
+    def switched(self) -> tuple[SectionStrip, ...]:
         """Strips of the sections that have valves, left to right; empty where the machine is one whole."""
         if not self.sections or self.sections[0].valve is None:
             return ()

@@ -32,7 +32,7 @@ class Section(BaseModel):
     valve: Valve | None = None
 
 
-class Strip(NamedTuple):
+class SectionStrip(NamedTuple):
     """Ground under one section: how far its edges lie to the right of the machine's middle, m; its share of the
     working width."""
 
@@ -41,14 +41,14 @@ class Strip(NamedTuple):
     share: float
 
 
-def strips(sections: Sequence[Section], width_m: float) -> tuple[Strip, ...]:
+def strips(sections: Sequence[Section], width_m: float) -> tuple[SectionStrip, ...]:
     """Strips of sections from left to right over the working width."""
     outlets = sum(section.outlets for section in sections)
     found, before = [], 0
     for section in sections:
         after = before + section.outlets
-        found.append(Strip(width_m * before / outlets - 0.5 * width_m, width_m * after / outlets - 0.5 * width_m,
-                           section.outlets / outlets))
+        found.append(SectionStrip(width_m * before / outlets - 0.5 * width_m, width_m * after / outlets - 0.5 * width_m,
+                                  section.outlets / outlets))
         before = after
     return tuple(found)
 

@@ -24,7 +24,7 @@ PHASES = 400                # of the quadrature between two positions
 LEAST_DENSITY = 1e-300      # 1/m; below it a logarithm is not to be had
 
 
-class Reading(NamedTuple):
+class FieldReading(NamedTuple):
     """One way to read what happened in the field. Every part is off by default: eq 6 holds exactly."""
 
     name: str
@@ -37,19 +37,19 @@ class Reading(NamedTuple):
 IN_PHASE = "eq 6, scatter, position at 1 Hz, replicates in phase"
 ONCE_A_SECOND = "eq 6, scatter, position at 1 Hz"
 READINGS = (
-    Reading("eq 6 exact"),
-    Reading("machine model", "model"),
-    Reading("machine model, scatter of table 3", "model", True),
-    Reading("field lag of table 1", "field"),
-    Reading("field lag, scatter of table 3", "field", True),
-    *(Reading(f"eq 6, scatter, position at {hz:g} Hz", "line", True, hz) for hz in (1.0, 5.0, 10.0)),
-    Reading(IN_PHASE, "line", True, 1.0, True),
-    *(Reading(f"machine model, scatter, position at {hz:g} Hz", "model", True, hz) for hz in (1.0, 5.0, 10.0)),
-    *(Reading(f"field lag, scatter, position at {hz:g} Hz", "field", True, hz) for hz in (1.0, 5.0, 10.0)),
+    FieldReading("eq 6 exact"),
+    FieldReading("machine model", "model"),
+    FieldReading("machine model, scatter of table 3", "model", True),
+    FieldReading("field lag of table 1", "field"),
+    FieldReading("field lag, scatter of table 3", "field", True),
+    *(FieldReading(f"eq 6, scatter, position at {hz:g} Hz", "line", True, hz) for hz in (1.0, 5.0, 10.0)),
+    FieldReading(IN_PHASE, "line", True, 1.0, True),
+    *(FieldReading(f"machine model, scatter, position at {hz:g} Hz", "model", True, hz) for hz in (1.0, 5.0, 10.0)),
+    *(FieldReading(f"field lag, scatter, position at {hz:g} Hz", "field", True, hz) for hz in (1.0, 5.0, 10.0)),
 )
 
 
-def misses_m(machine: Machine, shaft_rpm: int, reading: Reading, corrected: bool, trials: int,
+def misses_m(machine: Machine, shaft_rpm: int, reading: FieldReading, corrected: bool, trials: int,
              rng: np.random.Generator) -> Array:
     """Misses (trials, REPLICATES), m, at the paper's speed. KeyError for a shaft speed that the paper did not test."""
     lag = np.full((trials, REPLICATES), _lag_s(machine, shaft_rpm, reading))
@@ -62,16 +62,16 @@ def misses_m(machine: Machine, shaft_rpm: int, reading: Reading, corrected: bool
     return np.asarray(SPEED_MPS * lag - ahead, dtype=np.float64)
 
 
-def _lag_s(machine: Machine, shaft_rpm: int, reading: Reading) -> float:
+def _lag_s(machine: Machine, shaft_rpm: int, reading: FieldReading) -> float:
     if reading.lag_from == "field":
         return float(np.mean(LAG_M[shaft_rpm])) / SPEED_MPS
     return start_lag_s(machine, shaft_rpm) if reading.lag_from == "model" else lag_paper_s(shaft_rpm)
 
 
-class Fit(NamedTuple):
+class ReadingFit(NamedTuple):
     """How well a reading explains table 5."""
 
-    reading: Reading
+    reading: FieldReading
     mean_m: float               # of all its misses
     between_m: float            # r.m.s. of mean miss by shaft speed, ours minus the paper's
     within_m: float             # standard deviation between the replicates of a shaft speed
@@ -83,8 +83,8 @@ class Fit(NamedTuple):
 MEASURED_TO_M = 0.05        # a tape on the ground
 
 
-def explain(machine: Machine, published_m: dict[int, tuple[float, ...]], readings: tuple[Reading, ...] = READINGS,
-            trials: int = 2000, seed: int = 1) -> list[Fit]:
+def explain(machine: Machine, published_m: dict[int, tuple[float, ...]], readings: tuple[FieldReading, ...] = READINGS,
+            trials: int = 2000, seed: int = 1) -> list[ReadingFit]:
     """Every reading held against the published misses, the likeliest first (`joint_log_likelihood`).
 
     trials, seed: of the misses drawn for the means and spreads next to it.
@@ -94,11 +94,11 @@ def explain(machine: Machine, published_m: dict[int, tuple[float, ...]], reading
     for reading in readings:
         ours = {rpm: misses_m(machine, rpm, reading, True, trials, rng) for rpm in published_m}
         apart = [float(ours[rpm].mean()) - sum(values) / len(values) for rpm, values in published_m.items()]
-        fits.append(Fit(reading, float(np.mean([o.mean() for o in ours.values()])),
-                        float(np.sqrt(np.mean(np.square(apart)))), _within(list(ours.values())),
-                        float(np.std([o.mean(axis=1) for o in ours.values()], axis=0, ddof=1).mean()),
-                        joint_log_likelihood(machine, reading, published_m),
-                        {rpm: float(o.mean()) for rpm, o in ours.items()}))
+        fits.append(ReadingFit(reading, float(np.mean([o.mean() for o in ours.values()])),
+                               float(np.sqrt(np.mean(np.square(apart)))), _within(list(ours.values())),
+                               float(np.std([o.mean(axis=1) for o in ours.values()], axis=0, ddof=1).mean()),
+                               joint_log_likelihood(machine, reading, published_m),
+                               {rpm: float(o.mean()) for rpm, o in ours.items()}))
     return sorted(fits, key=lambda fit: -fit.log_likelihood)
 
 
@@ -113,7 +113,7 @@ def published_spread(published_m: dict[int, tuple[float, ...]]) -> tuple[float, 
     return float(np.mean(means)), _within(groups), float(np.std(means, ddof=1))
 
 
-def joint_log_likelihood(machine: Machine, reading: Reading, published_m: dict[int, tuple[float, ...]]) -> float:
+def joint_log_likelihood(machine: Machine, reading: FieldReading, published_m: dict[int, tuple[float, ...]]) -> float:
     """Of all published misses together, natural logarithm, 1/m: by quadrature over the moment between two positions and
     the scatter of the drop times, smoothed by the tape's error.
 
@@ -130,7 +130,7 @@ def joint_log_likelihood(machine: Machine, reading: Reading, published_m: dict[i
     return total
 
 
-def _densities(machine: Machine, shaft_rpm: int, reading: Reading, value_m: float) -> Array:
+def _densities(machine: Machine, shaft_rpm: int, reading: FieldReading, value_m: float) -> Array:
     """Of one miss at each phase (PHASES,), 1/m."""
     lag_s = np.full((PHASES, 1), _lag_s(machine, shaft_rpm, reading))
     if reading.update_hz is not None:
@@ -146,7 +146,7 @@ def _log(density: float) -> float:
     return float(np.log(max(density, LEAST_DENSITY)))
 
 
-def wider_apart(machine: Machine, reading: Reading, published_m: dict[int, tuple[float, ...]], trials: int = 4000,
+def wider_apart(machine: Machine, reading: FieldReading, published_m: dict[int, tuple[float, ...]], trials: int = 4000,
                 seed: int = 1) -> float:
     """Share of tables drawn by a reading in which shaft speeds differ from one another by as much more than replicates
     do as in the published one (ratio of the two standard deviations)."""

@@ -43,7 +43,7 @@ class Sized(NamedTuple):
         return f"{form.format(self.value)} ({form.format(self.low)} to {form.format(self.high)})"
 
 
-class Field(NamedTuple):
+class PaperField(NamedTuple):
     """What makes the field's distances out of the rig's lags: the speed of the test, or a delay."""
 
     mps: Sized
@@ -136,12 +136,12 @@ def starts(machine: Machine, falls: Callable[[float], float]) -> Array:
     return np.array([response_s(machine, n) + falls(n) for n in SPEEDS_RPM])
 
 
-def field_of(lags_s: Array) -> Field:
+def field_of(lags_s: Array) -> PaperField:
     """Speed or delay that makes table 1's distances from the lags, least squares over all ten shaft speeds."""
     mps = MEAN_M / lags_s
     delay = MEAN_M / WRITTEN_MPS - lags_s
-    return Field(_mean(mps), _rms(MEAN_M - float(np.mean(mps)) * lags_s), _mean(delay),
-                 _rms(MEAN_M - WRITTEN_MPS * (lags_s + float(np.mean(delay)))))
+    return PaperField(_mean(mps), _rms(MEAN_M - float(np.mean(mps)) * lags_s), _mean(delay),
+                      _rms(MEAN_M - WRITTEN_MPS * (lags_s + float(np.mean(delay)))))
 
 
 def _mean(values: Array) -> Sized:
@@ -218,7 +218,7 @@ def _rows(rows: tuple[tuple[float, ...], ...]) -> tuple[Table, Table]:
                   tuple((row[0], *row[9:]) for row in rows), (0, 3, 3, 3, 2, 2, 2)))
 
 
-def _settled(machine: Machine, rise: Sized, field: Field, odds: Odds) -> Table:
+def _settled(machine: Machine, rise: Sized, field: PaperField, odds: Odds) -> Table:
     fall = machine.fall
     response = np.array([value for pair in RESPONSE_S.values() for value in pair])
     rpm = np.array([n for n in SPEEDS_RPM if n <= fall.valid_to_rpm], dtype=np.float64)

@@ -38,7 +38,7 @@ GAP_STEPS = 1.5             # of the median: a longer one has rows missing
 MOST_LEFT_OUT = 0.5         # of the rows: more, and it is not known what the times are
 
 
-class Times(NamedTuple):
+class RecordingTimes(NamedTuple):
     """`time_s`: (m,), of the rows `rows` (m,) of the recording, or of all as they stand. `spread`: coarse ones were."""
 
     time_s: Floats
@@ -47,7 +47,8 @@ class Times(NamedTuple):
     spread: bool = False
 
 
-def mended_times(time_s: Floats, utc_s: Callable[[], Floats] | None = None, begins: Rows | None = None) -> Times:
+def mended_times(time_s: Floats, utc_s: Callable[[], Floats] | None = None,
+                 begins: Rows | None = None) -> RecordingTimes:
     """Times (n,), NaN where there is none, as seconds from 0 or a little later, each later than the one before.
 
     begins : rows (b,) with which one of several files begins, that were joined.
@@ -73,7 +74,8 @@ def mended_times(time_s: Floats, utc_s: Callable[[], Floats] | None = None, begi
     else:
         as_they_are = all_there
     starts = np.isin(rows, [] if begins is None else begins)
-    return Times(seconds, slice(None) if as_they_are else rows, (*findings, *steps(seconds, starts)), were_coarse)
+    return RecordingTimes(seconds, slice(None) if as_they_are else rows, (*findings, *steps(seconds, starts)),
+                          were_coarse)
 
 
 def in_seconds(times: Floats, utc_s: Callable[[], Floats] | None, findings: list[Finding]) -> Floats:

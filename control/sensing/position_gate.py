@@ -31,7 +31,7 @@ AGREE_EPOCHS = 3                # a new place: so many epochs that agree with ea
 AGREE_S = 1.0                   # ... over this time
 
 
-class Judged(NamedTuple):
+class JudgedPlace(NamedTuple):
     """`off_m`: how far the place lies from the nearest one that is possible; infinite where it is no number."""
 
     taken: bool
@@ -41,7 +41,7 @@ class Judged(NamedTuple):
     back: Place | None = None   # the walk is found with this epoch: where the antenna is by the place before it
 
 
-class _Mark(NamedTuple):
+class _ReckonedPlace(NamedTuple):
     """A place reported by GNSS, and what the reckoning had counted then."""
 
     place: Place
@@ -57,8 +57,8 @@ class PositionGate:
     """`moved` or `lost` once a tick, then `judge` where a new epoch came. Works in O(1) whatever is reported."""
 
     def __init__(self) -> None:
-        self._taken: _Mark | None = None
-        self._other: _Mark | None = None        # first of the refused epochs that agree with each other
+        self._taken: _ReckonedPlace | None = None
+        self._other: _ReckonedPlace | None = None        # first of the refused epochs that agree with each other
         self._agreeing = 0
         self._way_m = 0.0                       # reckoned since the beginning: distance, and its two components
         self._east_m = 0.0
@@ -97,11 +97,11 @@ class PositionGate:
         self._watch.restart()
 
     def judge(self, place: Place, quality: int, hdop: float | None, speed_mps: float | None, time_s: float,
-              velocity: Velocity | None = None) -> Judged:
+              velocity: Velocity | None = None) -> JudgedPlace:
         """Whether a new epoch's place (east, north on one plane, m) is taken. velocity: by the receiver's own speed and
         course; None: it tells none."""
         if not (isfinite(place[0]) and isfinite(place[1])):
-            return Judged(False, float("inf"))
+            return JudgedPlace(False, float("inf"))
         mark = self._watch.epoch(time_s, place, spread_m(quality, hdop), velocity,
                                  Reckoned(self._east_m, self._north_m, self._way_m, self._lost))
         timing_m = TIMING_S * (speed_mps or 0.0)
@@ -117,13 +117,13 @@ class PositionGate:
             self._watch.taken(mark)
         return judged
 
-    def _begin_doubt(self, walk: Walk, mark: Mark) -> Judged:
+    def _begin_doubt(self, walk: Walk, mark: Mark) -> JudgedPlace:
         self._before_walk, self._back = walk.since, 0
         self._again_s = min(WINDOWS_S[-1], max(AGREE_S, mark.time_s - self._watch.started_s))
         self._watch.restart(mark)
-        return Judged(False, walk.off_m, walks=True, back=walk.place)
+        return JudgedPlace(False, walk.off_m, walks=True, back=walk.place)
 
-    def _in_doubt(self, mark: Mark, quality: int, hdop: float | None, timing_m: float) -> Judged:
+    def _in_doubt(self, mark: Mark, quality: int, hdop: float | None, timing_m: float) -> JudgedPlace:
         """After a walk: does the place agree with the one before it, or for long with speed and course?"""
         assert self._before_walk is not None
         walk = walk_between(self._before_walk, mark, GATE, timing_m)
@@ -136,13 +136,14 @@ class PositionGate:
             if walk is None:
                 self._watch.restart(mark)
             self._by_epoch(mark.place, quality, hdop, timing_m, mark.time_s)
-            return Judged(True, 0.0) if walk is None else Judged(True, walk.off_m, anew=True)
+            return JudgedPlace(True, 0.0) if walk is None else JudgedPlace(True, walk.off_m, anew=True)
         self._watch.taken(mark)
-        return Judged(False, 0.0 if walk is None else walk.off_m, walks=True)
+        return JudgedPlace(False, 0.0 if walk is None else walk.off_m, walks=True)
 
-    def _by_epoch(self, place: Place, quality: int, hdop: float | None, timing_m: float, time_s: float) -> Judged:
+    def _by_epoch(self, place: Place, quality: int, hdop: float | None, timing_m: float, time_s: float) -> JudgedPlace:
         """By this epoch and the last one taken alone."""
-        now = _Mark(place, spread_m(quality, hdop), time_s, self._way_m, self._east_m, self._north_m, self._lost)
+        now = _ReckonedPlace(place, spread_m(quality, hdop), time_s, self._way_m, self._east_m, self._north_m,
+                             self._lost)
         if self._taken is None:
             return self._take(now, 0.0)
         off_m = _off_m(self._taken, now)
@@ -150,18 +151,18 @@ class PositionGate:
             return self._take(now, off_m)
         if self._other is None or not _passes(_off_m(self._other, now), self._other, now, timing_m):
             self._other, self._agreeing = now, 1
-            return Judged(False, off_m)
+            return JudgedPlace(False, off_m)
         self._agreeing += 1
         if self._agreeing < AGREE_EPOCHS or time_s - self._other.time_s < AGREE_S - 1e-6:
-            return Judged(False, off_m)
+            return JudgedPlace(False, off_m)
         return self._take(now, off_m, anew=True)
 
-    def _take(self, mark: _Mark, off_m: float, anew: bool = False) -> Judged:
+    def _take(self, mark: _ReckonedPlace, off_m: float, anew: bool = False) -> JudgedPlace:
         self._taken, self._other, self._agreeing = mark, None, 0
-        return Judged(True, off_m, anew)
+        return JudgedPlace(True, off_m, anew)
 
 
-def _off_m(before: _Mark, now: _Mark) -> float:
+def _off_m(before: _ReckonedPlace, now: _ReckonedPlace) -> float:
     """The innovation, m; infinite where a place is no number."""
     east, north = now.place[0] - before.place[0], now.place[1] - before.place[1]
     reckoned = now.lost == before.lost and now.time_s - before.time_s <= RECKONED_S
@@ -172,7 +173,7 @@ def _off_m(before: _Mark, now: _Mark) -> float:
     return off_m if isfinite(off_m) else float("inf")
 
 
-def _passes(off_m: float, before: _Mark, now: _Mark, timing_m: float) -> bool:
+def _passes(off_m: float, before: _ReckonedPlace, now: _ReckonedPlace, timing_m: float) -> bool:
     way_m = WAY_SHARE * (now.way_m - before.way_m)
     variance = before.spread_m ** 2 + now.spread_m ** 2 + way_m ** 2 + timing_m ** 2
     return off_m * off_m <= GATE * variance

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from control.geodesy import Place, TangentPlane
 from control.readings import AHEAD_S, Doubted, GnssFix, Measurements, Reading, SpeedDoubt, is_fresh
-from control.sensing.position_gate import FASTEST_MPS, Judged, PositionGate, spread_m
+from control.sensing.position_gate import FASTEST_MPS, JudgedPlace, PositionGate, spread_m
 from control.sensing.speed_check import SLIP, SpeedCheck
 from control.sensing.speed_filter import QUICK_TAU_S, Moving
 from control.sensing.walk_watch import Velocity
@@ -225,12 +225,12 @@ class Sensing:
         gone_m = hypot(self._east - before[0], self._north - before[1])
         return gone_m if gone_m >= MOVED_M else None
 
-    def _judged(self, fix: GnssFix, speed: float | None) -> Judged | None:
+    def _judged(self, fix: GnssFix, speed: float | None) -> JudgedPlace | None:
         """A new epoch through the gate; when it is taken, the antenna is there. None: it tells no place."""
         if fix.fix_quality <= 0:
             return None
         if not (-90.0 <= fix.lat_deg <= 90.0 and -180.0 <= fix.lon_deg <= 180.0):
-            return Judged(False, float("inf"))
+            return JudgedPlace(False, float("inf"))
         if self.plane is None:
             self.plane, self._own_epochs = TangentPlane(fix.lat_deg, fix.lon_deg), 0
         place = self.plane.to_m(fix.lat_deg, fix.lon_deg)

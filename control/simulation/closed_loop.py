@@ -14,7 +14,7 @@ from control.targets.lag_correction import Fired
 
 from .canopy import AcrossWidth
 from .dose_watch import DoseWatch
-from .plant import Plant, Sensed, Truth
+from .plant import Plant, SensorReadings, Truth
 
 
 class Measuring:
@@ -24,7 +24,7 @@ class Measuring:
     def __init__(self, heads: int) -> None:
         self._now = Measurements(0.0, ndvi=(None,) * heads)
 
-    def take(self, s: Sensed) -> Measurements:
+    def take(self, s: SensorReadings) -> Measurements:
         t = s.time_s
         ndvi = self._now.ndvi if s.ndvi is None else tuple(Reading(v, t) for v in s.ndvi)
         self._now = Measurements(
@@ -38,7 +38,7 @@ class Measuring:
 REFILL_SEEN_KG = 5.0
 
 
-class Step(NamedTuple):
+class SimulatedTick(NamedTuple):
     """One tick of a simulated run: what control did, and what then really happened."""
 
     tick: Tick
@@ -48,14 +48,14 @@ class Step(NamedTuple):
 
 def simulated_run(plant: Plant, loop: ControlLoop, seconds: float,
                   orders: Sequence[tuple[float, Order]] | None = None,
-                  doses: DoseWatch | None = None) -> Iterator[Step]:
+                  doses: DoseWatch | None = None) -> Iterator[SimulatedTick]:
     """Ticks of `plant.dt_s` for `seconds`. `orders`: (time_s, order) of the operator; None: ready, start, and start
     again whenever work was held at a refill. `doses`: measures dose errors in point mode, and tells the loop."""
     measuring = Measuring(plant.machine.geometry.heads)
     waiting = sorted(orders or (), key=lambda item: item[0])
     opening = plant.machine.set_points.opening_mm
     sensed = plant.step(DriveCommand(0.0, opening), False)
-    operator = _Operator() if orders is None else None
+    operator = _SimulatedOperator() if orders is None else None
     for _ in range(round(seconds / plant.dt_s)):
         while waiting and waiting[0][0] <= sensed.time_s:
             loop.order(waiting.pop(0)[1])
@@ -70,10 +70,10 @@ def simulated_run(plant: Plant, loop: ControlLoop, seconds: float,
         if doses is not None:
             for error_m in doses.take(plant.truth, tick.row.state == State.WORKING):
                 loop.order(Order(Do.DOSE_ERROR, round(error_m, 4)))
-        yield Step(tick, plant.truth, target.rate_kg_ha)
+        yield SimulatedTick(tick, plant.truth, target.rate_kg_ha)
 
 
-class _Operator:
+class _SimulatedOperator:
     """Starts when the machine moves, tells a refill, starts again after it."""
 
     def __init__(self) -> None:
@@ -109,7 +109,7 @@ class Record:
         self._canopy: AcrossWidth | None = None
         self.fired: list[Fired] = []
 
-    def add(self, step: Step) -> None:
+    def add(self, step: SimulatedTick) -> None:
         t = step.truth
         self._canopy = t.canopy
         self.fired.extend(step.tick.fired)

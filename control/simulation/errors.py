@@ -54,7 +54,7 @@ class Errors(NamedTuple):
     smooth_error_percent: float | None = None
 
 
-class Needs(NamedTuple):
+class CropNeeds(NamedTuple):
     """What the crop needs by bin of the ground, kg/ha: by its rule as it is, and without grades."""
 
     graded_kg_ha: Array
@@ -108,10 +108,10 @@ def true_landing(columns: dict[str, Array], width_m: float) -> tuple[Array, Arra
     return land.rate_kg_ha[1:], land.place_m[:-1]
 
 
-def needs(rule: Rule, ndvi: Array) -> Needs:
+def needs(rule: Rule, ndvi: Array) -> CropNeeds:
     """What the crop needs at canopies (n,), its rule's cut-offs and limits included."""
     smooth = replace(rule, crop=rule.crop.model_copy(update={"grades": False}))
-    return Needs(*(np.array([one.decide(value).rate_kg_ha for value in ndvi.tolist()]) for one in (rule, smooth)))
+    return CropNeeds(*(np.array([one.decide(value).rate_kg_ha for value in ndvi.tolist()]) for one in (rule, smooth)))
 
 
 def falls_s(columns: dict[str, Array]) -> Array:

@@ -40,7 +40,7 @@ SUPPLY_WANDER_V = 0.25      # engine speed and consumers, 1 s.d.
 CHANGE_SHOWS_S = 1.0        # a rise or fall of the flow counts as such for this long
 
 
-class Sensed(NamedTuple):
+class SensorReadings(NamedTuple):
     """What the sensors of the machine read at `time_s`; None where a sensor gave nothing in this step."""
 
     time_s: float
@@ -158,7 +158,7 @@ class Plant:
     def time_s(self) -> float:
         return self._ticks * self.dt_s
 
-    def step(self, command: DriveCommand, enabled: bool) -> Sensed:
+    def step(self, command: DriveCommand, enabled: bool) -> SensorReadings:
         """Advance by `dt_s` with the command held, and read the sensors at the end of it."""
         dt, begin = self.dt_s, self.time_s
         while len(self._stages) > 1 and begin >= self._stages[1][0]:
@@ -288,7 +288,7 @@ class Plant:
         self._fall, drop = fall_step(self._true.fall, self._fall, parcel, self.dt_s)
         return drop
 
-    def _read(self, speed: float, pose: Pose, pitch: float, supply: float, flow: float) -> Sensed:
+    def _read(self, speed: float, pose: Pose, pitch: float, supply: float, flow: float) -> SensorReadings:
         now, dt, normal = self.time_s, self.dt_s, self._normal.next
         true, noise = self._true, self.machine.noise
         self._speed, reads = speed_step(true.speed, self._speed, SpeedInput(
@@ -298,7 +298,7 @@ class Plant:
         more_kg = self._more.scale_kg + self._ran_away_kg
         scale = scale_reads(true.scale, ScaleInput(self._flow.hopper_kg, now, pitch, more_kg)) \
             + self._scale_noise.step(dt)
-        return Sensed(
+        return SensorReadings(
             now, self._gnss(pose, reads.gnss_mps, speed < 0.0), wheel, self._pulses, self._ndvi(pose),
             max(0.0, self._shaft_out[1] + noise.shaft_rpm * normal()), self._gate_out[1] + noise.opening_mm * normal(),
             stepped(scale, true.scale.resolution_kg), supply + noise.supply_v * normal(),

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from control.machine.elements import Array
-from control.targets.plants import Row, Seen
+from control.targets.plants import PlantRow, SeenPlant
 from control.targets.point import PointLag, PointMode, Threshold
 
 CAMERA_FROM_M, CAMERA_TO_M = 0.2, 1.2       # of the camera's picture, beyond its own place
@@ -50,11 +50,11 @@ def point_run(lag: PointLag, spacing_m: float, speed_mps: float, plants: int, se
     places = 5.0 + spacing_m * np.arange(plants) + 0.1 * spacing_m * rng.standard_normal(plants)
     places.sort()
     camera = lag.distance_m(1.3 * speed_mps) + 1.3 * speed_mps * vision_s + 0.5 if camera_m is None else camera_m
-    row = Row()
+    row = PlantRow()
     mode = PointMode(lag, row, Threshold())
     way, odometer, now, wander, off = 0.0, 0.0, 0.0, 0.0, 0.0
     ways = [0.0]
-    waiting: list[tuple[float, list[Seen]]] = []
+    waiting: list[tuple[float, list[SeenPlant]]] = []
     ordered: list[tuple[float, float, float, float]] = []
     found: list[float] = []
     thresholds: list[float] = []
@@ -70,7 +70,7 @@ def point_run(lag: PointLag, spacing_m: float, speed_mps: float, plants: int, se
         ways.append(way)
         in_view = places[(places > way + camera + CAMERA_FROM_M) & (places < way + camera + CAMERA_TO_M)]
         looks = in_view - way + really.seen_sd_m * rng.standard_normal(len(in_view))
-        waiting.append((now + vision_s, [Seen(odometer, float(ahead)) for ahead in looks]))
+        waiting.append((now + vision_s, [SeenPlant(odometer, float(ahead)) for ahead in looks]))
         while waiting and waiting[0][0] <= now:
             row.look(waiting.pop(0)[1], mode.fixed_to_m)
         off += -off * tick_s / 0.25 + really.speed_sd_mps * (2.0 * tick_s / 0.25) ** 0.5 * rng.standard_normal()

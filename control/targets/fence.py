@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from control.orders import TargetSource
 
-from .profile import Change, Profile, Target
+from .profile import Profile, Target, TargetChange
 
 OUTSIDE = Target(0.0, TargetSource.NONE)
 LOOK_M = 40.0
@@ -81,12 +81,12 @@ class Fenced:
     def at(self, place_m: float) -> Target:
         return self._inner.at(place_m) if self._fence.inside(place_m) else self._outside
 
-    def next_change(self, after_m: float, before_m: float, holding: Target) -> Change | None:
+    def next_change(self, after_m: float, before_m: float, holding: Target) -> TargetChange | None:
         begin = after_m
         for end in [*(p for p in self._fence.places_m if after_m < p <= before_m), before_m]:
             if not self._fence.inside(begin):
                 if holding != self._outside:
-                    return Change(begin, self._outside)
+                    return TargetChange(begin, self._outside)
             else:
                 change = self._inner.next_change(begin, end, holding)
                 if change is not None and (change.place_m < end or end == before_m):

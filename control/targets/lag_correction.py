@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol
 
 from control.machine.change_lag import Lag
 
-from .profile import Change, Profile, Target
+from .profile import Profile, Target, TargetChange
 
 
 class Reach(Protocol):
@@ -19,7 +19,7 @@ class Reach(Protocol):
 
     farthest_m: float           # beyond it no change is looked for
 
-    def lag(self, before: Target, change: Change) -> Lag: ...
+    def lag(self, before: Target, change: TargetChange) -> Lag: ...
 
     def distance_m(self, lag: Lag) -> float: ...
 

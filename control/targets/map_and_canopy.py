@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from control.orders import TargetSource
 
-from .profile import Change, Profile, Target
+from .profile import Profile, Target, TargetChange
 
 
 class Around(NamedTuple):
@@ -41,13 +41,13 @@ class MapAndCanopy:
             return base
         return Target(self._around.held(base.rate_kg_ha, seen.rate_kg_ha), TargetSource.MAP_AND_CANOPY)
 
-    def next_change(self, after_m: float, before_m: float, holding: Target) -> Change | None:
+    def next_change(self, after_m: float, before_m: float, holding: Target) -> TargetChange | None:
         """The first place at which either of the two changes and what they come to differs from what is held."""
         place: float | None = after_m
         while place is not None and place <= before_m:
             target = self.at(place)
             if target != holding:
-                return Change(place, target)
+                return TargetChange(place, target)
             place = self._next_edge(place, before_m)
         return None
 

@@ -5,8 +5,8 @@ from bisect import bisect_right
 
 from control.geodesy import Place, TangentPlane, direction, offset
 
-from .prescription import Ahead, Prescription
-from .profile import Change, Target
+from .prescription import Prescription, TargetAhead
+from .profile import Target, TargetChange
 
 LOOK_M = 40.0
 BEND_DEG_M = 2.0        # turning more sharply, the way ahead is taken in straight pieces along the arc
@@ -31,14 +31,15 @@ class MapProfile:
     def look(self, track_m: float, east_m: float, north_m: float, heading_deg: float, fired_to_m: float,
              turn_deg_m: float = 0.0) -> None:
         """Look from the outlet ahead. `turn_deg_m`: how the heading changes per metre (0: straight on)."""
-        seen = [Ahead(track_m + d, target) for d, target in self._ahead((east_m, north_m), heading_deg, turn_deg_m)]
+        seen = [TargetAhead(track_m + d, target) for d, target in self._ahead((east_m, north_m), heading_deg,
+                                                                              turn_deg_m)]
         kept = bisect_right(self._places_m, fired_to_m)
         if self._lost or kept == 0 or fired_to_m < track_m - LOOK_M:
             self._put(seen)
             return
         begin = max(fired_to_m, track_m)
         first = max(k for k, stretch in enumerate(seen) if k == 0 or stretch.distance_m <= begin)
-        beyond = [Ahead(begin, seen[first].target), *seen[first + 1:]]
+        beyond = [TargetAhead(begin, seen[first].target), *seen[first + 1:]]
         held = self._targets[kept - 1]
         while beyond and beyond[0].target != held and self._is_made(held, beyond, begin, offset(
                 (east_m, north_m), heading_deg, beyond[0].distance_m - track_m), heading_deg):
@@ -55,32 +56,33 @@ class MapProfile:
     def at(self, place_m: float) -> Target:
         return self._targets[max(0, bisect_right(self._places_m, place_m) - 1)]
 
-    def next_change(self, after_m: float, before_m: float, holding: Target) -> Change | None:
+    def next_change(self, after_m: float, before_m: float, holding: Target) -> TargetChange | None:
         if self.at(after_m) != holding:
-            return Change(after_m, self.at(after_m))
+            return TargetChange(after_m, self.at(after_m))
         for k in range(bisect_right(self._places_m, after_m), len(self._places_m)):
             if self._places_m[k] > before_m:
                 return None
             if self._targets[k] != holding:
-                return Change(self._places_m[k], self._targets[k])
+                return TargetChange(self._places_m[k], self._targets[k])
         return None
 
-    def _ahead(self, start: Place, heading_deg: float, turn_deg_m: float) -> list[Ahead]:
+    def _ahead(self, start: Place, heading_deg: float, turn_deg_m: float) -> list[TargetAhead]:
         if abs(turn_deg_m) < BEND_DEG_M:
             return self.prescription.ahead(start, heading_deg, LOOK_M)
-        stretches: list[Ahead] = []
+        stretches: list[TargetAhead] = []
         started = 0.0
         while started < LOOK_M and abs(turn_deg_m) * started < 180.0:
             heading = heading_deg + turn_deg_m * (started + 0.5 * PIECE_M)
             for distance, target in self.prescription.ahead(start, heading, PIECE_M):
                 if not stretches or stretches[-1].target != target:
-                    stretches.append(Ahead(started + distance, target))
+                    stretches.append(TargetAhead(started + distance, target))
             east, north = direction(heading)
             start = (start[0] + PIECE_M * east, start[1] + PIECE_M * north)
             started += PIECE_M
         return stretches
 
-    def _is_made(self, held: Target, beyond: list[Ahead], begin_m: float, place: Place, heading_deg: float) -> bool:
+    def _is_made(self, held: Target, beyond: list[TargetAhead], begin_m: float, place: Place,
+                 heading_deg: float) -> bool:
         """Whether what is seen first, at `place`, is the change already made: what is held begins a little further
         on, or holds close by."""
         if len(beyond) > 1 and beyond[1].target == held and beyond[1].distance_m < begin_m + SAME_M:
@@ -89,7 +91,7 @@ class MapProfile:
             [offset(place, heading_deg, ahead, aside)
              for ahead in (-NEAR_BY_M, NEAR_BY_M) for aside in (-NEAR_BY_M, NEAR_BY_M)])
 
-    def _put(self, seen: list[Ahead]) -> None:
+    def _put(self, seen: list[TargetAhead]) -> None:
         self._lost = False
         self._places_m = [place for place, _ in seen]
         self._targets = [target for _, target in seen]

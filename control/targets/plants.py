@@ -35,7 +35,7 @@ class PlantList:
         return sorted(ahead[(ahead > 0.0) & (ahead <= farthest_m) & (np.abs(aside) <= half_width_m)].tolist())
 
 
-class Seen(NamedTuple):
+class SeenPlant(NamedTuple):
     """A plant in a camera's picture: how far ahead of the outlet, when the outlet was at `track_m`.
 
     The stamp takes the camera's computing time (point paper: 1.5 s) out of the lag: what was driven since is known.
@@ -45,7 +45,7 @@ class Seen(NamedTuple):
     ahead_m: float
 
 
-class Row:
+class PlantRow:
     """Plants along the track, each once, rising; reported again and again by a list or a camera, ever more exactly."""
 
     SAME_M = 0.08           # nearer than this is the same plant seen again
@@ -54,7 +54,7 @@ class Row:
     def __init__(self) -> None:
         self.places_m: list[float] = []
 
-    def look(self, seen: Sequence[Seen], fixed_to_m: float, newer: float = NEWER) -> None:
+    def look(self, seen: Sequence[SeenPlant], fixed_to_m: float, newer: float = NEWER) -> None:
         """Take in what is seen; plants up to `fixed_to_m`, dosed already, stay as they are. `newer`: see NEWER."""
         for plant in seen:
             place = plant.track_m + plant.ahead_m
@@ -68,7 +68,7 @@ class Row:
             elif place > fixed_to_m + self.SAME_M:
                 self.places_m.insert(k, place)
 
-    def only(self, seen: Sequence[Seen], from_m: float, to_m: float) -> None:
+    def only(self, seen: Sequence[SeenPlant], from_m: float, to_m: float) -> None:
         """Forget the plants between two places of the track that a look which tells them all did not tell."""
         reported = sorted(plant.track_m + plant.ahead_m for plant in seen)
         self.places_m = [place for place in self.places_m

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from .plants import Row
+from .plants import PlantRow
 
 GRAVITY_MPS2 = 9.80665
 
@@ -100,7 +100,7 @@ class Missed(NamedTuple):
 class PointMode:
     """Plans doses tick by tick; a plant is dosed once or said to be missed, never forgotten."""
 
-    def __init__(self, lag: PointLag, row: Row, threshold: Threshold | None = None, latest_m: float = 0.08,
+    def __init__(self, lag: PointLag, row: PlantRow, threshold: Threshold | None = None, latest_m: float = 0.08,
                  rest_s: float = 0.0) -> None:
         """latest_m: a dose that would come later than this is missed; rest_s: the shaft's pause between doses."""
         self.lag = lag

@@ -11,7 +11,7 @@ import numpy as np
 from control.geodesy import Place, TangentPlane
 from control.readings import DoseOrder, PlantSeen
 
-from .plants import PlantList, Row, Seen
+from .plants import PlantList, PlantRow, SeenPlant
 from .point import Dose, PointLag, PointMode, fastest_mps
 
 LOOK_M = 2.0                # plants are looked for this far beyond the lag distance
@@ -21,7 +21,7 @@ SETTLES_S = 0.5             # after the time that a dose takes the shaft stands
 SPACINGS = 20               # doses whose mean distance counts
 
 
-class Given(NamedTuple):
+class CommandedDose(NamedTuple):
     """A dose that was commanded."""
 
     time_s: float
@@ -52,10 +52,10 @@ class PointSource:
                  learn: bool = True, rest_s: float = 0.0) -> None:
         self.lag = lag
         self.dose = dose
-        self.row = Row()
+        self.row = PlantRow()
         self.mode = PointMode(lag, self.row, rest_s=rest_s)
         self.missed = 0
-        self.given: deque[Given] = deque(maxlen=200)
+        self.given: deque[CommandedDose] = deque(maxlen=200)
         self.doses = 0
         self._plants = plants
         self._half_width_m = half_width_m
@@ -109,10 +109,11 @@ class PointSource:
             return
         self._looked_deg = heading_deg
         if self._plants is None:
-            self.row.look([Seen(self._track_at(plant.time_s), plant.ahead_m) for plant in seen], fixed)
+            self.row.look([SeenPlant(self._track_at(plant.time_s), plant.ahead_m) for plant in seen], fixed)
         else:
             farthest = self.reach_m(speed_mps) + LOOK_M
-            ahead = [Seen(track_m, d) for d in self._plants.ahead_m(place, heading_deg, farthest, self._half_width_m)]
+            ahead = [SeenPlant(track_m, d) for d in self._plants.ahead_m(place, heading_deg, farthest,
+                                                                         self._half_width_m)]
             self.row.only(ahead, max(fixed, track_m), track_m + farthest)
             self.row.look(ahead, fixed, newer=0.1)
         self.row.forget(track_m - KEEP_M)
@@ -138,7 +139,8 @@ class PointSource:
             _, dose = self._waiting.popleft()
             self._free_s = now_s + self._busy_s
             self.doses += 1
-            self.given.append(Given(now_s, dose.plant_m, dose.threshold_m, dose.speed_mps, now_s + self.lag.total_s))
+            self.given.append(CommandedDose(now_s, dose.plant_m, dose.threshold_m, dose.speed_mps,
+                                            now_s + self.lag.total_s))
             order = self.dose
         self.missed += len(why)
         return Due(order, tuple(why))

@@ -84,7 +84,7 @@ class MapData:
         return TangentPlane(0.5 * (south + north), 0.5 * (west + east))
 
 
-class Ahead(NamedTuple):
+class TargetAhead(NamedTuple):
     """From `distance_m` ahead on, `target` holds."""
 
     distance_m: float
@@ -140,7 +140,7 @@ class Prescription:
                           axis=-1).reshape(-1, 2)
         return bool(np.isfinite(self._rates.rates_at(places[field.many_inside(places)])).any())
 
-    def ahead(self, start: Place, heading_deg: float, farthest_m: float) -> list[Ahead]:
+    def ahead(self, start: Place, heading_deg: float, farthest_m: float) -> list[TargetAhead]:
         """The stretches along a straight line from `start`, the first from 0 m on; each differs from the one before.
 
         Where the line meets a cell's or a zone's edge, or the field's, which cuts the cells of the border (lag paper,
@@ -152,28 +152,28 @@ class Prescription:
         edges = edges[np.append(True, np.diff(edges) > 0.0)]
         middles = 0.5 * (edges[:-1] + edges[1:])
         targets = self.targets_at(np.asarray(start) + middles[:, None] * np.asarray(direction(heading_deg)))
-        pieces: list[_Piece] = []
+        pieces: list[_ZonePiece] = []
         for begin, end, target in zip(edges[:-1].tolist(), edges[1:].tolist(), targets, strict=True):
             if pieces and pieces[-1].target == target:
                 begin = pieces.pop().begin_m
-            pieces.append(_Piece(begin, end, target))
+            pieces.append(_ZonePiece(begin, end, target))
         long = [k for k, piece in enumerate(pieces) if not _is_sliver(piece, 0 < k < len(pieces) - 1)]
-        stretches: list[Ahead] = []
+        stretches: list[TargetAhead] = []
         for before, k in zip([None, *long], long or [0], strict=False):
             if not stretches or before is None:
-                stretches = [Ahead(0.0, pieces[k].target)]
+                stretches = [TargetAhead(0.0, pieces[k].target)]
             elif pieces[k].target != stretches[-1].target:
-                stretches.append(Ahead(0.5 * (pieces[before].end_m + pieces[k].begin_m), pieces[k].target))
+                stretches.append(TargetAhead(0.5 * (pieces[before].end_m + pieces[k].begin_m), pieces[k].target))
         return stretches
 
 
-class _Piece(NamedTuple):
+class _ZonePiece(NamedTuple):
     begin_m: float
     end_m: float
     target: Target
 
 
-def _is_sliver(piece: _Piece, between: bool) -> bool:
+def _is_sliver(piece: _ZonePiece, between: bool) -> bool:
     """Whether a piece is too short to count; a gap in the map counts only where it is not between two others."""
     least = GAP_M if between and piece.target.source is TargetSource.FALLBACK else SHORTEST_M
     return piece.end_m - piece.begin_m < least

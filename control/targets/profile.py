@@ -12,7 +12,7 @@ class Target(NamedTuple):
     source: TargetSource
 
 
-class Change(NamedTuple):
+class TargetChange(NamedTuple):
     """At `place_m` along the track the target becomes `target`."""
 
     place_m: float
@@ -24,7 +24,7 @@ class Profile(Protocol):
 
     def at(self, place_m: float) -> Target: ...
 
-    def next_change(self, after_m: float, before_m: float, holding: Target) -> Change | None:
+    def next_change(self, after_m: float, before_m: float, holding: Target) -> TargetChange | None:
         """The first place in (after_m, before_m] at which the target differs from `holding`."""
         ...
 
@@ -38,8 +38,8 @@ class Everywhere:
     def at(self, place_m: float) -> Target:
         return self.target
 
-    def next_change(self, after_m: float, before_m: float, holding: Target) -> Change | None:
-        return Change(after_m, self.target) if holding != self.target else None
+    def next_change(self, after_m: float, before_m: float, holding: Target) -> TargetChange | None:
+        return TargetChange(after_m, self.target) if holding != self.target else None
 
 
 class Stretches:
@@ -87,11 +87,11 @@ class Stretches:
             return self.fallback
         return self._target[k] if behind < ahead else self._target[k + 1]
 
-    def next_change(self, after_m: float, before_m: float, holding: Target) -> Change | None:
+    def next_change(self, after_m: float, before_m: float, holding: Target) -> TargetChange | None:
         for place in self._edges(after_m, before_m):
             target = self.at(place)
             if target != holding:
-                return Change(place, target)
+                return TargetChange(place, target)
         return None
 
     def _edges(self, after_m: float, before_m: float) -> list[float]:
@@ -120,9 +120,9 @@ class Unspread:
     def at(self, place_m: float) -> Target:
         return self._inner.at(place_m) if place_m >= self._to_m else self._nothing
 
-    def next_change(self, after_m: float, before_m: float, holding: Target) -> Change | None:
+    def next_change(self, after_m: float, before_m: float, holding: Target) -> TargetChange | None:
         if after_m >= self._to_m:
             return self._inner.next_change(after_m, before_m, holding)
         if holding.rate_kg_ha > 0.0:
-            return Change(after_m, self._nothing)
+            return TargetChange(after_m, self._nothing)
         return self._inner.next_change(self._to_m, before_m, holding) if before_m >= self._to_m else None

@@ -36,7 +36,7 @@ class RateMap(Protocol):
         ...
 
 
-class Frame(NamedTuple):
+class MapFrame(NamedTuple):
     """From the plane to columns and rows: quadratics in east and north; a cell is where both have the same floor.
 
     `column`, `row`: six factors each, of 1, e, n, e^2, e n, n^2.
@@ -55,7 +55,7 @@ def _quadratic(factors: tuple[float, ...], e: Floats, n: Floats) -> Floats:
     return np.asarray(a + e * (b + d * e + f * n) + n * (c + g * n), dtype=np.float64)
 
 
-def frame_m(corner: Place, cell_east_m: float, cell_north_m: float, heading_deg: float = 0.0) -> Frame:
+def frame_m(corner: Place, cell_east_m: float, cell_north_m: float, heading_deg: float = 0.0) -> MapFrame:
     """Cells in metres; rows follow one another along the heading, columns to the right of it.
 
     corner: the outer corner of the first cell. Raises ValueError for a cell that is not above 0.
@@ -68,11 +68,11 @@ def frame_m(corner: Place, cell_east_m: float, cell_north_m: float, heading_deg:
         return (-(corner[0] * axis[0] + corner[1] * axis[1]) / cell_m, axis[0] / cell_m, axis[1] / cell_m,
                 0.0, 0.0, 0.0)
 
-    return Frame(factors(right, cell_east_m), factors(ahead, cell_north_m))
+    return MapFrame(factors(right, cell_east_m), factors(ahead, cell_north_m))
 
 
 def frame_deg(plane: TangentPlane, south_deg: float, west_deg: float, cell_lat_deg: float, cell_lon_deg: float,
-              rows: int, columns: int) -> Frame:
+              rows: int, columns: int) -> MapFrame:
     """Cells in degrees, from the south-western corner on: right to a millimetre over 2 km.
 
     Raises ValueError for a cell that is not above 0 or a grid without cells.
@@ -88,13 +88,13 @@ def frame_deg(plane: TangentPlane, south_deg: float, west_deg: float, cell_lat_d
     terms = np.column_stack((np.ones_like(e), e, n, e * e, e * n, n * n))
     back = np.array([1.0, size, size, size * size, size * size, size * size])
     factors = np.linalg.lstsq(terms, np.column_stack((column, row)), rcond=None)[0] / back[:, None]
-    return Frame(tuple(factors[:, 0].tolist()), tuple(factors[:, 1].tolist()))
+    return MapFrame(tuple(factors[:, 0].tolist()), tuple(factors[:, 1].tolist()))
 
 
 class GridMap:
     """Cells of a frame. rate_kg_ha: (rows, columns), NaN where the map says nothing; row 0 begins at the corner."""
 
-    def __init__(self, frame: Frame, rate_kg_ha: npt.ArrayLike) -> None:
+    def __init__(self, frame: MapFrame, rate_kg_ha: npt.ArrayLike) -> None:
         self.frame = frame
         self.rate_kg_ha: Floats = np.asarray(rate_kg_ha, dtype=np.float64)
         if self.rate_kg_ha.ndim != 2:

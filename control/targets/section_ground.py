@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from control.field.coverage import Coverage
 from control.geodesy import Place, direction
-from control.machine.sections import Strip
+from control.machine.sections import SectionStrip
 from control.targets.fence import Fence
 from control.targets.profile import Target
 
@@ -21,23 +21,23 @@ FULL = 1.0 - 1e-9
 OUTSIDE, HEADLAND, DONE, EMPTY = "outside", "headland", "done", "map"      # why a section gets nothing
 
 
-class Rates(Protocol):
+class SectionRates(Protocol):
     """A prescription."""
 
     def targets_at(self, places: npt.ArrayLike) -> list[Target]: ...
 
 
-class Ground(NamedTuple):
+class SectionsGround(NamedTuple):
     """What holds for every section. `started`: of each, the operator wants flow on what this run has done."""
 
     fence: Fence | None                 # None: no field known, or the operator allows work outside it
     headland: Fence | None              # where it gets nothing: inside of it
     coverage: Coverage | None           # None: ground that is done may get more
-    rates: Rates | None                 # of map mode
+    rates: SectionRates | None                 # of map mode
     started: tuple[bool, ...]
 
 
-class Judged(NamedTuple):
+class JudgedStrip(NamedTuple):
     """One section's strip. `share`: of its width that is to get nothing; `why`: what most of that is, or empty."""
 
     wanted: bool
@@ -53,7 +53,7 @@ class SectionGround:
     A bitmap knows ground by its cells, so that a strip's outermost `edge_m` say nothing: they are left out.
     """
 
-    def __init__(self, strips: Sequence[Strip], overlap_percent: float, edge_m: float) -> None:
+    def __init__(self, strips: Sequence[SectionStrip], overlap_percent: float, edge_m: float) -> None:
         self._overlap = min(FULL, max(1e-9, overlap_percent / 100.0))
         aside = []
         for left, right, _ in strips:
@@ -64,12 +64,12 @@ class SectionGround:
         self._begins = np.concatenate([[0], np.cumsum(self._counts)[:-1]])
         self._aside = np.concatenate([np.empty(0), *aside])
 
-    def unknown(self, ground: Ground) -> tuple[Judged, ...]:
+    def unknown(self, ground: SectionsGround) -> tuple[JudgedStrip, ...]:
         """No place known: outside the field, where there is one."""
         outside = ground.fence is not None
-        return (Judged(not outside, OUTSIDE if outside else "", float(outside), False),) * len(self._counts)
+        return (JudgedStrip(not outside, OUTSIDE if outside else "", float(outside), False),) * len(self._counts)
 
-    def look(self, place: Place, heading_deg: float, ground: Ground) -> tuple[Judged, ...]:
+    def look(self, place: Place, heading_deg: float, ground: SectionsGround) -> tuple[JudgedStrip, ...]:
         """The middle of the outlets is there, on this course. Some 60 us."""
         points = self._points(place, heading_deg)
         nothing: dict[str, npt.NDArray[np.bool_]] = {}
@@ -88,7 +88,7 @@ class SectionGround:
             nothing[EMPTY] = np.array([target.rate_kg_ha <= 0.0 for target in ground.rates.targets_at(points)])
         return self._judged(nothing, done)
 
-    def rate_kg_ha(self, place: Place, heading_deg: float, on: Sequence[bool], rates: Rates) -> float:
+    def rate_kg_ha(self, place: Place, heading_deg: float, on: Sequence[bool], rates: SectionRates) -> float:
         """Mean of what a map wants under the sections that are on, where it wants any."""
         points = self._points(place, heading_deg)[np.repeat(on, self._counts)]
         wanted = [target.rate_kg_ha for target in rates.targets_at(points) if target.rate_kg_ha > 0.0]
@@ -98,9 +98,10 @@ class SectionGround:
         east, north = direction(heading_deg)
         return np.column_stack((place[0] + self._aside * north, place[1] - self._aside * east))
 
-    def _judged(self, nothing: dict[str, npt.NDArray[np.bool_]], done: npt.NDArray[np.bool_]) -> tuple[Judged, ...]:
+    def _judged(self, nothing: dict[str, npt.NDArray[np.bool_]], done: npt.NDArray[np.bool_]) -> tuple[JudgedStrip,
+                                                                                                       ...]:
         if not nothing:
-            return (Judged(True, "", 0.0, False),) * len(self._counts)
+            return (JudgedStrip(True, "", 0.0, False),) * len(self._counts)
         shares = {why: self._shares(flags) for why, flags in nothing.items()}
         unwanted = self._shares(np.logical_or.reduce(list(nothing.values())))
         were_done = self._shares(done)
@@ -109,7 +110,7 @@ class SectionGround:
             outside = shares[OUTSIDE][k] > MOST_OUTSIDE if OUTSIDE in shares else False
             off = share >= self._overlap or outside
             why = OUTSIDE if outside else max(shares, key=lambda name: shares[name][k])
-            found.append(Judged(not off, why if off else "", share, were_done[k] > 0.0))
+            found.append(JudgedStrip(not off, why if off else "", share, were_done[k] > 0.0))
         return tuple(found)
 
     def _shares(self, flags: npt.NDArray[np.bool_]) -> list[float]:

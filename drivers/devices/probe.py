@@ -15,7 +15,7 @@ from drivers.devices.gnss import GnssDecoder
 from drivers.devices.gpsd import GpsdDecoder
 from drivers.devices.lag_rig import LagRig
 from drivers.devices.lines import Counts
-from drivers.devices.rate_module_frames import BadDatagram, Board, Label, Status, Trace, decode_heard
+from drivers.devices.rate_module_frames import BadDatagram, BoardLabel, BoardStatus, Status, Trace, decode_heard
 from drivers.devices.slave_board import SlaveBoard
 from drivers.ports import Clock, Port, printable
 
@@ -24,7 +24,7 @@ LISTEN_S = 1.2                                          # a receiver or head at 
 FEWEST = 2                                              # accepted messages that make a finding
 
 
-class Finding(NamedTuple):
+class ProbeFinding(NamedTuple):
     """`protocol` empty: nothing known speaks there. `said`: the last line, or why the port cannot be used."""
 
     protocol: str = ""
@@ -49,12 +49,12 @@ def decoders() -> dict[str, Decoder]:
             **{name: HeadDecoder(layout) for name, layout in PROTOCOLS.items()}}
 
 
-def recognise(data: bytes) -> Finding:
+def recognise(data: bytes) -> ProbeFinding:
     """What bytes heard on a line are. Head layouts of equal length cannot be told apart: the first one is named.
 
     An NMEA receiver without a fix and a gpsd that waits to be asked are recognised by what is ignored.
     """
-    best = Finding()
+    best = ProbeFinding()
     for protocol, decoder in decoders().items():
         decoder.feed(data, 0.0)
         counts = decoder.counts
@@ -62,12 +62,12 @@ def recognise(data: bytes) -> Finding:
             times for kind, times in counts.ignored.items() if kind not in ("comment", "partial_first"))
         enough = FEWEST if protocol not in ("gpsd",) else 1
         if understood >= enough and understood > best.accepted and understood > counts.rejected_total:
-            best = Finding(protocol, None, understood, counts.rejected_total)
+            best = ProbeFinding(protocol, None, understood, counts.rejected_total)
     return best
 
 
 def probe(open_at: Callable[[int], Port], bauds: Sequence[int], clock: Clock = time.monotonic,
-          sleep: Callable[[float], None] = time.sleep, listen_s: float = LISTEN_S) -> Finding:
+          sleep: Callable[[float], None] = time.sleep, listen_s: float = LISTEN_S) -> ProbeFinding:
     """Listen at each baud rate in turn until something is recognised; takes `listen_s` a rate at most.
 
     `open_at` opens the port at a rate; ValueError and OSError come through.
@@ -81,7 +81,7 @@ def probe(open_at: Callable[[int], Port], bauds: Sequence[int], clock: Clock = t
             while clock() - started_s < listen_s:
                 sleep(0.02)
                 heard += port.read()
-                found = recognise(heard) if heard.endswith(b"\n") else Finding()
+                found = recognise(heard) if heard.endswith(b"\n") else ProbeFinding()
                 if found.protocol and found.accepted >= 2 * FEWEST:
                     break
             state = port.state()
@@ -93,11 +93,11 @@ def probe(open_at: Callable[[int], Port], bauds: Sequence[int], clock: Clock = t
             return found._replace(baud=baud, said=last[0] if last else "")
         said = f"{len(heard)} bytes that no driver understands" if heard else state.last_error or "silent"
         if not state.connects:
-            return Finding(said=said, opened=False)     # it cannot be opened: not at another rate either
-    return Finding(said=said)
+            return ProbeFinding(said=said, opened=False)     # it cannot be opened: not at another rate either
+    return ProbeFinding(said=said)
 
 
-def recognise_either(heard: Sequence[bytes]) -> Finding:
+def recognise_either(heard: Sequence[bytes]) -> ProbeFinding:
     """What pieces of a line are, or datagrams: the last line is said with it."""
     found = recognise(b"".join(heard))
     if found.protocol:
@@ -107,7 +107,7 @@ def recognise_either(heard: Sequence[bytes]) -> Finding:
     modules = recognise_modules(heard)
     if modules:
         number, label = next(iter(modules.items()))
-        return Finding("rate-module/udp", None, len(heard), 0, f"{number} {label}".strip())
+        return ProbeFinding("rate-module/udp", None, len(heard), 0, f"{number} {label}".strip())
     return found
 
 
@@ -119,8 +119,8 @@ def recognise_modules(datagrams: Sequence[bytes]) -> dict[int, str]:
             heard = decode_heard(data)
         except BadDatagram:
             continue
-        if isinstance(heard, (Status, Board, Trace)):
+        if isinstance(heard, (Status, BoardStatus, Trace)):
             found.setdefault(heard.module, "")
-        elif isinstance(heard, Label):
+        elif isinstance(heard, BoardLabel):
             found[heard.module] = heard.text
     return found

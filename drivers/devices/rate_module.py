@@ -16,11 +16,11 @@ from drivers.devices.rate_module_frames import (
     MOST_RELAYS,
     U24,
     BadDatagram,
-    Board,
-    Label,
+    BoardLabel,
+    BoardStatus,
+    FlowTarget,
     Relays,
     Status,
-    Target,
     Trace,
     decode_heard,
     encode_relays,
@@ -68,7 +68,7 @@ class RateModule:
                  drive: str = "motor") -> None:
         self.counts = Counts()
         self.label = ""
-        self.board: Board | None = None         # the newest 32401
+        self.board: BoardStatus | None = None         # the newest 32401
         self.board_s: float | None = None
         self.trace: Trace | None = None         # the newest 32402
         self._address = address
@@ -108,7 +108,7 @@ class RateModule:
                 readings.append(self._read(heard, time_s))
             else:
                 self.counts.accept()
-                if isinstance(heard, Label):
+                if isinstance(heard, BoardLabel):
                     self.label = heard.text
                 elif isinstance(heard, Trace):
                     self.trace = heard
@@ -147,7 +147,7 @@ class RateModule:
             found.append(encode_relays(Relays(*self._address, relays)))
         if self._due((rpm, running), now_s):
             self._sent, self._sent_s = (rpm, running), now_s
-            found.append(encode_target(Target(*self._address, rpm, self._pulses_per_turn, self._drive, running)))
+            found.append(encode_target(FlowTarget(*self._address, rpm, self._pulses_per_turn, self._drive, running)))
         return found
 
     def _due(self, wanted: tuple[float, bool], now_s: float) -> bool:

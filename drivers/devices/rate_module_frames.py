@@ -23,7 +23,7 @@ class BadDatagram(Exception):
     """A datagram that is wrong; the argument is the kind under which it is counted."""
 
 
-class Target(NamedTuple):
+class FlowTarget(NamedTuple):
     """32500. `units_per_min` and `pulses_per_unit` travel in thousandths, 24 bits: below 16 777.216."""
 
     module: int
@@ -65,7 +65,7 @@ class Status(NamedTuple):
     pulse_hz: float
 
 
-class Board(NamedTuple):
+class BoardStatus(NamedTuple):
     """32401, every 200 ms. `speed` in the module's own unit."""
 
     module: int
@@ -80,7 +80,7 @@ class Board(NamedTuple):
     config_rejected: bool
 
 
-class Label(NamedTuple):
+class BoardLabel(NamedTuple):
     """32403, every 2 s: what the board calls itself."""
 
     module: int
@@ -104,7 +104,7 @@ class Trace(NamedTuple):
     firmware: int
 
 
-Heard = Status | Board | Label | Trace
+Heard = Status | BoardStatus | BoardLabel | Trace
 
 
 def checksum(data: bytes) -> int:
@@ -117,7 +117,7 @@ def seal(message: int, body: bytes) -> bytes:
     return data + bytes([checksum(data)])
 
 
-def encode_target(target: Target) -> bytes:
+def encode_target(target: FlowTarget) -> bytes:
     """Raises ValueError for a number that is not finite or does not fit: a wrapped set-point would be another one."""
     command = CONTROL_TYPES.index(target.control) << 1
     for flag, mask in ((target.reset_quantity, RESET_QUANTITY), (target.master_on, MASTER_ON), (target.auto, AUTO),
@@ -146,7 +146,7 @@ def encode_status(status: Status) -> bytes:
                 + min(round(status.pulse_hz * 10.0), 0xFFFF).to_bytes(2, "little"))
 
 
-def encode_board(board: Board) -> bytes:
+def encode_board(board: BoardStatus) -> bytes:
     flags = (WORK_SWITCH * board.work_switch | ETHERNET * board.ethernet | PINS_OK * board.pins_ok
              | CONFIG_REJECTED * board.config_rejected)
     return seal(BOARD, bytes([board.module]) + board.pressure.to_bytes(2, "little")
@@ -154,7 +154,7 @@ def encode_board(board: Board) -> bytes:
                 + bytes([board.board_type]) + board.firmware.to_bytes(2, "little") + bytes([flags]))
 
 
-def encode_label(label: Label) -> bytes:
+def encode_label(label: BoardLabel) -> bytes:
     """At most 16 letters of Latin-1."""
     return seal(LABEL, bytes([label.module]) + label.text.encode("latin-1", "replace")[:16].ljust(16, b"\0"))
 
@@ -178,12 +178,12 @@ def decode_heard(data: bytes) -> Heard:
                       bool(flags & HEARS_YOU), bool(flags & BIN_EMPTY), int.from_bytes(body[10:12], "little") / 10.0)
     if message == BOARD:
         flags = body[11]
-        return Board(body[0], int.from_bytes(body[1:3], "little"), int.from_bytes(body[3:5], "little") / 10.0,
-                     int.from_bytes(body[5:8], "little"), body[8], int.from_bytes(body[9:11], "little"),
-                     bool(flags & WORK_SWITCH), bool(flags & ETHERNET), bool(flags & PINS_OK),
-                     bool(flags & CONFIG_REJECTED))
+        return BoardStatus(body[0], int.from_bytes(body[1:3], "little"), int.from_bytes(body[3:5], "little") / 10.0,
+                           int.from_bytes(body[5:8], "little"), body[8], int.from_bytes(body[9:11], "little"),
+                           bool(flags & WORK_SWITCH), bool(flags & ETHERNET), bool(flags & PINS_OK),
+                           bool(flags & CONFIG_REJECTED))
     if message == LABEL:
-        return Label(body[0], body[1:].rstrip(b"\0 ").decode("latin-1"))
+        return BoardLabel(body[0], body[1:].rstrip(b"\0 ").decode("latin-1"))
     if message == TRACE:
         signed = [int.from_bytes(body[at:at + 2], "little", signed=True) for at in (14, 16, 18)]
         return Trace(body[0] >> 4, body[0] & 15, int.from_bytes(body[1:5], "little"),
@@ -193,17 +193,17 @@ def decode_heard(data: bytes) -> Heard:
     raise BadDatagram("unknown_message")
 
 
-def decode_command(data: bytes) -> Target | Relays:
+def decode_command(data: bytes) -> FlowTarget | Relays:
     """A datagram to a module, as the virtual one reads it. Raises BadDatagram."""
     message, body = _open(data)
     if message == TARGET:
         command, kind = body[7], body[7] >> 1 & 7
         if kind >= len(CONTROL_TYPES):
             raise BadDatagram("out_of_range")
-        return Target(body[0] >> 4, body[0] & 15, int.from_bytes(body[1:4], "little") / 1000.0,
-                      int.from_bytes(body[4:7], "little") / 1000.0, CONTROL_TYPES[kind], bool(command & MASTER_ON),
-                      bool(command & AUTO), bool(command & RESET_QUANTITY),
-                      int.from_bytes(body[8:10], "little", signed=True), bool(command & LOG_PID))
+        return FlowTarget(body[0] >> 4, body[0] & 15, int.from_bytes(body[1:4], "little") / 1000.0,
+                          int.from_bytes(body[4:7], "little") / 1000.0, CONTROL_TYPES[kind], bool(command & MASTER_ON),
+                          bool(command & AUTO), bool(command & RESET_QUANTITY),
+                          int.from_bytes(body[8:10], "little", signed=True), bool(command & LOG_PID))
     if message == RELAYS:
         relays, power, inverted = (int.from_bytes(body[at:at + 2], "little") for at in (1, 3, 5))
         return Relays(body[0] >> 4, body[0] & 15, relays, power, inverted, body[7])

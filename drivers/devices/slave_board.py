@@ -35,7 +35,7 @@ BOARD_WORD = WORD.encode() + b","
 ASKED = 20                  # times in vain, a second at 20 a second: a board that has no word
 
 
-class DriveLimits(NamedTuple):
+class SetPointLimits(NamedTuple):
     """Set-points are cut to 0 ... these before they are sent."""
 
     max_shaft_rpm: float = 100.0
@@ -75,10 +75,10 @@ class SlaveBoard(LineDecoder[BoardReadings]):
 
     longest = 200
 
-    def __init__(self, limits: DriveLimits | None = None, wheel: WheelGeometry | None = None) -> None:
+    def __init__(self, limits: SetPointLimits | None = None, wheel: WheelGeometry | None = None) -> None:
         super().__init__()
         self.missed = 0
-        self._limits = limits or DriveLimits()
+        self._limits = limits or SetPointLimits()
         self._wheel = WheelSpeed(wheel or WheelGeometry())
         self._last_seq: int | None = None
         self._next_command = 0

@@ -28,7 +28,7 @@ def import_file(log: Path) -> Path | None:
 
 
 if TYPE_CHECKING:
-    from drivers.files.imports.join import Joined
+    from drivers.files.imports.join import JoinedFiles
     from drivers.files.imports.mapping import ImportFile
     from drivers.files.imports.raw import RawTable
 
@@ -63,7 +63,7 @@ def imported_columns(path: Path, raw: RawTable, mapping: ImportFile) -> Columns:
     return log_of(path, as_read(_converted(raw, mapping)), RunMeta()).columns
 
 
-def _converted(raw: RawTable, mapping: ImportFile) -> Joined:
+def _converted(raw: RawTable, mapping: ImportFile) -> JoinedFiles:
     from drivers.files.imports.convert import convert
     from drivers.files.imports.join import joined
     return joined([convert(raw, mapping)], mapping.join)

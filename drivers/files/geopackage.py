@@ -13,8 +13,8 @@ import shapely
 
 from drivers.files.layers import Layer, in_degrees
 from drivers.files.limits import GEOPACKAGE, MB, held_to
-from drivers.files.stated_units import Unit, of_markup, of_texts
-from drivers.plain_text import Refused, Where
+from drivers.files.stated_units import StatedUnit, of_markup, of_texts
+from drivers.plain_text import PlaceInFile, Refused
 
 LONGEST_S = 20.0            # of all that SQLite does with a file: one of 256 MB takes 2 s
 STEPS = 20_000              # of its machine between two looks at the clock, a millisecond
@@ -29,7 +29,7 @@ _LAYERS = """SELECT c.table_name, g.column_name, s.organization, s.organization_
     LEFT JOIN gpkg_spatial_ref_sys s ON s.srs_id = g.srs_id WHERE c.data_type = 'features' ORDER BY c.rowid"""
 
 
-class _Table(NamedTuple):
+class _LayerTable(NamedTuple):
     """`crs`: EPSG:number or the like; None: none that is known; `definition`: the same as well-known text."""
 
     name: str
@@ -72,19 +72,19 @@ def _fence(base: sqlite3.Connection, until_s: float) -> None:
     base.set_progress_handler(lambda: time.monotonic() > until_s, STEPS)
 
 
-def _tables(base: sqlite3.Connection) -> list[_Table]:
-    return [_Table(str(name), str(column), f"{organization}:{number}".upper() if organization and number and
-                   str(organization).upper() not in ("NONE",) else None, str(definition or ""))
+def _tables(base: sqlite3.Connection) -> list[_LayerTable]:
+    return [_LayerTable(str(name), str(column), f"{organization}:{number}".upper() if organization and number and
+                        str(organization).upper() not in ("NONE",) else None, str(definition or ""))
             for name, column, organization, number, definition in base.execute(_LAYERS)]
 
 
-def _layer(path: Path, base: sqlite3.Connection, table: _Table) -> Layer:
+def _layer(path: Path, base: sqlite3.Connection, table: _LayerTable) -> Layer:
     quoted = '"' + table.name.replace('"', '""') + '"'
     keys = {row[1] for row in base.execute(f"PRAGMA table_info({quoted})")
             if row[5] and str(row[2]).upper() == "INTEGER"}
     found = base.execute(f"SELECT * FROM {quoted}")
     names = [str(column[0]) for column in found.description]
-    where = Where(str(path)).at("layer {layer}", layer=table.name)
+    where = PlaceInFile(str(path)).at("layer {layer}", layer=table.name)
     if table.shape_column not in names:
         raise Refused(where, "no column {column}, which it names for its shapes", column=table.shape_column)
     at = names.index(table.shape_column)
@@ -107,11 +107,11 @@ def _within(path: Path, rows: sqlite3.Cursor) -> Iterator[tuple[Any, ...]]:
     taken = 0
     for row in rows:
         taken += ROW_BYTES + sum(len(cell) for cell in row if isinstance(cell, str | bytes))
-        held_to(GEOPACKAGE, taken, Where(str(path)).at("rows of a layer"))
+        held_to(GEOPACKAGE, taken, PlaceInFile(str(path)).at("rows of a layer"))
         yield row
 
 
-def _wkb(blob: Any, where: Where, row: int) -> bytes | None:
+def _wkb(blob: Any, where: PlaceInFile, row: int) -> bytes | None:
     """A shape without its header (2.1.3). Raises Refused."""
     if blob is None:
         return None
@@ -121,10 +121,10 @@ def _wkb(blob: Any, where: Where, row: int) -> bytes | None:
     return bytes(blob[8 + ENVELOPES[envelope]:])
 
 
-def _units(base: sqlite3.Connection, table: str, names: list[str]) -> dict[str, Unit]:
+def _units(base: sqlite3.Connection, table: str, names: list[str]) -> dict[str, StatedUnit]:
     """What the file says of its columns besides their names: titles and descriptions, metadata, QGIS's styles."""
     there = {str(row[0]) for row in base.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
-    found: dict[str, Unit] = {}
+    found: dict[str, StatedUnit] = {}
     if "gpkg_data_columns" in there:
         for column, *texts in base.execute("SELECT column_name, name, title, description FROM gpkg_data_columns "
                                            "WHERE table_name = ?", (table,)):

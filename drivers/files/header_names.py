@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from control.recordings.finding import Finding
 from drivers.files.imports.header import named
-from drivers.files.imports.units import ENDINGS, Unit, unit_named, unit_of
+from drivers.files.imports.units import ENDINGS, ColumnUnit, unit_named, unit_of
 
 
 class Renamed(NamedTuple):
@@ -54,7 +54,7 @@ def _completed(name: str, known: Collection[str]) -> str:
                 name)
 
 
-def _split(name: str, known: Collection[str], others: Mapping[str, str]) -> tuple[str, Unit | None]:
+def _split(name: str, known: Collection[str], others: Mapping[str, str]) -> tuple[str, ColumnUnit | None]:
     """Name and unit, where what is left without the unit is a name that is known."""
     bare, text = named(name)
     plain = "_".join(bare.lower().split())
@@ -63,7 +63,7 @@ def _split(name: str, known: Collection[str], others: Mapping[str, str]) -> tupl
     return (bare, unit_named(text)) if plain in known or plain in others else (name, None)
 
 
-def _factor(unit: Unit, column: str) -> float | None:
+def _factor(unit: ColumnUnit, column: str) -> float | None:
     """What one of `unit` is in the column's; None where it is another quantity."""
     ours = unit_of(column)
     if ours is None:

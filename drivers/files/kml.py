@@ -15,7 +15,7 @@ from drivers.files.layers import Layer, in_degrees, polygon_of, together
 from drivers.files.limits import DAMAGED_ZIP
 from drivers.files.stated_units import of_element
 from drivers.files.xml_text import XmlError, local, xml_root
-from drivers.plain_text import Refused, Where
+from drivers.plain_text import PlaceInFile, Refused
 
 CONTAINERS = ("kml", "Document", "Folder")
 
@@ -48,7 +48,7 @@ def _layer(path: Path, root: Element, container: Element, placemarks: list[Eleme
     name = _text(container, "name") or path.stem
     rows, shapes, closed = [], [], 0
     for number, placemark in enumerate(placemarks, start=1):
-        where = Where(str(path)).at("layer {layer}", layer=name).at("placemark {number}", number=number)
+        where = PlaceInFile(str(path)).at("layer {layer}", layer=name).at("placemark {number}", number=number)
         parts, unclosed = _parts(placemark, where)
         closed += unclosed
         shapes.append(together(parts))
@@ -69,7 +69,7 @@ def _attributes(placemark: Element) -> Iterator[tuple[str, str]]:
                 yield inner.get("name", ""), text.strip()
 
 
-def _parts(placemark: Element, where: Where) -> tuple[list[shapely.Geometry], int]:
+def _parts(placemark: Element, where: PlaceInFile) -> tuple[list[shapely.Geometry], int]:
     """Shapes in longitude and latitude, and how many of their rings were not closed."""
     found, unclosed = [], 0
     for one in placemark.iter():
@@ -85,7 +85,7 @@ def _parts(placemark: Element, where: Where) -> tuple[list[shapely.Geometry], in
     return found, unclosed
 
 
-def _places(element: Element, where: Where) -> np.ndarray:
+def _places(element: Element, where: PlaceInFile) -> np.ndarray:
     """(n, 2) longitude and latitude. Raises Refused."""
     text = re.sub(r"\s*,\s*", ",", _text(element, "coordinates"))
     try:

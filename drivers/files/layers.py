@@ -20,8 +20,8 @@ from control.targets.rate_map import Floats
 from drivers.files.limits import check_file, read_json
 from drivers.files.prescriptions.projected import TransverseMercator, projection_of
 from drivers.files.prescriptions.words import NotAMap
-from drivers.files.stated_units import NO_UNITS, Unit, of_json
-from drivers.plain_text import Refused, Where
+from drivers.files.stated_units import NO_UNITS, StatedUnit, of_json
+from drivers.plain_text import PlaceInFile, Refused
 
 KML_KINDS, GEOJSON = (".kml", ".kmz"), (".geojson", ".json")
 DEGREES = ("EPSG:4326", "OGC:CRS84", "EPSG:4258", "EPSG:4490", "EPSG:4269")     # WGS84, and within 2 m of it
@@ -40,7 +40,7 @@ class Layer(NamedTuple):
     rows: tuple[Mapping[str, Any], ...]
     shapes: np.ndarray[Any, Any]
     findings: tuple[Finding, ...] = ()
-    units: Mapping[str, Unit] = NO_UNITS
+    units: Mapping[str, StatedUnit] = NO_UNITS
     kind: str = ""
     about: Mapping[str, Any] = {}
 
@@ -88,14 +88,14 @@ def read_geojson(path: Path, kinds: Collection[str] = KINDS, strict: bool = Fals
         geometry, stated = feature.get("geometry"), feature.get("properties")
         rows.append(stated if isinstance(stated, dict) else {})
         if isinstance(geometry, dict):
-            shapes[k] = _of_json(geometry, Where(str(path)).at("feature {feature}", feature=k + 1)) \
+            shapes[k] = _of_json(geometry, PlaceInFile(str(path)).at("feature {feature}", feature=k + 1)) \
                 if geometry.get("type") in kinds else shapely.Point()
     about = {key: value for key, value in root.items() if key != "features"}
     units = of_json(about, {name for row in rows for name in row}, path.name)
     return Layer(str(root.get("name", "")), tuple(rows), shapes, (), units, "", about)
 
 
-def _of_json(geometry: Mapping[str, Any], where: Where) -> shapely.Geometry | None:
+def _of_json(geometry: Mapping[str, Any], where: PlaceInFile) -> shapely.Geometry | None:
     kind = geometry["type"]
     area = kind.endswith("Polygon")
     try:
@@ -118,7 +118,7 @@ def _places(corners: Sequence[Sequence[float]]) -> Floats:
     return np.asarray([corner[:2] for corner in corners], dtype=np.float64).reshape(-1, 2)
 
 
-def polygon_of(rings: Sequence[Floats], where: Where) -> shapely.Geometry:
+def polygon_of(rings: Sequence[Floats], where: PlaceInFile) -> shapely.Geometry:
     """Of an outline and its holes, (n, 2) longitude and latitude, closed or not. Raises Refused."""
     if not rings or any(len(open_ring(ring)) < 3 for ring in rings):
         raise Refused(where, "a ring of less than 3 corners: allowed 3 or more")
@@ -145,7 +145,7 @@ def in_degrees(path: Path, layer: str, shapes: Any, crs: str | None, text: str =
 
     Raises Refused.
     """
-    where = Where(str(path)).at("layer {layer}", layer=layer)
+    where = PlaceInFile(str(path)).at("layer {layer}", layer=layer)
     if crs is None or crs in DEGREES:
         if crs is None and len(shapes) and not np.abs(shapely.get_coordinates(shapes)).max(initial=0.0) <= 180.0:
             raise Refused(where, "coordinates in no known system: allowed are degrees, or UTM that the file names")
@@ -159,7 +159,7 @@ def in_degrees(path: Path, layer: str, shapes: Any, crs: str | None, text: str =
                                              1e7 if south else 0.0))
 
 
-def projection_in(text: str, where: Where | Path | str, crs: str = "") -> TransverseMercator | None:
+def projection_in(text: str, where: PlaceInFile | Path | str, crs: str = "") -> TransverseMercator | None:
     """What well-known text says of coordinates; None: degrees. crs: what must be more than degrees. Raises Refused."""
     try:
         found = projection_of(text)

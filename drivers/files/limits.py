@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from drivers.plain_text import Refused, Where
+from drivers.plain_text import PlaceInFile, Refused
 
 MB = 1 << 20
 
@@ -79,7 +79,7 @@ class BeyondLimits(Refused):
     """The file is larger, or holds more, than is read; one line, naming it."""
 
 
-def held_to(limit: Limit, found: int, label: Where | Path | str) -> None:
+def held_to(limit: Limit, found: int, label: PlaceInFile | Path | str) -> None:
     """Raises BeyondLimits where more was found than is allowed."""
     if found > limit.most:
         raise BeyondLimits(label, "{found}: allowed up to {most}", found=_amount(found, limit.unit),
@@ -116,7 +116,7 @@ def check_text(data: bytes, label: str) -> None:
     """A text table's bytes: no endless line at its beginning, no endless header. Raises BeyondLimits."""
     held_to(TEXT, len(data), label)
     lines = data[:MB].replace(b"\r", b"\n").split(b"\n")
-    held_to(LINE, max(map(len, lines)), Where(label).at("one of its first lines"))
+    held_to(LINE, max(map(len, lines)), PlaceInFile(label).at("one of its first lines"))
     for line in [_QUOTED.sub(b"", one) for one in lines if one][:50]:
         for sign in (b",", b";", b"\t", b"|"):
             held_to(COLUMNS, line.count(sign), label)
@@ -147,9 +147,9 @@ def _check_zip(path: Path) -> None:
     except (*DAMAGED_ZIP, ValueError):
         return                                  # no zip: the reader says so
     held_to(ENTRIES, len(entries), str(path))
-    held_to(whole, sum(entry.file_size for entry in entries), Where(str(path)).at("unpacked"))
+    held_to(whole, sum(entry.file_size for entry in entries), PlaceInFile(str(path)).at("unpacked"))
     held_to(XML, sum(entry.file_size for entry in entries if entry.filename.lower().endswith(".xml"))
-            if whole is UNPACKED else 0, Where(str(path)).at("task files"))
+            if whole is UNPACKED else 0, PlaceInFile(str(path)).at("task files"))
     seen: set[str] = set()
     for entry in entries:
         label = f"{path}/{entry.filename}"

@@ -12,7 +12,7 @@ import shapely
 
 from control.targets.rate_map import Floats, polygons, polygons_as_drawn
 from drivers.files.limits import CROSSINGS, NEAR_EDGES, OVERLAPS, held_to
-from drivers.plain_text import Where
+from drivers.plain_text import PlaceInFile
 
 MANY = 500                  # corners of an outline; the edges of a smaller one make no more pairs than are allowed
 HOWS = ("overlaps", "contains", "within")
@@ -21,7 +21,7 @@ MOST_STEP, PAIRS_AT_ONCE = 64, 100_000      # zones held against all others at o
 AT_ONCE, LEAST_STEP = 500_000, 16           # pairs of extents, 8 MB; or so many shapes, against 400 000 others 100 MB
 
 
-def check_zones(zones: Sequence[Sequence[Floats]], label: Where | Path | str) -> None:
+def check_zones(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | str) -> None:
     """Outlines that cross themselves, and zones that overlap. Zones as an outline and its holes, (k, 2) each. Raises
     BeyondLimits."""
     check_outlines(zones, label)
@@ -42,7 +42,7 @@ def check_zones(zones: Sequence[Sequence[Floats]], label: Where | Path | str) ->
         held_to(OVERLAPS, found, label)
 
 
-def check_outlines(zones: Sequence[Sequence[Floats]], label: Where | Path | str) -> None:
+def check_outlines(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | str) -> None:
     """Zones as above. Raises BeyondLimits."""
     large = np.array([sum(map(len, zone)) > MANY for zone in zones], dtype=bool)
     near = crossings = 0

@@ -29,7 +29,7 @@ SENSORS = ("wheel_speed_mps", "shaft_rpm", "opening_mm", "hopper_kg", "supply_v"
 _GNSS = ("fix_quality", "satellites", "hdop", "speed_mps", "heading_deg")
 
 
-class _Held(NamedTuple):
+class _HeldRows(NamedTuple):
     """For every row the newest reading: the row that it stands in (-1: none yet) and when it was sampled."""
 
     row: NDArray[np.intp]
@@ -114,7 +114,7 @@ def _period_s(time_s: Floats, fresh: Flags) -> float:
     return float(np.quantile(intervals_s, 0.1)) if intervals_s.size else 0.0
 
 
-def _held(time_s: Floats, known: Flags, fresh: Flags, hold_s: float, repeats: bool = True) -> _Held:
+def _held(time_s: Floats, known: Flags, fresh: Flags, hold_s: float, repeats: bool = True) -> _HeldRows:
     """The newest reading at every row (module docstring); `repeats`: a repeated value may have been sampled again."""
     rows = np.arange(time_s.size)
     after_gap = known & np.concatenate(([True], ~known[:-1]))
@@ -128,7 +128,7 @@ def _held(time_s: Floats, known: Flags, fresh: Flags, hold_s: float, repeats: bo
         again_s = time_s if period_s <= 0.0 else changed_s + np.floor(since_s / period_s + 1e-6) * period_s
         latest_s = np.maximum(changed_s, _last_known_before_a_gap_s(time_s, known) - hold_s)
         sampled_s = np.minimum(np.minimum(again_s, latest_s), time_s)
-    return _Held(row, np.where(row >= 0, sampled_s[np.maximum(row, 0)], np.nan))
+    return _HeldRows(row, np.where(row >= 0, sampled_s[np.maximum(row, 0)], np.nan))
 
 
 def _last_known_before_a_gap_s(time_s: Floats, known: Flags) -> Floats:

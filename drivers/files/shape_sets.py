@@ -21,8 +21,8 @@ from drivers.files.imports.dialect import encoding_of
 from drivers.files.imports.trouble import TableError
 from drivers.files.layers import Layer, open_ring, polygon_of, projection_in, together, turned
 from drivers.files.limits import DAMAGED_ZIP
-from drivers.files.stated_units import Unit, side_units
-from drivers.plain_text import OneLine, Refused, Where
+from drivers.files.stated_units import StatedUnit, side_units
+from drivers.plain_text import OneLine, PlaceInFile, Refused
 
 # Byte 29 of a .dbf: the language driver, as dBase, FoxPro and Esri number them.
 DRIVERS = {0x01: "cp437", 0x02: "cp850", 0x03: "cp1252", 0x57: "cp1252", 0x58: "cp1252", 0x59: "cp1252",
@@ -81,7 +81,7 @@ class ShapeSet:
                 return name
         return encoding_of(b" ".join(texts))
 
-    def units(self, columns: Collection[str]) -> dict[str, Unit]:
+    def units(self, columns: Collection[str]) -> dict[str, StatedUnit]:
         """Column in small letters -> its unit, as the files of makers and programs next to it say."""
         return side_units(self.files, self.name, columns)
 
@@ -112,7 +112,7 @@ def shape_sets(path: Path) -> list[ShapeSet]:
 
 def layer_of(shapes: ShapeSet, encoding: str | None = None) -> Layer:
     """All shapes of a set with their attributes: points, lines and polygons. Raises Refused, OSError."""
-    where = Where(shapes.label)
+    where = PlaceInFile(shapes.label)
     with damage_said(shapes.label):
         text = shapes.part(".prj")
         projection = None if text is None else projection_in(text.decode("utf-8", "replace"), where)
@@ -128,7 +128,7 @@ def layer_of(shapes: ShapeSet, encoding: str | None = None) -> Layer:
     return Layer(shapes.stem, tuple(rows), degrees, findings, units, kind)
 
 
-def _shape(shape: Any, kind: str, where: Where) -> shapely.Geometry | None:
+def _shape(shape: Any, kind: str, where: PlaceInFile) -> shapely.Geometry | None:
     """Parts of a polygon are outlines, which run clockwise, and holes, which run the other way."""
     places = np.asarray([corner[:2] for corner in shape.points], dtype=np.float64).reshape(-1, 2)
     if not len(places) or kind.startswith(("MULTI", "NULL")):

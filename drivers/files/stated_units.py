@@ -30,17 +30,17 @@ UNIT_WORDS = frozenset("""unit units uom einheit einheiten masseinheit mengenein
 _SAID = re.compile(r"^\s*#?\s*(?P<key>[^:=]{1,40})[:=]\s*(?P<unit>\S.{0,30}?)\s*$")
 
 
-class Unit(NamedTuple):
+class StatedUnit(NamedTuple):
     """`text`: as it is written. `source`: which file or part of it says so."""
 
     text: str
     source: str
 
 
-NO_UNITS: Mapping[str, Unit] = {}
+NO_UNITS: Mapping[str, StatedUnit] = {}
 
 
-class Stated(dict[str, Unit]):
+class Stated(dict[str, StatedUnit]):
     """By column in small letters, or ANY. Two that differ are kept as what they are: none that is known."""
 
     def add(self, column: str, text: str, source: str, sure: bool = False) -> None:
@@ -49,12 +49,12 @@ class Stated(dict[str, Unit]):
             return
         before = self.get(column)
         if before is None:
-            self[column] = Unit(text.strip(), source)
+            self[column] = StatedUnit(text.strip(), source)
         elif _known(before.text) != _known(text):
-            self[column] = Unit(f"{before.text}, {text.strip()}", source)
+            self[column] = StatedUnit(f"{before.text}, {text.strip()}", source)
 
 
-def together(*several: Mapping[str, Unit]) -> dict[str, Unit]:
+def together(*several: Mapping[str, StatedUnit]) -> dict[str, StatedUnit]:
     """All of them."""
     found = Stated()
     for one in several:
@@ -74,11 +74,11 @@ def names_unit(key: str) -> bool:
     return bool(UNIT_WORDS & set(plain.split("_"))) or plain.endswith(("unit", "units", "_uom"))
 
 
-def side_units(files: Files, name: str, columns: Collection[str]) -> dict[str, Unit]:
+def side_units(files: Files, name: str, columns: Collection[str]) -> dict[str, StatedUnit]:
     """What the files say that programs put next to `name`. Raises Refused, OSError."""
     plain = name.casefold()
     stem = plain.removesuffix(PurePosixPath(plain).suffix)
-    found: dict[str, Unit] = {}
+    found: dict[str, StatedUnit] = {}
     for there in files.names():
         if there.casefold() in {start + ending for start in (stem, plain) for ending in SIDES}:
             data = files.read(there)
@@ -89,7 +89,7 @@ def side_units(files: Files, name: str, columns: Collection[str]) -> dict[str, U
     return found
 
 
-def of_markup(data: bytes | str, columns: Collection[str], source: str) -> dict[str, Unit]:
+def of_markup(data: bytes | str, columns: Collection[str], source: str) -> dict[str, StatedUnit]:
     """Of JSON or XML; nothing of what is neither."""
     text = data.encode() if isinstance(data, str) else data
     try:
@@ -100,7 +100,7 @@ def of_markup(data: bytes | str, columns: Collection[str], source: str) -> dict[
         return {}
 
 
-def of_json(root: Any, columns: Collection[str], source: str) -> dict[str, Unit]:
+def of_json(root: Any, columns: Collection[str], source: str) -> dict[str, StatedUnit]:
     """A record that names a column, a key that does, or a list of units by column."""
     found = Stated()
     left: list[tuple[Any, str]] = [(root, ANY)]
@@ -124,7 +124,7 @@ def of_json(root: Any, columns: Collection[str], source: str) -> dict[str, Unit]
     return dict(found)
 
 
-def of_element(root: Element, columns: Collection[str], source: str) -> dict[str, Unit]:
+def of_element(root: Element, columns: Collection[str], source: str) -> dict[str, StatedUnit]:
     """An element that names a column, in an attribute or a child's text: the unit in it, or in another name of it."""
     found = Stated()
     for element in root.iter():
@@ -143,7 +143,7 @@ def of_element(root: Element, columns: Collection[str], source: str) -> dict[str
     return dict(found)
 
 
-def of_texts(column: str, texts: Iterable[str], source: str) -> dict[str, Unit]:
+def of_texts(column: str, texts: Iterable[str], source: str) -> dict[str, StatedUnit]:
     """Lines and cells in words: `unit: l/ha`, `Target rate (l/ha)`. column: ANY where they are of nothing in
     particular."""
     found = Stated()

@@ -49,7 +49,7 @@ class Table:
         return len(next(iter(self.columns.values()))) if self.columns else 0
 
 
-class _Layout(NamedTuple):
+class _TableLayout(NamedTuple):
     names: tuple[str, ...]
     separator: str
     decimal_comma: bool
@@ -123,7 +123,7 @@ def _bytes(path: Path, most: int) -> bytes:
     return data[:data.rfind(b"\n") + 1] or data if len(data) == most else data
 
 
-def _layout(path: Path, data: bytes, findings: list[Finding]) -> _Layout:
+def _layout(path: Path, data: bytes, findings: list[Finding]) -> _TableLayout:
     line, separator, lines, start = _header_line(path, data)
     if lines > 1:
         findings.append(Finding("preamble", f"{many(lines - 1, 'line')} before the header skipped"))
@@ -141,7 +141,7 @@ def _layout(path: Path, data: bytes, findings: list[Finding]) -> _Layout:
         findings.append(Finding("decimal_comma", "numbers are written with a decimal comma, read as such"))
     if data.find(b"\r\n", 0, body + 1) >= 0:
         findings.append(Finding("crlf", "lines end as on Windows, read as such"))
-    return _Layout(names, separator, comma, lines, body)
+    return _TableLayout(names, separator, comma, lines, body)
 
 
 def _header_line(path: Path, data: bytes) -> tuple[str, str, int, int]:

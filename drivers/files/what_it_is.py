@@ -19,7 +19,7 @@ class WrongKind(OneLine):
     """A file of a kind that is not read here; one line."""
 
 
-class Kind(NamedTuple):
+class FileKind(NamedTuple):
     """`id`: by which commands say what they take. `words`: what it is. `instead`: what reads it, or what to do."""
 
     id: str
@@ -30,36 +30,37 @@ class Kind(NamedTuple):
 _SAVE = "save it as CSV, GeoJSON or shapefile in the program that it comes from"
 _UNPACK = "unpack it first"
 KINDS = {kind.id: kind for kind in (
-    Kind("geotiff", "a TIFF picture or GeoTIFF raster", "topdress map reads a GeoTIFF (extra raster)"),
-    Kind("picture", "a picture", "no command reads pictures"),
-    Kind("pdf", "a PDF document", f"no command reads PDF; {_SAVE}"),
-    Kind("html", "a web page", "no command reads web pages; was a download refused?"),
-    Kind("gpkg", "a GeoPackage", "topdress map and topdress field read it"),
-    Kind("sqlite", "an SQLite database", f"no command reads it; {_SAVE}"),
-    Kind("kml", "a KML file", "topdress map and topdress field read it"),
-    Kind("kmz", "a KMZ file", "topdress map and topdress field read it"),
-    Kind("gpx", "a GPX track", f"no command reads it; {_SAVE}"),
-    Kind("task", "an ISOXML task file", "topdress map, import and check read it"),
-    Kind("xml", "an XML file that is no task file", "of XML, ISOXML task files (TASKDATA.XML) and KML are read"),
-    Kind("fgb", "a FlatGeobuf file", _SAVE),
-    Kind("las", "a LAS point cloud", "no command reads point clouds"),
-    Kind("parquet", "a Parquet file", "topdress import, diagnose and replay read it"),
-    Kind("gzip", "a gzip file", _UNPACK), Kind("7z", "a 7z archive", _UNPACK), Kind("rar", "a RAR archive", _UNPACK),
-    Kind("excel", "a workbook", "topdress import and diagnose read it"),
-    Kind("office", "a text document", f"no command reads it; {_SAVE}"),
-    Kind("zip", "a zip", "topdress map, import and field read zips that hold task files or shapefiles"),
-    Kind("shp", "a shapefile", "topdress map, import and field read it"),
-    Kind("shp part", "a part of a shapefile", "give the .shp next to it"),
-    Kind("json", "a JSON file", "topdress map, import and field read GeoJSON"),
-    Kind("nmea", "a receiver's capture (NMEA)", "topdress decode gnss reads it"),
-    Kind("capture", "a capture of the console", "topdress decode reads it"),
-    Kind("config", "a configuration file of topdress", "topdress check says what is in it"),
-    Kind("aog", "a field of AgOpenGPS", "topdress field reads it"),
-    Kind("folder", "a folder", "topdress map, import, field and check read folders with a task file or shapefiles"),
-    Kind("empty", "an empty file", "nothing is in it"),
-    Kind("binary", "no text and no known format", "known are CSV, Excel, GeoJSON, shapefile, ISOXML, Parquet, KML, "
-         "GeoPackage and GeoTIFF"),
-    Kind("text", "a text", ""),
+    FileKind("geotiff", "a TIFF picture or GeoTIFF raster", "topdress map reads a GeoTIFF (extra raster)"),
+    FileKind("picture", "a picture", "no command reads pictures"),
+    FileKind("pdf", "a PDF document", f"no command reads PDF; {_SAVE}"),
+    FileKind("html", "a web page", "no command reads web pages; was a download refused?"),
+    FileKind("gpkg", "a GeoPackage", "topdress map and topdress field read it"),
+    FileKind("sqlite", "an SQLite database", f"no command reads it; {_SAVE}"),
+    FileKind("kml", "a KML file", "topdress map and topdress field read it"),
+    FileKind("kmz", "a KMZ file", "topdress map and topdress field read it"),
+    FileKind("gpx", "a GPX track", f"no command reads it; {_SAVE}"),
+    FileKind("task", "an ISOXML task file", "topdress map, import and check read it"),
+    FileKind("xml", "an XML file that is no task file", "of XML, ISOXML task files (TASKDATA.XML) and KML are read"),
+    FileKind("fgb", "a FlatGeobuf file", _SAVE),
+    FileKind("las", "a LAS point cloud", "no command reads point clouds"),
+    FileKind("parquet", "a Parquet file", "topdress import, diagnose and replay read it"),
+    FileKind("gzip", "a gzip file", _UNPACK), FileKind("7z", "a 7z archive", _UNPACK),
+    FileKind("rar", "a RAR archive", _UNPACK),
+    FileKind("excel", "a workbook", "topdress import and diagnose read it"),
+    FileKind("office", "a text document", f"no command reads it; {_SAVE}"),
+    FileKind("zip", "a zip", "topdress map, import and field read zips that hold task files or shapefiles"),
+    FileKind("shp", "a shapefile", "topdress map, import and field read it"),
+    FileKind("shp part", "a part of a shapefile", "give the .shp next to it"),
+    FileKind("json", "a JSON file", "topdress map, import and field read GeoJSON"),
+    FileKind("nmea", "a receiver's capture (NMEA)", "topdress decode gnss reads it"),
+    FileKind("capture", "a capture of the console", "topdress decode reads it"),
+    FileKind("config", "a configuration file of topdress", "topdress check says what is in it"),
+    FileKind("aog", "a field of AgOpenGPS", "topdress field reads it"),
+    FileKind("folder", "a folder", "topdress map, import, field and check read folders with a task file or shapefiles"),
+    FileKind("empty", "an empty file", "nothing is in it"),
+    FileKind("binary", "no text and no known format", "known are CSV, Excel, GeoJSON, shapefile, ISOXML, Parquet, KML, "
+             "GeoPackage and GeoTIFF"),
+    FileKind("text", "a text", ""),
 )}
 TABLES = ("text", "excel", "parquet", "json", "shp", "zip", "task", "folder")
 
@@ -76,7 +77,7 @@ _CONFIG = re.compile(rb"^format:\s*[\"']?topdress-", re.MULTILINE)
 _HTML = re.compile(rb"^\s*(<!doctype html|<html)", re.IGNORECASE)
 
 
-def what_is(path: Path) -> Kind:
+def what_is(path: Path) -> FileKind:
     """Raises OSError."""
     if path.is_dir():
         names = {one.name.lower() for one in path.iterdir()}

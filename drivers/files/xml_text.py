@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from drivers.files.limits import TAGS, held_to
-from drivers.plain_text import OneLine, Where
+from drivers.plain_text import OneLine, PlaceInFile
 
 
 class XmlError(OneLine):
@@ -18,12 +18,12 @@ class XmlError(OneLine):
 class Total:
     """Of several files that are joined to one: their bytes and tags so far. label: of the one that names them."""
 
-    label: Where | Path | str
+    label: PlaceInFile | Path | str
     bytes: int = 0
     tags: int = 0
 
 
-def xml_root(data: bytes, label: Where | Path | str, total: Total | None = None) -> Element:
+def xml_root(data: bytes, label: PlaceInFile | Path | str, total: Total | None = None) -> Element:
     """The root of all elements. total: of the files that this one is joined to. Raises XmlError, BeyondLimits."""
     plain = data.replace(b"\0", b"") if b"\0" in data[:200] else data        # UTF-16
     total = total or Total(label)

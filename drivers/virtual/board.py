@@ -27,7 +27,7 @@ from drivers.devices.board_frames import (
 from drivers.devices.lines import Counts, LineCutter
 from drivers.devices.point_dose import DOSE, DOSE_WORD, decode_dose
 from drivers.virtual.doses import VirtualDoses
-from drivers.virtual.encoders import Sensed
+from drivers.virtual.encoders import EncodedReadings
 
 DOSE_FRAMES = DOSE.encode(), DOSE_WORD.encode()
 ASK_FRAME = ASK[1:].strip()
@@ -89,7 +89,7 @@ class VirtualBoard:
         """The dose that the plant begins in this step; to be asked once a step."""
         return self._doses.order(self.set_points(now_s)[1], now_s)
 
-    def status(self, sensed: Sensed, now_s: float) -> bytes:
+    def status(self, sensed: EncodedReadings, now_s: float) -> bytes:
         """The status line of this tick. A plant may tell the moment of its last pulse as `wheel_pulse_s` (on its own
         clock, `Sensed.time_s`); otherwise a pulse is taken to have come at the end of its tick.
         """

@@ -12,7 +12,7 @@ MODE_OF_QUALITY = {1: "A", 2: "D", 3: "P", 4: "R", 5: "F", 6: "E", 7: "M", 8: "S
 FIRST_MOMENT = datetime(2026, 4, 1, 6, 0, 0, tzinfo=UTC)    # where a fix carries no UTC of its own
 
 
-class Sensed(Protocol):
+class EncodedReadings(Protocol):
     """What the plant's sensors say after one tick; `control.simulation.plant.Sensed` has this shape."""
 
     @property
@@ -39,13 +39,13 @@ class Sensed(Protocol):
     def work_switch(self) -> bool | None: ...
 
 
-class Plant(Protocol):
+class EncodedPlant(Protocol):
     """The machine behind the bytes: `step` advances it by `dt_s` under the set-points in force."""
 
     @property
     def dt_s(self) -> float: ...
 
-    def step(self, command: DriveCommand, enabled: bool) -> Sensed: ...
+    def step(self, command: DriveCommand, enabled: bool) -> EncodedReadings: ...
 
 
 def sentence(payload: str) -> bytes:

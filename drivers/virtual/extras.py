@@ -10,11 +10,11 @@ from drivers.devices.agopengps import DRIVE, HEAD, POSITION
 from drivers.devices.rate_module_frames import (
     MOST_RELAYS,
     BadDatagram,
-    Board,
-    Label,
+    BoardLabel,
+    BoardStatus,
+    FlowTarget,
     Relays,
     Status,
-    Target,
     Trace,
     decode_command,
     encode_board,
@@ -22,7 +22,7 @@ from drivers.devices.rate_module_frames import (
     encode_status,
     encode_trace,
 )
-from drivers.virtual.encoders import Sensed
+from drivers.virtual.encoders import EncodedReadings
 
 STATUS_EVERY_S = 0.2
 LABEL_EVERY_S = 2.0
@@ -37,7 +37,7 @@ class Extra(Protocol):
         """What the drives shall follow: the command as it stands, or changed."""
         ...
 
-    def after(self, sensed: Sensed, begin_s: float) -> None: ...
+    def after(self, sensed: EncodedReadings, begin_s: float) -> None: ...
 
 
 class VirtualAgOpenGps:
@@ -49,7 +49,7 @@ class VirtualAgOpenGps:
     def before(self, begin_s: float, command: DriveCommand, enabled: bool) -> tuple[DriveCommand, bool]:
         return command, enabled
 
-    def after(self, sensed: Sensed, begin_s: float) -> None:
+    def after(self, sensed: EncodedReadings, begin_s: float) -> None:
         if sensed.gnss is not None:
             for frame in agopengps_frames(sensed.gnss):
                 self._port.write(frame)
@@ -83,14 +83,14 @@ class VirtualRateModule:
         self._port = port
         self._pulses_per_turn = pulses_per_turn
         self._module, self._sensor = module, sensor
-        self._target: Target | None = None
+        self._target: FlowTarget | None = None
         self._target_s = 0.0
         self._relays = 0
         self._valved = False
         self._quantity = 0.0
         self._last_s = 0.0
         self._next_status_s = self._next_label_s = 0.0
-        self._label = Label(module, label)
+        self._label = BoardLabel(module, label)
 
     def before(self, begin_s: float, command: DriveCommand, enabled: bool) -> tuple[DriveCommand, bool]:
         for data in self._port.read_each():
@@ -113,7 +113,7 @@ class VirtualRateModule:
             return 0.0
         return target.units_per_min * target.pulses_per_unit / self._pulses_per_turn
 
-    def after(self, sensed: Sensed, begin_s: float) -> None:
+    def after(self, sensed: EncodedReadings, begin_s: float) -> None:
         counts = bool(self._relays)
         command = self._target.pulses_per_unit if self._target else self._pulses_per_turn
         pulse_hz = max(0.0, sensed.shaft_rpm) / 60.0 * self._pulses_per_turn if counts else 0.0
@@ -131,10 +131,10 @@ class VirtualRateModule:
         self._port.write(encode_status(Status(
             self._module, self._sensor, min(units_per_min, 16777.0), self._quantity,
             min(255, round(2.5 * self.shaft_rpm(begin_s))), self._hears(begin_s), False, min(pulse_hz, 6553.0))))
-        self._port.write(encode_board(Board(self._module, 0, 0.0, sensed.wheel_pulses, 1, FIRMWARE,
-                                            bool(sensed.work_switch), True, True, False)))
+        self._port.write(encode_board(BoardStatus(self._module, 0, 0.0, sensed.wheel_pulses, 1, FIRMWARE,
+                                                  bool(sensed.work_switch), True, True, False)))
 
-    def _traced(self, target: Target, units_per_min: float, now_s: float) -> Trace:
+    def _traced(self, target: FlowTarget, units_per_min: float, now_s: float) -> Trace:
         wanted = target.units_per_min if target.master_on else 0.0
         applied = min(units_per_min, 16777.0)
         error = min(8388.0, max(-8388.0, wanted - applied))

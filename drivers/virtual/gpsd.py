@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from control.readings import DriveCommand, GnssFix
 from drivers.ports import UNPLUGGED, Clock, Port, PortState
-from drivers.virtual.encoders import Sensed
+from drivers.virtual.encoders import EncodedReadings
 from drivers.virtual.faults import PortFaults, Spoiler
 from drivers.virtual.served_line import ServedLine
 
@@ -21,7 +21,7 @@ MOST_CLIENTS = 16
 MOST_UNSENT = 262_144               # bytes; a client that reads no more is let go
 
 
-class Line(Protocol):
+class ClientLine(Protocol):
     """One client's connection, as the virtual gpsd needs it."""
 
     def read(self) -> bytes: ...
@@ -32,7 +32,7 @@ class Line(Protocol):
 
 
 class Clients(Protocol):
-    def clients(self) -> Sequence[Line]:
+    def clients(self) -> Sequence[ClientLine]:
         """Who is connected now."""
         ...
 
@@ -48,14 +48,14 @@ class VirtualGpsd:
         self._sessions: dict[int, _Session] = {}
 
     def before(self, begin_s: float, command: DriveCommand, enabled: bool) -> tuple[DriveCommand, bool]:
-        lines: Sequence[Line] = self._line.clients() if hasattr(self._line, "clients") else (self._line,)
+        lines: Sequence[ClientLine] = self._line.clients() if hasattr(self._line, "clients") else (self._line,)
         sessions = {id(line): self._sessions.get(id(line)) or _Session(line) for line in lines}
         self._sessions = sessions
         for session in sessions.values():
             session.hear()
         return command, enabled
 
-    def after(self, sensed: Sensed, begin_s: float) -> None:
+    def after(self, sensed: EncodedReadings, begin_s: float) -> None:
         if sensed.gnss is not None:
             for session in self._sessions.values():
                 session.tell(sensed.gnss)
@@ -64,7 +64,7 @@ class VirtualGpsd:
 class _Session:
     """One client: what it asked, and whether it watches."""
 
-    def __init__(self, line: Line) -> None:
+    def __init__(self, line: ClientLine) -> None:
         self._line = line
         self._connects = 0
         self._watched = False
@@ -145,7 +145,7 @@ class GpsdServer:
         self._host = host
         self._faults = PortFaults()
         self._connects = 0
-        self._clients: list[_Client] = []
+        self._clients: list[_GpsdClient] = []
         self._fixed = None if terminal is None else ServedLine((terminal,), clock, seed)
 
     @property
@@ -156,7 +156,7 @@ class GpsdServer:
     def names(self) -> tuple[str, ...]:
         return (self.name,) if self._fixed is None else (self.name, *self._fixed.names)
 
-    def clients(self) -> Sequence[Line]:
+    def clients(self) -> Sequence[ClientLine]:
         self.push()
         return (*self._clients, *(() if self._fixed is None else (self._fixed,)))
 
@@ -200,7 +200,7 @@ class GpsdServer:
             connection.setblocking(False)
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)    # a report waits for no other
             self._connects += 1
-            self._clients.append(_Client(connection, self._clock, self._seed, self._connects))
+            self._clients.append(_GpsdClient(connection, self._clock, self._seed, self._connects))
             self._clients[-1].fault(self._faults)
 
     def _let_go(self) -> None:
@@ -212,7 +212,7 @@ class GpsdServer:
             self._server = None
 
 
-class _Client:
+class _GpsdClient:
     """One connection that never blocks."""
 
     def __init__(self, connection: socket.socket, clock: Clock, seed: int, number: int) -> None:

@@ -8,7 +8,7 @@ from typing import Protocol
 from control.readings import DriveCommand
 from drivers.board.lag_rig import LagRig, RigPins, RigSettings
 from drivers.ports import Port
-from drivers.virtual.encoders import Sensed
+from drivers.virtual.encoders import EncodedReadings
 
 ROUNDS = 10                     # of the rig's program, a step of the plant
 PLATE_AT_REST = 500
@@ -71,7 +71,7 @@ class VirtualLagRig:
     def before(self, begin_s: float, command: DriveCommand, enabled: bool) -> tuple[DriveCommand, bool]:
         return command, enabled
 
-    def after(self, sensed: Sensed, begin_s: float) -> None:
+    def after(self, sensed: EncodedReadings, begin_s: float) -> None:
         truth = self._truth()
         if truth is None:
             return

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from drivers.datagrams import Datagrams, UdpPort
 from drivers.devices.canopy_heads import PROTOCOLS
 from drivers.ports import Clock, Port, PortState
-from drivers.virtual.encoders import Plant
+from drivers.virtual.encoders import EncodedPlant
 from drivers.virtual.extras import Extra, VirtualAgOpenGps, VirtualRateModule
 from drivers.virtual.faults import PortFaults, Spoiler
 from drivers.virtual.gpsd import GpsdServer, VirtualGpsd
@@ -105,7 +105,7 @@ class ServedMachine:
     OSError : a port is taken, or there are no pseudo-terminals.
     """
 
-    def __init__(self, plant: Plant, serve: Serve, clock: Clock) -> None:
+    def __init__(self, plant: EncodedPlant, serve: Serve, clock: Clock) -> None:
         self._serve = serve
         self._clock = clock
         self._start_s = clock()
@@ -149,7 +149,7 @@ class ServedMachine:
     def close(self) -> None:
         self._close_lines()
 
-    def _built(self, plant: Plant, serve: Serve) -> VirtualMachine:
+    def _built(self, plant: EncodedPlant, serve: Serve) -> VirtualMachine:
         heads = [f"head_{n}" for n in range(1, serve.heads + 1)]
         lines: dict[str, ServedLine] = {}
         for place, device in enumerate(("gnss", *heads, "board", "gpsd", "lag_rig")):

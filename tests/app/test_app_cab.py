@@ -8,7 +8,7 @@ import pytest
 from console.app.boundary_drive import BoundaryDrive
 from console.app.dialogs import ChoiceDialog, Confirm
 from console.app.guide_line import GuideLine
-from console.app.layers import Layer, scale_of
+from console.app.layers import MapLayer, scale_of
 from console.app.name_dialog import NameDialog
 from console.app.number_dialog import NumberDialog
 from console.app.pages.run.light_bar import LIGHTS, LightBar, light_view
@@ -96,11 +96,11 @@ def test_a_colour_means_one_rate_from_the_first_metre_to_the_last():
     ground, ends = Worked(2.4), set()
     for low, high in ((180.0, 190.0), (100.0, 320.0), (20.0, 480.0)):
         ground._rate_ends = None
-        scale = scale_of(Layer.APPLIED, _of(ground, low, high), None, METRIC, most_kg_ha=500.0)
+        scale = scale_of(MapLayer.APPLIED, _of(ground, low, high), None, METRIC, most_kg_ha=500.0)
         ends.add((scale.low, scale.high))
     assert ends == {(0.0, 500.0)}
-    assert scale_of(Layer.APPLIED, _of(ground, 180.0, 190.0), None, METRIC) != scale_of(
-        Layer.APPLIED, _of(ground, 20.0, 480.0), None, METRIC), "a log's scale goes by the log"
+    assert scale_of(MapLayer.APPLIED, _of(ground, 180.0, 190.0), None, METRIC) != scale_of(
+        MapLayer.APPLIED, _of(ground, 20.0, 480.0), None, METRIC), "a log's scale goes by the log"
 
 
 def _of(ground, low, high):

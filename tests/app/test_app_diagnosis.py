@@ -18,7 +18,7 @@ from console.app.pages.diagnosis import words as diagnosis_words
 from console.app.pages.diagnosis.causes import Causes, interval_bar
 from console.app.pages.diagnosis.expected import Expected, expected_s
 from console.app.pages.diagnosis.residual_plot import PlotView, ResidualPlot, dots_between, nice_ends
-from console.app.pages.diagnosis.service import Curve, DiagnosisView, Stopped
+from console.app.pages.diagnosis.service import DiagnosisView, ResidualCurve, WorkStopped
 from console.app.pages.diagnosis.source_list import SourceList, SourcesView
 from console.app.services import Services
 from console.app.units import IMPERIAL, METRIC
@@ -343,7 +343,7 @@ class Slow(MadeUpDiagnosis):
         while not stop.is_set() and time.monotonic() < until:
             time.sleep(0.005)
         self.ended.set()
-        raise Stopped
+        raise WorkStopped
 
 
 async def test_work_shows_stage_share_and_time_left_and_escape_cancels_it(source, clock, shown):
@@ -495,7 +495,8 @@ def test_plot_ends_hold_zero_and_lines_have_no_gaps():
 
 
 async def test_before_and_after_differ_by_shape_and_the_onset_is_marked(app, shown):
-    curve = Curve("shaft", "r/min", "time_s", (0.0, 5.0, 10.0), (0.0, -4.0, -4.0), (0.0, 0.1, 0.0), (), onset=5.0)
+    curve = ResidualCurve("shaft", "r/min", "time_s", (0.0, 5.0, 10.0), (0.0, -4.0, -4.0), (0.0, 0.1, 0.0), (),
+                          onset=5.0)
     plot = ResidualPlot(PlotView("error", "time, min", curve, False, "en"))
     async with app.run_test(size=(80, 24)) as pilot:
         await app.screen.mount(plot)
@@ -553,7 +554,7 @@ async def test_a_chinese_page_has_no_english_sentence(source, clock, service, sh
 
 
 def test_a_curve_with_names_is_drawn_by_places():
-    curve = Curve("heads", "NDVI", "head", (0.0, 1.0), (0.1, 0.2), (0.0, 0.0), (0.01, 0.01), ("1", "2"))
+    curve = ResidualCurve("heads", "NDVI", "head", (0.0, 1.0), (0.1, 0.2), (0.0, 0.0), (0.01, 0.01), ("1", "2"))
     found = sample_found()
     found = found._replace(drawn=(found.drawn[0]._replace(over=curve),))
     assert diagnosis_shown.over(found, 0).curve.names == ("1", "2")

@@ -8,7 +8,7 @@ import pytest
 
 from console.app.app import TopdressApp
 from console.app.field_picture import FieldPicture, Planned
-from console.app.layers import Layer
+from console.app.layers import MapLayer
 from console.app.map_image import DONE, LAID, OUTLINE, PASSAGE, PLAN, image
 from console.app.pages.map.map_pane import MapPane
 from console.app.pages.replay.service import ReplayJob
@@ -56,10 +56,11 @@ async def test_colours_by_key_and_by_click(still):
         for _press in range(4):
             seen.append((pane.view.scale.layer, legend.view.scale.unit))
             await pilot.press("v")
-        assert seen == [(Layer.APPLIED, "kg/ha"), (Layer.TARGET, "kg/ha"), (Layer.ERROR, "%"), (Layer.NDVI, "")]
-        assert pane.view.scale.layer is Layer.APPLIED
+        assert seen == [(MapLayer.APPLIED, "kg/ha"), (MapLayer.TARGET, "kg/ha"), (MapLayer.ERROR, "%"),
+                        (MapLayer.NDVI, "")]
+        assert pane.view.scale.layer is MapLayer.APPLIED
         await pilot.click("#map-bar", offset=(22, 0))
-        assert pane.view.scale.layer is Layer.ERROR
+        assert pane.view.scale.layer is MapLayer.ERROR
 
 
 async def test_nearer_farther_and_the_whole_field(still):

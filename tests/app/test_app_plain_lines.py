@@ -13,7 +13,7 @@ import pytest
 
 from console.app.terminal import STALLED_S, Takes
 from console.link import Link
-from console.running import Where
+from console.running import WorkerAddress
 from drivers.plain_text import plain
 
 STEERING = ("\x1b]0;taken\x07", "\x1b[2J", "\x9b2J", "\x1b[6n", "\x7f", "a\rb", "\u202egnp.exe", "\u2066x")
@@ -118,7 +118,7 @@ def test_where_there_is_none_nothing_stands():
 
 def test_a_console_that_is_not_seen_says_nothing():
     said = []
-    link = Link(Where(1, "token", 1))
+    link = Link(WorkerAddress(1, "token", 1))
     link._send = lambda _number, message: said.append(message)
 
     async def words(shows, count):

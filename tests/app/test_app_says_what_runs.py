@@ -17,7 +17,7 @@ from console.app.units import METRIC
 from console.app.view import why_other_rate
 from console.cli.screens import _join
 from console.link import WorkerGone
-from console.running import Where
+from console.running import WorkerAddress
 from console.services.launcher import Launcher
 from control.orders import Alarm, Answer, Severity
 from control.safety import REFUSALS
@@ -154,7 +154,7 @@ async def test_a_console_that_joins_says_so_and_what_it_does_not_use(source, clo
 async def test_files_that_cannot_be_read_are_not_said_to_be_those_of_this_console(source, clock, shown, tmp_path, size):
     """The log of the machine that runs was removed: the console named its own file as what that machine goes by."""
     launcher = Launcher(("/cabs/ours.yaml",), (), 1, 20.0, None, tmp_path / "trouble")
-    joined = _join(launcher, Where(1, "x", 2, "2026-11-23T07:12:00+00:00", str(tmp_path / "gone.csv")))
+    joined = _join(launcher, WorkerAddress(1, "x", 2, "2026-11-23T07:12:00+00:00", str(tmp_path / "gone.csv")))
     app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(job=SampleJobService()),
                       joined=joined)
     async with app.run_test(size=size) as pilot:

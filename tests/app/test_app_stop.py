@@ -15,7 +15,7 @@ from console.app.dialogs import Choice, ChoiceDialog, Confirm, Dialog, NudgeDial
 from console.app.name_dialog import NameDialog
 from console.app.number_dialog import NumberDialog
 from console.app.pages.job.map_dialog import MapDialog
-from console.app.pages.job.service import Reading
+from console.app.pages.job.service import MapReading
 from console.app.pages.settings import page as settings_page
 from console.app.pages.trends.channel_dialog import ChannelDialog
 from console.app.screens.alarm_list import AlarmList
@@ -48,7 +48,7 @@ DIALOGS = {
     ChoiceDialog: lambda: ChoiceDialog("Which?", [Choice("a", "A"), Choice("b", "B")], "a"),
     NumberDialog: lambda: NumberDialog("How much?", "kg", 0, 100),
     TextDialog: lambda: TextDialog("Read", "this"),
-    MapDialog: lambda: MapDialog(SampleJobService().preview("north.geojson", Reading()), METRIC),
+    MapDialog: lambda: MapDialog(SampleJobService().preview("north.geojson", MapReading()), METRIC),
     NameDialog: lambda: NameDialog("Name", "abc"),
     ChannelDialog: lambda: ChannelDialog((), METRIC, lambda chosen: None),
     GoneScreen: lambda: GoneScreen("gone", True, True),

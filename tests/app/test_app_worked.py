@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from console.app.camera import Camera, Pixels, fit
+from console.app.camera import MapCamera, Pixels, fit
 from console.app.field_picture import FieldPicture, Planned
 from console.app.history import History, LogHistory
-from console.app.layers import Layer, scale_of
+from console.app.layers import MapLayer, scale_of
 from console.app.map_image import DONE, EMPTY, OUTLINE, PASSAGE, PLAN, ground, image
 from console.app.scale import STEPS
 from console.app.units import IMPERIAL, METRIC
@@ -106,7 +106,7 @@ def test_a_cell_is_seen_in_the_pixel_that_its_middle_lies_in(metres, north):
     worked.add([Spot(0.5, north, 0.0, 300.0, 300.0, 0.5)])
     cell_m = worked.cell_for(metres)
     middle = tuple((place // cell_m + 0.5) * cell_m for place in (0.5, north))
-    pixels = Camera(0.0, 6.0, metres).pixels(20, 80)
+    pixels = MapCamera(0.0, 6.0, metres).pixels(20, 80)
     lit = np.argwhere(~np.isnan(ground(worked, pixels).applied_kg_ha))
     column, row = pixels.at(middle[0] + 0.01, middle[1] + 0.01)       # on an edge the north-eastern one
     assert [row, column] in lit.tolist()
@@ -143,7 +143,7 @@ PICTURE = FieldPicture("f", (((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)
 def test_planned_rates_lie_under_the_work_and_the_outline_over_it():
     worked = Worked(width_m=1.0)
     worked.add([Spot(2.5, north, 0.0, 300.0, 300.0, 0.5) for north in (1.5, 2.5, 3.5)])
-    scale = scale_of(Layer.APPLIED, worked, PICTURE, METRIC)
+    scale = scale_of(MapLayer.APPLIED, worked, PICTURE, METRIC)
     assert (scale.low, scale.high) == (100.0, 300.0)
     seen = image(worked, PICTURE, scale, Pixels(14, 14, 1.0, -2.0, 12.0))
     assert seen[11 - 2, 2 + 2] == DONE + STEPS - 1
@@ -152,7 +152,7 @@ def test_planned_rates_lie_under_the_work_and_the_outline_over_it():
     assert seen[11 - 7, 7 + 2] == EMPTY, "the plan says nothing there"
     assert seen[12, 5 + 2] == seen[11 - 5, 0 + 2] == OUTLINE
     assert image(worked, PICTURE, scale, Pixels(14, 14, 1.0, -2.0, 12.0), plan=False)[9, 3] == EMPTY
-    error = image(worked, PICTURE, scale_of(Layer.ERROR, worked, PICTURE, METRIC), Pixels(14, 14, 1.0, -2.0, 12.0))
+    error = image(worked, PICTURE, scale_of(MapLayer.ERROR, worked, PICTURE, METRIC), Pixels(14, 14, 1.0, -2.0, 12.0))
     assert error[9, 4] == DONE + round(0.5 * (STEPS - 1)) and error[9, 3] == EMPTY
 
 
@@ -161,24 +161,24 @@ def test_error_goes_from_too_little_to_too_much_against_50_at_least():
     for north, applied, target in ((0.5, 210.0, 300.0), (10.5, 390.0, 300.0), (20.5, 20.0, 10.0)):
         worked.add([Spot(0.5, north, 0.0, applied, target, 0.5)])
         worked.add([Spot(500.0, 500.0, 0.0, nan, nan, nan)])
-    seen = ground(worked, Pixels(1, 21, 1.0, 0.0, 21.0)).layer(Layer.ERROR)[::-1, 0]
+    seen = ground(worked, Pixels(1, 21, 1.0, 0.0, 21.0)).layer(MapLayer.ERROR)[::-1, 0]
     assert seen[[0, 10, 20]].tolist() == pytest.approx([-0.3, 0.3, 0.2])
 
 
 def test_where_nothing_was_spread_only_the_passage_is_seen():
     worked = Worked(width_m=1.0)
     worked.add([Spot(0.5, north, 0.0, 0.0, 0.0, 0.5) for north in (0.5, 1.5, 2.5)])
-    scale = scale_of(Layer.APPLIED, worked, None, METRIC)
+    scale = scale_of(MapLayer.APPLIED, worked, None, METRIC)
     assert image(worked, None, scale, Pixels(1, 3, 1.0, 0.0, 3.0)).ravel().tolist() == [PASSAGE] * 3
 
 
 def test_scales_are_round_in_the_shown_unit():
     worked = Worked()
     worked.add([Spot(0.0, 0.0, 0.0, 260.0, 390.0, 0.41), Spot(0.0, 2.0, 0.0, 300.0, 300.0, 0.63)])
-    metric, imperial = (scale_of(Layer.TARGET, worked, None, units) for units in (METRIC, IMPERIAL))
+    metric, imperial = (scale_of(MapLayer.TARGET, worked, None, units) for units in (METRIC, IMPERIAL))
     assert (metric.text(metric.low), metric.text(metric.high)) == ("250", "400")
     assert (imperial.text(imperial.low), imperial.text(imperial.high), imperial.unit) == ("200", "350", "lb/ac")
-    ndvi = scale_of(Layer.NDVI, worked, None, METRIC)
+    ndvi = scale_of(MapLayer.NDVI, worked, None, METRIC)
     assert (ndvi.text(ndvi.low), ndvi.text(ndvi.high)) == ("0.40", "0.65")
 
 
@@ -194,21 +194,21 @@ def test_the_plan_s_mass_and_the_rate_at_a_place():
 @given(st.floats(-2000, 2000), st.floats(-2000, 2000), st.integers(20, 240), st.integers(12, 120), st.integers(0, 16))
 def test_a_place_and_its_pixel_are_inverse(east, north, columns, rows, scale):
     from console.app.camera import SCALES_M
-    pixels = Camera(east, north, SCALES_M[scale]).pixels(columns, rows)
+    pixels = MapCamera(east, north, SCALES_M[scale]).pixels(columns, rows)
     column, row = pixels.at(east, north)
     assert 0 <= column < columns and 0 <= row < rows
     assert pixels.at(*pixels.place(column, row)) == (column, row)
 
 
 def test_following_stands_while_the_machine_is_well_inside():
-    camera = Camera(0.0, 0.0, 1.0)
+    camera = MapCamera(0.0, 0.0, 1.0)
     assert camera.following((10.0, 5.0), 60, 40) is camera
-    assert camera.following((29.0, 5.0), 60, 40) == Camera(29.0, 5.0, 1.0)
+    assert camera.following((29.0, 5.0), 60, 40) == MapCamera(29.0, 5.0, 1.0)
 
 
 def test_zoom_goes_along_round_scales_and_stops_at_the_ends():
-    assert Camera(0, 0, 1.0).zoomed(1).metres == 0.5 and Camera(0, 0, 1.0).zoomed(-1).metres == 1.5
-    assert Camera(0, 0, 0.25).zoomed(3).metres == 0.25 and Camera(0, 0, 200.0).zoomed(-3).metres == 200.0
+    assert MapCamera(0, 0, 1.0).zoomed(1).metres == 0.5 and MapCamera(0, 0, 1.0).zoomed(-1).metres == 1.5
+    assert MapCamera(0, 0, 0.25).zoomed(3).metres == 0.25 and MapCamera(0, 0, 200.0).zoomed(-3).metres == 200.0
 
 
 def test_a_field_is_seen_whole():

@@ -6,7 +6,7 @@ from math import cos, radians
 import pytest
 
 from console.app.held_key import KEY_GAP_S, SECOND_PRESS_S, HeldKey
-from console.app.pages.calibrate.catch import LEAST_REVOLUTIONS, CatchTest
+from console.app.pages.calibrate.catch import LEAST_REVOLUTIONS, CatchRun
 from console.app.pages.calibrate.heads import CHECK_S, HeadsCheck
 from console.app.pages.calibrate.wheel import LEAST_M, WheelRun, WheelSample
 
@@ -68,7 +68,7 @@ def exact_revolutions(seconds, rpm):
 
 @pytest.mark.parametrize(("rpm", "seconds"), [(20.0, 30.0), (70.0, 30.0), (100.0, 12.3), (45.0, 61.7)])
 def test_revolutions_are_counted_to_a_fiftieth(rpm, seconds):
-    test = CatchTest(rpm, 30.0)
+    test = CatchRun(rpm, 30.0)
     end_s = turn(test, 0.0, 6.0, rpm)
     assert test.phase == "weigh" and test.turned.revolutions == 0.0
     turn(test, end_s, seconds, rpm)
@@ -81,13 +81,13 @@ def test_revolutions_are_counted_to_a_fiftieth(rpm, seconds):
 
 
 def test_a_run_too_short_to_settle_does_not_settle():
-    test = CatchTest(70.0, 30.0)
+    test = CatchRun(70.0, 30.0)
     turn(test, 0.0, 3.0, 70.0)
     assert test.phase == "settle" and not test.can_weigh
 
 
 def test_frames_that_were_missed_are_not_counted():
-    test = CatchTest(60.0, 30.0)
+    test = CatchRun(60.0, 30.0)
     turn(test, 0.0, 6.0, 60.0)
     test.see(100.0, 60.0, 30.0, 100.0, True)
     test.see(110.0, 60.0, 30.0, 100.0, True)
@@ -95,7 +95,7 @@ def test_frames_that_were_missed_are_not_counted():
 
 
 def test_another_setting_settles_anew_and_keeps_the_points():
-    test = CatchTest(70.0, 30.0)
+    test = CatchRun(70.0, 30.0)
     end_s = turn(test, 0.0, 6.0, 70.0)
     end_s = turn(test, end_s, 20.0, 70.0)
     test.weighed(4.0)
@@ -109,7 +109,7 @@ def test_another_setting_settles_anew_and_keeps_the_points():
 
 
 def test_the_hopper_scale_says_about_what_left_in_the_catch_alone():
-    test = CatchTest(70.0, 30.0)
+    test = CatchRun(70.0, 30.0)
     end_s = turn(test, 0.0, 6.0, 70.0, hopper_kg=100.0)
     end_s = turn(test, end_s, 0.0, 0.0, hopper_kg=99.0)
     assert test.scale_says_kg is None

@@ -14,7 +14,7 @@ import time
 import pytest
 
 from control.readings import DriveCommand
-from control.simulation.plant import Sensed
+from control.simulation.plant import SensorReadings
 from drivers.board.slave import Settings, Slave
 from drivers.cab import Cab, CabConfig
 from drivers.devices.board_frames import CommandFrame, encode_command
@@ -214,7 +214,7 @@ class Line:
             line = self.host.command(DriveCommand(60.0, 25.0), enabled)
             self.sent.append(line)
             self.board.feed(b"" if deaf else line, self.now_s)
-            sensed = Sensed(self.now_s, None, 0.0, 0, None, 0.0, 25.0, 100.0, 13.5, 0.0, 0.0, None)
+            sensed = SensorReadings(self.now_s, None, 0.0, 0, None, 0.0, 25.0, 100.0, 13.5, 0.0, 0.0, None)
             readings = self.host.feed(self.board.status(sensed, self.now_s), self.now_s)
         return readings[-1]
 

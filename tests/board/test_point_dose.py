@@ -8,7 +8,7 @@ import pytest
 from control.readings import DriveCommand
 from drivers.board.slave import Settings, Slave
 from drivers.devices.point_dose import DoseState, PointDose, decode_report, encode_dose
-from drivers.devices.slave_board import DriveLimits, SlaveBoard
+from drivers.devices.slave_board import SetPointLimits, SlaveBoard
 
 
 class Bench:
@@ -18,7 +18,7 @@ class Bench:
         self.pins = scenarios.Machine()
         self.settings = Settings()
         self.board = Slave(self.pins, self.settings)
-        self.host = SlaveBoard(DriveLimits(max_shaft_rpm=201.0))
+        self.host = SlaveBoard(SetPointLimits(max_shaft_rpm=201.0))
         self.ms = 0
         self.deaf = False               # the host hears nothing
         self.enable = False

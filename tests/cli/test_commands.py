@@ -16,7 +16,7 @@ from console.app.app import TopdressApp
 from console.cli import app, screens
 from console.cli.plain_errors import CommandError
 from console.cli.screens import first_time
-from console.running import Where, WorkerFailed
+from console.running import WorkerAddress, WorkerFailed
 from console.services.launcher import Launcher
 from control.log_row import COLUMNS
 from control.machine.fall import drop_s as drop_time_s
@@ -309,9 +309,9 @@ def steps(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
     done: list[str] = []
     setup_of = setup.setup_of
 
-    def start(self: Launcher, resumed: Path | None = None) -> Where:
+    def start(self: Launcher, resumed: Path | None = None) -> WorkerAddress:
         done.append("worker")
-        return Where(1, None, 1)
+        return WorkerAddress(1, None, 1)
 
     def read(*args: Any) -> setup.Setup:
         done.append("files")
@@ -335,7 +335,7 @@ def test_the_worker_comes_up_before_the_files_are_read(steps: list[str], tmp_pat
 
 
 def test_a_wrong_file_is_told_as_a_file(steps: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def start(self: Launcher, resumed: Path | None = None) -> Where:
+    def start(self: Launcher, resumed: Path | None = None) -> WorkerAddress:
         raise WorkerFailed("the control worker did not start: something else")
 
     monkeypatch.setattr(Launcher, "start", start)

@@ -13,7 +13,7 @@ from control.machine.planting import parse_planted
 from control.machine.plausible import plausible
 from control.orders import Order, Strategy
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.closed_loop import Record, Step, simulated_run
+from control.simulation.closed_loop import Record, SimulatedTick, simulated_run
 from control.simulation.errors import Errors, errors
 from drivers.files.setup import load_setup
 
@@ -21,7 +21,7 @@ from drivers.files.setup import load_setup
 class Run:
     """One simulated run and everything there is to say about it."""
 
-    def __init__(self, steps: list[Step], record: Record, width_m: float, rule: Rule) -> None:
+    def __init__(self, steps: list[SimulatedTick], record: Record, width_m: float, rule: Rule) -> None:
         self.steps = steps
         self.record = record
         self.width_m = width_m

@@ -13,7 +13,7 @@ from console.cli.terms import parse_terms
 from control.field.coverage import Coverage
 from control.machine.planting import parse_planted
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.closed_loop import Step, simulated_run
+from control.simulation.closed_loop import SimulatedTick, simulated_run
 from control.simulation.compiled_steps import STEPS
 from control.targets.overlap import Overlap
 from drivers.files.prescriptions.for_job import placed_of_job
@@ -26,7 +26,7 @@ TERM = "flow_percent bend speed_mps bend=-4.4 at=1.2"
 
 
 def steps(machine: str, job: str, seconds: float, compiled: bool, effects: tuple[str, ...] = (),
-          terms: tuple[str, ...] = (), begin_m: float = 0.0) -> list[Step]:
+          terms: tuple[str, ...] = (), begin_m: float = 0.0) -> list[SimulatedTick]:
     setup = load_setup(machine, job, TODAY)
     simulated = setup.job.simulated.model_copy(update={"begin_m": begin_m})
     resolved = with_simulated_field(setup.job.model_copy(update={"simulated": simulated}), setup.machine)

@@ -24,7 +24,7 @@ from control.targets.index_map import MOST_OFF, IndexMap
 from control.targets.map_and_canopy import Around, MapAndCanopy
 from control.targets.map_profile import MapProfile
 from control.targets.prescription import Fallbacks, Prescription
-from control.targets.profile import Change, Stretches, Target
+from control.targets.profile import Stretches, Target, TargetChange
 from control.targets.rate_map import GridMap, frame_m
 from drivers.files.setup import Setup, load_setup
 
@@ -184,10 +184,10 @@ class Base:
     def at(self, place_m: float) -> Target:
         return [target for place, target in self.steps if place <= place_m][-1]
 
-    def next_change(self, after_m: float, before_m: float, holding: Target) -> Change | None:
+    def next_change(self, after_m: float, before_m: float, holding: Target) -> TargetChange | None:
         for place in (after_m, *(place for place, _ in self.steps if after_m < place <= before_m)):
             if self.at(place) != holding:
-                return Change(place, self.at(place))
+                return TargetChange(place, self.at(place))
         return None
 
 

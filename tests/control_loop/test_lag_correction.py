@@ -12,7 +12,7 @@ from control.machine.machine import Machine, with_effect
 from control.orders import TargetSource
 from control.targets.canopy import CanopyDecisions
 from control.targets.lag_correction import ChangeQueue
-from control.targets.profile import Change, Stretches, Target
+from control.targets.profile import Stretches, Target, TargetChange
 
 
 def test_an_opening_change_lags_by_gate_and_drop() -> None:
@@ -44,7 +44,7 @@ class Constant:
         self.ahead_m = ahead_m
         self.farthest_m = 20.0
 
-    def lag(self, before: Target, change: Change) -> Lag:
+    def lag(self, before: Target, change: TargetChange) -> Lag:
         return Lag(0.0, 0.0, 0.0)
 
     def distance_m(self, lag: Lag) -> float:

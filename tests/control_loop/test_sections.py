@@ -22,12 +22,12 @@ from control.readings import DriveCommand
 from control.safety import limited_valves
 from control.sensing import Sensed
 from control.simulation.assembly import control_loop, with_simulated_field
-from control.simulation.closed_loop import Step, simulated_run
+from control.simulation.closed_loop import SimulatedTick, simulated_run
 from control.simulation.plant import Plant, Truth
 from control.simulation.tractor import Leg
 from control.simulation.tractor import Path as Way
 from control.targets.fence import Fence
-from control.targets.section_ground import DONE, OUTSIDE, Ground, SectionGround
+from control.targets.section_ground import DONE, OUTSIDE, SectionGround, SectionsGround
 from drivers.files.config import load
 from drivers.files.config_error import ConfigError
 from drivers.files.kinds import MACHINE
@@ -35,7 +35,7 @@ from drivers.files.setup import Setup, load_setup
 
 HALF_FIELD = Boundary([(0.0, 0.0), (0.0, 200.0), (10.0, 200.0), (10.0, 0.0)])
 SLANTED = ((-30.0, 0.0), (-30.0, 60.0), (0.0, 60.0), (6.0, 30.0), (0.0, 0.0))     # its east side meets a pass askew
-NOTHING = Ground(None, None, None, None, (False,) * 3)
+NOTHING = SectionsGround(None, None, None, None, (False,) * 3)
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def manual(job: Job, **changes: Any) -> Job:
 
 
 def run(setup: Setup, machine: Machine, job: Job, seconds: float, way: Way | None = None,
-        orders: list[tuple[float, Order]] | None = None) -> list[Step]:
+        orders: list[tuple[float, Order]] | None = None) -> list[SimulatedTick]:
     plant = Plant(machine, job, 1, 0.05, path=way)
     return list(simulated_run(plant, control_loop(machine, setup.crop, setup.rule, job), seconds, orders))
 

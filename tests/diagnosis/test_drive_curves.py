@@ -16,7 +16,7 @@ from console.app.pages.diagnosis.adoption import offer_of, sure
 from console.app.pages.diagnosis.service import DiagnosisView
 from console.app.pages.diagnosis.words import adopted_title
 from console.cli.adopting import adopt
-from console.services.diagnosis_job import Order, work
+from console.services.diagnosis_job import DiagnosisOrder, work
 from control.diagnosis.extend import extend, not_adoptable
 from control.diagnosis.result import Cause, Diagnosis, Rival
 from control.diagnosis.runs.adoption import adoptable_of
@@ -154,7 +154,7 @@ def test_the_page_offers_a_drive_as_a_whole_as_the_command_line_does(tmp_path: P
     rows = zip(*(columns[name] for name in ("time_s", "shaft_rpm_cmd", "shaft_rpm")), strict=True)
     log.write_text("time_s,shaft_rpm_cmd,shaft_rpm\n" + "".join(f"{t:.3f},{a:.2f},{r:.2f}\n" for t, a, r in rows))
     save(machine, DRIVE, MACHINE)
-    work(Order(str(log), str(tmp_path), machine=str(machine)), lambda share, stage: None)
+    work(DiagnosisOrder(str(log), str(tmp_path), machine=str(machine)), lambda share, stage: None)
     found = typed(DiagnosisView, json.loads((tmp_path / "view.json").read_text()))
     assert found.found.fitted is not None and found.adoptable == ("shaft as a whole",)
     offer = offer_of(found, sure(found))

@@ -421,8 +421,8 @@ def test_steps_of_the_scale_where_rows_are_missing_are_no_bridges(in_gaps: bool)
     hopper = run_data(gate(WORK), HUANGHAI).hopper
     at, nowhere, seconds = np.array([100, 220, 340, 460]), np.array([], int), np.arange(len(hopper.grid.even_s))
     left = np.random.default_rng(3).normal(0.0, 0.1, len(seconds)) + 0.5 * np.searchsorted(at, seconds, side="right")
-    level = intermittent._Level(280.0 - 0.15 * seconds, left, np.ones(len(seconds)), nowhere,
-                                at if in_gaps else nowhere)
+    level = intermittent._ScaleLevel(280.0 - 0.15 * seconds, left, np.ones(len(seconds)), nowhere,
+                                     at if in_gaps else nowhere)
     assert (intermittent._short_bridges(hopper, level) is None) is in_gaps
 
 

@@ -18,8 +18,8 @@ from control.diagnosis.runs.hypothesis import EffectInstance, schedule, stages_o
 from control.diagnosis.runs.model import GROUPS, GroupModel
 from control.diagnosis.runs.stages import run_data
 from control.machine.compiled import term_run
-from control.machine.form import ANGLES, FORMS, Scaled, Tried, scaled
-from control.machine.forms import Lost, Product
+from control.machine.form import ANGLES, FORMS, Scaled, TriedForm, scaled
+from control.machine.forms import Lost, ProductForm
 from control.machine.machine import CATALOGUE, Machine, bounds, unit_of
 from control.machine.over_log import MOST_STEP_S
 from control.machine.shaft import LEAST_LAG_S
@@ -94,13 +94,13 @@ def variable(name: str, log_of: dict[str, Array]) -> Scaled:
     return scaled(name, log_of[name], work, log_of["time_s"], term_run)
 
 
-def forms() -> list[tuple[Tried, dict[str, Scaled]]]:
+def forms() -> list[tuple[TriedForm, dict[str, Scaled]]]:
     log_of = log()
     by = {name: variable(name, log_of) for name in ("supply_v", "roll_deg", "time_s", "heading_deg")}
     by["shaft_angle_deg"] = variable("shaft_angle_deg", {**log_of, "shaft_angle_deg": 90.0 * log_of["time_s"]})
     found = [(one, by) for kind in FORMS.values() for name in by for one in kind.tried(by[name])[::7]]
-    found += [(one, by) for one in Product.tried_with(by["supply_v"], by["roll_deg"])]
-    found += [(one, by) for one in Product.tried_with(by["supply_v"], by["roll_deg"], alone=1)]
+    found += [(one, by) for one in ProductForm.tried_with(by["supply_v"], by["roll_deg"])]
+    found += [(one, by) for one in ProductForm.tried_with(by["supply_v"], by["roll_deg"], alone=1)]
     command = log_of["shaft_rpm_cmd"]
     told = Scaled("shaft_rpm", command, 0.0, 1.0, -np.inf, np.inf, command > 0.1, log_of["time_s"], term_run)
     return [*found, *((one, {"shaft_rpm": told}) for one in Lost.tried(told))]

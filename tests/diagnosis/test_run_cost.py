@@ -9,7 +9,7 @@ from control.diagnosis.runs import log, stages
 from control.diagnosis.runs.cost import field_cost
 from control.diagnosis.runs.hypothesis import EffectInstance
 from control.diagnosis.tables import cost as tables
-from control.diagnosis.tables.piece import Candidate, SizedEffect
+from control.diagnosis.tables.piece import SizedEffect, TableCandidate
 from control.machine.machine import Machine
 
 SPEED_MPS = 1.25
@@ -40,7 +40,7 @@ def data_of(columns):
 def test_runs_and_tables_tell_the_same_dose_at_the_same_operating_point(effect, size, percent):
     machine = Machine()
     of_run = field_cost(EffectInstance(effect.id, size), machine, data_of(a_log(machine.set_points.shaft_rpm)))
-    of_table = tables.field_cost(machine, SizedEffect(Candidate(effect.id), size), SPEED_MPS)
+    of_table = tables.field_cost(machine, SizedEffect(TableCandidate(effect.id), size), SPEED_MPS)
     assert of_run.rate_error_percent == pytest.approx(of_table.rate_error_percent, abs=0.02)
     if percent is not None:
         assert of_run.rate_error_percent == pytest.approx(percent, abs=0.02)

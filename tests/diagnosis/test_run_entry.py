@@ -72,10 +72,10 @@ def test_no_effect_is_named_by_its_id_outside_its_row(folder: str) -> None:
 
 
 def test_every_effect_has_one_row_and_every_row_an_effect() -> None:
-    rows = [row for row in vars(effects).values() if isinstance(row, effects.Row)]
+    rows = [row for row in vars(effects).values() if isinstance(row, effects.EffectRow)]
     assert sorted(row.id for row in rows) == sorted(CATALOGUE)
     for name, row in vars(effects).items():
-        if isinstance(row, effects.Row):
+        if isinstance(row, effects.EffectRow):
             assert name == row.id.replace(".", "_").upper()
 
 

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from control.diagnosis.season.courses import Course, Shared, fitted
-from control.diagnosis.season.evidence import Form
+from control.diagnosis.season.evidence import QuadraticForm
 from control.diagnosis.season.forms import OneLog, stacked
 from control.diagnosis.season.mixed import found as causes_found
 
@@ -17,7 +17,8 @@ def log(rng: np.random.Generator, number: int, truth: dict[str, float], sd: floa
     normal = gram / sd ** 2
     truly = np.array([truth.get(name, 0.0) for name in NAMES])
     right = normal @ truly + np.linalg.cholesky(normal) @ rng.normal(size=4)
-    return OneLog(f"{machine}{number}", machine, float(number), (Form(NAMES, tuple(map(tuple, normal)), tuple(right)),),
+    return OneLog(f"{machine}{number}", machine, float(number),
+                  (QuadraticForm(NAMES, tuple(map(tuple, normal)), tuple(right)),),
                   shared)
 
 
@@ -182,7 +183,7 @@ def test_a_scale_reads_wrong_on_a_machine_and_by_nobodys_hand() -> None:
     for one in season_with_operators(rng):
         truly = np.array([-2.0 * (one.shared["operator"] == "Wang"), 5.0 * (one.machine == "e")])
         right = normal @ truly + np.linalg.cholesky(normal) @ rng.normal(size=2)
-        logs.append(one._replace(forms=(Form(names, tuple(map(tuple, normal)), tuple(right)),)))
+        logs.append(one._replace(forms=(QuadraticForm(names, tuple(map(tuple, normal)), tuple(right)),)))
     fit = fitted(logs)
     (wang,) = fit.shared
     assert (wang.factor, wang.level, wang.effect, wang.alike) == ("operator", "Wang", "flow.gain", ())
@@ -195,7 +196,7 @@ def test_a_machine_called_a_scale_keeps_its_only_operators_flow_in_the_set() -> 
     """Whose it is and what it is the logs cannot tell: machine's flow, machine's scale, operator's flow."""
     rng, names = np.random.default_rng(26), ("flow.gain", "scale.gain")
     normal = 4.0 * np.array([[1.0, 0.999], [0.999, 1.0]])
-    logs = [OneLog(f"{machine}{k}", machine, float(k), (Form(names, tuple(map(tuple, normal)), tuple(
+    logs = [OneLog(f"{machine}{k}", machine, float(k), (QuadraticForm(names, tuple(map(tuple, normal)), tuple(
         normal @ [0.0, 5.0 * (machine == "a")] + np.linalg.cholesky(normal) @ rng.normal(size=2))),),
         {"operator": f"o{machine}"}) for machine in "abc" for k in range(30)]
     (course,) = fitted(logs).courses
@@ -212,7 +213,7 @@ def within_tolerance(rng: np.random.Generator, logs: int, off: float, remembered
         normal = plain - np.outer(pull, pull) / (1.0 + 0.25 * plain[0, 0])      # the tolerance (0.5 %) taken out
         pulls = pull / (1.0 + 0.25 * plain[0, 0])
         noise = np.linalg.cholesky(normal - np.outer(pulls, pulls)) @ rng.normal(size=4)
-        form = Form(NAMES, tuple(map(tuple, normal)), tuple(pulls * off + noise))
+        form = QuadraticForm(NAMES, tuple(map(tuple, normal)), tuple(pulls * off + noise))
         if remembered:
             form = form._replace(open=("flow.gain_percent",), pulls=tuple((one,) for one in pulls))
         found.append(OneLog(str(number), "m", float(number), (form,)))
@@ -231,12 +232,12 @@ def test_what_is_within_a_machines_tolerance_is_no_effect_however_many_its_logs(
     assert course.mean_half == pytest.approx(1.645 * 0.5, rel=0.2)      # the tolerance: 50 logs make it no less
 
 
-def _shifted(form: Form) -> Form:
+def _shifted(form: QuadraticForm) -> QuadraticForm:
     """8 % of flow more."""
     return form._replace(right=tuple(np.array(form.right) + 8.0 * np.array(form.normal)[:, 0]))
 
 
 def test_logs_that_tell_nothing_are_no_trouble() -> None:
-    nothing = Form(NAMES, tuple(map(tuple, np.zeros((4, 4)))), (0.0,) * 4)
+    nothing = QuadraticForm(NAMES, tuple(map(tuple, np.zeros((4, 4)))), (0.0,) * 4)
     assert courses([OneLog("a", "m", 0.0, ()), OneLog("b", "m", 1.0, (nothing,))]) == ([], [])
     assert courses([]) == ([], [])

@@ -9,23 +9,23 @@ from control.diagnosis.season.courses import (
     REPAIR_SHARE,
     WEAR_P,
     Course,
-    Fit,
-    Piece,
+    CoursePiece,
+    SeasonFit,
     Shared,
     _nearer_zero,
     wears,
 )
-from control.diagnosis.season.evidence import Worked
+from control.diagnosis.season.evidence import LogWork
 from control.diagnosis.season.mixed import Alternative
 from control.diagnosis.season.owner import OwnersLog, at, low_hoppers, machines, still_there
 
 
 def piece(begin_d: float, end_d: float, begin: float, end: float, *, half: float = 0.1,
-          per_day_p: float = 1.0) -> Piece:
-    return Piece(begin_d, end_d, begin, end, half, half, (end - begin) / (end_d - begin_d), per_day_p)
+          per_day_p: float = 1.0) -> CoursePiece:
+    return CoursePiece(begin_d, end_d, begin, end, half, half, (end - begin) / (end_d - begin_d), per_day_p)
 
 
-def course(*pieces: Piece) -> Course:
+def course(*pieces: CoursePiece) -> Course:
     return Course("m01", "flow.gain", 1.0, (), (), (), pieces, 0.0, 0.1)
 
 
@@ -40,7 +40,7 @@ def test_a_repair_makes_an_effect_less_and_not_as_large_the_other_way(sign: floa
 
 
 def one_log(percent: dict[str, float], kg: float = 100.0, **shared: str) -> OwnersLog:
-    return OwnersLog("a", "m01", 0.0, Worked(1.0, kg, 1.0, 0.0, 0), percent, shared)
+    return OwnersLog("a", "m01", 0.0, LogWork(1.0, kg, 1.0, 0.0, 0), percent, shared)
 
 
 def alternative(effect: str, size: float, probability: float) -> Alternative:
@@ -54,14 +54,15 @@ def test_the_dose_is_that_on_which_a_set_agrees() -> None:
     no_dose = one._replace(alternatives=(alternative("flow.gain", -5.0, 0.6), alternative("scale.drift", 5.5, 0.4)))
     percent = {"flow.gain": 1.0, "flow.leak": 1.0}
     assert [(each.wrong_kg, each.most_kg) for set_ in (one, two_doses, no_dose)
-            for each in machines([one_log(percent)], Fit((set_,)))] == [(5.0, 5.0), (3.0, 5.0), (0.0, 5.0)]
+            for each in machines([one_log(percent)], SeasonFit((set_,)))] == [(5.0, 5.0), (3.0, 5.0), (0.0, 5.0)]
 
 
 def test_what_a_machine_does_now_stands_apart_from_its_operators_share() -> None:
     by_li = Shared("operator", "Li", "flow.gain", -4.0, 0.1, 1.0, 9)
-    (one,) = machines([one_log({"flow.gain": 1.0}, operator="Li")], Fit((course(piece(0.0, 9.0, 1.0, 1.0)),), (by_li,)))
+    (one,) = machines([one_log({"flow.gain": 1.0}, operator="Li")],
+                      SeasonFit((course(piece(0.0, 9.0, 1.0, 1.0)),), (by_li,)))
     assert one.now_percent == 1.0 and one.others_percent == -4.0 and one.wrong_kg == 3.0
-    (other,) = machines([one_log({"flow.gain": 1.0}, operator="Wang")], Fit((), (by_li,)))
+    (other,) = machines([one_log({"flow.gain": 1.0}, operator="Wang")], SeasonFit((), (by_li,)))
     assert other.others_percent == 0.0 and not other.shared
 
 
@@ -88,7 +89,7 @@ def test_a_size_at_a_time_lies_on_its_piece(time_d: float, size: float) -> None:
 
 
 def test_a_piece_of_one_log_has_one_size() -> None:
-    assert at(course(Piece(3.0, 3.0, 2.0, 2.0, 0.1, 0.1, 0.0, 1.0)), 7.0) == 2.0
+    assert at(course(CoursePiece(3.0, 3.0, 2.0, 2.0, 0.1, 0.1, 0.0, 1.0)), 7.0) == 2.0
 
 
 def test_the_owner_reads_the_dearest_first() -> None:
@@ -101,7 +102,7 @@ def test_the_owner_reads_the_dearest_first() -> None:
     courses = (of("a", "flow.gain", 2.0), of("b", "flow.gain", -6.0), of("b", "flow.leak", -7.0),
                of("c", "flow.gain", 2.0), of("d", "flow.gain", 2.0, *unsure),
                of("c", "flow.leak", 1.0, alternative("flow.gain", -8.0, 0.5)))
-    found = machines(logs, Fit(courses))
+    found = machines(logs, SeasonFit(courses))
     wrong = [(one.wrong_kg, one.most_kg) for one in found]
     assert wrong == sorted(wrong, reverse=True) and wrong[0][0] == 13.0 and len(set(wrong)) == 4
     for one in found:
@@ -112,7 +113,7 @@ def test_the_owner_reads_the_dearest_first() -> None:
 
 def test_operators_stand_by_their_minutes_with_a_low_hopper() -> None:
     """Two who let it run low, each twice as long as the others together; nobody else is named."""
-    logs = [OwnersLog(f"{who}{k}", "m01", k, Worked(1.0, 100.0, 1.0, minutes + 0.01 * k, 0), {}, {"operator": who})
+    logs = [OwnersLog(f"{who}{k}", "m01", k, LogWork(1.0, 100.0, 1.0, minutes + 0.01 * k, 0), {}, {"operator": who})
             for who, minutes in (("Ann", 18.0), ("Li", 20.0), ("Wang", 0.0), ("Xu", 0.5), ("Zhao", 1.0))
             for k in range(30)]
     assert [one.operator for one in low_hoppers(logs)] == ["Li", "Ann"]

@@ -18,7 +18,7 @@ from control.diagnosis.extend import extend
 from control.diagnosis.runs.compared import compared
 from control.diagnosis.runs.diagnose import JudgedRun, diagnose_run, judged_run
 from control.diagnosis.runs.hypothesis import EffectInstance
-from control.diagnosis.runs.selection import Board
+from control.diagnosis.runs.selection import Scores
 from control.machine.machine import effect_sizes
 from drivers.files.config import load, save
 from drivers.files.kinds import MACHINE
@@ -128,7 +128,7 @@ def healthy() -> JudgedRun:
 def test_what_a_small_motor_has_by_nature_gains_no_more_than_its_data_sheet_leaves_open() -> None:
     """Its electrical time constant, 4 % of the mechanical one (1 s.d.): within 3 s.d. no evidence counts for more."""
     group = next(iter(healthy().groups))
-    board, sd_s = Board(group.search), 0.04 * 0.06
+    board, sd_s = Scores(group.search), 0.04 * 0.06
     for sds, most in ((1.0, 0.5), (2.5, 3.125), (3.5, np.inf)):
         assert board._of_tolerance(EffectInstance("shaft.second_order", sds * sd_s)) == pytest.approx(most)
 

@@ -8,7 +8,7 @@ import pytest
 from control.diagnosis import effects
 from control.diagnosis.tables import diagnose
 from control.diagnosis.tables.cost import field_cost
-from control.diagnosis.tables.piece import Candidate, SizedEffect
+from control.diagnosis.tables.piece import SizedEffect, TableCandidate
 from control.experiments.bench_tests import bench_tests
 from control.machine.machine import Machine
 from tests.diagnosis.tables import MACHINE, diagnosed, labelled_lags
@@ -46,15 +46,15 @@ def test_bench_tests_are_at_settings_of_the_machines_own_ranges() -> None:
     (effects.FLOW_GAIN, 5.0, 5.0, 0.0), (effects.FLOW_PULSATION, 30.0, 0.0, 0.0),
     (effects.LAG_COARSE_CLOCK, 0.1, 0.0, 0.0), (effects.LAG_OFFSET, 0.4, 0.0, 0.5),
     (effects.PLACE_LEVER_ARM, 0.4, 0.0, 0.4), (effects.CANOPY_HEAD_FOULED, -8.0, None, None)])
-def test_the_field_cost_goes_through_the_model(row: effects.Row, size: float, rate: float | None,
+def test_the_field_cost_goes_through_the_model(row: effects.EffectRow, size: float, rate: float | None,
                                                place: float | None) -> None:
-    cost = field_cost(MACHINE, SizedEffect(Candidate(row.id, 1), size), 1.25)
+    cost = field_cost(MACHINE, SizedEffect(TableCandidate(row.id, 1), size), 1.25)
     assert cost.rate_error_percent == (rate if rate is None else pytest.approx(rate, abs=1e-9))
     assert cost.place_error_m == (place if place is None else pytest.approx(place, abs=1e-9))
 
 
 def test_a_lag_off_distances_at_a_wrong_speed_is_wrong_by_as_much() -> None:
-    at_10, at_20 = (field_cost(MACHINE, SizedEffect(Candidate(effects.LAG_SPEED_SCALE.id), percent), 1.25)
+    at_10, at_20 = (field_cost(MACHINE, SizedEffect(TableCandidate(effects.LAG_SPEED_SCALE.id), percent), 1.25)
                     for percent in (10.0, 20.0))
     lag_s = 0.383 + 1.8288 - 0.0083 * MACHINE.set_points.shaft_rpm
     assert at_10.place_error_m == pytest.approx(0.1 * 1.25 * lag_s, rel=0.02)

@@ -37,8 +37,8 @@ class Bench:
 
 
 def sensed(now_s: float):
-    from control.simulation.plant import Sensed
-    return Sensed(now_s, None, 0.0, 0, None, 0.0, 25.0, 100.0, 13.5, 0.0, 0.0, None)
+    from control.simulation.plant import SensorReadings
+    return SensorReadings(now_s, None, 0.0, 0, None, 0.0, 25.0, 100.0, 13.5, 0.0, 0.0, None)
 
 
 @pytest.fixture

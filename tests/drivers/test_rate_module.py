@@ -13,7 +13,7 @@ from drivers.cab import Cab, CabConfig
 from drivers.datagrams import MOST_WAITING, UdpPort, datagram_pair, udp_address
 from drivers.devices.probe import recognise_modules
 from drivers.devices.rate_module import ModuleAddress, RateModule
-from drivers.devices.rate_module_frames import Relays, Target, decode_command, encode_target
+from drivers.devices.rate_module_frames import FlowTarget, Relays, decode_command, encode_target
 from drivers.ports import memory_pair
 from drivers.virtual.extras import VirtualRateModule
 
@@ -38,7 +38,7 @@ def module() -> RateModule:
 
 def test_a_target_is_these_fourteen_bytes():
     """60 units a minute, 360 pulses a unit, motor, master on, auto, module 2 sensor 1."""
-    data = encode_target(Target(2, 1, 60.0, 360.0, "motor", master_on=True))
+    data = encode_target(FlowTarget(2, 1, 60.0, 360.0, "motor", master_on=True))
     by_hand = bytes([0xF4, 0x7E, 0x21, 0x60, 0xEA, 0x00, 0x40, 0x7E, 0x05, 0b0101_0100, 0, 0, 0])
     assert data == sealed(by_hand)
     assert len(data) == 14
@@ -47,7 +47,7 @@ def test_a_target_is_these_fourteen_bytes():
 def test_the_first_command_brings_relays_and_target():
     """32501 is mandatory: without a relay bit the module neither controls nor counts."""
     told = [decode_command(data) for data in module().command(60.0, True, 0.0)]
-    assert told == [Relays(0, 0, 1), Target(0, 0, 60.0, 360.0, "motor", True, True)]
+    assert told == [Relays(0, 0, 1), FlowTarget(0, 0, 60.0, 360.0, "motor", True, True)]
 
 
 def test_commands_go_on_change_and_as_often_as_the_module_needs():
@@ -55,7 +55,7 @@ def test_commands_go_on_change_and_as_often_as_the_module_needs():
     for tick in range(200):
         rpm = 60.0 if tick < 60 else 61.0
         sent += [(tick, decode_command(data)) for data in driver.command(rpm, True, tick * 0.05)]
-    targets = [(tick, told.units_per_min) for tick, told in sent if isinstance(told, Target)]
+    targets = [(tick, told.units_per_min) for tick, told in sent if isinstance(told, FlowTarget)]
     assert (60, 61.0) in targets, "a change at once"
     gaps = [(after - before) * 0.05 for (before, _), (after, _) in itertools.pairwise(targets)]
     assert max(gaps) <= 0.55, "far from the 4 s after which the module stops"
@@ -70,7 +70,7 @@ def test_a_stop_is_sent_in_the_same_tick_and_the_relay_stays_for_the_run_down():
     stop, = [decode_command(data) for data in driver.command(60.0, False, 0.06)]
     assert (stop.units_per_min, stop.master_on) == (0.0, False), "... a stop is not"
     later = [decode_command(data) for tick in range(100) for data in driver.command(None, False, 0.1 + tick * 0.05)]
-    assert all(told.units_per_min == 0.0 for told in later if isinstance(told, Target))
+    assert all(told.units_per_min == 0.0 for told in later if isinstance(told, FlowTarget))
     assert [told.relays for told in later if isinstance(told, Relays)][:3] == [1, 1, 0]
 
 
@@ -89,7 +89,7 @@ def test_a_set_point_that_is_not_finite_is_refused(bad):
 @pytest.mark.parametrize("value", [16777.216, -0.001, math.nan])
 def test_what_does_not_fit_into_24_bits_is_refused_not_wrapped(value):
     with pytest.raises(ValueError, match=r"allowed is 0 to 16777\.215"):
-        encode_target(Target(0, 0, 60.0, value))
+        encode_target(FlowTarget(0, 0, 60.0, value))
 
 
 def test_a_status_is_a_reading():
@@ -187,7 +187,7 @@ def test_a_silent_module_leaves_no_fresh_reading(plugged, clock):
 def test_without_a_relay_bit_the_module_does_nothing():
     line = datagram_pair("m", lambda: 0.0)
     virtual = VirtualRateModule(line[1], 360.0)
-    line[0].write(encode_target(Target(0, 0, 60.0, 360.0, "motor", True)))
+    line[0].write(encode_target(FlowTarget(0, 0, 60.0, 360.0, "motor", True)))
     assert virtual.before(0.0, DriveCommand(0.0, 25.0), False)[0].shaft_rpm == 0.0
     for data in itertools.islice(module().command(60.0, True, 0.0), 1):
         line[0].write(data)
@@ -216,7 +216,8 @@ def test_with_a_board_it_moves_the_gate_and_the_module_the_shaft(clock, board_li
     assert (m.shaft_rpm.value, m.opening_mm.value) == (59.0, 33.0)
     cab.command(100.1, DriveCommand(math.nan, 33.0), True)
     assert lines[1].read() == board_line("T1,1,0.000,33.000,0"), "a number refused by one drive stops both"
-    assert [decode_command(data) for data in device.read_each()][-1] == Target(0, 0, 0.0, 360.0, "motor", False, True)
+    assert [decode_command(data) for data in device.read_each()][-1] == FlowTarget(0, 0, 0.0, 360.0, "motor", False,
+                                                                                   True)
     assert cab.refused_commands == 1
 
 
@@ -334,7 +335,7 @@ def test_the_virtual_module_says_who_it_is_and_traces_when_told(clock, fake_plan
     driver = module()
     driver.feed(heard, 0.0)
     assert driver.label == "Rechts ?" and not driver.counts.rejected
-    host.write(encode_target(Target(0, 0, 60.0, 360.0, log_pid=True)))
+    host.write(encode_target(FlowTarget(0, 0, 60.0, 360.0, log_pid=True)))
     heard.clear()
     steps(10)
     driver.feed(heard, 1.0)

@@ -9,7 +9,7 @@ import pytest
 
 from control.readings import DriveCommand
 from drivers.devices.board_frames import CommandFrame, StatusFrame, crc16, encode_command, encode_status
-from drivers.devices.slave_board import DriveLimits, SlaveBoard
+from drivers.devices.slave_board import SetPointLimits, SlaveBoard
 from drivers.virtual.board import VirtualBoard
 
 STATUS = "S1,{seq},41,1000000,8,990000,69.900,24.980,250.050,13.480,1.500,-0.250,1,1"
@@ -108,7 +108,7 @@ def test_commands_count_up_and_stop_when_not_enabled(board_line):
 
 
 def test_commands_are_cut_to_the_limits(board_line):
-    board = SlaveBoard(DriveLimits(max_shaft_rpm=80.0, max_opening_mm=50.0))
+    board = SlaveBoard(SetPointLimits(max_shaft_rpm=80.0, max_opening_mm=50.0))
     assert board.command(DriveCommand(1e9, 1e9), True) == board_line("T1,0,80.000,50.000,1")
     assert board.command(DriveCommand(-5.0, -5.0), True) == board_line("T1,1,0.000,0.000,1")
 

@@ -15,7 +15,7 @@ from control.machine.machine import Machine
 from control.orders import Do, Order, TargetSource
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.closed_loop import simulated_run
-from drivers.files.exports.as_applied import AsApplied, ExportError, Product, as_applied
+from drivers.files.exports.as_applied import AsApplied, ExportError, SpreadProduct, as_applied
 from drivers.files.exports.columns import COLUMNS
 from drivers.files.exports.write import write_as_applied
 from drivers.files.read_log import RunLog, read_log
@@ -86,7 +86,7 @@ def test_machine_and_product_can_be_given_where_the_log_names_none(known_log: Ru
     with pytest.raises(ExportError, match=r"known.csv: no machine file next to the log: allowed is a log with its"):
         as_applied(bare)
     wide = Machine().model_copy(update={"geometry": Machine().geometry.model_copy(update={"working_width_m": 4.8})})
-    given = as_applied(bare, wide, Product("CAN", 0.27))
+    given = as_applied(bare, wide, SpreadProduct("CAN", 0.27))
     assert given.totals.area_ha == pytest.approx(2 * as_applied(known_log).totals.area_ha)
     assert given.totals.applied_n_kg == pytest.approx(0.27 * given.totals.applied_kg)
 

@@ -138,15 +138,15 @@ def test_a_name_from_a_file_cannot_write_html(applied: AsApplied) -> None:
 def test_the_time_line_is_in_minutes_and_the_longest_alarms_come_first(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a reader measures on the picture: when work, refills and alarms were, and for how long."""
     from console.reports import job_about
-    from console.reports.job_about import MOST_ALARMS, About, Happened, Span, time_line
+    from console.reports.job_about import MOST_ALARMS, About, AlarmSpan, Happened, time_line
     seen = []
 
     def kept(canvas: object, *texts: str) -> str:
         seen.append(canvas.axes[0])                                                                # type: ignore[attr-defined]
         return "<svg/>"
     monkeypatch.setattr(job_about, "svg", kept)
-    alarms = [Span(f"alarm_{k}", 600.0, 660.0 + 60.0 * k) for k in range(MOST_ALARMS + 2)]
-    alarms.append(Span("shaft_silent", 1200.0, 2400.0))
+    alarms = [AlarmSpan(f"alarm_{k}", 600.0, 660.0 + 60.0 * k) for k in range(MOST_ALARMS + 2)]
+    alarms.append(AlarmSpan("shaft_silent", 1200.0, 2400.0))
     about = About(happened=Happened(tuple(alarms), ((1800.0, 250.0),), ((60.0, 3000.0),), ""))
     assert time_line(about) is not None
     (axes,) = seen

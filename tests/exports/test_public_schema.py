@@ -12,10 +12,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from control.targets.prescription import Fallbacks, GridDeg, MapData, Zone, statistics
-from drivers.files.exports.as_applied import AsApplied, Product
+from drivers.files.exports.as_applied import AsApplied, SpreadProduct
 from drivers.files.exports.isoxml import write_isoxml
 from drivers.files.prescriptions.read import read_prescription
-from drivers.files.prescriptions.words import Choice, PrescriptionError
+from drivers.files.prescriptions.words import PrescriptionError, RateChoice
 from drivers.files.prescriptions.write import MOST_LEVELS, write_prescription, zones_of
 
 xmlschema = pytest.importorskip("xmlschema", reason="xmlschema is not installed")
@@ -123,14 +123,14 @@ def test_real_task_files_written_again_are_valid(schema: Any, tmp_path: Path, fo
     shared = Path(__file__).resolve().parents[3] / "shared" / "data" / "isoxml" / folder
     if not shared.is_dir():
         pytest.skip("the shared task files are not beside this checkout")
-    data = read_prescription(shared, Choice(rate_from="presentation", density_kg_l=1.3)).data
+    data = read_prescription(shared, RateChoice(rate_from="presentation", density_kg_l=1.3)).data
     write_prescription(data, tmp_path / "task")
     assert wrong(schema, tmp_path / "task") == []
     assert len(zones_of(read_prescription(tmp_path / "task").data)) == len(zones_of(data))
 
 
 def test_as_applied_is_valid_with_its_time_log(schema: Any, tmp_path: Path, applied: AsApplied) -> None:
-    odd = replace(applied, title="t" * 50, product=Product("p\x01" + "q" * 60, 0.46))
+    odd = replace(applied, title="t" * 50, product=SpreadProduct("p\x01" + "q" * 60, 0.46))
     for number, one in enumerate((applied, odd)):
         write_isoxml(one, tmp_path / str(number))
         assert wrong(schema, tmp_path / str(number)) == []

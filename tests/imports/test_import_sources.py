@@ -18,7 +18,7 @@ from console.cli import app
 from console.services.logs import RunLogs
 from drivers.files.any_log import open_log
 from drivers.files.exports.as_applied import as_applied
-from drivers.files.exports.time_log import Logged, Moment, layout, records
+from drivers.files.exports.time_log import Logged, TimeRecord, layout, records
 from drivers.files.imports.trouble import ImportTrouble
 from drivers.files.point_files import holds_points
 from drivers.files.read_log import read_log
@@ -34,8 +34,8 @@ def task_folder(folder: Path, logs: tuple[str, ...] = ("TLG00001",)) -> Path:
         "<TSK", '<DVC A="DVC1"><DPD A="1" B="ABCD" E="Fan pressure"/></DVC><TSK')
     (folder / "TASKDATA.XML").write_text(root)
     data = [Logged(6, "DET1"), Logged(7, "DET1"), Logged(397, "DET1"), Logged(0xABCD, "DET1"), Logged(141, "DET1")]
-    moments = [Moment(BEGIN + dt.timedelta(seconds=k), 48.0 + 2.0 * k / 111_200.0, 10.0, 4 if k else 15, 0.8, 12,
-                      [30_000 + 100 * (k // 5), None if k % 4 == 2 else 29_000 + k, 2000, 55 + k, int(k > 2)])
+    moments = [TimeRecord(BEGIN + dt.timedelta(seconds=k), 48.0 + 2.0 * k / 111_200.0, 10.0, 4 if k else 15, 0.8, 12,
+                          [30_000 + 100 * (k // 5), None if k % 4 == 2 else 29_000 + k, 2000, 55 + k, int(k > 2)])
                for k in range(50)]
     for name in logs:
         (folder / f"{name}.XML").write_bytes(layout(data))

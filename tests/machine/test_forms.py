@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from control.machine.compiled import term_run
-from control.machine.form import ANGLES, FORMS, Scaled, Series, Tried, scaled
-from control.machine.forms import Form, Lost, Product
+from control.machine.form import ANGLES, FORMS, FormSeries, Scaled, TriedForm, scaled
+from control.machine.forms import Form, Lost, ProductForm
 from control.machine.term_sums import over_log
 from control.machine.terms import Term
 
@@ -23,14 +23,14 @@ def variable(name: str, seed: int = 3) -> Scaled:
     return scaled(name, x, np.ones(ROWS, bool), TIME_S, term_run)
 
 
-def every() -> list[Tried]:
+def every() -> list[TriedForm]:
     found = [one for name in ("roll_deg", "heading_deg", "time_s") for kind in FORMS.values()
              for one in kind.tried(variable(name))]
     roll, pitch = variable("roll_deg"), variable("pitch_deg", 5)
-    return found + [one for alone in (1, 2) for one in Product.tried_with(roll, pitch, alone)]
+    return found + [one for alone in (1, 2) for one in ProductForm.tried_with(roll, pitch, alone)]
 
 
-def written(form: Tried, sizes: Any, level: float, by: dict[str, Scaled]) -> Term:
+def written(form: TriedForm, sizes: Any, level: float, by: dict[str, Scaled]) -> Term:
     file = form.written(sizes, level, by)
     over = [{"name": name, "valid": by[name].valid} for name in form.over]
     return Term.model_validate({"id": "shaft.one", "acts_on": "shaft_percent", "form": file.form, "over": over,
@@ -75,14 +75,14 @@ def test_columns_of_many_shapes_share_few_series() -> None:
     forms = [one for kind in FORMS.values() for one in kind.tried(variable("roll_deg"))]
     shared = {series for form in forms for column in form.columns for series in column}
     assert len(forms) > 100 and len(shared) < 50
-    assert all(isinstance(series, Series) for series in shared)
+    assert all(isinstance(series, FormSeries) for series in shared)
 
 
 def test_a_products_square_is_taken_off_its_level() -> None:
     """It was fitted about the middle of its variables, with slopes of its own there."""
     x, y = (Scaled(name, np.zeros(3), middle, spread, -9.0, 9.0, np.ones(3, bool), np.arange(3.0), term_run)
             for name, middle, spread in (("roll_deg", -0.1, 2.0), ("speed_mps", 1.0, 0.2)))
-    form = Product.tried_with(x, y)[1]
+    form = ProductForm.tried_with(x, y)[1]
     by, sizes = {"roll_deg": x, "speed_mps": y}, [-8.0, -0.4, 8.0]
     for level in (0.0, 0.7):
         assert form.written(sizes, level, by).coefficients == pytest.approx(

@@ -14,7 +14,7 @@ import shapefile
 from control.targets.prescription import Fallbacks, GridDeg, MapData, Zone, statistics
 from drivers.files.prescriptions.projected import TransverseMercator, projection_of
 from drivers.files.prescriptions.read import read_prescription
-from drivers.files.prescriptions.words import GAL_AC_L_HA, LB_AC_KG_HA, Choice
+from drivers.files.prescriptions.words import GAL_AC_L_HA, LB_AC_KG_HA, RateChoice
 from drivers.files.prescriptions.write import write_prescription
 from drivers.plain_text import Refused
 
@@ -52,7 +52,7 @@ def shape(tmp_path: Path) -> Path:
 
 
 def rates(path: Path, **choice: Any) -> list[float]:
-    return [zone.rate_kg_ha for zone in read_prescription(path, Choice(**choice)).data.zones]
+    return [zone.rate_kg_ha for zone in read_prescription(path, RateChoice(**choice)).data.zones]
 
 
 def test_geojson_by_name_with_holes(geojson: Path) -> None:
@@ -99,7 +99,7 @@ def test_a_column_must_be_chosen_where_none_speaks_for_itself(tmp_path: Path) ->
     with pytest.raises(Refused, match="rate column not chosen: allowed a, b"):
         read_prescription(file)
     with pytest.raises(Refused, match="column c: allowed a, b, name"):
-        read_prescription(file, Choice(column="c"))
+        read_prescription(file, RateChoice(column="c"))
 
 
 @pytest.mark.parametrize("ending", [".geojson", ".shp"])
@@ -164,7 +164,7 @@ def test_broken_geojson_is_said_in_one_line(tmp_path: Path, text: str, words: st
     ({"default_kg_ha": -3.0}, "default_kg_ha: rate -3"), ({"outside_kg_ha": float("nan")}, "outside_kg_ha")])
 def test_impossible_choices_are_said_in_one_line(geojson: Path, choice: dict[str, Any], words: str) -> None:
     with pytest.raises(Refused, match=words):
-        read_prescription(geojson, Choice(**choice))
+        read_prescription(geojson, RateChoice(**choice))
 
 
 BEIJING = ('GEOGCS["GCS_Beijing_1954",DATUM["D_Beijing_1954",SPHEROID["Krasovsky_1940",6378245.0,298.3]],'

@@ -14,7 +14,7 @@ from control.geodesy import TangentPlane
 from control.targets.prescription import Fallbacks, MapData, Zone, statistics
 from drivers.files.imports.task_words import task_words
 from drivers.files.prescriptions.read import read_prescription
-from drivers.files.prescriptions.words import Choice, Imported, PrescriptionError
+from drivers.files.prescriptions.words import Imported, PrescriptionError, RateChoice
 from drivers.files.prescriptions.write import write_prescription
 from drivers.plain_text import Refused
 
@@ -79,15 +79,17 @@ def total(read: Imported) -> tuple[float, float]:
 
 SHARED = [
     # folder, choice, cells or zones, unit, (ha, kg), fallbacks
-    ("fertilizer_map_1", Choice(), 32, "mg/m2", (1.7151, 254.09), Fallbacks(148.15, 0.0, 148.15)),
-    ("grid_type_1", Choice(rate_from="presentation"), 38 * 33, "kg/ha", (12.6847, 298.81), Fallbacks(10.0, 0.0, 0.0)),
-    ("grid_type_1", Choice(rate_from="ddi"), 38 * 33, "mg/m2", (12.6847, 2.9881), Fallbacks(0.1, 0.0, 0.0)),
-    ("grid_type_2", Choice(density_kg_l=1.32), 178 * 236, "mm3/m2", (1.7470, 1.32 * 99.093), Fallbacks(0.0, 0.0, 0.0)),
+    ("fertilizer_map_1", RateChoice(), 32, "mg/m2", (1.7151, 254.09), Fallbacks(148.15, 0.0, 148.15)),
+    ("grid_type_1", RateChoice(rate_from="presentation"), 38 * 33, "kg/ha", (12.6847, 298.81),
+     Fallbacks(10.0, 0.0, 0.0)),
+    ("grid_type_1", RateChoice(rate_from="ddi"), 38 * 33, "mg/m2", (12.6847, 2.9881), Fallbacks(0.1, 0.0, 0.0)),
+    ("grid_type_2", RateChoice(density_kg_l=1.32), 178 * 236, "mm3/m2", (1.7470, 1.32 * 99.093),
+     Fallbacks(0.0, 0.0, 0.0)),
 ]
 
 
 @pytest.mark.parametrize(("folder", "choice", "count", "unit", "ha_and_kg", "fallbacks"), SHARED)
-def test_shared_files_have_these_zones_and_totals(isoxml_data: Path, folder: str, choice: Choice, count: int,
+def test_shared_files_have_these_zones_and_totals(isoxml_data: Path, folder: str, choice: RateChoice, count: int,
                                                   unit: str, ha_and_kg: tuple[float, float],
                                                   fallbacks: Fallbacks) -> None:
     read = read_prescription(isoxml_data / folder, choice)
@@ -99,14 +101,14 @@ def test_shared_files_have_these_zones_and_totals(isoxml_data: Path, folder: str
 @pytest.mark.parametrize("folder", ["fertilizer_map_1", "grid_type_1", "grid_type_2"])
 @pytest.mark.parametrize("out", ["again", "again.zip"])
 def test_shared_files_written_again_read_equal(isoxml_data: Path, tmp_path: Path, folder: str, out: str) -> None:
-    choice = Choice(rate_from="presentation", density_kg_l=1.0)
+    choice = RateChoice(rate_from="presentation", density_kg_l=1.0)
     read = read_prescription(isoxml_data / folder, choice)
     write_prescription(read.data, tmp_path / out)
     assert same(read_prescription(tmp_path / out).data, read.data)
 
 
 def test_the_field_of_the_shared_grid_is_as_large_as_it_says(isoxml_data: Path) -> None:
-    read = read_prescription(isoxml_data / "grid_type_2", Choice(density_kg_l=1.0))
+    read = read_prescription(isoxml_data / "grid_type_2", RateChoice(density_kg_l=1.0))
     assert total(read)[0] * 10_000 == pytest.approx(17_470, abs=2)
 
 
@@ -159,8 +161,8 @@ def test_a_type_2_cell_holds_a_number_for_each_of_its_data(make: Make) -> None:
     folder = make(GRID2, cells=cells)
     with pytest.raises(Refused, match=r"layer not chosen: allowed TSK1/0006, TSK1/0001"):
         read_prescription(folder)
-    mass = read_prescription(folder, Choice(layer="TSK1/0006")).data.grid
-    volume = read_prescription(folder, Choice(layer="TSK1/0001", density_kg_l=2.0)).data.grid
+    mass = read_prescription(folder, RateChoice(layer="TSK1/0006")).data.grid
+    volume = read_prescription(folder, RateChoice(layer="TSK1/0001", density_kg_l=2.0)).data.grid
     assert mass is not None and volume is not None
     assert mass.rate_kg_ha.tolist() == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
     assert volume.rate_kg_ha == pytest.approx(2.0 * 1e-4 * np.array([[1, 2, 3], [4, 5, 6]]))
@@ -209,8 +211,8 @@ def test_a_presentation_that_disagrees_must_be_decided(make: Make) -> None:
     folder = make(ZONES.replace('B="31500"', 'B="315" E="VPN1"'), around=around)
     with pytest.raises(Refused, match="allowed ddi, presentation"):
         read_prescription(folder)
-    assert read_prescription(folder, Choice(rate_from="ddi")).data.zones[0].rate_kg_ha == pytest.approx(3.15)
-    taken = read_prescription(folder, Choice(rate_from="presentation"))
+    assert read_prescription(folder, RateChoice(rate_from="ddi")).data.zones[0].rate_kg_ha == pytest.approx(3.15)
+    taken = read_prescription(folder, RateChoice(rate_from="presentation"))
     assert taken.data.zones[0].rate_kg_ha == 315.0
     assert taken.findings[0].id == "presentation"
     honest = make(ZONES.replace('B="31500"', 'B="31500" E="VPN1"'), around=around.replace('C="1"', 'C="0.01"'))
@@ -218,7 +220,7 @@ def test_a_presentation_that_disagrees_must_be_decided(make: Make) -> None:
 
 
 def test_the_operators_fallbacks_and_scale_stand_above_the_files(make: Make) -> None:
-    read = read_prescription(make(ZONES), Choice(scale=0.5, outside_kg_ha=12.0))
+    read = read_prescription(make(ZONES), RateChoice(scale=0.5, outside_kg_ha=12.0))
     assert read.data.fallbacks == Fallbacks(45.0, 12.0, 45.0)
     assert read.data.zones[0].rate_kg_ha == 157.5
 

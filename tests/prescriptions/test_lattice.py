@@ -18,7 +18,7 @@ from control.geodesy import TangentPlane
 from control.targets.prescription import statistics
 from drivers.files.prescriptions.lattice import NoLattice, is_map_of_points, lattice_of
 from drivers.files.prescriptions.read import read_prescription
-from drivers.files.prescriptions.words import Choice, RateQuestion
+from drivers.files.prescriptions.words import RateChoice, RateQuestion
 from drivers.plain_text import Refused
 
 PLANE = TangentPlane(34.8, 113.6)
@@ -41,7 +41,7 @@ def degrees(places: np.ndarray) -> np.ndarray:
     return np.array([PLANE.to_deg(*place) for place in places.tolist()])
 
 
-def sums(path: Path, choice: Choice | None = None) -> tuple[float, float]:
+def sums(path: Path, choice: RateChoice | None = None) -> tuple[float, float]:
     """Area, ha, and kilograms."""
     shares = statistics(read_prescription(path, choice).data)
     return sum(one.area_ha for one in shares), sum(one.mass_kg for one in shares)
@@ -150,7 +150,7 @@ def test_which_column_is_the_rate_is_asked_as_ever(tmp_path):
     path = csv_of(tmp_path / "p.csv", degrees(places), rates, "lat,lon,ec")
     with pytest.raises(RateQuestion, match="none is named as a rate"):
         read_prescription(path)
-    assert sums(path, Choice(column="ec"))[1] > 0.0
+    assert sums(path, RateChoice(column="ec"))[1] > 0.0
 
 
 def test_thousands_beside_a_decimal_comma(tmp_path):

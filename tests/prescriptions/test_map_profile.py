@@ -12,7 +12,7 @@ from control.orders import TargetSource
 from control.targets.lag_correction import ChangeQueue, Fired
 from control.targets.map_profile import MapProfile
 from control.targets.prescription import Fallbacks, Prescription
-from control.targets.profile import Change, Target
+from control.targets.profile import Target, TargetChange
 from control.targets.rate_map import GridMap, frame_m
 
 START = Target(0.0, TargetSource.NONE)
@@ -26,7 +26,7 @@ class Fixed:
     def __init__(self, lag_m: float) -> None:
         self.lag_m = lag_m
 
-    def lag(self, before: Target, change: Change) -> Lag:
+    def lag(self, before: Target, change: TargetChange) -> Lag:
         return Lag(0.0, 0.0, self.lag_m)
 
     def distance_m(self, lag: Lag) -> float:
@@ -112,7 +112,7 @@ def test_a_lost_position_has_its_rate_and_is_found_again(profile: MapProfile) ->
     here = profile.at(1.0)
     profile.lost()
     assert profile.at(1.0) == Target(60.0, TargetSource.FALLBACK)
-    assert profile.next_change(1.0, 10.0, here) == Change(1.0, Target(60.0, TargetSource.FALLBACK))
+    assert profile.next_change(1.0, 10.0, here) == TargetChange(1.0, Target(60.0, TargetSource.FALLBACK))
     profile.look(1.0, 35.0, 36.0, 0.0, 1.0)
     assert profile.at(1.5) == here
 

@@ -29,7 +29,7 @@ from control.targets.prescription import GridDeg, MapData, Zone, statistics
 from control.targets.rate_map import Floats
 from drivers.files.config import shipped
 from drivers.files.prescriptions.read import read_prescription
-from drivers.files.prescriptions.words import Choice, RateQuestion
+from drivers.files.prescriptions.words import RateChoice, RateQuestion
 from tests.app.made_up.job import FACTS
 
 runner = CliRunner()
@@ -218,7 +218,7 @@ def test_an_offset_of_the_presentation_is_a_question(tmp_path: Path) -> None:
     folder = task(tmp_path, GRID.format(polygon=""), offset=500)
     with pytest.raises(RateQuestion, match="an offset of 500 added, 6 kg/ha as presented"):
         read_prescription(folder)
-    by_ddi, shown = (read_prescription(folder, Choice(rate_from=which)).data.grid          # type: ignore[arg-type]
+    by_ddi, shown = (read_prescription(folder, RateChoice(rate_from=which)).data.grid          # type: ignore[arg-type]
                      for which in ("ddi", "presentation"))
     assert by_ddi is not None and by_ddi.rate_kg_ha.max() == 120.0
     assert shown is not None and shown.rate_kg_ha.max() == 125.0

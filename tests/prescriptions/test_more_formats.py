@@ -9,7 +9,7 @@ import shapely
 
 from control.targets.prescription import MapData, Zone, statistics
 from drivers.files.prescriptions.read import read_prescription
-from drivers.files.prescriptions.words import Choice, RateQuestion
+from drivers.files.prescriptions.words import RateChoice, RateQuestion
 from drivers.files.prescriptions.write import write_prescription
 from drivers.plain_text import Refused
 
@@ -69,7 +69,7 @@ def test_a_geopackage_in_utm_and_one_of_several_layers(tmp_path: Path) -> None:
     frame.to_file(tmp_path / "utm.gpkg", layer="other")
     with pytest.raises(RateQuestion, match="2 layers of polygons: allowed is one of map, other"):
         read_prescription(tmp_path / "utm.gpkg")
-    assert read_prescription(tmp_path / "utm.gpkg", Choice(inside="other")).data.zones
+    assert read_prescription(tmp_path / "utm.gpkg", RateChoice(inside="other")).data.zones
     frame.to_crs(28992).to_file(tmp_path / "rd.gpkg", layer="map")      # on another spheroid: 100 m off
     with pytest.raises(Refused, match="allowed are degrees on WGS84, or UTM"):
         read_prescription(tmp_path / "rd.gpkg")

@@ -8,15 +8,15 @@ import pytest
 
 from control.geodesy import TangentPlane, direction
 from control.simulation.point_run import PointTruth, point_run
-from control.targets.plants import PlantList, Row, Seen
+from control.targets.plants import PlantList, PlantRow, SeenPlant
 from control.targets.point import Learning, PointMode, Threshold, fastest_mps, point_lag
 
 LAG = point_lag(120.0, 99.8, 1.0)
 
 
-def row_of(*places: float) -> Row:
-    row = Row()
-    row.look([Seen(0.0, place) for place in places], float("-inf"))
+def row_of(*places: float) -> PlantRow:
+    row = PlantRow()
+    row.look([SeenPlant(0.0, place) for place in places], float("-inf"))
     return row
 
 
@@ -66,10 +66,10 @@ def test_nothing_is_dosed_at_standstill() -> None:
 
 def test_a_plant_seen_again_is_the_same_plant() -> None:
     row = row_of(5.0, 5.3)
-    row.look([Seen(1.0, 4.02), Seen(1.0, 4.31)], 5.15)
+    row.look([SeenPlant(1.0, 4.02), SeenPlant(1.0, 4.31)], 5.15)
     assert row.places_m == pytest.approx([5.0, 5.303])        # the first is dosed already and stays
     assert row.after(5.0) == pytest.approx(5.303)
-    row.look([Seen(1.0, 3.0)], 5.15)
+    row.look([SeenPlant(1.0, 3.0)], 5.15)
     assert len(row.places_m) == 2                             # far behind the last dose: too late to be new
     row.forget(5.2)
     assert row.places_m == pytest.approx([5.303])

@@ -25,7 +25,7 @@ from control.simulation.assembly import control_loop, point_source, simulated_ma
 from control.simulation.closed_loop import simulated_run
 from control.simulation.dose_watch import DoseErrors, DoseWatch
 from control.targets.plants import PlantList
-from control.targets.point_source import Due, Given, PointSource
+from control.targets.point_source import CommandedDose, Due, PointSource
 from drivers.files.setup import Setup, load_setup
 
 TICK_S = 0.05
@@ -95,7 +95,7 @@ def test_a_dose_passes_the_last_gate_or_is_not_commanded_whatever_asks_for_it(
         bench: Setup, monkeypatch: pytest.MonkeyPatch, asked: DoseOrder, sent: DoseOrder | None) -> None:
     """Plants that are due in every tick, also where no flow is allowed, of an angle and a speed that no drive has."""
     def always(points: PointSource, time_s: float, track_m: float, *_: Any) -> Due:
-        points.given.append(Given(time_s, track_m, 0.0, 0.0, time_s))
+        points.given.append(CommandedDose(time_s, track_m, 0.0, 0.0, time_s))
         return Due(asked, ())
 
     monkeypatch.setattr(PointSource, "tick", always)

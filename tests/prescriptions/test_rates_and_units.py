@@ -24,7 +24,7 @@ from drivers.files.prescriptions.words import (
     ACRE_HA,
     LB_AC_KG_HA,
     UNIT_NOT_NAMED,
-    Choice,
+    RateChoice,
     RateQuestion,
 )
 from drivers.plain_text import Refused
@@ -121,7 +121,7 @@ def litres_are_asked_for(path: Path) -> None:
     """Without a density it is a question; with one the mass."""
     with pytest.raises(RateQuestion, match="rates in l/ha, density None"):
         read_prescription(path)
-    assert highest(read_prescription(path, Choice(density_kg_l=1.25))) == pytest.approx(210.0 * 1.25)
+    assert highest(read_prescription(path, RateChoice(density_kg_l=1.25))) == pytest.approx(210.0 * 1.25)
 
 
 def highest(read: Any) -> float:
@@ -165,7 +165,7 @@ def test_units_of_anything_else_are_asked(tmp_path: Path, form: str, text: str, 
     path = FORMATS[form](tmp_path, {"rate": RATES, "unit": [text] * 4})
     with pytest.raises(RateQuestion, match=said):
         read_prescription(path)
-    assert highest(read_prescription(path, Choice(unit="kg/ha"))) == 210.0, "the operator's word stands"
+    assert highest(read_prescription(path, RateChoice(unit="kg/ha"))) == 210.0, "the operator's word stands"
 
 
 @pytest.mark.parametrize(("columns", "said"), [
@@ -180,14 +180,14 @@ def test_what_says_two_things_is_asked_chosen_or_not(tmp_path: Path, columns: Co
     with pytest.raises(RateQuestion, match=said):
         read_prescription(path)
     with pytest.raises(RateQuestion):
-        read_prescription(path, Choice(column=next(iter(columns))))
+        read_prescription(path, RateChoice(column=next(iter(columns))))
 
 
 def test_a_column_of_units_is_of_the_rate_that_it_names(tmp_path: Path) -> None:
     path = as_geojson(tmp_path, {"Rate1": RATES, "Unit1": ["kg/ha"] * 4, "Rate2": RATES, "Unit2": ["l/ha"] * 4})
-    assert highest(read_prescription(path, Choice(column="Rate1"))) == 210.0
+    assert highest(read_prescription(path, RateChoice(column="Rate1"))) == 210.0
     with pytest.raises(RateQuestion, match="rates in l/ha"):
-        read_prescription(path, Choice(column="Rate2"))
+        read_prescription(path, RateChoice(column="Rate2"))
 
 
 @pytest.mark.parametrize("columns", [
@@ -384,9 +384,9 @@ def test_what_its_name_says_is_taken_and_said(write: Callable[[Columns], Path], 
 
 def test_the_operators_choice_stands(write: Callable[[Columns], Path]) -> None:
     path = write({"ID": IDS, "EC_SH": RATES, "N_RATE": RATES})
-    assert read_prescription(path, Choice(column="EC_SH")).data.zones[0].rate_kg_ha == 120.5
-    assert read_prescription(path, Choice(column="N_RATE", n_fraction=0.5)).data.zones[0].rate_kg_ha == 241.0
-    assert read_prescription(path, Choice(column="N_RATE", unit="kg/ha")).data.zones[0].rate_kg_ha == 120.5
+    assert read_prescription(path, RateChoice(column="EC_SH")).data.zones[0].rate_kg_ha == 120.5
+    assert read_prescription(path, RateChoice(column="N_RATE", n_fraction=0.5)).data.zones[0].rate_kg_ha == 241.0
+    assert read_prescription(path, RateChoice(column="N_RATE", unit="kg/ha")).data.zones[0].rate_kg_ha == 120.5
 
 
 @pytest.mark.parametrize(("text", "why"), [

@@ -15,7 +15,7 @@ from drivers.files.imports.mapping import Source
 from drivers.files.imports.read import read_raw
 from drivers.files.imports.trouble import ImportTrouble
 from drivers.files.prescriptions.read import read_prescription
-from drivers.files.prescriptions.words import LB_AC_KG_HA, Choice, RateQuestion
+from drivers.files.prescriptions.words import LB_AC_KG_HA, RateChoice, RateQuestion
 from drivers.plain_text import Refused
 
 RATES = [120.0, 150.0, 180.0]
@@ -121,7 +121,7 @@ def test_the_unit_in_a_makers_side_file_holds(tmp_path: Path, side: str, data: b
         read = read_prescription(place)
         assert (read.unit, read.unit_from) == (unit, f"named in {side}")
         assert read.data.zones[0].rate_kg_ha == pytest.approx(120.0 * factor)
-    assert read_prescription(path, Choice(unit="kg/ha")).data.zones[0].rate_kg_ha == 120.0, "the operator's stands"
+    assert read_prescription(path, RateChoice(unit="kg/ha")).data.zones[0].rate_kg_ha == 120.0, "the operator's stands"
 
 
 @pytest.mark.parametrize(("column", "unit", "why"), [
@@ -168,9 +168,9 @@ def test_one_of_several_shapefiles_is_asked_for_and_named(tmp_path: Path, rx: di
     with pytest.raises(RateQuestion, match=r"2 shapefiles: allowed is one of a/rx\.shp, b/edge\.shp"):
         read_prescription(path)
     for name, first in (("rx", 120.0), ("b/edge.shp", 1.0), ("EDGE.SHP", 1.0), ("a", 120.0)):
-        assert read_prescription(path, Choice(inside=name)).data.zones[0].rate_kg_ha == first
+        assert read_prescription(path, RateChoice(inside=name)).data.zones[0].rate_kg_ha == first
     with pytest.raises(Refused, match="no prescription named c"):
-        read_prescription(path, Choice(inside="c"))
+        read_prescription(path, RateChoice(inside="c"))
     told = CliRunner().invoke(app, ["map", str(path), "--inside", "rx"])
     assert told.exit_code == 0 and "3 zones" in told.stdout
 
@@ -180,7 +180,7 @@ def test_a_task_set_stands_before_shapefiles_and_says_so(tmp_path: Path, rx: dic
     read = read_prescription(path)
     assert (read.format, read.data.zones[0].rate_kg_ha) == ("isoxml", 315.0)
     assert "not used next to the task set: rx.shp" in read.findings[-1].text
-    assert read_prescription(path, Choice(inside="rx.shp")).format == "shapefile"
+    assert read_prescription(path, RateChoice(inside="rx.shp")).format == "shapefile"
 
 
 def test_task_sets_however_deep_and_of_several_one(tmp_path: Path, rx: dict[str, bytes]) -> None:
@@ -188,7 +188,7 @@ def test_task_sets_however_deep_and_of_several_one(tmp_path: Path, rx: dict[str,
     path = packed(tmp_path / "sets.zip", names)
     with pytest.raises(RateQuestion, match="2 task sets: allowed is one of 2024/TASKDATA, 2025/export/TaskData"):
         read_prescription(path)
-    assert read_prescription(path, Choice(inside="2025")).data.zones[0].rate_kg_ha == 200.0
+    assert read_prescription(path, RateChoice(inside="2025")).data.zones[0].rate_kg_ha == 200.0
     folder = tmp_path / "stick"
     for name, data in names.items():
         (folder / name).parent.mkdir(parents=True)

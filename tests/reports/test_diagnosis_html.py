@@ -25,7 +25,7 @@ from console.reports.run_views import View, parts_of, run_views
 from console.reports.said import cost, sentence
 from control.calibration.bench_table import BenchTable
 from control.diagnosis.result import Cause, Diagnosis, FieldCost, NotShown, TableFit, Unexplained
-from control.diagnosis.season.courses import Fit
+from control.diagnosis.season.courses import SeasonFit
 from control.machine.machine import CATALOGUE, Machine
 
 OF_RUNS = [i for i, e in CATALOGUE.items() if "run" in " ".join(e.effect.seen_in)]
@@ -257,7 +257,8 @@ SOURCES = sorted(Path(console.__file__).parent.rglob("*.py"))
 
 def test_every_page_may_fetch_nothing() -> None:
     for text in (html.page("<script>", "p {}", "<p>said</p>"), paper_page([], "topdress"),
-                 fleet_page([], Fit(), low=[], units={}, broken=(), price=None, currency="CNY", software="topdress")):
+                 fleet_page([], SeasonFit(), low=[], units={}, broken=(), price=None, currency="CNY",
+                            software="topdress")):
         head = text.partition("</head>")[0].lower()
         assert "default-src 'none'" in head and head.index("content-security-policy") < head.index("<title>")
         assert "<script>" not in text

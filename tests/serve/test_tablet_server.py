@@ -32,7 +32,7 @@ from console.cli.tablet import (
     token_in,
 )
 from console.link import Link
-from console.running import Where, WorkerFailed, start_worker
+from console.running import WorkerAddress, WorkerFailed, start_worker
 from control.orders import Answer, Do, Order
 from drivers.files.lock import take_lock
 from drivers.files.run_meta import meta_to_yaml, run_meta
@@ -45,7 +45,7 @@ from console.serve.server import (  # noqa: E402
     MOST_COLUMNS,
     MOST_ROWS,
     TABS,
-    Pace,
+    MessagePace,
     TabletServer,
     host_allowed,
     number,
@@ -205,7 +205,7 @@ def test_a_token_file_is_made_for_its_owner_alone_or_checked(tmp_path):
 
 
 async def test_a_tab_begins_without_the_token_and_gets_it_only_to_operate(monkeypatch):
-    where = Where(1, "secret", 1)
+    where = WorkerAddress(1, "secret", 1)
     monkeypatch.setattr(tablet, "find_running", lambda: where)
     app = tablet.tab_app(where, "abcd2345")
     assert app.looking and app.source.where.token is None
@@ -218,10 +218,10 @@ async def test_a_tab_begins_without_the_token_and_gets_it_only_to_operate(monkey
 
 def test_limits_come_from_the_log_of_the_job_at_work(tmp_path):
     log = tmp_path / "run.csv"
-    assert options_of(Where(1, None, 1, "", str(log))) == {} and options_of(None) == {}
+    assert options_of(WorkerAddress(1, None, 1, "", str(log))) == {} and options_of(None) == {}
     meta = run_meta({"flow": {"full_kg": 280.0}}, {"max_rate_kg_ha": 450.0})
     log.with_suffix(".yaml").write_text(meta_to_yaml(meta), encoding="utf-8")
-    assert options_of(Where(1, None, 1, "", str(log))) == {"limits_kg_ha": (0.0, 450.0), "hopper_kg": 280.0}
+    assert options_of(WorkerAddress(1, None, 1, "", str(log))) == {"limits_kg_ha": (0.0, 450.0), "hopper_kg": 280.0}
 
 
 class Said:
@@ -397,7 +397,7 @@ async def test_text_and_pings_are_taken_as_they_are():
 
 def test_messages_are_taken_no_faster_than_anybody_types():
     now_s = [0.0]
-    pace = Pace(lambda: now_s[0])
+    pace = MessagePace(lambda: now_s[0])
     taken = 0
     while now_s[0] < 10.0:
         now_s[0] += pace.wait_s() + 1e-6

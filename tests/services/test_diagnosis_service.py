@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from console.app.pages.diagnosis.adoption import selections, undecided
-from console.app.pages.diagnosis.service import Adoption, Stop, Stopped
+from console.app.pages.diagnosis.service import Adoption, Stop, WorkStopped
 from console.reports.said import sorted_out
 from console.services.diagnosis import DiagnosisFiles
 from console.services.separating_run import _DRIVES, drivable, drive_of
@@ -155,11 +155,11 @@ def test_cancelling_ends_the_process_at_once(files, folder):
         return os.times().children_user + os.times().children_system
 
     stop, begun_s = Stop(), used_s()
-    with pytest.raises(Stopped):
+    with pytest.raises(WorkStopped):
         files.diagnose(files.source(str(folder / "catch.csv")), None, lambda share, stage: stop.set(), stop)
     already = Stop()
     already.set()
-    with pytest.raises(Stopped):
+    with pytest.raises(WorkStopped):
         files.diagnose(files.source(str(folder / "catch.csv")), None, lambda *_: None, already)
     assert used_s() - begun_s < 3.0
 
@@ -250,5 +250,5 @@ def test_an_adopted_file_is_compared_before_and_after_on_another_log(tmp_path):
     assert [share for share, _ in told] == sorted(share for share, _ in told) and len(told) > 2
     stop = Stop()
     stop.set()
-    with pytest.raises(Stopped):
+    with pytest.raises(WorkStopped):
         service.compare(str(place), service.source(str(log)), lambda *said: None, stop)

@@ -21,7 +21,7 @@ from console.services import fleet
 from console.services.fleet_job import FORMAT, checksum, record, sidecar_url
 from console.services.fleet_season import season
 from console.services.fleet_tables import TABLES, write_tables
-from control.diagnosis.season.courses import Course, Fit, Shared
+from control.diagnosis.season.courses import Course, SeasonFit, Shared
 from control.diagnosis.season.evidence import evidence
 from control.diagnosis.season.owner import machines
 from control.machine.machine import Machine
@@ -370,7 +370,8 @@ def test_logs_of_two_models_are_two_machines() -> None:
 def test_a_log_whose_clock_was_wrong_is_said_and_left_out(time_d: float) -> None:
     found = season([bare("a", "s", 20_500.0), bare("b", "s", time_d)], (), NOW_D)
     assert found.machines[0].logs == 1 and [one.path for one in found.aside] == ["b"]
-    page = fleet_page(found.machines, Fit(), low=[], units={}, broken=(), price=None, currency="CNY", software="t",
+    page = fleet_page(found.machines, SeasonFit(), low=[], units={}, broken=(), price=None, currency="CNY",
+                      software="t",
                       aside=found.aside, by_file_date=3)
     assert "b: its clock said" in page and "3 logs tell no time" in page
 
@@ -405,7 +406,7 @@ def test_page_and_tables(tmp_path: Path) -> None:
     product = Shared("product", "compound", "speed.wheel_radius", 5.0, 0.1, 1.0, 4)
     told = [one._replace(shared={"product": "compound"}, worked=one.worked._replace(applied_kg=10.0))
             for one in whole.logs if one.machine == "two"]
-    (costs,) = machines(told, Fit((), (product,)))
+    (costs,) = machines(told, SeasonFit((), (product,)))
     assert costs.wrong_kg == pytest.approx(costs.shared[0].kg) and costs.wrong_kg > 0.0
     assert service([costs])[0].startswith("product compound: ") and costliest(costs).startswith("product compound: ")
     page = fleet_page(whole.machines, whole.fit, low=whole.low, units=whole.units, broken=whole.broken, price=2.5,

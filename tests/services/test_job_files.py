@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from console.app.pages.job.map_words import is_doubtful, map_words
-from console.app.pages.job.service import AtWork, Reading
+from console.app.pages.job.service import AtWork, MapReading
 from console.app.units import METRIC
 from console.running import WorkerFailed
 from console.services.at_work import at_work, earlier
@@ -224,7 +224,7 @@ def field_of_zones(path: Path, names: tuple[str, ...] = ("rate",)) -> Path:
 
 def test_a_prescription_is_looked_at_and_then_taken_in_kilograms_of_ours(desk, launcher, tmp_path):
     stick = field_of_zones(tmp_path / "stick" / "north.geojson", ("RATE",))
-    seen = desk.preview(str(stick), Reading("", "lb/ac"))
+    seen = desk.preview(str(stick), MapReading("", "lb/ac"))
     assert seen.question == "" and seen.reading.column == "RATE" and "lb/ac" in seen.unit
     assert seen.rates_kg_ha == (pytest.approx(224.2, abs=0.1), pytest.approx(358.7, abs=0.1))
     assert seen.picture is not None and seen.picture.planned is not None and seen.check is not None
@@ -252,18 +252,18 @@ def test_a_map_takes_the_place_of_a_held_mean_and_stays_under_the_heads(desk, tm
         shutil.copy(shipped("jobs")["map_demo"].with_suffix(".geojson"), tmp_path / "old.geojson")
         desk.take("job", str(tmp_path / "job.yaml"))
         started(desk)
-        new = load(Path(desk.take_map(desk.preview(str(tmp_path / "old.geojson"), Reading()))), JOB).model
+        new = load(Path(desk.take_map(desk.preview(str(tmp_path / "old.geojson"), MapReading()))), JOB).model
         assert (new.target.source, new.target.hold_mean_kg_ha) == (source, None)
 
 
 def test_a_map_with_two_columns_asks_and_names_them(desk, tmp_path):
     stick = field_of_zones(tmp_path / "stick" / "zones.geojson", ("alpha", "beta"))
-    seen = desk.preview(str(stick), Reading())
+    seen = desk.preview(str(stick), MapReading())
     assert seen.columns == ("alpha", "beta") and "not chosen" in seen.question and seen.kept == ""
-    assert desk.preview(str(stick), Reading("beta")).rates_kg_ha == (201.0, 321.0)
+    assert desk.preview(str(stick), MapReading("beta")).rates_kg_ha == (201.0, 321.0)
     stick.write_text("{", encoding="utf-8")
     with pytest.raises(ValueError, match="zones"):
-        desk.preview(str(stick), Reading())
+        desk.preview(str(stick), MapReading())
 
 
 def test_maps_are_found_on_a_stick_and_not_searched_for_without_end(tmp_path):
@@ -309,17 +309,17 @@ def test_what_is_no_prescription_map_says_what_it_is(desk, tmp_path):
     (tmp_path / "worker.json").write_text('{"port": 1}')
     for name, what in (("notes.csv", "this is a PDF document"), ("worker.json", "type None")):
         with pytest.raises(ValueError) as raised:
-            desk.preview(str(tmp_path / name), Reading())
+            desk.preview(str(tmp_path / name), MapReading())
         assert str(raised.value).startswith("not a prescription map: ") and what in str(raised.value)
 
 
 def test_swapped_latitude_and_longitude_are_named(desk, tmp_path):
     """Degrees beyond 90 cannot be latitudes; within them the job's own field tells (the demo's: 34.28, 119.88)."""
     with pytest.raises(ValueError, match=r"^latitude and longitude look swapped: latitudes up to 120, "):
-        desk.preview(_geojson(tmp_path / "a.geojson", *_square(34.28, 119.88)), Reading())
+        desk.preview(_geojson(tmp_path / "a.geojson", *_square(34.28, 119.88)), MapReading())
     with pytest.raises(ValueError, match=r"^coordinates up to 500"):
-        desk.preview(_geojson(tmp_path / "m.geojson", *_square(500_000.0, 3_800_000.0, 100.0)), Reading())
-    assert not desk.preview(_geojson(tmp_path / "b.geojson", *_square(119.88, 34.28)), Reading()).check.away_m
+        desk.preview(_geojson(tmp_path / "m.geojson", *_square(500_000.0, 3_800_000.0, 100.0)), MapReading())
+    assert not desk.preview(_geojson(tmp_path / "b.geojson", *_square(119.88, 34.28)), MapReading()).check.away_m
 
 
 def test_a_map_of_small_degrees_that_is_swapped_is_seen_by_the_field():
@@ -365,7 +365,7 @@ def test_a_refused_map_is_refused_in_chinese_on_a_chinese_screen(desk, tmp_path)
         for name, data in REFUSED.items():
             (tmp_path / name).write_bytes(data)
             with pytest.raises(ValueError) as error:
-                desk.preview(str(tmp_path / name), Reading())
+                desk.preview(str(tmp_path / name), MapReading())
             said = str(error.value).replace(f"({name})", "")
             words = set(re.findall(r"[a-z]{2,}", said.lower())) - kept
             if words or not re.search("[\u4e00-\u9fff]", said):

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from console.app.camera import Pixels
-from console.app.layers import Layer, scale_of
+from console.app.layers import MapLayer, scale_of
 from console.app.map_image import ground
 from console.app.units import METRIC
 from console.cli import app as cli
@@ -52,7 +52,7 @@ def test_our_own_files_lie_where_it_was_done(run, frame, name):
     laid = MapLayers().lay(str(path), frame)
     own = MapLayers().lay(str(run.path), frame).worked
     assert laid.name == name and laid.harvest is None
-    assert laid.has >= {Layer.APPLIED, Layer.TARGET, Layer.ERROR}
+    assert laid.has >= {MapLayer.APPLIED, MapLayer.TARGET, MapLayer.ERROR}
     assert laid.worked.box.east_m == pytest.approx(own.box.east_m, abs=1.0)
     assert laid.worked.box.north_m == pytest.approx(own.box.north_m, abs=3.0)
     for place in ((frame.place_m[0], frame.place_m[1] - back_m) for back_m in (20.0, 45.0)):
@@ -74,7 +74,7 @@ def test_a_combine_s_yield_is_laid_by_its_own_scale(run, frame, tmp_path):
     laid = MapLayers().lay(str(path), frame)
     assert laid.harvest == ("crop flow m", "kg/s")
     assert laid.worked.width_m == 6.0
-    scale = laid.scale(scale_of(Layer.APPLIED, laid.worked, None, METRIC))
+    scale = laid.scale(scale_of(MapLayer.APPLIED, laid.worked, None, METRIC))
     assert scale.low <= 2.5 < 3.0 <= scale.high <= 3.5 and scale.unit == "kg/s"
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from console.link import Link, WorkerGone
-from console.running import Where, start_worker
+from console.running import WorkerAddress, start_worker
 from console.worker.host import Host
 from console.worker.parts import Assembly, Names
 
@@ -54,11 +54,11 @@ def rig(fake: ModuleType) -> Callable[..., SimpleNamespace]:
 
 
 @pytest.fixture
-def running(tmp_path: Path) -> Iterator[Callable[..., Where]]:
+def running(tmp_path: Path) -> Iterator[Callable[..., WorkerAddress]]:
     """Start real worker processes on the fake machine; those still running are ended after the test."""
-    started: list[Where] = []
+    started: list[WorkerAddress] = []
 
-    def start(*args: str, name: str = "worker", **options: Any) -> Where:
+    def start(*args: str, name: str = "worker", **options: Any) -> WorkerAddress:
         where = start_worker(["--log", str(tmp_path / f"{name}.log"), *args], tmp_path / f"{name}.trouble",
                              run_file=tmp_path / "run" / f"{name}.json", program=("-P", str(FAKE)),
                              **{"timeout_s": 60.0, **options})
@@ -72,11 +72,11 @@ def running(tmp_path: Path) -> Iterator[Callable[..., Where]]:
 
 
 @pytest.fixture
-async def attach() -> AsyncIterator[Callable[[Where], Any]]:
+async def attach() -> AsyncIterator[Callable[[WorkerAddress], Any]]:
     """Attach a Link and wait for its first frame; `link.task` is its running `run`."""
     tasks: list[asyncio.Task[Any]] = []
 
-    async def to(where: Where) -> Link:
+    async def to(where: WorkerAddress) -> Link:
         link = Link(where)
         link.task = asyncio.create_task(link.run())    # type: ignore[attr-defined]
         tasks.append(link.task)                        # type: ignore[attr-defined]
@@ -91,10 +91,10 @@ async def attach() -> AsyncIterator[Callable[[Where], Any]]:
 
 
 @pytest.fixture
-def log_of() -> Callable[[Where], list[dict[str, Any]]]:
+def log_of() -> Callable[[WorkerAddress], list[dict[str, Any]]]:
     """The rows of a fake worker's log that are whole; the line `end` becomes {"end": true}."""
 
-    def read(where: Where) -> list[dict[str, Any]]:
+    def read(where: WorkerAddress) -> list[dict[str, Any]]:
         lines = Path(where.log_path).read_text(encoding="utf-8").split("\n")[:-1]
         return [{"end": True} if line == "end" else json.loads(line) for line in lines]
 

@@ -9,7 +9,7 @@ from concurrent.futures import Future
 import pytest
 
 from console.link import ComingLink
-from console.running import Where, WorkerFailed
+from console.running import WorkerAddress, WorkerFailed
 from console.worker.client import Client, Patience
 from console.worker.limits import LINE_BYTES, REFUSAL_AGAIN_S, REFUSALS
 from control.orders import Do, Order
@@ -76,8 +76,8 @@ def test_so_many_refusals_at_once_then_one_a_while():
 
 # --- The console's end of a worker that is still coming up -----------------------------------------------------------
 
-async def test_it_is_a_link_once_the_worker_is_there(running: Callable[..., Where]) -> None:
-    coming: Future[Where] = Future()
+async def test_it_is_a_link_once_the_worker_is_there(running: Callable[..., WorkerAddress]) -> None:
+    coming: Future[WorkerAddress] = Future()
     link = ComingLink(coming)
     run = asyncio.create_task(link.run())
     await asyncio.sleep(0.05)
@@ -95,7 +95,7 @@ async def test_it_is_a_link_once_the_worker_is_there(running: Callable[..., Wher
 
 
 async def test_a_worker_that_does_not_come_up_is_told() -> None:
-    coming: Future[Where] = Future()
+    coming: Future[WorkerAddress] = Future()
     coming.set_exception(WorkerFailed("the control worker did not start: no port"))
     with pytest.raises(WorkerFailed, match="no port"):
         await ComingLink(coming).run()

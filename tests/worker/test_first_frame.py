@@ -8,7 +8,7 @@ import subprocess
 import sys
 
 from console.link import Link
-from console.running import Where
+from console.running import WorkerAddress
 from console.worker.link_server import LinkServer
 
 
@@ -17,7 +17,7 @@ async def test_who_comes_gets_the_newest_frame_at_once(rig):
     made.host.tick(0.0)                         # one frame, and none after it
     server = LinkServer(made.host, "key")
     server.start()
-    links = [Link(Where(server.port, "key", os.getpid()), name) for name in ("first", "second")]
+    links = [Link(WorkerAddress(server.port, "key", os.getpid()), name) for name in ("first", "second")]
     tasks = []
     try:
         for link in links:
@@ -43,7 +43,7 @@ async def test_the_first_numbers_move_at_once_though_the_machine_stands(rig):
     made.host.tick(0.0)
     server = LinkServer(made.host, "key")
     server.start()
-    link = Link(Where(server.port, "key", os.getpid()), "first")
+    link = Link(WorkerAddress(server.port, "key", os.getpid()), "first")
     task, seen = asyncio.create_task(link.run()), set()
     try:
         await asyncio.wait_for(link.attached.wait(), 5.0)

@@ -21,7 +21,7 @@ import pytest
 from console.cli.tablet import TabLink
 from console.link import Link, WorkerGone
 from console.locale import use
-from console.running import Where, WorkerFailed, find_running, start_worker
+from console.running import WorkerAddress, WorkerFailed, find_running, start_worker
 from console.worker.limits import CLIENTS_LOOKING, CLIENTS_NEW, CLIENTS_WITH_KEY, LINE_BYTES, REFUSALS
 from control.orders import Answer, Do, Order
 from drivers.files.lock import take_lock
@@ -36,7 +36,7 @@ async def until(true, timeout_s=30.0):
             await asyncio.sleep(0.01)
 
 
-def raw(where: Where) -> socket.socket:
+def raw(where: WorkerAddress) -> socket.socket:
     client = socket.create_connection(("127.0.0.1", where.port), timeout=2)
     client.settimeout(2)
     return client
@@ -109,7 +109,7 @@ async def test_without_the_token_a_client_only_looks(running, attach):
     assert await watcher.order(Order(Do.HOLD)) == Answer(False, "unauthorised")
     with pytest.raises(PermissionError, match="unauthorised"):
         await watcher.stop_worker()
-    forger = await attach(Where(where.port, "f" * 32, where.pid))
+    forger = await attach(WorkerAddress(where.port, "f" * 32, where.pid))
     assert await forger.order(Order(Do.STOP)) == Answer(False, "unauthorised")
     await asyncio.sleep(0.2)
     assert watcher.newest.row.state == "working"
@@ -197,7 +197,7 @@ async def test_a_worker_that_ends_in_the_middle_of_a_line_is_gone(last):
         writer.close()
 
     async with await asyncio.start_server(cut_off, "127.0.0.1", 0) as server:
-        link = Link(Where(server.sockets[0].getsockname()[1], "", 0))
+        link = Link(WorkerAddress(server.sockets[0].getsockname()[1], "", 0))
         with pytest.raises(WorkerGone):
             await asyncio.wait_for(link.run(), 10.0)
 
@@ -363,7 +363,7 @@ async def test_a_console_that_floods_costs_the_others_little(running, attach):
     client.close()
 
 
-def look(where: Where) -> socket.socket:
+def look(where: WorkerAddress) -> socket.socket:
     client = raw(where)
     client.sendall(b'{"id": 1, "token": null, "ask": "look"}\n')
     return client
@@ -489,7 +489,7 @@ async def test_looking_with_the_key_does_not_keep_the_machine_working(running, a
 
 
 def test_of_starts_at_the_same_time_one_succeeds(running, tmp_path):
-    def start(_: int) -> Where | str:
+    def start(_: int) -> WorkerAddress | str:
         try:
             return running()
         except WorkerFailed as error:
@@ -497,7 +497,7 @@ def test_of_starts_at_the_same_time_one_succeeds(running, tmp_path):
 
     with ThreadPoolExecutor(3) as pool:
         found = list(pool.map(start, range(3)))
-    started = [one for one in found if isinstance(one, Where)]
+    started = [one for one in found if isinstance(one, WorkerAddress)]
     assert len(started) == 1
     assert all("runs already" in one for one in found if isinstance(one, str))
     assert find_running(tmp_path / "run" / "worker.json") == started[0]
@@ -575,7 +575,7 @@ async def test_what_became_of_the_worker_is_said_in_the_language_of_the_screen(t
     use("zh")
     try:
         with pytest.raises(WorkerGone, match="控制程序（进程 4711）已退出"):
-            await Link(Where(1, "x", 4711, "")).run()
+            await Link(WorkerAddress(1, "x", 4711, "")).run()
         with take_lock(run_file.with_suffix(".lock")), pytest.raises(WorkerFailed, match="请结束该程序"):
             find_running(run_file)
     finally:

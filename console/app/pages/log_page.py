@@ -2,14 +2,14 @@
 from __future__ import annotations
 
 from console.app import words
-from console.app.camera import Camera, around
+from console.app.camera import MapCamera, around
 from console.app.field_picture import FieldPicture
 from console.app.history import TREND_SPAN_S, LogHistory, Point, points_of
 from console.app.laid import LaidFile, LaidView
-from console.app.layers import Layer, LayerScale, scale_of
+from console.app.layers import LayerScale, MapLayer, scale_of
 from console.app.pages.page import Page
 from console.app.pages.replay.service import ReplayJob
-from console.app.series import Series
+from console.app.series import TrendSeries
 from console.app.view import STALE_S, RunView, alarms
 from console.app.widgets.field_map import MapView
 from console.app.worked import Box, Worked
@@ -17,8 +17,8 @@ from console.frame import Frame
 from console.locale import _
 
 EMPTY_GROUND = Worked()
-EMPTY_SCALE = LayerScale(Layer.APPLIED, 0.0, 100.0, 1.0, 0, "")
-EMPTY_MAP = MapView(EMPTY_GROUND, 0, None, EMPTY_SCALE, Camera(0.0, 0.0, 1.0), None, None)
+EMPTY_SCALE = LayerScale(MapLayer.APPLIED, 0.0, 100.0, 1.0, 0, "")
+EMPTY_MAP = MapView(EMPTY_GROUND, 0, None, EMPTY_SCALE, MapCamera(0.0, 0.0, 1.0), None, None)
 
 
 class LogPage(Page):
@@ -75,7 +75,7 @@ class LogPage(Page):
         source = job.source
         return points_of(source.frames, source.first_index(source.at_s - TREND_SPAN_S), source.index)
 
-    def series(self) -> Series:
+    def series(self) -> TrendSeries:
         return self.app.history.series if self.replayed() is None else self.log_history().series
 
     def worked(self) -> Worked:
@@ -95,7 +95,7 @@ class LogPage(Page):
             worked.width_m, worked.sections = picture.width_m, picture.sections
         return worked, picture
 
-    def map_view(self, frame: Frame | None, age_s: float, layer: Layer, camera: Camera,
+    def map_view(self, frame: Frame | None, age_s: float, layer: MapLayer, camera: MapCamera,
                  laid: LaidFile | None = None) -> MapView:
         """What a map shows of a frame, and of a file that is laid on it."""
         worked, picture = self.ground(frame)

@@ -6,9 +6,9 @@ from textual.app import ComposeResult
 from textual.containers import Vertical
 from textual.content import Content
 
-from console.app.camera import Camera, fit
+from console.app.camera import MapCamera, fit
 from console.app.history import TREND_SPAN_S, Point
-from console.app.layers import Layer
+from console.app.layers import MapLayer
 from console.app.pages.log_page import EMPTY_MAP, LogPage
 from console.app.view import STALE_S, RunView, duration, look, wall_clock
 from console.app.widgets.field_map import FieldMap
@@ -19,7 +19,7 @@ from console.app.widgets.panel import Panel, line
 from console.app.widgets.rates import Rates
 from console.app.widgets.tile_graphs import CHANNELS, GraphsView, TileGraphs, graph
 from console.app.widgets.tiles import Tiles
-from console.app.widgets.trend import Reading, Trend, TrendView, columns_of
+from console.app.widgets.trend import CursorReading, Trend, TrendView, columns_of
 from console.frame import Frame
 from console.locale import _
 
@@ -84,7 +84,7 @@ class PanelScreen(LogPage):
             graphs.show(GraphsView(tuple(graph(one.time_s.tolist(), one.mean.tolist(), begin_s, TREND_SPAN_S)
                                          for one in drawn), stale))
 
-    def _read(self, points: tuple[Point, ...], frame: Frame | None) -> Reading | None:
+    def _read(self, points: tuple[Point, ...], frame: Frame | None) -> CursorReading | None:
         """The values in force at the cursor; it goes where its time leaves the trend."""
         if self.cursor_s is None or not points or frame is None:
             return None
@@ -94,7 +94,7 @@ class PanelScreen(LogPage):
         before = [point for point in points if self.cursor_s - GAP_S <= point.time_s <= self.cursor_s]
         target, applied = (before[-1].target_kg_ha, before[-1].applied_kg_ha) if before else (None, None)
         unit, back_s = self.app.units.rate, frame.row.time_s - self.cursor_s
-        return Reading(self.cursor_s, wall_clock(frame.row.utc, self.app.utc_offset_s, back_s) or duration(
+        return CursorReading(self.cursor_s, wall_clock(frame.row.utc, self.app.utc_offset_s, back_s) or duration(
             self.cursor_s), unit.text(target), unit.text(applied))
 
     def move_cursor(self, cells: int) -> None:
@@ -134,19 +134,19 @@ class PanelScreen(LogPage):
         units, field_map = self.app.units, self.query_one("#map", FieldMap)
         width, height = field_map.content_size
         camera = self._camera(frame, field_map.view.camera, width, 2 * height)
-        view = self.map_view(frame, age_s, Layer.APPLIED, camera)
+        view = self.map_view(frame, age_s, MapLayer.APPLIED, camera)
         field_map.show(view)
         self.query_one("#map-title", MapTitle).show(units.rate.name)
         self.query_one("#map-legend", MapLegend).show(
             LegendView(view.scale, camera.metres, units.distance,
                       view.picture is not None and view.picture.planned is not None))
 
-    def _camera(self, frame: Frame | None, before: Camera, columns: int, rows: int) -> Camera:
+    def _camera(self, frame: Frame | None, before: MapCamera, columns: int, rows: int) -> MapCamera:
         """Everything at once where that can be read, else the ground round the machine."""
         whole = fit(self.whole(frame), columns, rows)
         if whole.metres <= COARSEST_M or frame is None or frame.place_m is None:
             return whole
-        near = before if before.metres == COARSEST_M else Camera(*frame.place_m, COARSEST_M)
+        near = before if before.metres == COARSEST_M else MapCamera(*frame.place_m, COARSEST_M)
         return near.following(frame.place_m, columns, rows)
 
     def show_numbers(self, view: RunView) -> None:

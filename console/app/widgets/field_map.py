@@ -13,10 +13,10 @@ from rich.style import Style
 from textual.geometry import Region
 from textual.strip import Strip
 
-from console.app.camera import Camera, Pixels
+from console.app.camera import MapCamera, Pixels
 from console.app.field_picture import FieldPicture
 from console.app.laid import LaidView
-from console.app.layers import Layer, LayerScale
+from console.app.layers import LayerScale, MapLayer
 from console.app.map_image import DONE, EMPTY, ENTRIES, LAID, OUTLINE, PASSAGE, PLAN, Image, image
 from console.app.scale import STEPS, Rgb
 from console.app.terminal import few_colours
@@ -44,7 +44,7 @@ class MapView(NamedTuple):
     version: int
     picture: FieldPicture | None
     scale: LayerScale
-    camera: Camera
+    camera: MapCamera
     place: tuple[float, float] | None
     heading_deg: float | None
     plan: bool = True
@@ -207,7 +207,7 @@ def _plain(entry: int, view: MapView) -> str:
     first, levels = next((first, levels) for first, levels in (
         (LAID, LEVELS_LAID), (PLAN, LEVELS_PLAN), (DONE, LEVELS_DONE)) if entry >= first)
     scale = view.laid.scale if first == LAID and view.laid is not None else view.scale
-    levels = LEVELS_ERROR if scale.layer is Layer.ERROR else levels
+    levels = LEVELS_ERROR if scale.layer is MapLayer.ERROR else levels
     return levels[(entry - first) * len(levels) // STEPS]
 
 

@@ -9,7 +9,7 @@ from rich.style import Style
 from textual.strip import Strip
 from textual.widget import Widget
 
-from console.app.layers import RATES, Layer, LayerScale
+from console.app.layers import RATES, LayerScale, MapLayer
 from console.app.terminal import few_colours
 from console.app.units import Unit
 from console.app.widgets.canvas import Canvas
@@ -57,7 +57,7 @@ class MapLegend(Canvas[LegendView]):
         unit = unit if cell_len(unit) + _LEAST_CELLS <= room else ""
         room -= cell_len(unit)
         planned = planned if cell_len(planned) + _LEAST_CELLS <= room else ""
-        levels = LEVELS_ERROR if scale.layer is Layer.ERROR else LEVELS_DONE
+        levels = LEVELS_ERROR if scale.layer is MapLayer.ERROR else LEVELS_DONE
         ramp = ramp_of(self, scale, max(_LEAST_CELLS, min(_MOST_CELLS, room - cell_len(planned))), levels)
         return [self.text_strip(width, (low, muted), *ramp, (f"{high}{unit}{planned}  ", muted),
                                 ("▀" * _BAR_CELLS, muted), (bar, muted))]

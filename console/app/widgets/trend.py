@@ -22,7 +22,7 @@ from console.locale import _
 _AXIS = 6
 
 
-class Reading(NamedTuple):
+class CursorReading(NamedTuple):
     """What the cursor reads: its time of the run, s, and in words; the values that were in force then."""
 
     time_s: float
@@ -36,7 +36,7 @@ class TrendView(NamedTuple):
     unit: Unit
     stale: bool = False
     span_s: float = TREND_SPAN_S
-    read: Reading | None = None
+    read: CursorReading | None = None
 
 
 def columns_of(width: int) -> int:

@@ -22,7 +22,7 @@ QUICK_S = (0.2, 1.0)        # of a fast part that is not white, where fits start
 SETTLED = 0.05              # of the log-likelihood: less is no gain of a further round
 
 
-class Channel(Protocol):
+class MeasuredChannel(Protocol):
     """What is asked of one measured series."""
 
     @property
@@ -67,7 +67,7 @@ class Column(NamedTuple):
 class Products(NamedTuple):
     """Band products of one channel; row and column 0 are the data."""
 
-    channel: Channel
+    channel: MeasuredChannel
     gram: Array                     # (bands, 1 + p, 1 + p)
     columns: Indices                # their places in the problem's list (p,)
 
@@ -94,7 +94,7 @@ class Fit(NamedTuple):
     noise: dict[str, Noise]
 
 
-def problem(channels: Sequence[Channel], data: Mapping[str, Array], columns: Sequence[Column]) -> Problem:
+def problem(channels: Sequence[MeasuredChannel], data: Mapping[str, Array], columns: Sequence[Column]) -> Problem:
     """`data`: cosine coefficients of the residual by channel."""
     products = []
     for channel in channels:
@@ -146,7 +146,7 @@ def fitted(p: Problem, chosen: Indices, noise: Mapping[str, Noise], rounds: int 
     return Fit(amplitude, covariance, value, value + occam, now)
 
 
-def best_fitted(p: Problem, chosen: Indices, noise: Mapping[str, Noise], channels: Sequence[Channel]) -> Fit:
+def best_fitted(p: Problem, chosen: Indices, noise: Mapping[str, Noise], channels: Sequence[MeasuredChannel]) -> Fit:
     """The better of two fits: from the noise given and from its calm version.
 
     What one hypothesis left of the noise may be far from where another must start.
@@ -156,7 +156,7 @@ def best_fitted(p: Problem, chosen: Indices, noise: Mapping[str, Noise], channel
 
 
 def first_noise(p: Problem, chosen: Indices, noise: Mapping[str, Noise],
-                channels: Sequence[Channel]) -> dict[str, Noise]:
+                channels: Sequence[MeasuredChannel]) -> dict[str, Noise]:
     """The noise from which models of a group are fitted: the best of fits from a quick and from a slower fast part, for
     the likelihood has a mode at either."""
     starts = [dict(noise), *({c.name: Noise((noise[c.name].theta[0], float(np.log(quick_s)), *noise[c.name].theta[2:]))
@@ -171,7 +171,7 @@ def adapted(p: Problem, chosen: Indices, amplitude: Array, noise: Mapping[str, N
             for one in p.products}
 
 
-def calm(noise: Mapping[str, Noise], channels: Sequence[Channel]) -> dict[str, Noise]:
+def calm(noise: Mapping[str, Noise], channels: Sequence[MeasuredChannel]) -> dict[str, Noise]:
     """A noise whose slow part is no stronger than the machine file's: where a fit must start that is to tell a steady
     effect from a drift."""
     found = {}

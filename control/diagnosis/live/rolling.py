@@ -121,7 +121,7 @@ class Rolling:
         self._whole = self._put(_of_piece(piece, self._machine, self._move, self._tried, self._until_s, until_s))
         self._until_s = until_s
 
-    def _put(self, piece: _Piece) -> bool:
+    def _put(self, piece: _NewBins) -> bool:
         """Behind what is kept; whether the next piece must begin anew."""
         if piece.broken and self._kept:
             self._kept = {}
@@ -183,7 +183,7 @@ class Rolling:
         return Noise((*now.theta[:2], drift, float(np.mean([one.theta[3] for one in learnt]))))
 
 
-class _Piece(NamedTuple):
+class _NewBins(NamedTuple):
     """groups : the new bins. broken : they cannot be put behind older ones. unfinished : nothing can be put behind."""
 
     groups: dict[str, dict[str, Lines]]
@@ -204,7 +204,7 @@ def _tried(machine: Machine) -> dict[str, list[Candidate]]:
 
 
 def _of_piece(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, move: Move | None,
-              tried: Mapping[str, Sequence[Candidate]], from_s: float, until_s: float) -> _Piece:
+              tried: Mapping[str, Sequence[Candidate]], from_s: float, until_s: float) -> _NewBins:
     """The bins of some rows between two times of the log."""
     begin_s = float(np.asarray(columns["time_s"])[0])
 
@@ -226,7 +226,7 @@ def _of_piece(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, move: M
                                                                       *(end for end, _ in data.hopper.gaps))]
         broken = any(at_s > from_s - BIN_S for at_s in steps_s)
         unfinished = any(at_s > until_s - LATER_S for at_s in steps_s)
-    return _Piece(found, broken, unfinished)
+    return _NewBins(found, broken, unfinished)
 
 
 def _lines(model: GroupModel, channel: ChannelSeries, open_: Sequence[Column], tried: Sequence[Candidate],

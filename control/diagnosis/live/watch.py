@@ -38,7 +38,7 @@ AGAIN_S = 1.5 * LOOK_S      # what a diagnosis did not bear out or name is diagn
 _GROUP_OF = {channel: group for group, names in GROUPS.items() for channel in names} | {"flow": "metering"}
 
 
-class _Stretch(NamedTuple):
+class _Quarter(NamedTuple):
     """A quarter of an hour that was not diagnosed yet."""
 
     begin_s: float
@@ -57,7 +57,7 @@ class LiveCheck:
         self._kept = 0                                      # rows in them
         self._begin_s: float | None = None
         self._looked_s = self._diagnosed_s = self._reported_s = 0.0
-        self._last: Departure | _Stretch | None = None      # of the quarter before
+        self._last: Departure | _Quarter | None = None      # of the quarter before
         self.standing: Departure | None = None
         self.diagnoses = 0
 
@@ -125,7 +125,7 @@ class LiveCheck:
             self._nameless[first.group] = self.now_s
 
     def _quarter(self) -> None:
-        this, self._diagnosed_s = _Stretch(self._diagnosed_s, self.now_s), self.now_s
+        this, self._diagnosed_s = _Quarter(self._diagnosed_s, self.now_s), self.now_s
         if self.standing is None and self._last is None:
             self._last = this           # whatever it says, it says nothing alone
             return
@@ -133,7 +133,7 @@ class LiveCheck:
         if departure is None and self.standing is None:
             self._last = None
             return
-        last = self._of_stretch(self._last) if isinstance(self._last, _Stretch) else self._last
+        last = self._of_stretch(self._last) if isinstance(self._last, _Quarter) else self._last
         if departure is not None and self.standing is not None and _same(departure, self.standing):
             self.standing = departure._replace(since_s=self.standing.since_s)
         elif departure is not None and last is not None and _same(departure, last):
@@ -142,7 +142,7 @@ class LiveCheck:
             self.standing = None        # gone for half an hour: repaired, or never there
         self._last = departure
 
-    def _of_stretch(self, stretch: _Stretch) -> Departure | None:
+    def _of_stretch(self, stretch: _Quarter) -> Departure | None:
         return self._departure(stretch.begin_s, None, stretch.end_s)
 
     def _departure(self, begin_s: float, group: str | None, end_s: float = np.inf) -> Departure | None:

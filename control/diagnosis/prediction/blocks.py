@@ -42,7 +42,7 @@ class Number(NamedTuple):
     turned: Callable[[Machine, float], Machine]
 
 
-class Held(NamedTuple):
+class BlockErrors(NamedTuple):
     """A machine file on a log. rms : by channel, of the whole log. blocks : by channel, the mean square error of each
     block (BLOCKS,), its numbers moved by what the block had to say of them. sd : of its numbers, by that."""
 
@@ -117,7 +117,7 @@ def slopes(on_log: OnLog, machine: Machine, channels: Sequence[str], numbers: Se
 
 
 def held(on_log: OnLog, machine: Machine, channels: Sequence[str], numbers: Sequence[Number],
-         usual: dict[str, float] | None = None, over: str = "") -> Held:
+         usual: dict[str, float] | None = None, over: str = "") -> BlockErrors:
     """A machine file on a log's channels. usual : by which mean square errors of channels are weighed; left out: its
     own. over : recorded variable whose ranges are the blocks, in place of stretches of time: what a few levels of it
     show, all of them seen in every stretch, says nothing of the levels between them."""
@@ -127,7 +127,7 @@ def held(on_log: OnLog, machine: Machine, channels: Sequence[str], numbers: Sequ
     cuts = {name: in_ranges(on_log.at_errors(name, over, len(one))) if over else in_blocks(len(one))
             for name, one in left.items()}
     if not numbers:
-        return Held(rms, {name: by_block(left[name], cuts[name]) for name in channels})
+        return BlockErrors(rms, {name: by_block(left[name], cuts[name]) for name in channels})
     columns = slopes(on_log, machine, channels, numbers, left)
     weight = {name: 1.0 / max(1e-300, (usual or square)[name] * max(1, len(left[name]))) for name in channels}
     scale = np.sqrt(sum(weight[name] * np.sum(columns[name] ** 2, axis=0) for name in channels)) + 1e-150
@@ -149,7 +149,7 @@ def held(on_log: OnLog, machine: Machine, channels: Sequence[str], numbers: Sequ
             blocks[name].append(float(np.mean(piece ** 2)) if len(piece) else 0.0)
     spread = np.array(moves) - np.mean(moves, axis=0)
     sd = np.sqrt((len(each) - 1.0) / len(each) * np.sum(spread ** 2, axis=0))
-    return Held(rms, {name: np.array(several) for name, several in blocks.items()}, tuple(sd.tolist()))
+    return BlockErrors(rms, {name: np.array(several) for name, several in blocks.items()}, tuple(sd.tolist()))
 
 
 def in_blocks(count: int) -> list[Rows]:
@@ -171,7 +171,7 @@ def by_block(left: Array, cuts: Sequence[Rows]) -> Array:
     return np.array([float(np.mean(left[cut] ** 2)) if len(cut) else 0.0 for cut in cuts])
 
 
-def gained(one: Held, other: Held, usual: dict[str, float]) -> Array:
+def gained(one: BlockErrors, other: BlockErrors, usual: dict[str, float]) -> Array:
     """By how much one file's error is below another's, block by block (BLOCKS,), as a share of what is usual; channels
     taken together."""
     return np.asarray(sum((other.blocks[name] - one.blocks[name]) / max(1e-300, usual[name]) for name in one.blocks))

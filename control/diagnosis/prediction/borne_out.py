@@ -23,10 +23,10 @@ from control.diagnosis.runs.nominal_values import MAX_OFFSET_SD
 from control.machine.machine import CATALOGUE, Machine, effect_sizes, unit_of
 from control.machine.terms import Term
 
-from .blocks import Held, by_block, gained, held, in_blocks, numbers_of, surely
+from .blocks import BlockErrors, by_block, gained, held, in_blocks, numbers_of, surely
 from .on_log import OnLog
 from .rival import AGAIN, STAGE, fitted, rival_of
-from .rival import Rival as PlainRival
+from .rival import PlainRival as PlainRival
 
 Array = npt.NDArray[np.float64]
 
@@ -50,14 +50,14 @@ class Adoptable(NamedTuple):
     predicted: tuple[Predicted, ...] = ()
 
 
-class _Tried(NamedTuple):
+class _TriedFile(NamedTuple):
     """A file that a group may have. causes, terms : that it takes up, sizes as they are there."""
 
     causes: tuple[Cause, ...]
     terms: tuple[TermFound, ...]
     fitted: Fitted | None
     file: Machine
-    held: Held
+    held: BlockErrors
 
 
 def adoptable(on_log: OnLog, found: Diagnosis, chosen: Collection[str], read_off: Collection[str]) -> Adoptable:
@@ -133,7 +133,8 @@ def _channel_of(stage: str) -> str:
 
 
 def _best(on_log: OnLog, found: Diagnosis, channels: tuple[str, ...], causes: tuple[Cause, ...],
-          terms: tuple[TermFound, ...], whole: Fitted | None, refit: bool) -> tuple[dict[str, float], _Tried | None]:
+          terms: tuple[TermFound, ...], whole: Fitted | None, refit: bool) -> tuple[dict[str, float],
+                                                                                    _TriedFile | None]:
     """The simplest of nothing, the causes alone, and all of it, within one standard error of the best; None where that
     is nothing, or where any channel of the log is predicted worse by it. refit : something that was fitted along is
     left out. Along with it the mean square errors of the log's own file."""
@@ -155,7 +156,8 @@ def _best(on_log: OnLog, found: Diagnosis, channels: tuple[str, ...], causes: tu
 
 
 def _tried(on_log: OnLog, found: Diagnosis, channels: tuple[str, ...], causes: tuple[Cause, ...],
-           terms: tuple[TermFound, ...], whole: Fitted | None, refit: bool, usual: dict[str, float]) -> _Tried | None:
+           terms: tuple[TermFound, ...], whole: Fitted | None, refit: bool,
+           usual: dict[str, float]) -> _TriedFile | None:
     """A file as it would be written and read; None where no file may hold it."""
     machine = on_log.machine
     try:
@@ -174,7 +176,7 @@ def _tried(on_log: OnLog, found: Diagnosis, channels: tuple[str, ...], causes: t
         of_file = {term.id: term for term in file.terms}
         terms = tuple(replace(one, term=of_file[one.term["id"]].model_dump(mode="json"))
                       if one.term["id"] in of_file else one for one in terms)
-    return _Tried(causes, terms, whole, file, judged)
+    return _TriedFile(causes, terms, whole, file, judged)
 
 
 def as_written(machine: Machine) -> Machine:
@@ -238,12 +240,12 @@ def _against_rival(on_log: OnLog, found: Diagnosis, taken: Diagnosis, channel: s
 _OWN = {"shaft": ("shaft_rpm",), "gate": ("opening_mm",)}
 
 
-def _clearly(gain: Array, one: Held, other: Held, channel: str) -> bool:
+def _clearly(gain: Array, one: BlockErrors, other: BlockErrors, channel: str) -> bool:
     return surely(gain, SURE) and one.rms[channel] ** 2 > CLEARLY * float(other.blocks[channel].mean())
 
 
 def _said(on_log: OnLog, found: Diagnosis, channel: str, read_off: Collection[str],
-          sound: Mapping[str, float] = NOTHING_OFF) -> Held:
+          sound: Mapping[str, float] = NOTHING_OFF) -> BlockErrors:
     """All that is said of a log, what is of this run alone included. sound : by how much nominal values are off, within
     the machine file's tolerances."""
     parts = tuple(EffectInstance(one.id, 1.0 if CATALOGUE[one.id].effect.onset_only else one.size.value, one.onset_s,
@@ -254,11 +256,11 @@ def _said(on_log: OnLog, found: Diagnosis, channel: str, read_off: Collection[st
     terms = tuple(Term.model_validate(one.term) for one in found.terms if _channel_of(one.stage) == channel)
     machine = on_log.machine.model_copy(update={"terms": (*on_log.machine.terms, *terms)})
     left = on_log.errors(channel, on_log.predicted(machine, (channel,), parts)[channel])
-    return Held({channel: float(np.sqrt(np.mean(left ** 2))) if len(left) else 0.0},
-                {channel: by_block(left, in_blocks(len(left)))})
+    return BlockErrors({channel: float(np.sqrt(np.mean(left ** 2))) if len(left) else 0.0},
+                       {channel: by_block(left, in_blocks(len(left)))})
 
 
-def _file(on_log: OnLog, taken: Diagnosis, channel: str) -> Held:
+def _file(on_log: OnLog, taken: Diagnosis, channel: str) -> BlockErrors:
     file = extend(on_log.machine, taken)
     return held(on_log, file, (channel,), numbers_of(file, on_log.machine) if file != on_log.machine else ())
 
@@ -271,7 +273,7 @@ def _suspected(cause: Cause, most: float) -> Cause:
     return replace(cause, probability=most, rivals=(*rivals, Rival(UNKNOWN, 1.0 - most)))
 
 
-def _fitted(on_log: OnLog, rival: PlainRival, nothing: Held) -> Fitted:
+def _fitted(on_log: OnLog, rival: PlainRival, nothing: BlockErrors) -> Fitted:
     sizes = tuple((name, Size(size, size - Z90 * sd, size + Z90 * sd, unit_of(name, on_log.machine)))
                   for name, size, sd in rival.sizes)
     before, after = (float(np.sqrt(one.blocks["shaft"].mean())) for one in (nothing, rival.held))

@@ -35,7 +35,7 @@ from control.machine.forms import Form
 from control.machine.machine import CATALOGUE, Machine, effect_sizes, of_nominal, with_effect
 from control.machine.terms import COMMANDED_MM, COMMANDED_RPM, Acts, Term, own_command
 
-from .blocks import KNEE, Held, errors, gained, held, numbers_of, slopes, surely, term_numbers
+from .blocks import KNEE, BlockErrors, errors, gained, held, numbers_of, slopes, surely, term_numbers
 from .on_log import OnLog
 
 Array = npt.NDArray[np.float64]
@@ -62,12 +62,12 @@ ACTS: dict[str, tuple[Acts, ...]] = {
 STAGE = {"scale": "flow"}
 
 
-class Rival(NamedTuple):
+class PlainRival(NamedTuple):
     """The rival of one channel as a machine file. sizes : of effects, with their s.d. terms : its lines, the strongest
     first."""
 
     machine: Machine
-    held: Held
+    held: BlockErrors
     sizes: tuple[tuple[str, float, float], ...]
     terms: tuple[Term, ...]
 
@@ -77,7 +77,7 @@ class Rival(NamedTuple):
         return tuple(dict.fromkeys(name for term in self.terms for name in term.variables))
 
 
-def rival_of(on_log: OnLog, channel: str) -> Rival | None:
+def rival_of(on_log: OnLog, channel: str) -> PlainRival | None:
     """The rival of a channel; None where nothing of it is better than the machine file as it is."""
     if channel not in ACTS:
         return None
@@ -106,11 +106,11 @@ def rival_of(on_log: OnLog, channel: str) -> Rival | None:
     sizes = tuple((name, now[name] - was.get(name, CATALOGUE[name].neutral), best.sd[names.index(name)])
                   for name in now if name in names)
     known = {term.id for term in on_log.machine.terms}
-    return Rival(machine, best, sizes, tuple(term for term in machine.terms if term.id not in known))
+    return PlainRival(machine, best, sizes, tuple(term for term in machine.terms if term.id not in known))
 
 
-def _with_line(on_log: OnLog, channel: str, machine: Machine, line: Term, best: Held, usual: dict[str, float]
-               ) -> tuple[Machine, Held] | None:
+def _with_line(on_log: OnLog, channel: str, machine: Machine, line: Term, best: BlockErrors, usual: dict[str, float]
+               ) -> tuple[Machine, BlockErrors] | None:
     """A file with one line more, all its numbers fitted again; None where that is not surely better."""
     tried = machine.model_copy(update={"terms": (*machine.terms, line)})
     tried = fitted(on_log, (channel,), tried, AGAIN)
@@ -160,10 +160,11 @@ def fitted(on_log: OnLog, channels: Sequence[str], machine: Machine, runs: int) 
 
 # -- the curve of a drive ----------------------------------------------------------------------------------------------
 
-def _curve(on_log: OnLog, machine: Machine, best: Held, usual: dict[str, float]) -> tuple[Machine, Held] | None:
+def _curve(on_log: OnLog, machine: Machine, best: BlockErrors, usual: dict[str, float]) -> tuple[Machine,
+                                                                                                 BlockErrors] | None:
     """The simplest set of the drive's own numbers within one standard error of the best; None where none is surely
     better than a file without."""
-    tried: list[tuple[Machine, Held]] = [(machine, best)]
+    tried: list[tuple[Machine, BlockErrors]] = [(machine, best)]
     of_names: dict[frozenset[str], tuple[float, Machine]] = {frozenset(): (np.inf, machine)}
     for names in _sets(on_log):
         smaller = max((one for one in of_names if one < set(names)), key=lambda one: (len(one), -of_names[one][0]))

@@ -27,7 +27,7 @@ from .drives import Drive
 from .grid import Grid, joined
 from .hopper import Hopper
 from .hypothesis import MAX_SWITCHES, Schedule, schedule, stages_of
-from .speed_and_heads import Heads, Speed
+from .speed_and_heads import HeadContrasts, TwoSpeeds
 from .stages import RunData
 
 Array = npt.NDArray[np.float64]
@@ -183,7 +183,7 @@ def _level(reading_kg: Array, unknown_kg: float) -> float:
     return float(np.median(known)) if len(known) else unknown_kg
 
 
-def speed_rows(s: Speed) -> Rows:
+def speed_rows(s: TwoSpeeds) -> Rows:
     """Wheel and GNSS speed at the log's readings, m/s. The true speed runs on between them, in rows of FINE_S."""
     clock = joined(s.time_s, SEAM_S)
     fine_s = np.arange(clock[0], clock[-1] + FINE_S, FINE_S)
@@ -203,7 +203,7 @@ def speed_rows(s: Speed) -> Rows:
     return run
 
 
-def speed_channel(s: Speed, machine: Machine) -> ChannelSeries:
+def speed_channel(s: TwoSpeeds, machine: Machine) -> ChannelSeries:
     """Wheel less GNSS speed, m/s: what both have in common is the ground's."""
     run = speed_rows(s)
 
@@ -214,7 +214,7 @@ def speed_channel(s: Speed, machine: Machine) -> ChannelSeries:
     return _channel("speed", "m/s", s.grid, s.wheel_mps - s.gnss_mps, predict, NoisePrior(sd, WHITE_S, 0.05 * sd))
 
 
-def heads_channel(h: Heads, machine: Machine) -> ChannelSeries:
+def heads_channel(h: HeadContrasts, machine: Machine) -> ChannelSeries:
     """Each head less the mean of all, one after the other."""
     used = np.flatnonzero(np.isfinite(h.ndvi).any(axis=1))
     measured = (h.ndvi[used] - h.mean)

@@ -54,7 +54,7 @@ class Compared(NamedTuple):
     findings: tuple[str, ...]
 
 
-class _Predicted(NamedTuple):
+class _PredictedSeries(NamedTuple):
     """A channel's series on its grid, (m,), with its prediction."""
 
     series: ChannelSeries
@@ -114,7 +114,7 @@ def compared(columns: Any, old: Machine | str, new: Machine | str,
 
 
 def _predictions(log: Clean, machine: Machine, other: Machine, step: Callable[[float, str], None]
-                 ) -> dict[str, _Predicted]:
+                 ) -> dict[str, _PredictedSeries]:
     """Every channel that the log can show, as a machine file predicts it, on the rows that are judged by the sensors of
     `other`: also those that ask a shaft for what it cannot do by its file, for that may be the file's error."""
     shaft = machine.shaft._replace(one_way=0.0)
@@ -123,11 +123,11 @@ def _predictions(log: Clean, machine: Machine, other: Machine, step: Callable[[f
     found = {}
     for number, (name, series) in enumerate(seen.items()):
         step(number / len(seen), name)
-        found[name] = _Predicted(series, series.predict(plan, MOST_STEP_S))
+        found[name] = _PredictedSeries(series, series.predict(plan, MOST_STEP_S))
     return found
 
 
-def _channels_of(old: _Predicted, new: _Predicted) -> list[ComparedChannel]:
+def _channels_of(old: _PredictedSeries, new: _PredictedSeries) -> list[ComparedChannel]:
     """The channel itself; of the scale also the flow, which is what it is read for."""
     name, unit = old.series.name, old.series.unit
     measured = old.series.measured

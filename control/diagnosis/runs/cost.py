@@ -4,7 +4,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from control.diagnosis.cost import Point, rate_error_percent
+from control.diagnosis.cost import OperatingPoint, rate_error_percent
 from control.diagnosis.effects import ROWS, Costs, Needs
 from control.diagnosis.result import FieldCost
 from control.experiments.levels import USUAL_MPS
@@ -63,7 +63,7 @@ def _rate_percent(part: EffectInstance, machine: Machine, data: RunData) -> floa
     return rate_error_percent(machine, _placed(points, drive, wanted), changed, _placed(points, drive, applied))
 
 
-def _points(data: RunData, machine: Machine, time_s: Array, refills: float) -> list[Point]:
+def _points(data: RunData, machine: Machine, time_s: Array, refills: float) -> list[OperatingPoint]:
     """Operating points at times of the log (n,), as it was asked for; what it does not tell is as usual."""
     at = np.maximum(0, np.searchsorted(data.time_s, time_s, side="right") - 1)
     usual = {"shaft_rpm": machine.set_points.shaft_rpm, "opening_mm": machine.set_points.opening_mm,
@@ -71,7 +71,7 @@ def _points(data: RunData, machine: Machine, time_s: Array, refills: float) -> l
     known = {name: data.variables[name][at].tolist() if name in data.variables else [value] * len(at)
              for name, value in usual.items()}
     known |= {"time_s": time_s.tolist(), "working": data.working[at].tolist()}
-    return [Point(**dict(zip(known, values, strict=True)), refills=refills)
+    return [OperatingPoint(**dict(zip(known, values, strict=True)), refills=refills)
             for values in zip(*known.values(), strict=True)]
 
 
@@ -83,7 +83,7 @@ def _standing(drive: Drive, plan: Schedule) -> Array:
     return np.asarray(np.maximum(0.0, 2.0 * true - read))
 
 
-def _placed(points: list[Point], drive: Drive, standing: Array) -> list[Point]:
+def _placed(points: list[OperatingPoint], drive: Drive, standing: Array) -> list[OperatingPoint]:
     field = "shaft_rpm" if drive.name == "shaft" else "opening_mm"
     return [point._replace(**{field: float(value)}) for point, value in zip(points, standing, strict=True)]
 

@@ -14,8 +14,8 @@ import numpy.typing as npt
 from control.diagnosis import effects
 from control.diagnosis.judgement.noise import coefficients
 from control.machine.compiled import term_run
-from control.machine.form import FORMS, SHAFT_ANGLE, Scaled, Series, Tried, scaled
-from control.machine.forms import Lost, Product
+from control.machine.form import FORMS, SHAFT_ANGLE, FormSeries, Scaled, TriedForm, scaled
+from control.machine.forms import Lost, ProductForm
 from control.machine.machine import Machine, of_nominal
 from control.machine.over_log import MOST_STEP_S
 from control.machine.terms import COMMANDED_RPM, STAGE_OF, Acts, own_command
@@ -115,7 +115,7 @@ class Variables(NamedTuple):
     two: tuple[str, ...]                            # in products with each other
     never_alone: tuple[str, ...] = ()               # in products with those of `two` only
 
-    def has_level(self, form: Tried) -> bool:
+    def has_level(self, form: TriedForm) -> bool:
         """Whether a form has a free level: it would take up what a variable does that is never alone."""
         return form.kind.has_level and form.over[-1] not in self.never_alone
 
@@ -123,25 +123,25 @@ class Variables(NamedTuple):
         return [(a, b) for k, a in enumerate(self.two) for b in self.two[k + 1:]]
 
 
-class Entry(NamedTuple):
+class FormGroup(NamedTuple):
     """Forms over the same variables, or over all pairs of two, of one quantity."""
 
-    forms: tuple[Tried, ...]
+    forms: tuple[TriedForm, ...]
     mixes: tuple[Array, ...]            # of each form: its columns from the series (k, amplitudes)
     kept: npt.NDArray[np.float32]       # cosine coefficients of the series, the slowest (k, kept); last a constant's
     level: bool                         # whether a constant is fitted along
 
-    def only(self, forms: Sequence[bool]) -> Entry:
+    def only(self, forms: Sequence[bool]) -> FormGroup:
         """The same with some of its forms."""
         chosen = np.flatnonzero(forms)
         return self._replace(forms=tuple(self.forms[k] for k in chosen), mixes=tuple(self.mixes[k] for k in chosen))
 
 
-class Candidate(NamedTuple):
+class FormCandidate(NamedTuple):
     """A form of a quantity. gain : in twice the log-likelihood; score : less what ranks forms."""
 
     acts: Acts
-    tried: Tried
+    tried: TriedForm
     gain: float = 0.0
     score: float = 0.0
 
@@ -153,26 +153,26 @@ class Dictionary:
         self._data = model.data
         self.of = {acts: (ActedOn(model, (), acts), _variables(model.data, model.machine, acts))
                    for acts in quantities(model)}
-        self._made: dict[Acts, list[Entry]] = {}
+        self._made: dict[Acts, list[FormGroup]] = {}
 
-    def entries(self, acts: Acts) -> list[Entry]:
+    def entries(self, acts: Acts) -> list[FormGroup]:
         if acts not in self._made:
             acted, variables = self.of[acts]
             self._made[acts] = [_entry(forms, acted, variables)
                                 for forms in _tried(acts, variables, self._data) if forms]
         return self._made[acts]
 
-    def scanned(self, residual: WhitenedResidual, temporary: bool) -> list[Candidate]:
+    def scanned(self, residual: WhitenedResidual, temporary: bool) -> list[FormCandidate]:
         """The best forms over each variable, or two, under a given noise. temporary : those of one run alone, or all
         else."""
         return [one for acts, (acted, _) in self.of.items() for one in scan(residual, acted, [
             entry for entry in self.entries(acts) if entry.forms[0].kind.one_run == temporary])]
 
 
-def scan(residual: WhitenedResidual, acted: ActedOn, entries: Sequence[Entry]) -> list[Candidate]:
+def scan(residual: WhitenedResidual, acted: ActedOn, entries: Sequence[FormGroup]) -> list[FormCandidate]:
     """The best form over each variable, or two, and the best that leaps: an edge that is a little off hides how good it
     is."""
-    found: list[Candidate] = []
+    found: list[FormCandidate] = []
     for entry in entries:
         normal, right = residual.kept_products(acted.channel, entry.kept)
         if entry.level:
@@ -181,10 +181,10 @@ def scan(residual: WhitenedResidual, acted: ActedOn, entries: Sequence[Entry]) -
         single = [k for k, mix in enumerate(entry.mixes) if mix.shape[1] == 1]
         gains = dict(zip(single, gains_of_single(normal, right, np.hstack([entry.mixes[k] for k in single])).tolist(),
                          strict=True)) if single else {}
-        best: dict[tuple[tuple[str, ...], bool], Candidate] = {}
+        best: dict[tuple[tuple[str, ...], bool], FormCandidate] = {}
         for k, (form, mix) in enumerate(zip(entry.forms, entry.mixes, strict=True)):
             gain = gains[k] if k in gains else gain_of(normal, right, mix)
-            one = Candidate(acted.acts, form, gain, gain - form.price)
+            one = FormCandidate(acted.acts, form, gain, gain - form.price)
             place = (form.over, form.kind.leaps)
             if place not in best or one.score > best[place].score:
                 best[place] = one
@@ -234,7 +234,7 @@ def _names(data: RunData, acts: Acts) -> list[str]:
     return [*names, SHAFT_ANGLE] if acts is Acts.SHAFT_PERCENT else names
 
 
-def _tried(acts: Acts, variables: Variables, data: RunData) -> Iterator[list[Tried]]:
+def _tried(acts: Acts, variables: Variables, data: RunData) -> Iterator[list[TriedForm]]:
     """The forms of one quantity, those that share series together."""
     by_name = variables.by_name
     if acts is Acts.SHAFT_RPM:
@@ -242,9 +242,9 @@ def _tried(acts: Acts, variables: Variables, data: RunData) -> Iterator[list[Tri
     for name in variables.one:
         unseen = _moves_unseen(acts, name, data)
         yield [form for kind in FORMS.values() if not (kind.of_moves and unseen) for form in kind.tried(by_name[name])]
-    yield [form for a, b in variables.pairs() for form in Product.tried_with(by_name[a], by_name[b])]
+    yield [form for a, b in variables.pairs() for form in ProductForm.tried_with(by_name[a], by_name[b])]
     for last in variables.never_alone:
-        yield [form for name in variables.two for form in Product.tried_with(by_name[name], by_name[last], alone=1)]
+        yield [form for name in variables.two for form in ProductForm.tried_with(by_name[name], by_name[last], alone=1)]
 
 
 def _moves_unseen(acts: Acts, name: str, data: RunData) -> bool:
@@ -253,9 +253,9 @@ def _moves_unseen(acts: Acts, name: str, data: RunData) -> bool:
     return drive is not None and not drive.moves_seen and name == own
 
 
-def _entry(forms: Sequence[Tried], acted: ActedOn, variables: Variables) -> Entry:
+def _entry(forms: Sequence[TriedForm], acted: ActedOn, variables: Variables) -> FormGroup:
     """Forms with what the series that they share do to the channel."""
-    places: dict[Series, int] = {}
+    places: dict[FormSeries, int] = {}
     for series in (series for form in forms for column in form.columns for series in column):
         places.setdefault(series, len(places))
     mixes = []
@@ -269,5 +269,5 @@ def _entry(forms: Sequence[Tried], acted: ActedOn, variables: Variables) -> Entr
     every = coefficients(np.concatenate((acted.of(rows), acted.constant())).astype(np.float32), acted.channel.cut)
     slow = 2.0 * SLOWER_THAN_HZ * acted.channel.grid.step_s if SHAFT_ANGLE not in forms[0].over else 1.0
     count = max(LEAST_KEPT, int(min(1.0, slow) * every.shape[1]))
-    return Entry(tuple(forms), tuple(mixes), np.ascontiguousarray(every[:, :count], dtype=np.float32),
-                 variables.has_level(forms[0]))
+    return FormGroup(tuple(forms), tuple(mixes), np.ascontiguousarray(every[:, :count], dtype=np.float32),
+                     variables.has_level(forms[0]))

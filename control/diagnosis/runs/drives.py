@@ -14,7 +14,7 @@ from control.machine.shaft import fastest_rpm_s
 from control.machine.term_sums import over_log
 
 from .grid import SMOOTH_S, Grid, bridged, grid_of, smoothed, windows
-from .inputs import FINE_LOG_S, STOPPED_RPM, Rows, rows_of, term_inputs
+from .inputs import FINE_LOG_S, STOPPED_RPM, LogRows, rows_of, term_inputs
 from .log import MIN_ROWS, MIN_SETTLED, Clean
 
 Array = npt.NDArray[np.float64]
@@ -62,7 +62,7 @@ def whole_drives(log: Clean, machine: Machine) -> dict[str, Drive]:
     return drives_of(log, every._replace(more=more), machine, whole=True)
 
 
-def drives_of(log: Clean, every: Rows, machine: Machine, whole: bool) -> dict[str, Drive]:
+def drives_of(log: Clean, every: LogRows, machine: Machine, whole: bool) -> dict[str, Drive]:
     c, found, still_rpm = log.columns, {}, of_nominal(machine, SHAFT_RANGE) * STILL_READ_RPM
     if "shaft" in log.stages:
         since = every.time_s - np.maximum.accumulate(np.where(every.command_rpm != 0.0, every.time_s, -np.inf))
@@ -98,7 +98,7 @@ def against_the_way(time_s: Array, command_rpm: Array, read_rpm: Array, machine:
     return np.asarray(time_s - last <= SETTLES * machine.shaft.time_constant_s)
 
 
-def _sure(every: Rows, command: Array, same: float, dead_s: float, per_s: float) -> npt.NDArray[np.bool_]:
+def _sure(every: LogRows, command: Array, same: float, dead_s: float, per_s: float) -> npt.NDArray[np.bool_]:
     """Rows whose drive has answered every command that can have been given since the row before: (n,).
 
     Where commands may be missing from the log, a row is sure when its command and those of all rows within the time of
@@ -115,7 +115,7 @@ def _sure(every: Rows, command: Array, same: float, dead_s: float, per_s: float)
     return np.asarray(every.time_s >= np.maximum.accumulate(unsure_until))
 
 
-def _late(every: Rows) -> bool:
+def _late(every: LogRows) -> bool:
     """Whether a computer did not keep up: rows are missing, and the others do not stand in whole steps, as they do
     where a logger only lost some."""
     steps = np.diff(every.time_s) / every.step_s
@@ -123,7 +123,7 @@ def _late(every: Rows) -> bool:
             and float(np.mean(np.abs(steps - np.round(steps)) > OFF_STEP)) > LATE_ROWS)
 
 
-def _quick(every: Rows, measured: Array, noise: float) -> npt.NDArray[np.bool_]:
+def _quick(every: LogRows, measured: Array, noise: float) -> npt.NDArray[np.bool_]:
     """Rows of a late computer in which a drive moves by more than its reading's noise in the time by which a row may
     be late: what is read there says when it was read, not what the drive did. (n,)"""
     time, known = every.time_s, np.isfinite(measured)
@@ -133,7 +133,7 @@ def _quick(every: Rows, measured: Array, noise: float) -> npt.NDArray[np.bool_]:
     return np.asarray(maximum_filter1d(rate, 3) * STAMP_SHARE * every.step_s > noise)      # its neighbours as well
 
 
-def _drive(name: str, every: Rows, command: Array, measured: Array, sure: npt.NDArray[np.bool_],
+def _drive(name: str, every: LogRows, command: Array, measured: Array, sure: npt.NDArray[np.bool_],
            *, whole: bool, noise: float, settle_s: float = SETTLE_S, settled: bool = False,
            least: int = MIN_ROWS) -> Drive | None:
     """None where hardly a row can be judged. noise : of a reading (1 s.d.). settled : a row holds a settled answer.

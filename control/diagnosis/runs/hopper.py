@@ -10,7 +10,7 @@ from control.machine.effect import HOPPER, SHAFT_RANGE
 from control.machine.machine import Machine, of_nominal
 
 from .grid import MAX_BRIDGED_STEPS, Grid, grid_of, held
-from .inputs import STOPPED_RPM, Rows
+from .inputs import STOPPED_RPM, LogRows
 
 Array = npt.NDArray[np.float64]
 
@@ -51,7 +51,7 @@ class Hopper(NamedTuple):
     more_kg: Array | float = 0.0        # (m,), of the reading
 
 
-def hopper_of(every: Rows, reading: Array, written: list[tuple[float, float]], machine: Machine) -> Hopper | None:
+def hopper_of(every: LogRows, reading: Array, written: list[tuple[float, float]], machine: Machine) -> Hopper | None:
     """None where the scale was read in too few bins."""
     time = every.time_s
     width = max(HOPPER_STEP_S, every.step_s, float(np.ceil((time[-1] - time[0]) / MAX_BINS)))
@@ -83,7 +83,7 @@ def hopper_of(every: Rows, reading: Array, written: list[tuple[float, float]], m
                   *of_terms(every, edges))
 
 
-def of_terms(every: Rows, edges: Array) -> tuple[Array | float, Array | float, Array | float]:
+def of_terms(every: LogRows, edges: Array) -> tuple[Array | float, Array | float, Array | float]:
     """What the machine file's terms add in each bin: per cent of its flow, kg/s (m+1,), and kg of the reading (m,)."""
     more, time = every.more, every.time_s
     percent: Array | float = 0.0
@@ -114,7 +114,7 @@ def metered_mean(series: Array, metered: Array, time: Array, edges: Array) -> Ar
     return np.where(weight > 0.0, weighted / np.where(weight > 0.0, weight, 1.0), bin_mean(series, time, edges))
 
 
-def _unseen(every: Rows, edges: Array, stopped_rpm: float) -> tuple[float, tuple[tuple[int, float], ...]]:
+def _unseen(every: LogRows, edges: Array, stopped_rpm: float) -> tuple[float, tuple[tuple[int, float], ...]]:
     """What may have been metered between rows, over a straight line from one to the next (`Hopper.unseen`, `gaps`)."""
     if not every.lost.any():
         return 0.0, ()
@@ -128,7 +128,7 @@ def _unseen(every: Rows, edges: Array, stopped_rpm: float) -> tuple[float, tuple
     return float(np.sqrt(np.sum(off[~long] ** 2) / max(1, len(edges) - 1))), gaps
 
 
-def _binned_inputs(every: Rows, edges: Array, width: float, stopped_rpm: float) -> tuple[Array, Array, Array]:
+def _binned_inputs(every: LogRows, edges: Array, width: float, stopped_rpm: float) -> tuple[Array, Array, Array]:
     """Mean shaft speed, opening (weighted with it) and pitch in each bin, the last repeated: (m+1,) each."""
     time, spans, opening = every.time_s, np.diff(every.time_s), every.opening_mm
     rpm = np.where(every.shaft_rpm < stopped_rpm, 0.0, every.shaft_rpm)

@@ -25,7 +25,7 @@ STOPPED_RPM = 1.0           # a shaft read slower than this stands still: the re
 WORKING_RPM = 2.0 * STOPPED_RPM     # and one read quicker surely turns
 
 
-class Rows(NamedTuple):
+class LogRows(NamedTuple):
     """What several stages are given, at every row of the log: (n,) each, gaps bridged."""
 
     time_s: Array
@@ -41,7 +41,7 @@ class Rows(NamedTuple):
     more: dict[str, Array] = {}         # what the machine file's terms add (`term_sums.over_log`)
 
 
-def rows_of(log: Clean, machine: Machine) -> Rows:
+def rows_of(log: Clean, machine: Machine) -> LogRows:
     time, c = log.time_s, log.columns
     command_rpm, command_mm = held(c["shaft_rpm_cmd"]), held(c["opening_mm_cmd"])
     shaft_rpm = bridged(time, c["shaft_rpm"], command_rpm, ASKED_AFTER_S)
@@ -49,7 +49,7 @@ def rows_of(log: Clean, machine: Machine) -> Rows:
     opening_mm = np.where(np.isfinite(command_mm), command_mm, machine.set_points.opening_mm)      # neutral
     turning = np.abs(np.nan_to_num(shaft_rpm)) > of_nominal(machine, SHAFT_RANGE) * WORKING_RPM
     working = np.where(np.isfinite(log.working), log.working, turning)
-    return Rows(time, log.step_s, command_rpm, command_mm, shaft_rpm,
+    return LogRows(time, log.step_s, command_rpm, command_mm, shaft_rpm,
                  bridged(time, c["opening_mm"], opening_mm, ASKED_AFTER_S), smoothed(supply_v, log.step_s),
                  smoothed(bridged(time, c["pitch_deg"], np.zeros(len(time))), log.step_s),
                  working.astype(np.float64), np.zeros(len(time), bool) if log.held else commands_lost(time, log.step_s))
@@ -62,7 +62,7 @@ def commands_lost(time: Array, step_s: float) -> npt.NDArray[np.bool_]:
     return np.diff(time, prepend=time[0]) > GAP_STEPS * step_s
 
 
-def term_inputs(log: Clean, every: Rows, machine: Machine) -> dict[str, Array]:
+def term_inputs(log: Clean, every: LogRows, machine: Machine) -> dict[str, Array]:
     """What terms are asked with, at every row of a log (n,): readings, and the commands that the drives follow by now.
 
     What a log lacks is left out, and so are the terms over it.
@@ -82,7 +82,7 @@ def term_inputs(log: Clean, every: Rows, machine: Machine) -> dict[str, Array]:
     return found | read_slowly(log, every) | further
 
 
-def read_slowly(log: Clean, every: Rows) -> dict[str, Array]:
+def read_slowly(log: Clean, every: LogRows) -> dict[str, Array]:
     """Readings of other sensors than the drives', smoothed, (n,) by name: their noise is no motion of the machine."""
     found = {name: series for name, series in (("supply_v", every.supply_v), ("pitch_deg", every.pitch_deg))
              if log.has(name)}
@@ -94,7 +94,7 @@ def read_slowly(log: Clean, every: Rows) -> dict[str, Array]:
     return found
 
 
-def variables_of(log: Clean, every: Rows) -> dict[str, Array]:
+def variables_of(log: Clean, every: LogRows) -> dict[str, Array]:
     """The recorded variables that something may depend on, (n,) by name; commands in place of the drives' readings."""
     found = {"time_s": every.time_s}
     if "shaft" in log.stages or "flow" in log.stages:

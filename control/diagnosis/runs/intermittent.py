@@ -25,7 +25,7 @@ from .hypothesis import EffectInstance, schedule, stages_of
 from .model import GROUPS
 from .robust import FREEDOM
 from .search import DIPS_WITHIN_S
-from .speed_and_heads import Speed
+from .speed_and_heads import TwoSpeeds
 from .stages import RunData
 
 Array = npt.NDArray[np.float64]
@@ -93,7 +93,7 @@ def _where(data: RunData) -> list[Array]:
             if name not in COMES_WITH_TIME]
 
 
-def _without_dips(s: Speed, where: Sequence[Array]) -> tuple[Speed, ReadOff | None]:
+def _without_dips(s: TwoSpeeds, where: Sequence[Array]) -> tuple[TwoSpeeds, ReadOff | None]:
     """Rows in which a good part of the wheel's speed is missing are put back to the GNSS speed.
 
     where : variables that a wheel's rolling may depend on (rows,).
@@ -188,7 +188,7 @@ def _starts(on: BoolArray) -> int:
     return int((on & ~np.insert(on[:-1], 0, False)).sum())
 
 
-class _Level(NamedTuple):
+class _ScaleLevel(NamedTuple):
     """What the nominal machine leaves of a scale, at the even grid (m,)."""
 
     predicted: Array
@@ -208,8 +208,8 @@ def _without_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, ReadOff | Non
     left = channel.measured - predicted
     steps = np.abs(np.diff(left, append=left[-1:]))
     swell = np.maximum(1.0, median_filter(steps, SWELL) / max(float(np.median(steps)), 1e-9))
-    level = _Level(predicted, left, swell, *(np.searchsorted(h.grid.even_s, h.time_s[list(bins)])
-                                             for bins in (h.jumps, [end for end, _ in h.gaps])))
+    level = _ScaleLevel(predicted, left, swell, *(np.searchsorted(h.grid.even_s, h.time_s[list(bins)])
+                                                  for bins in (h.jumps, [end for end, _ in h.gaps])))
     found = [one for one in (_long_bridges(h, level), _short_bridges(h, level)) if one is not None]
     if not found:
         return h, None
@@ -218,7 +218,7 @@ def _without_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, ReadOff | Non
     return h._replace(reading_kg=h.reading_kg - np.interp(at_s, h.grid.even_s, stayed_kg)), seen
 
 
-def _short_bridges(h: Hopper, level: _Level) -> tuple[Array, ReadOff] | None:
+def _short_bridges(h: Hopper, level: _ScaleLevel) -> tuple[Array, ReadOff] | None:
     """Upward steps of (reading - prediction), each against the mean level on both of its sides: what stayed behind
     (m,), kg.
 
@@ -273,7 +273,7 @@ def _peaks(z: Array, apart: int, log_places: float) -> npt.NDArray[np.int64]:
     return np.array(sorted(kept), np.int64)
 
 
-def _long_bridges(h: Hopper, level: _Level) -> tuple[Array, ReadOff] | None:
+def _long_bridges(h: Hopper, level: _ScaleLevel) -> tuple[Array, ReadOff] | None:
     """Blocks in which the scale stood still: what stayed behind (m,), kg."""
     even, left, predicted = h.grid.even_s, level.left, level.predicted
     hop = max(1, round(BLOCK_S / h.grid.step_s))

@@ -45,7 +45,7 @@ FROM_RPM = 5.0              # a saw-tooth is looked for above this speed
 MIN_CHANCE = 1e-3           # of a reading: some were taken while the shaft changed its speed
 
 
-class Steps(NamedTuple):
+class ReadingSteps(NamedTuple):
     """Readings that are whole numbers of one step, from the first of these rows on."""
 
     step_rpm: float
@@ -54,7 +54,7 @@ class Steps(NamedTuple):
     first: int = 0
 
 
-def steps_to_the_end(readings_rpm: Array, min_step_rpm: float = MIN_STEP_RPM) -> Steps | None:
+def steps_to_the_end(readings_rpm: Array, min_step_rpm: float = MIN_STEP_RPM) -> ReadingSteps | None:
     """The step of which every reading (n,) is a whole number, from some row to the last; None where there is none.
 
     An encoder that lost its fine track within the log reads in steps from then on.
@@ -96,7 +96,7 @@ def _off(readings_rpm: Array, step_rpm: float) -> Array:
     return np.abs(readings_rpm - step_rpm * np.round(readings_rpm / step_rpm))
 
 
-def whole_steps(readings_rpm: Array, min_step_rpm: float = MIN_STEP_RPM) -> Steps | None:
+def whole_steps(readings_rpm: Array, min_step_rpm: float = MIN_STEP_RPM) -> ReadingSteps | None:
     """The step of which every reading (n,) above zero is a whole number; None where they lie on no such steps.
 
     Readings that are alike are one fact, and one of them sets the step: each other one lies on it by chance.
@@ -114,7 +114,7 @@ def whole_steps(readings_rpm: Array, min_step_rpm: float = MIN_STEP_RPM) -> Step
         evidence = -(len(kinds) - 1.0) * float(np.log(_by_chance(step))) - float(np.log(len(PARTS) * len(TAILS)))
         odds = evidence + prior_odds(EffectInstance(effects.SHAFT_COARSE_ENCODER.id, step))
         if odds > SAID and np.mean(_off(turning, step) < _near(step)) >= ON_STEPS:
-            return Steps(step, WRITTEN_RPM / float(np.max(number)), odds)
+            return ReadingSteps(step, WRITTEN_RPM / float(np.max(number)), odds)
     return None
 
 

@@ -42,7 +42,7 @@ DIFFER_P = 1e-3             # passes that differ more than this are said to diff
 DROP_90 = float(chdtri(1, 0.1))
 
 
-class _Pass(NamedTuple):
+class _RatePass(NamedTuple):
     begin_s: float
     end_s: float
     sums: Array                 # (lags,): residual sum of squares
@@ -135,7 +135,7 @@ def _course(columns: Mapping[str, npt.NDArray[Any]], time: Array) -> Array:
 
 
 def _fitted(columns: Mapping[str, npt.NDArray[Any]], time: Array, rows: npt.NDArray[np.int64], lags: Array
-            ) -> _Pass | None:
+            ) -> _RatePass | None:
     at, target, applied = (np.asarray(columns[name], np.float64)[rows] for name in ("time_s", TARGET, APPLIED))
     asked = (at >= at[0] + MAX_LAG_S) & (at <= at[-1] - MAX_LAG_S)
     if asked.sum() < MIN_ROWS or not (target > 0.0).any():
@@ -153,11 +153,11 @@ def _fitted(columns: Mapping[str, npt.NDArray[Any]], time: Array, rows: npt.NDAr
     mps = float("nan") if speed is None else float(np.nanmean(np.asarray(speed, np.float64)[rows]))
     mean = float(np.mean(target))
     products = (float(left @ left) + 1e-12, float(left[1:] @ left[:-1]), float(left[2:] @ left[:-2]))
-    return _Pass(float(at[0]), float(at[-1]), np.maximum(sums, 1e-9 * float(y @ y) + 1e-12), gains, weight, len(y),
-                 products, float(np.std(target[asked])) > MIN_CHANGE * mean, mps)
+    return _RatePass(float(at[0]), float(at[-1]), np.maximum(sums, 1e-9 * float(y @ y) + 1e-12), gains, weight, len(y),
+                     products, float(np.std(target[asked])) > MIN_CHANGE * mean, mps)
 
 
-def _independent(passes: list[_Pass]) -> float:
+def _independent(passes: list[_RatePass]) -> float:
     """Independent rows for each row: of all passes at once, for they share one machine.
 
     What is left is a first-order process and white noise, which is also what the target's steps leave between rows:
@@ -171,7 +171,7 @@ def _independent(passes: list[_Pass]) -> float:
     return max(3.0 / rows, 1.0 / (1.0 + 2.0 * c1 / (1.0 - r)))
 
 
-def _fit(number: int | None, passes: list[_Pass], lags: Array, row_s: float) -> RateFit:
+def _fit(number: int | None, passes: list[_RatePass], lags: Array, row_s: float) -> RateFit:
     """All of `passes` with one lag, each with its own gain; number None: all passes of the data."""
     independent = _independent(passes)
     together = sum((one.sums for one in passes), np.zeros(len(lags)))
@@ -204,7 +204,7 @@ def _lag(drop: Array, best: int, lags: Array, row_s: float) -> Size:
     return Size(value, value - below, value + above, "s")
 
 
-def _gain(passes: list[_Pass], at: int, independent: float) -> tuple[float, float, bool]:
+def _gain(passes: list[_RatePass], at: int, independent: float) -> tuple[float, float, bool]:
     """Weighted mean, half of its 90 % interval, and whether the passes differ: then the interval holds that too
     (Birge, The calculation of errors by the method of least squares, Physical Review 40, 1932)."""
     gains = np.array([one.gains[at] for one in passes])

@@ -66,7 +66,7 @@ class GroupResult(NamedTuple):
     unknown: tuple[float, ...] = ()             # of each part: log odds of something unknown in its place
 
 
-class Board:
+class Scores:
     """The score of models: log evidence and log prior odds. Times of beginning cost what their scan says."""
 
     def __init__(self, search: Search) -> None:
@@ -155,7 +155,7 @@ class Board:
 def judge_group(search: Search) -> GroupResult:
     """Judge a group: forward selection, each step reviewed; then what is beyond the catalogue."""
     null = _nothing(search)
-    board = Board(search)
+    board = Scores(search)
     first = search.scan((), null.noise)
     current = null
     worths: tuple[float, ...] = ()
@@ -195,7 +195,7 @@ def _is_split(search: Search, parts: Hypothesis) -> bool:
     return any(key.endswith(TIMED) for key in moved)
 
 
-def _settled(board: Board, now: FittedHypothesis) -> FittedHypothesis:
+def _settled(board: Scores, now: FittedHypothesis) -> FittedHypothesis:
     """A model once more, along with it the nominal values and outliers."""
     search = board.search
     now = search.walked(now)
@@ -214,7 +214,7 @@ def _draw_in(search: Search, parts: Hypothesis) -> None:
     draw_in(search.columns, parts, more)
 
 
-def _forward(board: Board, now: FittedHypothesis, proposed: Sequence[EffectInstance]) -> FittedHypothesis | None:
+def _forward(board: Scores, now: FittedHypothesis, proposed: Sequence[EffectInstance]) -> FittedHypothesis | None:
     """The best model with one more part, where it is likelier than without."""
     refits = [board.refit((*now.parts, part), now) for part in proposed]
     refits = sorted((one for one in refits if one.collinearity < MAX_COLLINEARITY),
@@ -226,7 +226,7 @@ def _forward(board: Board, now: FittedHypothesis, proposed: Sequence[EffectInsta
     return best if board.worth(best, len(now.parts), now) > SAID else None
 
 
-def _together(board: Board, now: FittedHypothesis, better: FittedHypothesis | None, proposed: Sequence[EffectInstance]
+def _together(board: Scores, now: FittedHypothesis, better: FittedHypothesis | None, proposed: Sequence[EffectInstance]
               ) -> FittedHypothesis | None:
     """The likeliest of a model with one more part and of those whose curve, or answer to a step, is fitted as a whole;
     the latter are tried where something is there: a part, or more noise than the machine file's can be."""
@@ -240,7 +240,7 @@ def _together(board: Board, now: FittedHypothesis, better: FittedHypothesis | No
     return max(ahead, key=board.score, default=better)
 
 
-def _refined(board: Board, found: FittedHypothesis) -> FittedHypothesis:
+def _refined(board: Scores, found: FittedHypothesis) -> FittedHypothesis:
     """A model whose last part begins within the log, its times moved to where they fit best."""
     last = found.parts[-1]
     if last.onset_s is None or CATALOGUE[last.id].effect.onset_only:
@@ -248,7 +248,7 @@ def _refined(board: Board, found: FittedHypothesis) -> FittedHypothesis:
     return refined(board.search, found, board.search.model.data)
 
 
-def _proposed(board: Board, now: FittedHypothesis) -> list[EffectInstance]:
+def _proposed(board: Scores, now: FittedHypothesis) -> list[EffectInstance]:
     """The best parts to add by their scans, of every course in time."""
     search = board.search
     found = _one_of_each(search.scan(now.parts, now.noise))
@@ -265,7 +265,7 @@ def _proposed(board: Board, now: FittedHypothesis) -> list[EffectInstance]:
     return [as_started(f.part) for f in (*near, *thresholds, *alike, *stopped)]
 
 
-def _near(board: Board, scanned: list[ScoreTest]) -> list[ScoreTest]:
+def _near(board: Scores, scanned: list[ScoreTest]) -> list[ScoreTest]:
     """Those of a scan that may be the likeliest: near the best of their course in time by their rough odds. Courses are
     not held against each other before a refit: a scan fits the noise of steady effects only."""
     courses: dict[str, list[ScoreTest]] = {}
@@ -278,7 +278,7 @@ def _near(board: Board, scanned: list[ScoreTest]) -> list[ScoreTest]:
     return found
 
 
-def _begin(board: Board, now: FittedHypothesis) -> list[ScoreTest]:
+def _begin(board: Scores, now: FittedHypothesis) -> list[ScoreTest]:
     """The best parts that begin within the log, at once or growing, or come and go, a few of each."""
     search = board.search
     shaft = search.model.data.shaft if "shaft" in search.model.names else None
@@ -304,7 +304,7 @@ def _one_of_each(found: list[ScoreTest]) -> list[ScoreTest]:
     return list(best.values())
 
 
-def _reviewed(board: Board, now: FittedHypothesis
+def _reviewed(board: Scores, now: FittedHypothesis
               ) -> tuple[FittedHypothesis, tuple[float, ...], tuple[tuple[RivalOf, ...], ...]]:
     """The model with each part against what could stand in its place and against nothing, until none is better; of the
     models on the way whose parts are all likelier than nothing, the likeliest. A rival that is ahead of it where only
@@ -342,7 +342,7 @@ def _listed_before(one: EffectInstance, other: EffectInstance) -> bool:
     return order.index(one.id) < order.index(other.id)
 
 
-def _rivals(board: Board, now: FittedHypothesis) -> tuple[tuple[float, ...], tuple[tuple[RivalOf, ...], ...]]:
+def _rivals(board: Scores, now: FittedHypothesis) -> tuple[tuple[float, ...], tuple[tuple[RivalOf, ...], ...]]:
     """What each part is worth, and what could stand in its place within the window. How far one model is ahead of
     another is had directly, and by what each is worth over nothing: either counts even evidence alone and is a lower
     bound, so that the higher one holds."""
@@ -366,7 +366,7 @@ def _rivals(board: Board, now: FittedHypothesis) -> tuple[tuple[float, ...], tup
     return tuple(worths), tuple(rivals)
 
 
-def _in_its_place(board: Board, alone: FittedHypothesis, part: EffectInstance) -> list[EffectInstance]:
+def _in_its_place(board: Scores, alone: FittedHypothesis, part: EffectInstance) -> list[EffectInstance]:
     """What could stand in a part's place: steady, or in a course of its own; of the part itself its other courses."""
     search = board.search
     scanned = _one_of_each(search.scan(alone.parts, alone.noise))

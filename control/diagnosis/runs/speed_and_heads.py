@@ -12,7 +12,7 @@ from control.machine.machine import Machine
 from control.recordings.speeds import MOVING_MPS
 
 from .grid import SMOOTH_S, Grid, grid_of, looked_at
-from .inputs import Rows
+from .inputs import LogRows
 from .log import MIN_ROWS
 
 Array = npt.NDArray[np.float64]
@@ -30,7 +30,7 @@ FRESH_SHARE = 0.7           # of the rows new: a sensor with more is as quick as
 HEAD_THERE = 0.2            # of the rows: a head known in fewer is not there
 
 
-class Speed(NamedTuple):
+class TwoSpeeds(NamedTuple):
     """Wheel against GNSS at the rows where GNSS is new."""
 
     time_s: Array
@@ -44,7 +44,7 @@ class Speed(NamedTuple):
     unseen_percent: float = 0.0         # (1 s.d.) of the wheel's speed, missing in dips too short to be taken out
 
 
-class Heads(NamedTuple):
+class HeadContrasts(NamedTuple):
     """Contrast of each head with the mean of all, at the rows where the heads are new."""
 
     time_s: Array
@@ -53,7 +53,7 @@ class Heads(NamedTuple):
     grid: Grid
 
 
-def speed_of(every: Rows, gnss: Array, wheel: Array, machine: Machine) -> Speed | None:
+def speed_of(every: LogRows, gnss: Array, wheel: Array, machine: Machine) -> TwoSpeeds | None:
     """Both speeds where they are new; None where they hardly ever are.
 
     The mean weighted with both sensors' precision is the one whose noise their difference knows nothing of.
@@ -81,8 +81,8 @@ def speed_of(every: Rows, gnss: Array, wheel: Array, machine: Machine) -> Speed 
     looked = moving if moving.sum() > MOVES_SHARE * len(at) else np.ones(len(at), bool)
     grid = grid_of(at, looked, step, seam_s=FORGETS_S)
     more = every.more.get("wheel_percent")
-    return Speed(at, smooth, every.working[rows], every.pitch_deg[rows], wheel_there, gnss[rows], grid,
-                 0.0 if more is None else more[rows])
+    return TwoSpeeds(at, smooth, every.working[rows], every.pitch_deg[rows], wheel_there, gnss[rows], grid,
+                     0.0 if more is None else more[rows])
 
 
 def _trust(gnss: Array, wheel: Array, machine: Machine) -> float:
@@ -139,7 +139,7 @@ def moves(gnss: Array, wheel: Array) -> npt.NDArray[np.bool_]:
     return np.where(known, np.fmax(gnss, wheel) > MOVING_MPS, ~known.any())
 
 
-def heads_of(time: Array, ndvi: Array, moves: npt.NDArray[np.bool_]) -> Heads | None:
+def heads_of(time: Array, ndvi: Array, moves: npt.NDArray[np.bool_]) -> HeadContrasts | None:
     """The heads while the machine moves: where it stands, each sees its own piece of canopy all the time, which is no
     trait of the head."""
     there = np.isfinite(ndvi).mean(axis=1) > HEAD_THERE
@@ -153,4 +153,5 @@ def heads_of(time: Array, ndvi: Array, moves: npt.NDArray[np.bool_]) -> Heads | 
         return None
     at = time[rows]
     used = ndvi[:, rows]
-    return Heads(at, used, np.nanmean(used, axis=0), grid_of(at, np.ones(len(at), bool), float(np.median(np.diff(at)))))
+    return HeadContrasts(at, used, np.nanmean(used, axis=0), grid_of(at, np.ones(len(at), bool),
+                                                                     float(np.median(np.diff(at)))))

@@ -15,7 +15,7 @@ from .grid import bridged, known_rows, smoothed
 from .hopper import Hopper, hopper_of, refills_written
 from .inputs import rows_of, term_inputs, variables_of
 from .log import HEADS, Clean
-from .speed_and_heads import Heads, Speed, heads_of, moves, speed_of
+from .speed_and_heads import HeadContrasts, TwoSpeeds, heads_of, moves, speed_of
 
 Array = npt.NDArray[np.float64]
 
@@ -29,8 +29,8 @@ class RunData(NamedTuple):
     shaft: Drive | None
     gate: Drive | None
     hopper: Hopper | None
-    speed: Speed | None
-    heads: Heads | None
+    speed: TwoSpeeds | None
+    heads: HeadContrasts | None
     inputs: dict[str, Array] = {}       # what terms are asked with (`terms.needed`), at `row_s`
     row_s: Array = np.empty(0)          # time of every row, of a long log of the `known_rows`
 

@@ -33,13 +33,13 @@ from control.diagnosis.judgement.evidence import (
 )
 from control.diagnosis.judgement.noise import Noise, coefficients, series_of
 from control.machine.compiled import term_run
-from control.machine.form import Tried
-from control.machine.forms import SPAN_PLACES, Lost, Periodic, Span
+from control.machine.form import TriedForm
+from control.machine.forms import SPAN_PLACES, Lost, Periodic, SpanForm
 from control.machine.term_sums import over_log
 from control.machine.terms import STAGE_OF, UNIT_OF, Acts, Interval, Term, own_command
 
 from .coarsening import even_gain
-from .dictionary import CHANNEL_OF, ActedOn, Candidate, Dictionary, Variables, scan
+from .dictionary import CHANNEL_OF, ActedOn, Dictionary, FormCandidate, Variables, scan
 from .held_out import amplitudes, errors_of, held_out
 from .hypothesis import EffectInstance
 from .search import FittedHypothesis, Search
@@ -72,7 +72,7 @@ class FittedTerm(NamedTuple):
     """A term that a log shows."""
 
     term: Term
-    tried: Tried
+    tried: TriedForm
     gain: float                         # of twice the log-likelihood, its noise refitted
     worth: float                        # log posterior odds against nothing in its place
     columns: tuple[Column, ...]         # level (where it is open) and form
@@ -93,7 +93,7 @@ class FittedTerm(NamedTuple):
         return len(self.columns) - len(self.tried.columns)
 
 
-class Given:
+class TriedOn:
     """What a term is tried on top of: a hypothesis, and the terms before. base : columns of all that; noise : under
     it."""
 
@@ -122,28 +122,28 @@ def found_terms(search: Search, dictionary: Dictionary, now: FittedHypothesis,
     no term is over alone."""
     terms: list[FittedTerm] = []
     for _ in range(MAX_TERMS):
-        best = _best(Given(search, dictionary, now, terms), not_over)
+        best = _best(TriedOn(search, dictionary, now, terms), not_over)
         if best is None:
             break
         terms.append(best)
-    return _refit_jointly(Given(search, dictionary, now), terms) if len(terms) > 1 else terms
+    return _refit_jointly(TriedOn(search, dictionary, now), terms) if len(terms) > 1 else terms
 
 
 def best_span(search: Search, dictionary: Dictionary, now: FittedHypothesis, part: EffectInstance) -> FittedTerm | None:
     """The best constant that is there as long as a part, of any quantity, on top of a hypothesis: something unknown in
     the part's place. None where no quantity is looked at over time."""
-    given = Given(search, dictionary, now)
+    given = TriedOn(search, dictionary, now)
     shape = {"low_end": part.onset_s or 0.0, "high_end": np.inf if part.until_s is None else part.until_s}
     found = []
     for acts, (_, variables) in dictionary.of.items():
         if "time_s" in variables.one:
             time = variables.by_name["time_s"]
-            span = Tried(Span, ("time_s",), shape, Span.columns(shape, time, time), SPAN_PLACES ** 2)
-            found.append(_verified(given, Candidate(acts, span), given.noise))
+            span = TriedForm(SpanForm, ("time_s",), shape, SpanForm.columns(shape, time, time), SPAN_PLACES ** 2)
+            found.append(_verified(given, FormCandidate(acts, span), given.noise))
     return max(found, key=lambda one: one.worth, default=None)
 
 
-def _best(given: Given, not_over: frozenset[str]) -> FittedTerm | None:
+def _best(given: TriedOn, not_over: frozenset[str]) -> FittedTerm | None:
     """The likeliest term; None where it is likelier without."""
     verified = [_verified(given, candidate, given.noise) for candidate in _candidates(given)
                 if not set(candidate.tried.over) <= not_over or candidate.tried.kind is Lost]
@@ -154,10 +154,10 @@ def _best(given: Given, not_over: frozenset[str]) -> FittedTerm | None:
     return best._replace(held_out=_held_out_gain(given, best))
 
 
-def _form_again(given: Given, one: FittedTerm) -> FittedTerm:
+def _form_again(given: TriedOn, one: FittedTerm) -> FittedTerm:
     """The best form over the same variable under the noise that a term leaves: without it drift stood for a part of
     what it does, and bent the choice."""
-    if len(one.tried.over) > 1 or one.tried.kind in (Span, Periodic, Lost):
+    if len(one.tried.over) > 1 or one.tried.kind in (SpanForm, Periodic, Lost):
         return one
     acts = one.term.acts_on
     residual = given.whitened(one.noise)
@@ -167,11 +167,11 @@ def _form_again(given: Given, one: FittedTerm) -> FittedTerm:
     return max([one, *(_verified(given, candidate, one.noise) for candidate in ranked)], key=lambda found: found.worth)
 
 
-def _candidates(given: Given) -> list[Candidate]:
+def _candidates(given: TriedOn) -> list[FormCandidate]:
     """The best under the noise that the hypothesis leaves, which may hide a slow form, and under a calm one, under
     which drift looks like one: of each quantity and variables one form under each. Where something comes and goes is
     seen only in noise without its slow part: its edges are half a class off."""
-    chosen: dict[tuple[Acts, tuple[str, ...], str, int], Candidate] = {}
+    chosen: dict[tuple[Acts, tuple[str, ...], str, int], FormCandidate] = {}
     temporary = given.dictionary.scanned(given.whitened(_still(given.noise)), temporary=True)
     for noise in (given.noise,) if given.calm == given.noise else (given.noise, given.calm):
         lasting = given.dictionary.scanned(given.whitened(noise), temporary=False)
@@ -190,7 +190,7 @@ def _still(noise: dict[str, Noise]) -> dict[str, Noise]:
             for name, one in noise.items()}
 
 
-def _settled(given: Given, one: Candidate, noise: dict[str, Noise]) -> Tried:
+def _settled(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> TriedForm:
     """The shape moved in ever smaller steps to where the form gains most under a noise."""
     form, (acted, variables) = one.tried, given.dictionary.of[one.acts]
     kind, x = form.kind, variables.by_name[form.over[0]]
@@ -199,7 +199,7 @@ def _settled(given: Given, one: Candidate, noise: dict[str, Noise]) -> Tried:
     residual = given.whitened(noise)
     constant = acted.constant()[:variables.has_level(form)]
 
-    def gain(form: Tried) -> float:
+    def gain(form: TriedForm) -> float:
         series = np.concatenate((acted.of(form.rows(variables.by_name)), constant))
         return gain_of(*residual.products(acted.channel, series), np.eye(len(series)))
     best = gain(form)
@@ -216,7 +216,7 @@ def _settled(given: Given, one: Candidate, noise: dict[str, Noise]) -> Tried:
     return form
 
 
-def _verified(given: Given, one: Candidate, noise: dict[str, Noise]) -> FittedTerm:
+def _verified(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> FittedTerm:
     """A candidate with its shape settled, refitted with the noise. noise : where the fits start."""
     base, (acted, variables) = len(given.base), given.dictionary.of[one.acts]
     quiet = _still(noise) if one.tried.kind.leaps else calm(noise, given.channels)
@@ -243,7 +243,7 @@ def _verified(given: Given, one: Candidate, noise: dict[str, Noise]) -> FittedTe
                       _field_percent(term, given.data), full.noise, full.log_evidence, log_prior)
 
 
-def _fits(given: Given, p: Problem, count: int, noise: dict[str, Noise], usual: float) -> tuple[Fit, Fit, float]:
+def _fits(given: TriedOn, p: Problem, count: int, noise: dict[str, Noise], usual: float) -> tuple[Fit, Fit, float]:
     """The best fits without a form and with it, and the log weight of the prior of its sizes. count : columns before
     it."""
     before, every, sizes = np.arange(count), np.arange(len(p.sd)), np.arange(count, len(p.sd))
@@ -259,13 +259,13 @@ def _fits(given: Given, p: Problem, count: int, noise: dict[str, Noise], usual: 
     return max(plain, again, key=lambda fit: fit.log_likelihood), full, weight
 
 
-def _log_prior(quantities: int, form: Tried, variables: Variables) -> float:
+def _log_prior(quantities: int, form: TriedForm, variables: Variables) -> float:
     """Log prior odds of a form."""
     count = len(variables.one) if len(form.over) == 1 else len(variables.pairs())
     return prior.log_odds_of_form(quantities, count, form.places, form.kind.one_run)
 
 
-def _refit_jointly(given: Given, terms: Sequence[FittedTerm]) -> list[FittedTerm]:
+def _refit_jointly(given: TriedOn, terms: Sequence[FittedTerm]) -> list[FittedTerm]:
     """The same terms with the sizes that they have together: the first was fitted before the others came."""
     columns: list[Column] = []
     levels: dict[Acts, int] = {}        # a quantity has one level, whatever terms act on it
@@ -323,7 +323,7 @@ def _along(one: Column, level: Column) -> float:
     return along / max(size, 1e-300) if abs(along) > A_LEVEL * np.sqrt(float(a @ a) * size) else 0.0
 
 
-def _term(acts: Acts, form: Tried, sizes: Array, level: float, fit: Fit, at: int, variables: Variables) -> Term:
+def _term(acts: Acts, form: TriedForm, sizes: Array, level: float, fit: Fit, at: int, variables: Variables) -> Term:
     """The term of a form's amplitudes, which a fit has from place `at` on, and its level."""
     written = form.written(sizes.tolist(), level, variables.by_name)
     intervals: tuple[Interval, ...] = ()
@@ -361,7 +361,7 @@ def _field_percent(term: Term, data: RunData) -> float:
     return float(np.std(wrong))
 
 
-def _held_out_gain(given: Given, one: FittedTerm) -> float:
+def _held_out_gain(given: TriedOn, one: FittedTerm) -> float:
     """Share of the held-out mean square error that a term takes away, its amplitudes fitted to the other blocks."""
     name = CHANNEL_OF[one.term.acts_on]
     channel = given.search.model.channel(name)

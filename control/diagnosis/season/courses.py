@@ -16,7 +16,7 @@ from control.diagnosis.judgement.evidence import Z90
 from .changes import NEAR, Stretch
 from .evidence import Array
 from .forms import Logs, OneLog, stacked
-from .mixed import MACHINE, Alternative, Cause, Levels, Solved, found, levels_of, scan, solved
+from .mixed import MACHINE, Alternative, EffectAtLevel, Levels, Solved, found, levels_of, scan, solved
 
 WEAR_P = 1e-3               # of a slope, that it is noise
 REPAIR_SHARE = 0.25         # of an effect, that a repair takes away at least
@@ -25,7 +25,7 @@ AROUND = 5                  # logs on either side of a change, of which its size
 SAME_LOGS = 0.9             # of two levels' logs: then the two are not told apart
 
 
-class Piece(NamedTuple):
+class CoursePiece(NamedTuple):
     """A straight piece of a course: sizes at its begin and end, and their 90 % intervals' half widths."""
 
     begin_d: float
@@ -38,7 +38,7 @@ class Piece(NamedTuple):
     per_day_p: float            # that the slope is noise
 
 
-class Change(NamedTuple):
+class SeasonChange(NamedTuple):
     """Something was done to a machine between two logs. repair: probability that it was, and made the effect less."""
 
     time_d: float
@@ -60,10 +60,10 @@ class Course(NamedTuple):
     times_d: tuple[float, ...]
     sizes: tuple[float, ...]
     half: tuple[float, ...]
-    pieces: tuple[Piece, ...]
+    pieces: tuple[CoursePiece, ...]
     mean: float
     mean_half: float
-    changes: tuple[Change, ...] = ()
+    changes: tuple[SeasonChange, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
 
     @property
@@ -103,7 +103,7 @@ class Same(NamedTuple):
     other_level: str
 
 
-class Fit(NamedTuple):
+class SeasonFit(NamedTuple):
     """levels: of every effect that is reported, every level of every factor, those reported among them."""
 
     courses: tuple[Course, ...] = ()
@@ -112,11 +112,11 @@ class Fit(NamedTuple):
     same: tuple[Same, ...] = ()
 
 
-def fitted(logs: Sequence[OneLog]) -> Fit:
+def fitted(logs: Sequence[OneLog]) -> SeasonFit:
     """The whole season at once."""
     every = stacked(logs)
     if not every.names:
-        return Fit((), (), (), tuple(_same(levels_of(every))) if every.logs else ())
+        return SeasonFit((), (), (), tuple(_same(levels_of(every))) if every.logs else ())
     causes = found(every)
     post = solved(every, causes)
     courses_, shared = list[Course](), list[Shared]()
@@ -129,11 +129,11 @@ def fitted(logs: Sequence[OneLog]) -> Fit:
                                  Z90 * float(post.cov[here, here][0, 0]) ** 0.5, float(expit(cause.log_odds)),
                                  len(cause.at), cause.alternatives))
     levels = levels_of(every)
-    return Fit(tuple(sorted(courses_, key=lambda one: (one.machine, one.effect))), tuple(shared),
-               tuple(_levels(every, levels, causes, post, courses_, shared)), tuple(_same(levels)))
+    return SeasonFit(tuple(sorted(courses_, key=lambda one: (one.machine, one.effect))), tuple(shared),
+                     tuple(_levels(every, levels, causes, post, courses_, shared)), tuple(_same(levels)))
 
 
-def _course(logs: Logs, cause: Cause, mean: Array, cov: Array, post: Solved) -> Course:
+def _course(logs: Logs, cause: EffectAtLevel, mean: Array, cov: Array, post: Solved) -> Course:
     """Each log's own size: what all other terms leave, at their means, with this one left in."""
     assert cause.course is not None
     at, times_d = cause.at, logs.times_d[cause.at]
@@ -148,7 +148,7 @@ def _course(logs: Logs, cause: Cause, mean: Array, cov: Array, post: Solved) -> 
 
 
 def _pieces(stretches: Sequence[Stretch], times_d: Array, columns: Array, mean: Array, cov: Array, variance: Array
-            ) -> Iterator[Piece]:
+            ) -> Iterator[CoursePiece]:
     for one in stretches:
         first, last = columns[one.begin], columns[one.end - 1]
         days = float(times_d[one.end - 1] - times_d[one.begin])
@@ -159,11 +159,12 @@ def _pieces(stretches: Sequence[Stretch], times_d: Array, columns: Array, mean: 
         halves = [Z90 * float(row @ cov @ row) ** 0.5 for row in (first, last)]
         if one.kind == "gone":
             halves = [Z90 * float(np.sum(1.0 / variance[one.begin:one.end])) ** -0.5] * 2
-        yield Piece(float(times_d[one.begin]), float(times_d[one.end - 1]), float(first @ mean), float(last @ mean),
-                    halves[0], halves[1], per_day, float(2.0 * ndtr(-abs(per_day) / sd)) if sd > 0.0 else 1.0)
+        yield CoursePiece(float(times_d[one.begin]), float(times_d[one.end - 1]), float(first @ mean),
+                          float(last @ mean),
+                          halves[0], halves[1], per_day, float(2.0 * ndtr(-abs(per_day) / sd)) if sd > 0.0 else 1.0)
 
 
-def _changes(cause: Cause, times_d: Array, sizes: Array, variance: Array) -> Iterator[Change]:
+def _changes(cause: EffectAtLevel, times_d: Array, sizes: Array, variance: Array) -> Iterator[SeasonChange]:
     """Where the likeliest course breaks, and where it may well have."""
     course = cause.course
     assert course is not None
@@ -178,8 +179,8 @@ def _changes(cause: Cause, times_d: Array, sizes: Array, variance: Array) -> Ite
         was, is_ = ((float(np.average(sizes[part], weights=1.0 / variance[part])),
                      float(np.sum(1.0 / variance[part])) ** -1.0) for part in (early, late))
         probability = course.near(gap)
-        yield Change(0.5 * float(times_d[gap] + times_d[gap + 1]), probability,
-                     probability * _nearer_zero(*was, *is_), was[0], is_[0], len(sizes) - gap - 1)
+        yield SeasonChange(0.5 * float(times_d[gap] + times_d[gap + 1]), probability,
+                           probability * _nearer_zero(*was, *is_), was[0], is_[0], len(sizes) - gap - 1)
 
 
 def _nearer_zero(was: float, was_variance: float, is_: float, is_variance: float) -> float:
@@ -191,7 +192,7 @@ def _nearer_zero(was: float, was_variance: float, is_: float, is_variance: float
         (left * abs(was) + sign * is_) / sd) - 1.0))
 
 
-def _levels(logs: Logs, levels: Levels, causes: Sequence[Cause], post: Solved, courses_: Sequence[Course],
+def _levels(logs: Logs, levels: Levels, causes: Sequence[EffectAtLevel], post: Solved, courses_: Sequence[Course],
             shared: Sequence[Shared]) -> Iterator[Shared]:
     """Every level of every effect that is reported: as reported, else shrunk by the other levels of its factor."""
     seen = scan(logs, post, levels, causes)

@@ -29,7 +29,7 @@ LOW_SHARE = 0.05            # of a full hopper: below it an operator should have
 MOVING_MPS = 0.3
 
 
-class Form(NamedTuple):
+class QuadraticForm(NamedTuple):
     """The quadratic form of one group of channels. names: effects, with `#k` behind those of a member.
 
     A machine keeps its tolerances: what one log counts as noise of its own is the same in all logs of the machine.
@@ -42,7 +42,7 @@ class Form(NamedTuple):
     pulls: tuple[tuple[float, ...], ...] = ()   # (q, t): how far one s.d. of each moves `right`
 
 
-class Worked(NamedTuple):
+class LogWork(NamedTuple):
     """What was done in a log, and how."""
 
     hours: float                # of work
@@ -56,10 +56,10 @@ class LogEvidence(NamedTuple):
     """percent: error of the dose for one unit of an effect, at this log's operating points; absent: not known."""
 
     found: Diagnosis
-    forms: tuple[Form, ...]
+    forms: tuple[QuadraticForm, ...]
     percent: dict[str, float]
     units: dict[str, str]
-    worked: Worked
+    worked: LogWork
 
 
 def evidence(columns: Columns, machine: Machine, path: str = "") -> LogEvidence:
@@ -77,7 +77,7 @@ def evidence(columns: Columns, machine: Machine, path: str = "") -> LogEvidence:
     return LogEvidence(run.found, forms, percent, units, worked(columns, machine))
 
 
-def _form(one: GroupResult) -> Form | None:
+def _form(one: GroupResult) -> QuadraticForm | None:
     """Of one group, near nothing wrong.
 
     The noise is fitted with every effect free and what was found in place: noise fitted to what an effect has left
@@ -99,8 +99,8 @@ def _form(one: GroupResult) -> Form | None:
     left = normal[here, here] - cross @ covariance @ cross.T
     own = [k for k, column in enumerate(columns.fixed()) if _of_the_machine(column)]
     pulls = cross @ covariance[:, own] / p.sd[own]
-    return Form(tuple(parts), _rows(left), tuple((right[here] - cross @ amplitude).tolist()),
-                _named([columns.fixed()[k] for k in own]), _rows(pulls))
+    return QuadraticForm(tuple(parts), _rows(left), tuple((right[here] - cross @ amplitude).tolist()),
+                         _named([columns.fixed()[k] for k in own]), _rows(pulls))
 
 
 def _named(of: Sequence[Column]) -> tuple[str, ...]:
@@ -133,7 +133,7 @@ def _percent(effect_id: str, machine: Machine, data: RunData) -> float | None:
     return None if error is None else error / (4.0 * probe)
 
 
-def worked(columns: Columns, machine: Machine) -> Worked:
+def worked(columns: Columns, machine: Machine) -> LogWork:
     """Sums over a log; what it does not tell counts as nothing."""
     time_s = np.asarray(columns["time_s"], np.float64)
     step_s = np.minimum(np.diff(time_s, append=time_s[-1]), 5.0)
@@ -151,5 +151,5 @@ def worked(columns: Columns, machine: Machine) -> Worked:
         np.zeros(len(time_s), bool)
     events = columns.get("events")
     refills = 0 if events is None else sum("refill" in str(text) for text in events[events != ""])
-    return Worked(float(np.sum(step_s * works)) / 3600.0, float(np.sum(applied * ground_ha)),
-                  float(np.sum(ground_ha * (applied > 0.0))), float(np.sum(step_s * works * low)) / 60.0, refills)
+    return LogWork(float(np.sum(step_s * works)) / 3600.0, float(np.sum(applied * ground_ha)),
+                   float(np.sum(ground_ha * (applied > 0.0))), float(np.sum(step_s * works * low)) / 60.0, refills)

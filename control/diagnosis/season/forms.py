@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .evidence import Array, Form
+from .evidence import Array, QuadraticForm
 
 Ints = npt.NDArray[np.int64]
 
@@ -27,7 +27,7 @@ class OneLog(NamedTuple):
     key: str
     machine: str
     time_d: float
-    forms: tuple[Form, ...]
+    forms: tuple[QuadraticForm, ...]
     shared: Mapping[str, str] = {}          # factor (product, operator, field) -> level; "" not known
 
 
@@ -65,7 +65,7 @@ def stacked(logs: Sequence[OneLog]) -> Logs:
                 np.array([machines.index(log.machine) for log in every], np.int64), tuple(names), normal, right)
 
 
-def _taken_apart(form: Form) -> tuple[Array, Array]:
+def _taken_apart(form: QuadraticForm) -> tuple[Array, Array]:
     """Normal and right of (x, u): in the directions that the form knows, y = A x + W u + e, cov(W u + e) = 1."""
     values, vectors = np.linalg.eigh(np.array(form.normal, np.float64))
     known = values > NOTHING * max(float(values[-1]), 1e-300)

@@ -36,7 +36,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import expit, logsumexp
 
-from control.diagnosis.effects import ROWS, Row
+from control.diagnosis.effects import ROWS, EffectRow
 from control.diagnosis.judgement.prior import FORM_SHARE
 from control.machine.machine import CATALOGUE
 
@@ -72,7 +72,7 @@ class Alternative(NamedTuple):
     probability: float
 
 
-class Cause(NamedTuple):
+class EffectAtLevel(NamedTuple):
     """One effect at one level. columns: (n, k) its terms' share in each log, of prior s.d. `sd` (k,). scatter: (n,)."""
 
     factor: str
@@ -148,7 +148,7 @@ def levels_of(logs: Logs) -> Levels:
     return Levels(tuple(one[:2] for one in found), np.stack([one[2] for one in found], axis=1))
 
 
-def solved(logs: Logs, causes: Sequence[Cause]) -> Solved:
+def solved(logs: Logs, causes: Sequence[EffectAtLevel]) -> Solved:
     width, count = logs.normal.shape[1], len(logs.names)
     normal, right, worth = with_scatter(logs.normal, logs.right, np.pad(
         _taken(logs, causes), ((0, 0), (0, width - count))))
@@ -217,7 +217,7 @@ def _basis(times_d: Array) -> Array:
     return np.asarray(np.cos(np.pi * np.outer(share_of(times_d), np.arange(df))), np.float64)
 
 
-def row_of(name: str) -> Row:
+def row_of(name: str) -> EffectRow:
     """Of an effect, or of one member's."""
     return ROWS[name.partition("#")[0]]
 
@@ -249,7 +249,7 @@ def scattered(post: Solved, effect: int, extra: Array) -> Scattered:
                                                         for here, terms, each in crossed), cov, worth)
 
 
-def scan(logs: Logs, post: Solved, levels: Levels, causes: Sequence[Cause]) -> Scan:
+def scan(logs: Logs, post: Solved, levels: Levels, causes: Sequence[EffectAtLevel]) -> Scan:
     """Of `causes`, solved as `post`."""
     extra, names = scatters(logs, post, _taken(logs, causes)), names_prior(logs, levels, causes)
     score = np.zeros((len(levels.keys), len(logs.names)))
@@ -272,7 +272,7 @@ def scan(logs: Logs, post: Solved, levels: Levels, causes: Sequence[Cause]) -> S
     return Scan(score, information, tau, bayes + names)
 
 
-def names_prior(logs: Logs, levels: Levels, causes: Sequence[Cause]) -> Array:
+def names_prior(logs: Logs, levels: Levels, causes: Sequence[EffectAtLevel]) -> Array:
     """(levels, q) log prior odds: what other machines have, this one has rather (Polya's urn); -inf: it cannot."""
     counts = np.zeros(len(logs.names))
     for cause in causes:
@@ -282,11 +282,11 @@ def names_prior(logs: Logs, levels: Levels, causes: Sequence[Cause]) -> Array:
     return np.where(np.outer(others, [row_of(name).stage in OF_MACHINES_ONLY for name in logs.names]), -np.inf, urn)
 
 
-def found(logs: Logs) -> list[Cause]:
+def found(logs: Logs) -> list[EffectAtLevel]:
     """What is there: greedily, then each left out and asked again; what goes may have hidden something else."""
     if not logs.names:
         return []
-    levels, causes = levels_of(logs), list[Cause]()
+    levels, causes = levels_of(logs), list[EffectAtLevel]()
     for sweep in range(SWEEPS):
         while len(causes) < MOST and (best := _next(logs, levels, causes)) is not None:
             causes.append(best)
@@ -297,7 +297,7 @@ def found(logs: Logs) -> list[Cause]:
     return causes
 
 
-def _swept(logs: Logs, levels: Levels, causes: list[Cause], by_machines: bool) -> list[Cause]:
+def _swept(logs: Logs, levels: Levels, causes: list[EffectAtLevel], by_machines: bool) -> list[EffectAtLevel]:
     """Each cause left out and asked again along with the others."""
     for cause in list(causes):
         at = next((k for k, one in enumerate(causes) if one is cause), None)
@@ -311,7 +311,7 @@ def _swept(logs: Logs, levels: Levels, causes: list[Cause], by_machines: bool) -
     return causes
 
 
-def _by_machines(logs: Logs, levels: Levels, causes: list[Cause], shared: Cause) -> list[Cause]:
+def _by_machines(logs: Logs, levels: Levels, causes: list[EffectAtLevel], shared: EffectAtLevel) -> list[EffectAtLevel]:
     """The same, or without what several machines share where courses of their own explain the season better: greedily
     one field is chosen before four machines that stood there when they were set anew."""
     machines = {logs.machines[k] for k in np.unique(logs.machine[shared.at])}
@@ -326,7 +326,7 @@ def _by_machines(logs: Logs, levels: Levels, causes: list[Cause], shared: Cause)
     return tried if solved(logs, tried).worth > solved(logs, causes).worth else causes
 
 
-def _taken(logs: Logs, causes: Sequence[Cause]) -> Array:
+def _taken(logs: Logs, causes: Sequence[EffectAtLevel]) -> Array:
     """(n, q) scatter from log to log of the effects that are there."""
     found = np.zeros((len(logs.logs), len(logs.names)))
     for cause in causes:
@@ -345,8 +345,8 @@ def _with_shapes(logs: Logs, levels: Levels) -> Levels:
                   np.concatenate([levels.has, rise, levels.has[:, rows] - rise], axis=1))
 
 
-def _next(logs: Logs, levels: Levels, causes: Sequence[Cause], only: Sequence[int] | None = None,
-          effect: int | None = None) -> Cause | None:
+def _next(logs: Logs, levels: Levels, causes: Sequence[EffectAtLevel], only: Sequence[int] | None = None,
+          effect: int | None = None) -> EffectAtLevel | None:
     """What is surest along with what is there; of `only` these levels and this effect, where they are given."""
     shaped = _with_shapes(logs, levels)
     seen = scan(logs, solved(logs, causes), shaped, causes).odds
@@ -366,7 +366,7 @@ def _next(logs: Logs, levels: Levels, causes: Sequence[Cause], only: Sequence[in
     return _cause(logs, levels, causes, int(level), int(best), float(odds[level, best]))
 
 
-def _doubt(logs: Logs, levels: Levels, causes: Sequence[Cause], row: int) -> Array:
+def _doubt(logs: Logs, levels: Levels, causes: Sequence[EffectAtLevel], row: int) -> Array:
     """(q,) what effects that are there may leave to others in the same channels: their forms are not quite right."""
     has, doubt = levels.has[:, row] > 0.0, np.zeros(len(logs.names))
     for cause in causes:
@@ -378,7 +378,8 @@ def _doubt(logs: Logs, levels: Levels, causes: Sequence[Cause], row: int) -> Arr
     return doubt
 
 
-def _cause(logs: Logs, levels: Levels, others: Sequence[Cause], row: int, effect: int, odds: float) -> Cause:
+def _cause(logs: Logs, levels: Levels, others: Sequence[EffectAtLevel], row: int, effect: int,
+           odds: float) -> EffectAtLevel:
     """Its terms: of a machine the stretches of its course, of any other level one."""
     (factor, level), has = levels.keys[row], levels.has[:, row]
     at = np.flatnonzero(has)
@@ -390,7 +391,7 @@ def _cause(logs: Logs, levels: Levels, others: Sequence[Cause], row: int, effect
         bends = _basis(logs.times_d[at])
         rough[at, :bends.shape[1]] = bends
         rough = rough[:, :bends.shape[1]]
-    trial = Cause(factor, level, effect, rough, np.full(rough.shape[1], widest), np.zeros(len(has)))
+    trial = EffectAtLevel(factor, level, effect, rough, np.full(rough.shape[1], widest), np.zeros(len(has)))
     post = solved(logs, [*others, trial])
     information = np.diagonal(post.normal, axis1=1, axis2=2)[:, effect]
     at = at[information[at] > 0.0]
@@ -403,13 +404,13 @@ def _cause(logs: Logs, levels: Levels, others: Sequence[Cause], row: int, effect
         columns, sds = _of_stretches(logs.times_d, at, course, sd)
         spread = np.zeros(len(has))
         spread[at] = course.scatter
-        return Cause(factor, level, effect, columns, sds, spread, course, at, odds)
+        return EffectAtLevel(factor, level, effect, columns, sds, spread, course, at, odds)
     only = np.ones_like(post.left)
     only[:, effect] = 0.0
     sd = _level_sd(logs, np.array([has @ score]), np.array([has @ information]), effect)
     machines = np.isin(logs.machine, logs.machine[at])
-    return Cause(factor, level, effect, has[:, None], np.array([sd]),
-                 np.where(machines, scatters(logs, post, only)[:, effect], 0.0), None, at, odds)
+    return EffectAtLevel(factor, level, effect, has[:, None], np.array([sd]),
+                         np.where(machines, scatters(logs, post, only)[:, effect], 0.0), None, at, odds)
 
 
 def _level_sd(logs: Logs, score: Array, information: Array, effect: int) -> float:
@@ -438,7 +439,8 @@ def _of_stretches(times_d: Array, at: Ints, course: Partition, sd: float) -> tup
     return np.stack(columns, axis=1), np.array(sds)
 
 
-def _asked_again(logs: Logs, levels: Levels, others: Sequence[Cause], cause: Cause) -> Cause | None:
+def _asked_again(logs: Logs, levels: Levels, others: Sequence[EffectAtLevel],
+                 cause: EffectAtLevel) -> EffectAtLevel | None:
     """The cause along with all others as they stand now, under its likeliest name; None where it is no longer sure."""
     post, prior = solved(logs, others), names_prior(logs, levels, others)
     extra = scatters(logs, post, _taken(logs, others))
@@ -474,8 +476,8 @@ def _gain(post: Solved, extra: Array, columns: Array, sd: Array, effect: int) ->
 Tried = tuple[float, float, float, Alternative]         # log likelihood at the cause's level, at its own; log prior
 
 
-def _alternatives(logs: Logs, levels: Levels, others: Sequence[Cause], post: Solved, extra: Array, prior: Array,
-                  cause: Cause) -> list[Alternative]:
+def _alternatives(logs: Logs, levels: Levels, others: Sequence[EffectAtLevel], post: Solved, extra: Array, prior: Array,
+                  cause: EffectAtLevel) -> list[Alternative]:
     """The cause and what may stand in its place, with probabilities that add up to 1; likeliest first."""
     tried, here = list[Tried](), np.any(cause.columns != 0.0, axis=1)
     usual, own = slab(logs)[0], levels.keys.index((cause.factor, cause.level))

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .courses import Course, Fit, Shared
-from .evidence import Array, Worked
+from .courses import Course, SeasonFit, Shared
+from .evidence import Array, LogWork
 from .mixed import FLEET
 
 LOW_P = 1e-3                # of an operator, that chance made the hopper run low so often
@@ -21,7 +21,7 @@ class OwnersLog(NamedTuple):
     key: str
     machine: str
     time_d: float
-    worked: Worked
+    worked: LogWork
     percent: Mapping[str, float]
     shared: Mapping[str, str]
 
@@ -64,7 +64,7 @@ class Low(NamedTuple):
     p: float
 
 
-def machines(logs: Sequence[OwnersLog], fit: Fit) -> list[MachineSeason]:
+def machines(logs: Sequence[OwnersLog], fit: SeasonFit) -> list[MachineSeason]:
     """Worst first, by kilograms. What a product shares is the product's, and counts where it was spread.
 
     Each effect's kilograms count by themselves; in the sum of a log effects may make up for each other.

@@ -32,7 +32,7 @@ ALIKE = 0.002               # a factor so near to 1, or a shift (s, m) so near t
 WORSE_P = 0.05              # below it the other quantity is said to fit less well (F test of the residuals)
 
 
-class Series(NamedTuple):
+class LagSeries(NamedTuple):
     """Lag of starts by shaft speed. `unit`: s or m; `error`: (n,) standard errors; `mps`: written ground speed.
 
     `label` and `column`: where its `rows` stand in the table; `printed`: (rows,) as they stand there.
@@ -53,11 +53,11 @@ class Series(NamedTuple):
         return len(self.printed)
 
 
-class Across(NamedTuple):
+class AcrossTables(NamedTuple):
     """`kind`: speed, factor, delay or length. `other`: the second-best quantity's kind. `holds`: rows of `rows`."""
 
-    first: Series
-    second: Series
+    first: LagSeries
+    second: LagSeries
     kind: str
     value: float
     low: float
@@ -69,7 +69,7 @@ class Across(NamedTuple):
     other_worse: bool
 
 
-def series_of(table: BenchTable, machine: Machine) -> list[Series]:
+def series_of(table: BenchTable, machine: Machine) -> list[LagSeries]:
     """Whole lags that a table holds, label by label; a drop time is completed by the machine's response."""
     labels = labels_of(table)
     speed = table.speed_mps()
@@ -92,9 +92,9 @@ def series_of(table: BenchTable, machine: Machine) -> list[Series]:
                 if label != UNCORRECTED:
                     name += " with what was corrected for"
                 means = means + _corrected_m(table, used & (label != UNCORRECTED), rpm, machine)
-            found.append(Series(name, unit, rpm, means, _errors(groups, means),
-                                None if speed is None else float(np.nanmean(speed[rows])), label, column,
-                                table.columns[column][used]))
+            found.append(LagSeries(name, unit, rpm, means, _errors(groups, means),
+                                   None if speed is None else float(np.nanmean(speed[rows])), label, column,
+                                   table.columns[column][used]))
     return found
 
 
@@ -120,14 +120,14 @@ def _errors(groups: Sequence[Array], means: Array) -> Array:
     return np.asarray(np.maximum(errors, ROUNDED * np.abs(means)))
 
 
-def across(tables: Sequence[BenchTable], machine: Machine) -> tuple[Across, ...]:
+def across(tables: Sequence[BenchTable], machine: Machine) -> tuple[AcrossTables, ...]:
     """Every pair of lag series of `tables` that share shaft speeds, in the tables' order."""
     every = [series for table in tables if table.kind in ("lag", "place") for series in series_of(table, machine)]
     found = (reconciled(one, two) for one, two in combinations(every, 2))
     return tuple(pair for pair in found if pair is not None)
 
 
-def reconciled(one: Series, two: Series) -> Across | None:
+def reconciled(one: LagSeries, two: LagSeries) -> AcrossTables | None:
     """None where the two share too few shaft speeds. The first named is the distance, else the one given first."""
     if one.unit == "s" and two.unit == "m":
         one, two = two, one
@@ -154,16 +154,16 @@ def reconciled(one: Series, two: Series) -> Across | None:
     sums = [float(np.sum(left[kind] ** 2)) for kind in order]
     worse = len(order) > 1 and float(fisher.sf(sums[1] / max(sums[0], 1e-12), len(rpm) - 1, len(rpm) - 1)) < WORSE_P
     other = order[1] if len(order) > 1 else ""
-    return Across(one, two, order[0], middle, middle - half, middle + half, holds, len(rpm), other,
-                  float(np.mean(values[other])) if other else 0.0, worse)
+    return AcrossTables(one, two, order[0], middle, middle - half, middle + half, holds, len(rpm), other,
+                        float(np.mean(values[other])) if other else 0.0, worse)
 
 
-def _at(series: Series, rpm: Array) -> tuple[Array, Array]:
+def _at(series: LagSeries, rpm: Array) -> tuple[Array, Array]:
     rows = np.searchsorted(series.shaft_rpm, rpm)
     return series.value[rows], series.error[rows]
 
 
-def sentence(pair: Across) -> str:
+def sentence(pair: AcrossTables) -> str:
     """For a person: which quantity makes the one of the other, its interval, and in how many rows."""
     if pair.first.unit == pair.second.unit and 2 * pair.holds >= pair.rows and _alike(pair):
         return f"{pair.first.name} and {pair.second.name} say the same: {pair.kind} {_span(pair, 1.0, '.3f')}, in " \
@@ -187,11 +187,11 @@ def sentence(pair: Across) -> str:
     return f"{names} are reconciled by {by_what}, which holds in {pair.holds} of {pair.rows} rows{written}{other}"
 
 
-def _alike(pair: Across) -> bool:
+def _alike(pair: AcrossTables) -> bool:
     neutral = 1.0 if pair.kind == "factor" else 0.0
     return pair.low <= neutral <= pair.high or abs(pair.value - neutral) < ALIKE
 
 
-def _span(pair: Across, scale: float, form: str) -> str:
+def _span(pair: AcrossTables, scale: float, form: str) -> str:
     value, low, high = (format(scale * figure, form) for figure in (pair.value, pair.low, pair.high))
     return f"{value} (90 %: {low} to {high})"

@@ -11,8 +11,8 @@ from control.diagnosis.effects import LAG_ASYMMETRY, ROWS
 from control.diagnosis.judgement.prior import FAULTY, LOCAL, MISREAD, MISTAKEN, UNKNOWN, log_of_sign
 from control.machine.machine import CATALOGUE, bounds
 
-from .piece import Array, BoolArray, Candidate, Piece
-from .problem import Problem
+from .piece import Array, BoolArray, TableCandidate, TablePiece
+from .problem import TableProblem
 
 WAVES = (1, 2, 4, 12)       # of a dependence on a setting: half waves over its range, from a slope to the finest
 MIN_LENGTH = 1e-9           # of a column in units of the noise: its effect does nothing to these rows
@@ -20,14 +20,14 @@ LEVELS = 12                 # of a setting, for each to have a mean of its own
 ALIKE = 0.999               # correlation of columns, from which on they are the same
 
 
-class Effect(NamedTuple):
+class TableEffect(NamedTuple):
     """One effect of the catalogue in these rows. `column`: (n,) per unit of its size; `usual`: prior s.d. of its size.
 
     `forms`: (n, k), by what other shapes differ at a size of 1, each with a prior s.d. of 1.
     `worth`: (k,) what a unit of each form adds to the size where the catalogue defines it.
     """
 
-    candidate: Candidate
+    candidate: TableCandidate
     column: Array
     forms: Array
     worth: Array
@@ -56,12 +56,12 @@ class Unknown(NamedTuple):
     at: tuple[int, ...] = ()
 
 
-def effects_of(problem: Problem) -> list[Effect]:
+def effects_of(problem: TableProblem) -> list[TableEffect]:
     """Those that do anything to these rows."""
     _, slopes = problem.slopes()
     columns = slopes / problem.sd[:, None]
     ids = len(dict.fromkeys(candidate.id for candidate in problem.candidates))
-    found: list[Effect] = []
+    found: list[TableEffect] = []
     for candidate, column in zip(problem.candidates, columns.T, strict=True):
         if np.linalg.norm(column) < MIN_LENGTH:
             continue
@@ -74,12 +74,12 @@ def effects_of(problem: Problem) -> list[Effect]:
         share = (1.0 - wide) / places if candidate.scope is not None else wide if places else 1.0
         forms, worth = _forms(problem, candidate, column)
         low, high = _bounds(problem, candidate.id)
-        found.append(Effect(candidate, column, forms, worth, ROWS[candidate.id].on(problem.machine).usual,
-                            log(FAULTY * share / ids / members), low, high))
+        found.append(TableEffect(candidate, column, forms, worth, ROWS[candidate.id].on(problem.machine).usual,
+                                 log(FAULTY * share / ids / members), low, high))
     return found
 
 
-def _bounds(problem: Problem, effect_id: str) -> tuple[float, float]:
+def _bounds(problem: TableProblem, effect_id: str) -> tuple[float, float]:
     """Of a size on top of what the machine has: what is lost or extra by definition is never less than nothing."""
     entry = CATALOGUE[effect_id]
     low, high = bounds(effect_id, problem.machine)
@@ -87,7 +87,7 @@ def _bounds(problem: Problem, effect_id: str) -> tuple[float, float]:
     return (entry.neutral - has if ROWS[effect_id].only_adds else low), high
 
 
-def _forms(problem: Problem, candidate: Candidate, column: Array) -> tuple[Array, Array]:
+def _forms(problem: TableProblem, candidate: TableCandidate, column: Array) -> tuple[Array, Array]:
     """How an effect's shape may differ from the catalogue's (Brynjarsdottir and O'Hagan 2014): all of the way to each
     other shape that it may have, of the same root mean square, is 1 s.d. And what that adds to the size where it is
     defined.
@@ -112,7 +112,7 @@ def _forms(problem: Problem, candidate: Candidate, column: Array) -> tuple[Array
     return np.column_stack([np.zeros((len(column), 0)), *shapes]), np.array(worth)
 
 
-def unknowns_of(problem: Problem, effects: list[Effect]) -> list[Unknown]:
+def unknowns_of(problem: TableProblem, effects: list[TableEffect]) -> list[Unknown]:
     """Every recorded setting of every piece, its labels, a constant, settings in no order, and one setting alone."""
     known, found = _spanned(effects), []
     for index, piece in enumerate(problem.pieces):
@@ -135,19 +135,19 @@ def unknowns_of(problem: Problem, effects: list[Effect]) -> list[Unknown]:
     return found
 
 
-def _only_variable(piece: Piece) -> str:
+def _only_variable(piece: TablePiece) -> str:
     """By what its settings differ; "" where that is more than one thing."""
     names = [name for name in piece.variables if name != "replicate"]
     return names[0] if len(names) == 1 and len(set(piece.group.tolist())) == 1 else ""
 
 
-def _usual_signal(effects: list[Effect], inside: BoolArray) -> float:
+def _usual_signal(effects: list[TableEffect], inside: BoolArray) -> float:
     """Root mean square of the largest usual effect in these rows, in units of the noise."""
     sizes = [one.usual * float(np.sqrt(np.mean(one.column[inside] ** 2))) for one in effects]
     return max([1.0, *sizes])
 
 
-def _shapes(problem: Problem, piece: Piece, inside: BoolArray, known: list[Array]) -> dict[str, list[Array]]:
+def _shapes(problem: TableProblem, piece: TablePiece, inside: BoolArray, known: list[Array]) -> dict[str, list[Array]]:
     """Columns (n, k) of every kind of dependence, by its variable; without those that `known` spaces hold."""
     rows = int(inside.sum())
     found: dict[str, list[Array]] = {}
@@ -177,7 +177,7 @@ def _inside(inside: BoolArray, columns: Array) -> Array:
     return whole
 
 
-def _spanned(effects: list[Effect]) -> list[Array]:
+def _spanned(effects: list[TableEffect]) -> list[Array]:
     """Orthonormal bases of what one effect or two do: (n, 1) or (n, 2)."""
     wide = [one for one in effects if one.candidate.scope is None]
     pairs = [(one, two) for one, two in combinations(wide, 2) if one.candidate.id != two.candidate.id]

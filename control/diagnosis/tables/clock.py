@@ -43,7 +43,7 @@ PRINTED_S = 0.001
 DITHERED = 0.35             # share of a step: smaller scatter does not average the rounding out
 
 
-class Clock(NamedTuple):
+class CoarseClock(NamedTuple):
     """`step_s` with its 90 % interval; `p`: that smooth times would heap so; `smallest_s`: what would have shown."""
 
     step_s: float
@@ -63,7 +63,7 @@ class Clock(NamedTuple):
         return self.p == UNDECIDED
 
 
-def coarse_clock(times_s: Array, fitted_s: Array, digit_s: float, seed: int) -> Clock | None:
+def coarse_clock(times_s: Array, fitted_s: Array, digit_s: float, seed: int) -> CoarseClock | None:
     """Looks for a clock step in times (n,) about their fitted means (n,). None: too few rows or no scatter to see it.
 
     `digit_s`: the last printed digit; where that is a tenth of a second or more, it is itself such a step.
@@ -89,10 +89,10 @@ def coarse_clock(times_s: Array, fitted_s: Array, digit_s: float, seed: int) -> 
     p = _p_value(highest, fitted_s, scatter, steps, mean, sd, seed)
     step = _coarsest(times_s, float(steps[::-1][first_best(z[::-1])]), coarsest)       # of equal ones the coarsest
     step, half = _refined(times_s, step)
-    return Clock(step, step - half, step + half, p, _heaping(times_s, step), _smallest(steps, mean, sd))
+    return CoarseClock(step, step - half, step + half, p, _heaping(times_s, step), _smallest(steps, mean, sd))
 
 
-def _few_values(times: Array, digit_s: float) -> Clock | None:
+def _few_values(times: Array, digit_s: float) -> CoarseClock | None:
     """Many readings, hardly any different ones: whole steps and nothing between them."""
     kinds = np.unique(np.round(times, SAME_DIGITS))
     if len(times) < MIN_ROWS or len(kinds) > min(MAX_VALUES, len(times) // MIN_ROWS_PER_VALUE) or kinds[0] <= 0.0:
@@ -104,12 +104,13 @@ def _few_values(times: Array, digit_s: float) -> Clock | None:
     for count in range(1, MAX_STEPS_PER_VALUE + 1):
         step = float(kinds[0]) / count
         if np.all(np.abs(kinds / step - np.round(kinds / step)) * step < 2.0 * digit_s):
-            return Clock(step, 0.5 * step if len(kinds) == 1 else 0.98 * step, step if len(kinds) == 1 else 1.02 * step,
-                         p, 1.0, None)
+            return CoarseClock(step, 0.5 * step if len(kinds) == 1 else 0.98 * step,
+                               step if len(kinds) == 1 else 1.02 * step,
+                               p, 1.0, None)
     return None
 
 
-def rounding_sd(clock: Clock | None, scatter_s: float) -> float:
+def rounding_sd(clock: CoarseClock | None, scatter_s: float) -> float:
     """S.d. of what rounding does to all replicates of a setting alike, s: 0 where their scatter evens it out."""
     if clock is None or not clock.shown or scatter_s >= DITHERED * clock.step_s:
         return 0.0

@@ -1,7 +1,7 @@
 """What an effect costs in the field: rate error and place error at the machine's set-points."""
 from __future__ import annotations
 
-from control.diagnosis.cost import Point, rate_error_percent
+from control.diagnosis.cost import OperatingPoint, rate_error_percent
 from control.diagnosis.effects import ROWS, Costs
 from control.diagnosis.result import FieldCost
 from control.experiments.levels import USUAL_MPS
@@ -24,7 +24,7 @@ def field_cost(machine: Machine, effect: SizedEffect, speed_mps: float | None) -
         return FieldCost(0.0, 0.0)
     changed = with_effects(machine, (effect,))
     speed = speed_mps if speed_mps is not None else USUAL_MPS
-    points = (Point(machine.set_points.shaft_rpm, machine.set_points.opening_mm, machine.flow.full_kg, speed),)
+    points = (OperatingPoint(machine.set_points.shaft_rpm, machine.set_points.opening_mm, machine.flow.full_kg, speed),)
     rate = rate_error_percent(machine, points, changed, points)
     learnt_percent = changed.fall.speed_scale_percent - machine.fall.speed_scale_percent
     place = (speed * (_lag_s(changed) - _lag_s(machine)) + changed.fall.lever_arm_m - machine.fall.lever_arm_m

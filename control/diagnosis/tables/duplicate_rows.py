@@ -17,7 +17,7 @@ from control.calibration.bench_table import LAGS, SPEEDS, BenchTable, where
 from control.machine.machine import Machine
 from control.recordings.speeds import KMH_PER_MPS
 
-from .across import MIN_SHARED, Across, Series, sentence, series_of
+from .across import MIN_SHARED, AcrossTables, LagSeries, sentence, series_of
 from .noise import quantum_of
 from .piece import BoolArray
 from .rows.labels import labels_of
@@ -29,8 +29,8 @@ MEASURED = ("lag_m", "lag_s", "miss_m")     # columns that hold a whole lag, as 
 class DuplicateRows(NamedTuple):
     """`speed_mps`: of times worked out of distances, the speed that they were worked out with."""
 
-    kept: Series
-    again: Series
+    kept: LagSeries
+    again: LagSeries
     speed_mps: float | None
 
     @property
@@ -72,7 +72,7 @@ def without_duplicates(tables: Sequence[BenchTable], machine: Machine) -> Withou
     return WithoutDuplicates(tuple(table for table in out if table.rows), tuple(found))
 
 
-def _retellings(of_table: Sequence[Sequence[Series]]) -> list[DuplicateRows]:
+def _retellings(of_table: Sequence[Sequence[LagSeries]]) -> list[DuplicateRows]:
     """Every series that tells another table's once more, with the one that is kept."""
     every = sorted(((k, one) for k, own in enumerate(of_table) for one in own), key=lambda pair: -pair[1].rows)
     found: list[DuplicateRows] = []
@@ -84,7 +84,7 @@ def _retellings(of_table: Sequence[Sequence[Series]]) -> list[DuplicateRows]:
     return found
 
 
-def same_series(kept: Series, again: Series) -> DuplicateRows | None:
+def same_series(kept: LagSeries, again: LagSeries) -> DuplicateRows | None:
     """Whether one series is the other, to their last digits: the same in one unit, times one speed in two."""
     distances, times = (again, kept) if kept.unit == "s" else (kept, again)
     rpm, at_distances, at_times = np.intersect1d(distances.shaft_rpm, times.shaft_rpm, return_indices=True)
@@ -101,7 +101,7 @@ def same_series(kept: Series, again: Series) -> DuplicateRows | None:
     return DuplicateRows(kept, again, None if alike else ratio)
 
 
-def _rows_of(table: BenchTable, series: Series) -> BoolArray:
+def _rows_of(table: BenchTable, series: LagSeries) -> BoolArray:
     return np.asarray((labels_of(table) == series.label) & np.isfinite(table.columns[series.column]) & ~table.running())
 
 
@@ -130,7 +130,7 @@ def _as_distances(table: BenchTable, rows: BoolArray, pair: DuplicateRows) -> Be
                                   "speed_mps": np.full(some.rows, written)}, findings=())
 
 
-def sentences(pairs: Sequence[Across], retellings: Sequence[DuplicateRows]) -> tuple[str, ...]:
+def sentences(pairs: Sequence[AcrossTables], retellings: Sequence[DuplicateRows]) -> tuple[str, ...]:
     """What the tables say of each other, each thing once, and what counts once."""
     sure = {frozenset((one.kept.name, one.again.name)) for one in retellings}
     silent = {one.silent for one in retellings}

@@ -12,16 +12,16 @@ from control.diagnosis.judgement.prior import smallest_said
 from control.diagnosis.result import Detectable, Gain, NotShown
 from control.machine.machine import CATALOGUE, Machine, unit_of
 
-from .piece import Array, BoolArray, IntArray, Piece, SizedEffect
-from .problem import Problem
-from .search import Model, Search, refined
+from .piece import Array, BoolArray, IntArray, SizedEffect, TablePiece
+from .problem import TableProblem
+from .search import Model, TableSearch, refined
 
 RESAMPLES = 400             # of the settings, for the interval of the gain
 MIN_ROWS = 2                # of one row nobody knows the scatter
 MIN_PAIRS = 3               # settings that two labels must share to be compared
 
 
-def held_out_gain(search: Search, effects: Sequence[SizedEffect], seed: int) -> tuple[Gain, ...]:
+def held_out_gain(search: TableSearch, effects: Sequence[SizedEffect], seed: int) -> tuple[Gain, ...]:
     """Leave one setting out at a time, refit the sizes, predict it; 90 % intervals by resampling settings (bootstrap).
 
     A gain of each channel; none where nothing is named. Where one setting is all that could show an effect of a member
@@ -49,7 +49,7 @@ def held_out_gain(search: Search, effects: Sequence[SizedEffect], seed: int) -> 
     return tuple(found)
 
 
-def _held_out(search: Search, effects: Sequence[SizedEffect], split: frozenset[int]) -> Array:
+def _held_out(search: TableSearch, effects: Sequence[SizedEffect], split: frozenset[int]) -> Array:
     """Error of each row, (n,), predicted by sizes fitted without the rows of its fold."""
     problem = search.problem
     off = problem.observed - problem.nominal
@@ -63,7 +63,7 @@ def _held_out(search: Search, effects: Sequence[SizedEffect], split: frozenset[i
     return off
 
 
-def _split(problem: Problem, effects: Sequence[SizedEffect]) -> frozenset[int]:
+def _split(problem: TableProblem, effects: Sequence[SizedEffect]) -> frozenset[int]:
     """Settings whose rows are held out one by one: the only one of all, or of a member's effect."""
     only_one = len(np.unique(problem.setting)) == 1
     chosen = [effect.candidate for effect in effects]
@@ -85,7 +85,7 @@ def not_shown(smallest: Mapping[str, float], shown: frozenset[str], machine: Mac
                  for effect_id in CATALOGUE if effect_id not in shown)
 
 
-def smallest_shown(search: Search) -> dict[str, float]:
+def smallest_shown(search: TableSearch) -> dict[str, float]:
     """The smallest size, within its bounds, of each effect that these rows would show nine times in ten, by id."""
     problem, smallest = search.problem, dict[str, float]()
     for k, one in enumerate(search.effects if len(problem.observed) >= MIN_ROWS else ()):
@@ -107,7 +107,7 @@ def smallest_shown(search: Search) -> dict[str, float]:
 class Contrast(NamedTuple):
     """One label less another, beyond the model, with half of the 90 % interval."""
 
-    piece: Piece
+    piece: TablePiece
     one: str
     other: str
     difference: float
@@ -115,7 +115,7 @@ class Contrast(NamedTuple):
     p: float
 
 
-def label_contrasts(problem: Problem) -> list[Contrast]:
+def label_contrasts(problem: TableProblem) -> list[Contrast]:
     """Labels of each piece against its first one, setting by setting (paired t test)."""
     found = []
     for index, piece in enumerate(problem.pieces):
@@ -126,7 +126,7 @@ def label_contrasts(problem: Problem) -> list[Contrast]:
     return found
 
 
-def _contrast(piece: Piece, rest: Array, one: str, other: str) -> Contrast | None:
+def _contrast(piece: TablePiece, rest: Array, one: str, other: str) -> Contrast | None:
     keys = list(zip(*[np.round(v, 9).tolist() for n, v in piece.variables.items()
                       if n not in ("replicate", "corrected_lag_s")], strict=True)) or [()] * len(rest)
     differences = []

@@ -18,7 +18,7 @@ MAX_TESTS = 3               # an afternoon's work
 Pair = tuple[SizedEffect, SizedEffect]
 
 
-class Plan(NamedTuple):
+class NextTests(NamedTuple):
     """`pairs`: what this data cannot tell apart. `unsettled`: those of them that no test of the plan separates."""
 
     tests: tuple[Experiment[Array], ...]
@@ -27,7 +27,7 @@ class Plan(NamedTuple):
     apart_sd: float | None          # the least that the tests set a settled pair apart; None: no test does
 
 
-def separating(machine: Machine, rivals: Sequence[Sequence[SizedEffect]]) -> Plan | None:
+def separating(machine: Machine, rivals: Sequence[Sequence[SizedEffect]]) -> NextTests | None:
     """The tests that tell the rivals of each cause apart, chosen by what each would read under each of them.
 
     `rivals`: for each ambiguous cause, its members at their fitted sizes. None where there is nothing to separate.
@@ -41,5 +41,6 @@ def separating(machine: Machine, rivals: Sequence[Sequence[SizedEffect]]) -> Pla
     apart = np.array([[float(np.linalg.norm(readings[a][k] - readings[b][k])) for k in range(len(every))]
                       for a, b in pairs])
     found = chosen(apart, [one.minutes for one in every], APART_SD, MAX_TESTS)
-    return Plan(tuple(every[k] for k in found.tests), pairs,
-                tuple(pair for pair, settled in zip(pairs, found.settled, strict=True) if not settled), found.apart_sd)
+    return NextTests(tuple(every[k] for k in found.tests), pairs,
+                     tuple(pair for pair, settled in zip(pairs, found.settled, strict=True) if not settled),
+                     found.apart_sd)

@@ -8,7 +8,7 @@ from scipy.stats import f as fisher
 
 from control.diagnosis.judgement.prior import ROBUST_SD
 
-from .piece import Array, BoolArray, IntArray, Piece, first_best
+from .piece import Array, BoolArray, IntArray, TablePiece, first_best
 
 # Outliers are winsorised: drawn in to so many robust s.d. from the median of their
 # replicates (3.5: Iglewicz and Hoaglin 1993).
@@ -27,7 +27,7 @@ MIN_PURE_DOF = 5            # degrees of freedom of the replicates, from which o
 NO_SCATTER = 1e-6
 
 
-class Noise(NamedTuple):
+class TableNoise(NamedTuple):
     """The noise of a piece of n rows, in the unit of the piece."""
 
     winsorised: Array               # (n,) observed, outliers drawn in
@@ -39,7 +39,7 @@ class Noise(NamedTuple):
     setting_sd: tuple[tuple[int, int, float], ...]      # setting, rows, s.d.
 
 
-def noise_of(piece: Piece, setting: IntArray, nominal: Array) -> Noise:
+def noise_of(piece: TablePiece, setting: IntArray, nominal: Array) -> TableNoise:
     """Noise of the rows from replicates (pure error), else about a smooth fit of what the model leaves.
 
     Of the relative noises that the piece allows (constant, a share of the value) the likeliest is taken.
@@ -48,7 +48,7 @@ def noise_of(piece: Piece, setting: IntArray, nominal: Array) -> Noise:
     return tried[first_best([likelihood for _, likelihood in tried])][0]
 
 
-def _with(piece: Piece, setting: IntArray, nominal: Array, spread: Array) -> tuple[Noise, float]:
+def _with(piece: TablePiece, setting: IntArray, nominal: Array, spread: Array) -> tuple[TableNoise, float]:
     """Noise if the rows' relative noise is `spread`, and the log-likelihood of that."""
     relative = (piece.observed - nominal) / spread
     counts = np.bincount(setting)
@@ -74,8 +74,9 @@ def _with(piece: Piece, setting: IntArray, nominal: Array, spread: Array) -> tup
     factor = np.ones(len(relative))
     if unequal_p is not None and unequal_p < UNEQUAL_P:
         factor = np.array([np.sqrt(max(s, MIN_SD_SHARE * sd) / sd) for _, _, s in by_setting])[setting]
-    return (Noise(nominal + winsorised * spread, sd * spread * factor, outliers, min_variance, pure_dof >= MIN_PURE_DOF,
-                  unequal_p, by_setting),
+    return (TableNoise(nominal + winsorised * spread, sd * spread * factor, outliers, min_variance,
+                       pure_dof >= MIN_PURE_DOF,
+                       unequal_p, by_setting),
             -dof * float(np.log(sd)) - log_spread)
 
 
@@ -99,13 +100,13 @@ def _winsorised(relative: Array, medians: Array, setting: IntArray, counts: IntA
     return winsorised, outliers
 
 
-def _sd_about_smooth(piece: Piece, relative: Array) -> float:
+def _sd_about_smooth(piece: TablePiece, relative: Array) -> float:
     """S.d. about a low polynomial in every varying setting, labels apart; at most a third of the rows are spent."""
     smooth, rank = smoothed(piece, relative)
     return float(np.sqrt(np.sum((relative - smooth) ** 2) / max(1, len(relative) - rank)))
 
 
-def smoothed(piece: Piece, values: Array) -> tuple[Array, int]:
+def smoothed(piece: TablePiece, values: Array) -> tuple[Array, int]:
     """Values (n,) by a low polynomial in the settings, labels apart, and how many columns that took."""
     columns = [np.where(piece.group == text, 1.0, 0.0) for text in dict.fromkeys(piece.group.tolist())]
     for power in (1, 2):

@@ -20,7 +20,7 @@ BoolArray = npt.NDArray[np.bool_]
 TIED = 1e-6
 
 
-class Candidate(NamedTuple):
+class TableCandidate(NamedTuple):
     """An effect that may be hypothesised. `scope`: index (Problem.scopes) of the groups of rows that alone have it,
     None: all have it."""
 
@@ -30,11 +30,11 @@ class Candidate(NamedTuple):
 
 
 class SizedEffect(NamedTuple):
-    candidate: Candidate
+    candidate: TableCandidate
     size: float                             # in the unit of the catalogue, on top of what the machine has
 
 
-class Piece(NamedTuple):
+class TablePiece(NamedTuple):
     """Rows (n,) of one measured column. `predict` runs the machine model for every row, in `unit`."""
 
     name: str                               # "lag_table1_distance.csv lag_m"
@@ -45,7 +45,7 @@ class Piece(NamedTuple):
     spreads: tuple[Array, ...]              # relative noise of the rows, to choose from; all 1 where they are alike
     group: npt.NDArray[np.str_]             # label of each row, "" where the table has none
     label_column: str                       # column that the labels come from
-    candidates: tuple[Candidate, ...]       # scope None
+    candidates: tuple[TableCandidate, ...]       # scope None
     scoped_ids: tuple[str, ...]             # ids that may hold in one label or one table only
     variables: Mapping[str, Array]          # recorded settings
     nuisances: Mapping[str, Array]          # what one tolerance makes of each row
@@ -70,7 +70,7 @@ def scope_name(groups: Iterable[tuple[str, str]]) -> str:
     return SCOPE_AND.join(group_name(table, label) for table, label in groups)
 
 
-def within_scope(scope: str | None, piece: Piece, label: str, effect_id: str) -> bool:
+def within_scope(scope: str | None, piece: TablePiece, label: str, effect_id: str) -> bool:
     """Whether a cause with this scope holds in a piece's rows of one label."""
     if scope is None:
         return effect_id not in piece.named_only

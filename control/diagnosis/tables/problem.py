@@ -8,18 +8,18 @@ import numpy as np
 
 from control.machine.machine import CATALOGUE, Machine, size_scale
 
-from .clock import DITHERED, Clock, coarse_clock, rounding_sd
-from .noise import Noise, noise_of, quantum_of, resolution_of, smoothed
-from .piece import Array, Candidate, IntArray, Piece, SizedEffect, scope_name, with_effects
+from .clock import DITHERED, CoarseClock, coarse_clock, rounding_sd
+from .noise import TableNoise, noise_of, quantum_of, resolution_of, smoothed
+from .piece import Array, IntArray, SizedEffect, TableCandidate, TablePiece, scope_name, with_effects
 
 MIN_SHARED = 4          # replicates beyond the first of each setting, from which on their common rounding is counted
 MIN_MEDIAN_ROWS = 3     # replicates whose median is taken for their true time
 
 
-class Problem(NamedTuple):
+class TableProblem(NamedTuple):
     """Rows (n,) of all pieces. `group`: label within a table; `setting`: rows set alike."""
 
-    pieces: tuple[Piece, ...]
+    pieces: tuple[TablePiece, ...]
     machine: Machine
     observed: Array                         # outliers among replicates winsorised
     nominal: Array
@@ -29,13 +29,13 @@ class Problem(NamedTuple):
     group_names: tuple[tuple[str, str], ...]        # table, label
     scopes: tuple[frozenset[int], ...]      # groups that an effect may hold in alone: each one, then some together
     setting: IntArray
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[TableCandidate, ...]
     nuisances: Array                        # (n, q) what a tolerance of the machine file, as large as it is, makes
     rounding: Array                         # (n,) s.d. of what rounding does alike to all rows of their setting
     usual_noise: float                      # noise as the machine file has it, in units of sd
-    noise: tuple[Noise, ...]
+    noise: tuple[TableNoise, ...]
     unrepeated: tuple[int, ...]             # pieces, of several, whose noise no replicates tell
-    clocks: tuple[Clock | None, ...]        # of each piece: steps in its times
+    clocks: tuple[CoarseClock | None, ...]        # of each piece: steps in its times
 
     @property
     def min_variance(self) -> float:
@@ -58,7 +58,7 @@ class Problem(NamedTuple):
                 out[rows & inside] = done[here][self.group[inside] == group]
         return out
 
-    def _holds(self, candidate: Candidate, piece: Piece, group: int) -> bool:
+    def _holds(self, candidate: TableCandidate, piece: TablePiece, group: int) -> bool:
         if candidate.scope is None:
             return candidate.id not in piece.named_only
         return group in self.scopes[candidate.scope]
@@ -84,18 +84,18 @@ class Problem(NamedTuple):
         return base, np.column_stack([np.zeros((len(base), 0)), *columns])
 
 
-class _Judged(NamedTuple):
+class _JudgedPiece(NamedTuple):
     """One piece with its noise and its clock. Settings are numbered from 0 in each piece."""
 
-    piece: Piece
+    piece: TablePiece
     nominal: Array
     setting: IntArray
-    noise: Noise
-    clock: Clock | None
+    noise: TableNoise
+    clock: CoarseClock | None
     rounding: float                         # s.d. of what the replicates of a setting share by rounding
 
 
-def problem_of(pieces: Sequence[Piece], machine: Machine, seed: int = 0) -> Problem:
+def problem_of(pieces: Sequence[TablePiece], machine: Machine, seed: int = 0) -> TableProblem:
     """Puts the pieces side by side; estimates each one's noise from its replicates, else about a smooth fit.
 
     Where times come in steps that the scatter does not even out, the rounding of each setting is a nuisance.
@@ -113,7 +113,7 @@ def problem_of(pieces: Sequence[Piece], machine: Machine, seed: int = 0) -> Prob
         together, shared = _together(pieces, candidates, scopes, group, index)
         scopes += together
         candidates += shared
-    return Problem(
+    return TableProblem(
         tuple(pieces), machine, np.concatenate([one.noise.winsorised for one in judged]),
         np.concatenate([one.nominal for one in judged]), np.concatenate([one.noise.sd for one in judged]), index, group,
         names, tuple(scopes), setting, tuple(candidates),
@@ -123,16 +123,16 @@ def problem_of(pieces: Sequence[Piece], machine: Machine, seed: int = 0) -> Prob
         tuple(one.clock for one in judged))
 
 
-def _judged(piece: Piece, machine: Machine, seed: int) -> _Judged:
+def _judged(piece: TablePiece, machine: Machine, seed: int) -> _JudgedPiece:
     setting, nominal = settings_of(piece), piece.predict(machine)
     noise = noise_of(piece, setting, nominal)
     clock = _clock(piece, setting, noise.outliers, seed) if piece.clocked else None
     typical = float(np.median(noise.sd))
-    return _Judged(piece, nominal, setting, noise, clock,
-                   max(rounding_sd(clock, typical), _digit_sd(piece, setting, typical)))
+    return _JudgedPiece(piece, nominal, setting, noise, clock,
+                        max(rounding_sd(clock, typical), _digit_sd(piece, setting, typical)))
 
 
-def _clock(piece: Piece, setting: IntArray, outliers: IntArray, seed: int) -> Clock | None:
+def _clock(piece: TablePiece, setting: IntArray, outliers: IntArray, seed: int) -> CoarseClock | None:
     """Steps in the times about the medians of settings with replicates, else about a smooth fit."""
     counts = np.bincount(setting)
     medians = np.array([np.median(piece.observed[setting == k]) for k in range(len(counts))])
@@ -141,14 +141,14 @@ def _clock(piece: Piece, setting: IntArray, outliers: IntArray, seed: int) -> Cl
     return coarse_clock(piece.observed[near], centres[near], resolution_of(piece.observed), seed)
 
 
-def _digit_sd(piece: Piece, setting: IntArray, scatter: float) -> float:
+def _digit_sd(piece: TablePiece, setting: IntArray, scatter: float) -> float:
     """S.d. of the rounding that replicates share because they scatter less than the last digit; 0: they do not."""
     quantum = quantum_of(piece.observed)
     repeated = len(setting) - len(np.unique(setting)) >= MIN_SHARED
     return quantum / float(np.sqrt(12.0)) if repeated and scatter < DITHERED * quantum else 0.0
 
 
-def settings_of(piece: Piece) -> IntArray:
+def settings_of(piece: TablePiece) -> IntArray:
     """Index of the setting of each row, (n,): rows with the same label and variables but for the replicate."""
     keys = [piece.group.tolist(), *(np.round(values, 9).tolist() for name, values in piece.variables.items()
                                     if name != "replicate")]
@@ -157,7 +157,7 @@ def settings_of(piece: Piece) -> IntArray:
     return np.array([order[row] for row in rows], dtype=np.int64)
 
 
-def _groups(pieces: Sequence[Piece]) -> tuple[IntArray, tuple[tuple[str, str], ...]]:
+def _groups(pieces: Sequence[TablePiece]) -> tuple[IntArray, tuple[tuple[str, str], ...]]:
     """Group of each row and (table, label) of each group: columns of one table share theirs."""
     names: dict[tuple[str, str], int] = {}
     rows = []
@@ -166,18 +166,18 @@ def _groups(pieces: Sequence[Piece]) -> tuple[IntArray, tuple[tuple[str, str], .
     return np.array(rows), tuple(names)
 
 
-def _scoped(pieces: Sequence[Piece], group: IntArray, index: IntArray) -> list[Candidate]:
+def _scoped(pieces: Sequence[TablePiece], group: IntArray, index: IntArray) -> list[TableCandidate]:
     """Effects that may hold in one group only, group by group."""
     found = []
     for number in np.unique(group).tolist():
         ids = dict.fromkeys(effect_id for k in np.unique(index[group == number]).tolist()
                             for effect_id in pieces[k].scoped_ids)
-        found += [Candidate(effect_id, None, number) for effect_id in ids]
+        found += [TableCandidate(effect_id, None, number) for effect_id in ids]
     return found
 
 
-def _together(pieces: Sequence[Piece], candidates: Sequence[Candidate], scopes: Sequence[frozenset[int]],
-              group: IntArray, index: IntArray) -> tuple[list[frozenset[int]], list[Candidate]]:
+def _together(pieces: Sequence[TablePiece], candidates: Sequence[TableCandidate], scopes: Sequence[frozenset[int]],
+              group: IntArray, index: IntArray) -> tuple[list[frozenset[int]], list[TableCandidate]]:
     """Times of one label and what was measured on the ground, as one scope: one cause in the field is one quantity.
 
     Times may have been read off distances in the same field in which other tables measured places.
@@ -195,13 +195,13 @@ def _together(pieces: Sequence[Piece], candidates: Sequence[Candidate], scopes: 
     return found, shared
 
 
-def _usual_noise(judged: Sequence[_Judged]) -> float:
+def _usual_noise(judged: Sequence[_JudgedPiece]) -> float:
     """What the machine file says of the noise of the only piece, in units of its sd; 1 where it says nothing."""
     stated = judged[0].piece.noise_sd if len(judged) == 1 else None
     return 1.0 if stated is None else float(stated / np.median(judged[0].noise.sd))
 
 
-def _tolerances(pieces: Sequence[Piece]) -> Array:
+def _tolerances(pieces: Sequence[TablePiece]) -> Array:
     names = list(dict.fromkeys(name for piece in pieces for name in piece.nuisances))
     parts = [np.column_stack([piece.nuisances.get(name, np.zeros(len(piece.observed))) for name in names])
              if names else np.zeros((len(piece.observed), 0)) for piece in pieces]

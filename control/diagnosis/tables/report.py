@@ -21,15 +21,15 @@ from control.experiments.bench_tests import two_rates
 from control.machine.machine import CATALOGUE, Machine, bounds, unit_of
 
 from .across import across
-from .clock import Clock
+from .clock import CoarseClock
 from .cost import field_cost
 from .duplicate_rows import DuplicateRows, sentences
 from .gain import label_contrasts
-from .next_tests import Pair, Plan, separating
+from .next_tests import NextTests, Pair, separating
 from .noise import MAX_ROBUST_SD, UNEQUAL_P
-from .piece import BoolArray, Candidate, Piece, SizedEffect
-from .problem import Problem
-from .verdict import Judgement, Named
+from .piece import BoolArray, SizedEffect, TableCandidate, TablePiece
+from .problem import TableProblem
+from .verdict import Judgement, NamedEffect
 
 CONSTANT_TIMES = (SHAFT_DEAD_TIME.id, LAG_OFFSET.id)     # the same in every row, as steps of a coarse clock may make it
 METRES_OF_A_PERCENT = 10.0      # causes are listed by consequence: 0.1 m of place counts as 1 % of rate
@@ -39,7 +39,7 @@ MAX_SHOWN_ROWS, MAX_SHOWN_SETTINGS = 5, 3
 MIN_ROWS_SAID = 4
 
 
-def causes_of(problem: Problem, tables: Sequence[BenchTable], judgement: Judgement) -> tuple[Cause, ...]:
+def causes_of(problem: TableProblem, tables: Sequence[BenchTable], judgement: Judgement) -> tuple[Cause, ...]:
     """Named effects and the clearest coarse clock, largest consequence in the field first."""
     speed = _speed(tables)
     causes = [_cause(problem, one, speed) for one in judgement.named]
@@ -61,7 +61,7 @@ def verdict_of(judgement: Judgement, causes: Sequence[Cause]) -> Verdict:
     return judgement.verdict
 
 
-def _cause(problem: Problem, one: Named, speed: float | None) -> Cause:
+def _cause(problem: TableProblem, one: NamedEffect, speed: float | None) -> Cause:
     candidate, size = one.effect
     rivals = tuple(Rival(r.id, r.probability) for r in one.rivals)
     probability = one.probability
@@ -78,9 +78,9 @@ def _halved(probability: float, rivals: tuple[Rival, ...], other: str) -> tuple[
     return 0.5 * probability, (Rival(other, 0.5), *(Rival(r.id, 0.5 * r.probability) for r in rivals))
 
 
-def _clock_cause(problem: Problem, clock: Clock, speed: float | None) -> Cause:
+def _clock_cause(problem: TableProblem, clock: CoarseClock, speed: float | None) -> Cause:
     effect = CATALOGUE[LAG_COARSE_CLOCK.id].effect
-    step = SizedEffect(Candidate(LAG_COARSE_CLOCK.id), clock.step_s)
+    step = SizedEffect(TableCandidate(LAG_COARSE_CLOCK.id), clock.step_s)
     return Cause(LAG_COARSE_CLOCK.id, Size(clock.step_s, clock.low_s, clock.high_s, effect.unit), None, 1.0 - clock.p,
                  (), None, effect.advice, field_cost(problem.machine, step, speed))
 
@@ -90,7 +90,7 @@ def _speed(tables: Sequence[BenchTable]) -> float | None:
     return float(np.nanmean(np.concatenate(speeds))) if speeds else None
 
 
-def channels_of(problem: Problem, structure_p: float) -> tuple[Channel, ...]:
+def channels_of(problem: TableProblem, structure_p: float) -> tuple[Channel, ...]:
     """How well the nominal model predicts each channel."""
     out = []
     for channel in dict.fromkeys(piece.channel for piece in problem.pieces):
@@ -106,7 +106,7 @@ def channels_of(problem: Problem, structure_p: float) -> tuple[Channel, ...]:
     return tuple(out)
 
 
-def next_run_of(problem: Problem, judgement: Judgement) -> NextRun | None:
+def next_run_of(problem: TableProblem, judgement: Judgement) -> NextRun | None:
     """The tests that would separate the rivals; None where nothing is ambiguous."""
 
     def anywhere(effect: SizedEffect) -> SizedEffect:
@@ -134,7 +134,7 @@ def two_rates_of(tables: Sequence[BenchTable], machine: Machine) -> NextRun | No
                    f"{two_rates(machine)} (10 min)")
 
 
-def _next_run(plan: Plan) -> NextRun:
+def _next_run(plan: NextTests) -> NextRun:
     why = f"this data cannot tell {_names(plan.pairs)} apart"
     if not plan.tests:
         return NextRun(why, "no bench test of the program's list separates them at the sizes found; repeat this test "
@@ -153,7 +153,7 @@ def _names(pairs: Sequence[Pair]) -> str:
     return ", ".join(dict.fromkeys(effect.candidate.id for pair in pairs for effect in pair))
 
 
-def findings_of(problem: Problem, tables: Sequence[BenchTable], judgement: Judgement,
+def findings_of(problem: TableProblem, tables: Sequence[BenchTable], judgement: Judgement,
                 retellings: Sequence[DuplicateRows]) -> tuple[str, ...]:
     """Plain sentences about the rows themselves; columns that could not be judged first.
 
@@ -199,7 +199,7 @@ def _nearest_sentence(nearest: str, machine: Machine) -> str:
             f"{unit_of(nearest, machine)}" + (", or be negative" if ROWS[nearest].only_adds else ""))
 
 
-def _noise_sentences(problem: Problem, index: int, piece: Piece) -> list[str]:
+def _noise_sentences(problem: TableProblem, index: int, piece: TablePiece) -> list[str]:
     """Outliers, and settings that scatter more than others."""
     out = []
     noise = problem.noise[index]
@@ -220,7 +220,7 @@ def _noise_sentences(problem: Problem, index: int, piece: Piece) -> list[str]:
     return out
 
 
-def _label_sentences(problem: Problem) -> list[str]:
+def _label_sentences(problem: TableProblem) -> list[str]:
     out = []
     for piece, one, other, difference, half, p in label_contrasts(problem):
         word = "differs from" if p < CONTRAST_P else "does not differ from"
@@ -229,12 +229,12 @@ def _label_sentences(problem: Problem) -> list[str]:
     return out
 
 
-def _clock_sentence(name: str, clock: Clock) -> str:
+def _clock_sentence(name: str, clock: CoarseClock) -> str:
     return (f"{name}: the times heap on multiples of {clock.step_s:.4f} s (mean cosine {clock.heaping:.2f}): one time "
             f"may be off by {clock.step_s / 2.0:.3f} s, the mean of many at a setting is not")
 
 
-def _settings_sentences(problem: Problem, judgement: Judgement) -> list[str]:
+def _settings_sentences(problem: TableProblem, judgement: Judgement) -> list[str]:
     """Rows of one setting share something that the model does not have."""
     model = judgement.model or judgement.search.best
     if model.posterior.settings_share < NAMED:
@@ -252,7 +252,7 @@ def _settings_sentences(problem: Problem, judgement: Judgement) -> list[str]:
     return out
 
 
-def _setting(piece: Piece, rows: BoolArray) -> str:
+def _setting(piece: TablePiece, rows: BoolArray) -> str:
     at = int(np.flatnonzero(rows)[0])
     parts = [f"{name} {values[at]:g}" for name, values in piece.variables.items() if name != "replicate"]
     return " ".join([*parts, str(piece.group[at])]).strip()

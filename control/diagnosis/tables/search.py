@@ -17,9 +17,9 @@ import numpy as np
 from control.diagnosis.judgement.prior import UNKNOWN, log_of_size, sd_of_size
 from control.diagnosis.judgement.rows import Posterior, Rows, mixed, posterior, rows_of
 
-from .candidates import Effect, Unknown, effects_of, unknowns_of
+from .candidates import TableEffect, Unknown, effects_of, unknowns_of
 from .piece import Array, BoolArray, IntArray, SizedEffect, best_first
-from .problem import Problem
+from .problem import TableProblem
 
 MAX_EFFECTS = 3             # at once
 WINDOW = 7.0                # log odds behind the best: what is further off is not counted (Madigan and Raftery 1994)
@@ -41,7 +41,7 @@ class Model(NamedTuple):
     unknown: int | None = None
 
 
-class Fitted(NamedTuple):
+class FittedModel(NamedTuple):
     """`score`: log evidence plus log prior odds. `outside`: places of effects whose size is out of its bounds."""
 
     model: Model
@@ -63,21 +63,21 @@ class Fitted(NamedTuple):
         return not self.sized and not self.is_unknown
 
 
-class Search(NamedTuple):
+class TableSearch(NamedTuple):
     """`fitted`: probable models, the best first; `probability`: of each."""
 
-    problem: Problem
-    effects: tuple[Effect, ...]
+    problem: TableProblem
+    effects: tuple[TableEffect, ...]
     unknowns: tuple[Unknown, ...]
-    fitted: tuple[Fitted, ...]
+    fitted: tuple[FittedModel, ...]
     probability: tuple[float, ...]
 
     @property
-    def best(self) -> Fitted:
+    def best(self) -> FittedModel:
         return self.fitted[0]
 
 
-def search(problem: Problem) -> Search:
+def search(problem: TableProblem) -> TableSearch:
     """All models that these rows leave probable."""
     effects = effects_of(problem)
     unknowns = unknowns_of(problem, effects)
@@ -85,11 +85,11 @@ def search(problem: Problem) -> Search:
     scores = [one.score for one in found]
     order = best_first(scores)
     weights = np.exp(np.array(scores) - max(scores))[order]
-    return Search(problem, tuple(effects), tuple(unknowns), tuple(found[k] for k in order),
-                  tuple((weights / weights.sum()).tolist()))
+    return TableSearch(problem, tuple(effects), tuple(unknowns), tuple(found[k] for k in order),
+                       tuple((weights / weights.sum()).tolist()))
 
 
-class _Table(NamedTuple):
+class _SideBySide(NamedTuple):
     """All columns side by side, and where each thing's are."""
 
     rows: Rows
@@ -101,8 +101,8 @@ class _Table(NamedTuple):
     unknown: tuple[IntArray, ...]
 
 
-def _table(problem: Problem, y: Array, effects: Sequence[Effect], unknowns: Sequence[Unknown],
-           kept: BoolArray | None = None, whole: bool = True) -> _Table:
+def _table(problem: TableProblem, y: Array, effects: Sequence[TableEffect], unknowns: Sequence[Unknown],
+           kept: BoolArray | None = None, whole: bool = True) -> _SideBySide:
     """kept : (n,) rows that count; None: all. whole : parts without replicates have a noise of their own."""
     tolerances = problem.nuisances / problem.sd[:, None]
     blocks = [tolerances, *(one.column[:, None] for one in effects), *(one.forms for one in effects),
@@ -116,11 +116,11 @@ def _table(problem: Problem, y: Array, effects: Sequence[Effect], unknowns: Sequ
     rows = rows_of(y[used], columns[used], setting, (problem.rounding / problem.sd)[used],
                    problem.min_variance, problem.usual_noise,
                    [(problem.piece == k)[used] for k in problem.unrepeated[:MOST_ALONE]] if whole else ())
-    return _Table(rows, y, columns, tolerances.shape[1], tuple(places[:count]), tuple(places[count:2 * count]),
-                  tuple(places[2 * count:]))
+    return _SideBySide(rows, y, columns, tolerances.shape[1], tuple(places[:count]), tuple(places[count:2 * count]),
+                       tuple(places[2 * count:]))
 
 
-def _probable(problem: Problem, effects: Sequence[Effect], unknowns: Sequence[Unknown]) -> list[Model]:
+def _probable(problem: TableProblem, effects: Sequence[TableEffect], unknowns: Sequence[Unknown]) -> list[Model]:
     """Models within WINDOW of the best, by slopes at the nominal machine."""
     y = (problem.observed - problem.nominal) / problem.sd
     table = _table(problem, y, effects, unknowns, whole=False)
@@ -146,7 +146,8 @@ def _probable(problem: Problem, effects: Sequence[Effect], unknowns: Sequence[Un
     return [kept[k] for k in best_first([scores[one] for one in kept])[:MOST]]
 
 
-def _worth_trying(table: _Table, effects: Sequence[Effect], unknowns: Sequence[Unknown], model: Model) -> list[int]:
+def _worth_trying(table: _SideBySide, effects: Sequence[TableEffect], unknowns: Sequence[Unknown],
+                  model: Model) -> list[int]:
     """What is unknown and might be in a model: of single rows and settings those that it leaves farthest off."""
     found = scored(table, effects, unknowns, model)[1]
     index = _columns_of(table, model)
@@ -159,7 +160,7 @@ def _worth_trying(table: _Table, effects: Sequence[Effect], unknowns: Sequence[U
     return kept
 
 
-def _columns_of(table: _Table, model: Model) -> IntArray:
+def _columns_of(table: _SideBySide, model: Model) -> IntArray:
     """Places of a model's columns: its effects, their forms, what is unknown, tolerances."""
     none = np.zeros(0, np.int64)
     strange = none if model.unknown is None else table.unknown[model.unknown]
@@ -167,13 +168,13 @@ def _columns_of(table: _Table, model: Model) -> IntArray:
                            strange, np.arange(table.tolerances)])
 
 
-def _can_be(effects: Sequence[Effect]) -> bool:
+def _can_be(effects: Sequence[TableEffect]) -> bool:
     """A machine has an effect of a member (an outlet, a head) on one of them at a time."""
     ids = [one.candidate.id for one in effects if one.candidate.member is not None]
     return len(ids) == len(set(ids))
 
 
-def scored(table: _Table, effects: Sequence[Effect], unknowns: Sequence[Unknown], model: Model,
+def scored(table: _SideBySide, effects: Sequence[TableEffect], unknowns: Sequence[Unknown], model: Model,
            sizes: bool = True) -> tuple[float, Posterior]:
     """Log evidence plus log prior odds, and the posterior of the sizes (first) and all else.
 
@@ -216,8 +217,8 @@ def _guess(rows: Rows, index: IntArray, free: int) -> Array:
     return np.asarray(np.linalg.solve(normal, rows.grams[0][0, index + 1] * scale) * scale)
 
 
-def refined(problem: Problem, effects: Sequence[Effect], unknowns: Sequence[Unknown], model: Model,
-            kept: BoolArray | None = None) -> Fitted:
+def refined(problem: TableProblem, effects: Sequence[TableEffect], unknowns: Sequence[Unknown], model: Model,
+            kept: BoolArray | None = None) -> FittedModel:
     """The model made again at its own sizes. kept : (n,) rows that they are fitted to; None: all."""
     chosen = [effects[k] for k in model.effects]
     other: tuple[Unknown, ...] = () if model.unknown is None else (unknowns[model.unknown],)
@@ -245,10 +246,10 @@ def refined(problem: Problem, effects: Sequence[Effect], unknowns: Sequence[Unkn
         np.zeros(len(problem.observed))
     for k in outside:
         signal = signal + sized[k].size * here[k].column
-    return Fitted(model, shown, errors, score, outside, found, signal, bool(other) and other[0].misread)
+    return FittedModel(model, shown, errors, score, outside, found, signal, bool(other) and other[0].misread)
 
 
-def _at_definition(here: Sequence[Effect], found: Posterior,
+def _at_definition(here: Sequence[TableEffect], found: Posterior,
                    sized: Sequence[SizedEffect]) -> tuple[tuple[SizedEffect, ...], tuple[float, ...]]:
     """Sizes where the catalogue defines them, off the effect in whatever shape the rows ask for, and their s.d."""
     shown, errors, at = [], [], len(here)

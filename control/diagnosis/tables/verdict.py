@@ -17,11 +17,11 @@ from control.diagnosis.judgement.prior import LISTED, NAMED
 from control.diagnosis.result import UNKNOWN, Unexplained, Verdict
 
 from .gain import MIN_ROWS
-from .piece import Candidate, SizedEffect
-from .search import Fitted, Search
+from .piece import SizedEffect, TableCandidate
+from .search import FittedModel, TableSearch
 
 
-class Rival(NamedTuple):
+class TableRival(NamedTuple):
     """What may stand in the place of a cause. `effect`: None for something unknown, or chance."""
 
     id: str
@@ -29,13 +29,13 @@ class Rival(NamedTuple):
     probability: float
 
 
-class Named(NamedTuple):
+class NamedEffect(NamedTuple):
     """One effect of the most probable model. `se`: s.d. of its size; `rivals`: of probability LISTED or more."""
 
     effect: SizedEffect
     se: float
     probability: float
-    rivals: tuple[Rival, ...]
+    rivals: tuple[TableRival, ...]
 
 
 class Judgement(NamedTuple):
@@ -44,21 +44,21 @@ class Judgement(NamedTuple):
     `nearest`: an effect that comes nearest to what is unexplained, with a size that it cannot have.
     """
 
-    search: Search
-    model: Fitted | None
+    search: TableSearch
+    model: FittedModel | None
     verdict: Verdict
-    named: tuple[Named, ...]
+    named: tuple[NamedEffect, ...]
     unexplained: tuple[Unexplained, ...]
     nothing: float
     unknown: float
-    nearest: Candidate | None
+    nearest: TableCandidate | None
 
     @property
     def effects(self) -> tuple[SizedEffect, ...]:
         return tuple(one.effect for one in self.named)
 
 
-def judged(search: Search, shows: bool) -> Judgement:
+def judged(search: TableSearch, shows: bool) -> Judgement:
     """The verdict, clocks apart. shows : whether these rows would show any effect within its bounds."""
     every = list(zip(search.fitted, search.probability, strict=True))
     nothing = sum(p for one, p in every if one.is_nothing)
@@ -74,7 +74,7 @@ def judged(search: Search, shows: bool) -> Judgement:
     return Judgement(search, model, verdict, named, unexplained, nothing, unknown, nearest)
 
 
-def _said(search: Search, nothing: float, unknown: float) -> Fitted:
+def _said(search: TableSearch, nothing: float, unknown: float) -> FittedModel:
     """The model that is reported: of those with or without something unknown."""
     some = [one for one in search.fitted if not one.is_nothing]
     strange = next((one for one in some if one.is_unknown), None)
@@ -84,7 +84,7 @@ def _said(search: Search, nothing: float, unknown: float) -> Fitted:
     return strange if unknown >= NAMED * (1.0 - nothing) else known
 
 
-def _named(search: Search, model: Fitted, k: int) -> Named:
+def _named(search: TableSearch, model: FittedModel, k: int) -> NamedEffect:
     """The k-th effect of a model, and what the models without it have in its place."""
     own = model.sized[k]
     mine = 0.0
@@ -102,12 +102,12 @@ def _named(search: Search, model: Fitted, k: int) -> Named:
             shares[key] = shares.get(key, 0.0) + p / len(keys)
         for effect in new:
             sizes.setdefault(effect.candidate[:2], effect)
-    rivals = [Rival(key[0], sizes.get(key), p) for key, p in shares.items()
+    rivals = [TableRival(key[0], sizes.get(key), p) for key, p in shares.items()
               if p >= (LISTED if key in sizes else 1.0 - NAMED)] if mine < NAMED else []
-    return Named(own, model.se[k], mine, tuple(sorted(rivals, key=lambda one: -one.probability)))
+    return NamedEffect(own, model.se[k], mine, tuple(sorted(rivals, key=lambda one: -one.probability)))
 
 
-def _unexplained(search: Search, model: Fitted) -> tuple[Unexplained, ...]:
+def _unexplained(search: TableSearch, model: FittedModel) -> tuple[Unexplained, ...]:
     """What of a model no effect can be, and its share of what its effects leave (sums of squares)."""
     if not model.is_unknown:
         return ()

@@ -20,7 +20,7 @@ from control.log_row import HEAD_COLUMNS
 from control.machine.fall import drop_s
 from control.machine.landing import falls_s
 from control.machine.machine import Machine
-from control.machine.sections import LoggedValves, Strip
+from control.machine.sections import LoggedValves, SectionStrip
 from control.orders import State, TargetSource
 from drivers.files.exports.stopped import TURNING_RPM, StoppedRelease, is_released_stopped, released_stopped
 from drivers.files.read_log import RunLog
@@ -42,12 +42,12 @@ class ExportError(OneLine):
     """The log cannot be exported; one line that names file, column and what is allowed."""
 
 
-class Product(NamedTuple):
+class SpreadProduct(NamedTuple):
     name: str
     n_fraction: float           # N in the product, 0 to 1
 
 
-class Stretches(NamedTuple):
+class WorkedStretches(NamedTuple):
     """Stretches (n,) of worked ground in the order they were worked; places are where the material came to lie."""
 
     time_s: Floats              # of release, in the middle
@@ -87,8 +87,8 @@ class AsApplied:
 
     title: str
     machine: Machine
-    product: Product
-    stretches: Stretches
+    product: SpreadProduct
+    stretches: WorkedStretches
     totals: Totals
     begin_utc: dt.datetime | None       # of time_s = 0
     field_deg: Floats | None            # the field's outline (k, 2), latitude and longitude
@@ -116,7 +116,7 @@ class AsApplied:
         return None if self.begin_utc is None else self.begin_utc + dt.timedelta(seconds=time_s)
 
 
-def as_applied(log: RunLog, machine: Machine | None = None, product: Product | None = None,
+def as_applied(log: RunLog, machine: Machine | None = None, product: SpreadProduct | None = None,
                every_s: float = DEFAULT_EVERY_S) -> AsApplied:
     """The worked rows of a log, and those in which its shaft turned though commanded to stop, in stretches of at most
     `every_s`.
@@ -149,7 +149,7 @@ def as_applied(log: RunLog, machine: Machine | None = None, product: Product | N
                      _field(log), _cut(log, rows, strips), _one_rate(log, machine), ground, released_stopped(log))
 
 
-class _Rows(NamedTuple):
+class _WorkedRows(NamedTuple):
     """Worked rows (n,), and where each one's material came to lie on a plane, begin and end of its step."""
 
     plane: TangentPlane
@@ -169,7 +169,7 @@ class _Rows(NamedTuple):
     opened: npt.NDArray[np.bool_]       # (n, sections): which flowed; one column where the machine is one whole
 
 
-def _worked(log: RunLog, machine: Machine) -> _Rows:
+def _worked(log: RunLog, machine: Machine) -> _WorkedRows:
     time = log.time_s
     step = np.diff(time, prepend=time[:1])
     applied, speed = applied_rate_kg_ha(log), _speed_mps(log)
@@ -186,13 +186,13 @@ def _worked(log: RunLog, machine: Machine) -> _Rows:
     wanted = np.where(is_worked(log), log.numbers("target_rate_kg_ha"), np.nan)     # commanded to stop: no target
     columns = [time, step, speed, applied, wanted, begin, end, at, shaft,
                log.numbers("opening_mm"), log.numbers("fix_quality"), log.numbers("satellites"), log.numbers("hdop")]
-    return _Rows._make((plane, *(column[counts] for column in (*columns, opened(log, machine)))))
+    return _WorkedRows._make((plane, *(column[counts] for column in (*columns, opened(log, machine)))))
 
 
-def strips_of(log: RunLog, machine: Machine) -> tuple[Strip, ...]:
+def strips_of(log: RunLog, machine: Machine) -> tuple[SectionStrip, ...]:
     """Of the sections whose valves the log tells; else of the whole machine."""
     half = 0.5 * machine.geometry.working_width_m
-    return machine.switched if machine.switched and log.has("sections_cmd") else (Strip(-half, half, 1.0),)
+    return machine.switched if machine.switched and log.has("sections_cmd") else (SectionStrip(-half, half, 1.0),)
 
 
 def opened(log: RunLog, machine: Machine) -> npt.NDArray[np.bool_]:
@@ -282,7 +282,7 @@ def _way_at(moments_s: Floats, time_s: Floats, way_m: Floats) -> Floats:
     return np.asarray(along + beyond, dtype=np.float64)
 
 
-def _gathered(rows: _Rows, strips: Sequence[Strip], every_s: float) -> Stretches:
+def _gathered(rows: _WorkedRows, strips: Sequence[SectionStrip], every_s: float) -> WorkedStretches:
     """Of each strip by itself, in the order in which they were worked."""
     found = [_of_strip(_under(rows, strip, flowed), strip.right_m - strip.left_m, every_s)
              for strip, flowed in zip(strips, rows.opened.T, strict=True) if flowed.any()]
@@ -290,10 +290,10 @@ def _gathered(rows: _Rows, strips: Sequence[Strip], every_s: float) -> Stretches
         return found[0]
     together = [np.concatenate(columns) for columns in zip(*found, strict=True)]
     order = np.argsort(together[0], kind="stable")
-    return Stretches(*(column[order] for column in together))
+    return WorkedStretches(*(column[order] for column in together))
 
 
-def _under(rows: _Rows, strip: Strip, flowed: npt.NDArray[np.bool_]) -> _Rows:
+def _under(rows: _WorkedRows, strip: SectionStrip, flowed: npt.NDArray[np.bool_]) -> _WorkedRows:
     """The rows in which a strip flowed, at the strip's own middle."""
     aside = 0.5 * (strip.left_m + strip.right_m)
     if aside == 0.0 and flowed.all():
@@ -301,10 +301,10 @@ def _under(rows: _Rows, strip: Strip, flowed: npt.NDArray[np.bool_]) -> _Rows:
     angle = np.radians(rows.heading_deg)
     right = aside * np.column_stack((np.cos(angle), -np.sin(angle)))
     moved = rows._replace(begin_m=rows.begin_m + right, end_m=rows.end_m + right)
-    return _Rows._make((moved.plane, *(column[flowed] for column in moved[1:])))
+    return _WorkedRows._make((moved.plane, *(column[flowed] for column in moved[1:])))
 
 
-def _of_strip(rows: _Rows, width: float, every_s: float) -> Stretches:
+def _of_strip(rows: _WorkedRows, width: float, every_s: float) -> WorkedStretches:
     breaks = np.diff(rows.time_s) > rows.step_s[1:] + 1e-6
     period = np.floor(rows.time_s / every_s + 1e-9)
     first = np.flatnonzero(np.concatenate(([True], breaks | (np.diff(period) != 0.0))))
@@ -325,7 +325,7 @@ def _of_strip(rows: _Rows, width: float, every_s: float) -> Stretches:
     with np.errstate(invalid="ignore", divide="ignore"):
         target = target_kg / target_ha
     lat_lon = _to_deg(rows.plane, middle)
-    return Stretches(
+    return WorkedStretches(
         rows.time_s[last] - 0.5 * duration, lat_lon[:, 0], lat_lon[:, 1],
         _to_deg(rows.plane, corners.reshape(-1, 2)).reshape(-1, 4, 2), heading,
         np.add.reduceat(length, first) / duration, duration, np.add.reduceat(length, first), 10_000.0 * ha, target,
@@ -347,7 +347,7 @@ def _to_deg(plane: TangentPlane, places: Floats) -> Floats:
     return np.array([plane.to_deg(east, north) for east, north in places.tolist()])
 
 
-def _totals(log: RunLog, machine: Machine, product: Product) -> Totals:
+def _totals(log: RunLog, machine: Machine, product: SpreadProduct) -> Totals:
     """What the log itself adds up to, row by row."""
     totaliser = Totaliser(machine.geometry.working_width_m, product.n_fraction)
     share = opened(log, machine) @ np.array([strip.share for strip in strips_of(log, machine)])
@@ -363,7 +363,7 @@ def _totals(log: RunLog, machine: Machine, product: Product) -> Totals:
     return totaliser.snapshot()
 
 
-def _cut(log: RunLog, rows: _Rows, strips: Sequence[Strip]) -> Cut | None:
+def _cut(log: RunLog, rows: _WorkedRows, strips: Sequence[SectionStrip]) -> Cut | None:
     limit = ((log.meta.crop if log.meta else None) or {}).get("max_rate_kg_ha")
     if not isinstance(limit, int | float):
         return None
@@ -393,7 +393,8 @@ def _one_rate(log: RunLog, machine: Machine) -> Across | None:
     return across(rule, machine, heads[new])
 
 
-def _covered(rows: _Rows, width_m: float, strips: Sequence[Strip], flows: npt.NDArray[np.bool_]) -> Covered:
+def _covered(rows: _WorkedRows, width_m: float, strips: Sequence[SectionStrip],
+             flows: npt.NDArray[np.bool_]) -> Covered:
     """Ground under the strips that `flows` (n, strips), each place once, and what was passed over again."""
     coverage = Coverage(width_m, min(CELL_M, width_m / 6.0), strips=[(one.left_m, one.right_m) for one in strips])
     way_m = np.cumsum(rows.speed_mps * rows.step_s)
@@ -443,9 +444,9 @@ def _check_width(log: RunLog, machine: Machine) -> None:
                           f"{width:g} m wide: allowed is a machine file of that width (--machine)")
 
 
-def _product(log: RunLog) -> Product:
+def _product(log: RunLog) -> SpreadProduct:
     crop = (log.meta.crop if log.meta else None) or {}
-    return Product(str(crop.get("product", "product")), float(crop.get("product_n_fraction", 0.0)))
+    return SpreadProduct(str(crop.get("product", "product")), float(crop.get("product_n_fraction", 0.0)))
 
 
 def _field(log: RunLog) -> Floats | None:

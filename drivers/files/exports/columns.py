@@ -10,7 +10,7 @@ from control.machine.elements import Array
 from drivers.files.exports.as_applied import AsApplied
 
 
-class Column(NamedTuple):
+class ExportColumn(NamedTuple):
     """`name` in CSV and GeoJSON; `short`: the shapefile's, ten characters at most; `decimals`: what is kept."""
 
     name: str
@@ -23,23 +23,23 @@ class Column(NamedTuple):
 TIME_SHORT = "ISOTIME"       # of a shapefile: the column that is utc elsewhere
 
 COLUMNS = (
-    Column("time_s", "TIME_S", 12, 2, lambda a: a.stretches.time_s),
-    Column("lat_deg", "LATITUDE", 14, 9, lambda a: a.stretches.lat_deg),
-    Column("lon_deg", "LONGITUDE", 14, 9, lambda a: a.stretches.lon_deg),
-    Column("heading_deg", "HEADING", 8, 1, lambda a: a.stretches.heading_deg),
-    Column("speed_mps", "SPEED_MPS", 8, 3, lambda a: a.stretches.speed_mps),
-    Column("duration_s", "DURATION_S", 9, 3, lambda a: a.stretches.duration_s),
-    Column("distance_m", "DISTANCE_M", 10, 4, lambda a: a.stretches.length_m),
-    Column("swath_width_m", "SWATHWDTH", 8, 3, lambda a: a.stretches.width_m),
-    Column("area_m2", "AREA_M2", 12, 5, lambda a: a.stretches.area_m2),
-    Column("target_rate_kg_ha", "TARGETRATE", 10, 3, lambda a: a.stretches.target_kg_ha),
-    Column("applied_rate_kg_ha", "APPLIEDRAT", 10, 3, lambda a: a.stretches.applied_kg_ha),
-    Column("target_kg", "TARGET_KG", 14, 8, lambda a: a.stretches.target_kg),
-    Column("applied_kg", "APPLIED_KG", 14, 8, lambda a: a.stretches.applied_kg),
-    Column("applied_n_kg", "N_KG", 14, 8, lambda a: a.stretches.applied_kg * a.product.n_fraction),
-    Column("shaft_rpm", "SHAFT_RPM", 8, 2, lambda a: a.stretches.shaft_rpm),
-    Column("opening_mm", "OPENING_MM", 8, 2, lambda a: a.stretches.opening_mm),
-    Column("fix_quality", "FIXQUALITY", 4, 0, lambda a: a.stretches.fix_quality),
+    ExportColumn("time_s", "TIME_S", 12, 2, lambda a: a.stretches.time_s),
+    ExportColumn("lat_deg", "LATITUDE", 14, 9, lambda a: a.stretches.lat_deg),
+    ExportColumn("lon_deg", "LONGITUDE", 14, 9, lambda a: a.stretches.lon_deg),
+    ExportColumn("heading_deg", "HEADING", 8, 1, lambda a: a.stretches.heading_deg),
+    ExportColumn("speed_mps", "SPEED_MPS", 8, 3, lambda a: a.stretches.speed_mps),
+    ExportColumn("duration_s", "DURATION_S", 9, 3, lambda a: a.stretches.duration_s),
+    ExportColumn("distance_m", "DISTANCE_M", 10, 4, lambda a: a.stretches.length_m),
+    ExportColumn("swath_width_m", "SWATHWDTH", 8, 3, lambda a: a.stretches.width_m),
+    ExportColumn("area_m2", "AREA_M2", 12, 5, lambda a: a.stretches.area_m2),
+    ExportColumn("target_rate_kg_ha", "TARGETRATE", 10, 3, lambda a: a.stretches.target_kg_ha),
+    ExportColumn("applied_rate_kg_ha", "APPLIEDRAT", 10, 3, lambda a: a.stretches.applied_kg_ha),
+    ExportColumn("target_kg", "TARGET_KG", 14, 8, lambda a: a.stretches.target_kg),
+    ExportColumn("applied_kg", "APPLIED_KG", 14, 8, lambda a: a.stretches.applied_kg),
+    ExportColumn("applied_n_kg", "N_KG", 14, 8, lambda a: a.stretches.applied_kg * a.product.n_fraction),
+    ExportColumn("shaft_rpm", "SHAFT_RPM", 8, 2, lambda a: a.stretches.shaft_rpm),
+    ExportColumn("opening_mm", "OPENING_MM", 8, 2, lambda a: a.stretches.opening_mm),
+    ExportColumn("fix_quality", "FIXQUALITY", 4, 0, lambda a: a.stretches.fix_quality),
 )
 
 

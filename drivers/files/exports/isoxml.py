@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from drivers.files.exports.as_applied import AsApplied, ExportError, Floats
-from drivers.files.exports.time_log import NO_STATUS, Logged, Moment, layout, records
+from drivers.files.exports.time_log import NO_STATUS, Logged, TimeRecord, layout, records
 from drivers.files.prescriptions.task_folder import name_of, outline, task_root, write_task
 
 # ISO 11783-11: what is logged, with the steps of its numbers
@@ -59,7 +59,7 @@ def as_applied_task(applied: AsApplied) -> tuple[Element, dict[str, bytes]]:
     return root, {"TLG00001.xml": layout([Logged(ddi, ELEMENT) for ddi in LOGGED]), "TLG00001.bin": binary}
 
 
-def _moments(applied: AsApplied) -> Iterator[Moment]:
+def _moments(applied: AsApplied) -> Iterator[TimeRecord]:
     """A record at the end of each stretch, with the sums up to there; one more where work stops."""
     s = applied.stretches
     grams = np.round(1000.0 * np.cumsum(s.applied_kg)).astype(np.int64).tolist()
@@ -82,13 +82,14 @@ def _effective_m(applied: AsApplied) -> Floats:
     return np.asarray(s.length_m * (s.width_m / applied.width_m), dtype=np.float64)
 
 
-def _moment(applied: AsApplied, k: int, time_s: float, values: list[int | None]) -> Moment:
+def _moment(applied: AsApplied, k: int, time_s: float, values: list[int | None]) -> TimeRecord:
     s = applied.stretches
     utc = applied.utc(time_s)
     assert utc is not None
     fix, satellites, hdop = s.fix_quality[k], s.satellites[k], s.hdop[k]
-    return Moment(utc, float(s.lat_deg[k]), float(s.lon_deg[k]), NO_STATUS if fix != fix else int(fix),
-                  None if hdop != hdop else float(hdop), None if satellites != satellites else int(satellites), values)
+    return TimeRecord(utc, float(s.lat_deg[k]), float(s.lon_deg[k]), NO_STATUS if fix != fix else int(fix),
+                      None if hdop != hdop else float(hdop), None if satellites != satellites else int(satellites),
+                      values)
 
 
 def _final_totals(applied: AsApplied) -> tuple[int, ...]:

@@ -23,7 +23,7 @@ class Logged(NamedTuple):
     element: str
 
 
-class Moment(NamedTuple):
+class TimeRecord(NamedTuple):
     """One record. values: as many as there are data; None: not known, left out."""
 
     utc: dt.datetime
@@ -45,7 +45,7 @@ def layout(data: Sequence[Logged]) -> bytes:
     return bytes(ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True))
 
 
-def records(moments: Iterable[Moment]) -> bytes:
+def records(moments: Iterable[TimeRecord]) -> bytes:
     """The binary. A value beyond 32 bits is held at the end of its range."""
     out = bytearray()
     for moment in moments:

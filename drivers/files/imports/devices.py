@@ -26,7 +26,7 @@ class Presented(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Part:
+class DeviceElement:
     """An element of a device (DET), with what its description says of each data identifier (DDI)."""
 
     id: str
@@ -59,22 +59,22 @@ WIDTHS = (67, 70)                               # actual, largest; mm
 AGREES = 0.01                                   # presentation and dictionary, one to the other
 
 
-def parts_of(root: Element) -> dict[str, Part]:
+def parts_of(root: Element) -> dict[str, DeviceElement]:
     """The elements of all devices by their ids."""
     found = {}
     for device in root.iter("DVC"):
         shown = {one.get("A"): one for one in device.findall("DVP")}
         data = {one.get("A"): one for one in (*device.findall("DPD"), *device.findall("DPT"))}
         for element in device.findall("DET"):
-            part = Part(element.get("A", ""), device.get("A", ""), device.get("B", ""), element.get("D", ""),
-                        element.get("C", ""))
+            part = DeviceElement(element.get("A", ""), device.get("A", ""), device.get("B", ""), element.get("D", ""),
+                                 element.get("C", ""))
             for reference in element.findall("DOR"):
                 _describe(part, data.get(reference.get("A")), shown)
             found[part.id] = part
     return found
 
 
-def _describe(part: Part, data: Element | None, shown: dict[str | None, Element]) -> None:
+def _describe(part: DeviceElement, data: Element | None, shown: dict[str | None, Element]) -> None:
     if data is None or (ddi := ddi_of(data.get("B", ""))) is None:
         return
     is_property = data.tag == "DPT"
@@ -98,7 +98,7 @@ def ddi_of(text: str) -> int | None:
         return None
 
 
-def meaning_of(root: Element, ddi: int | None, part: Part | None) -> Meaning:
+def meaning_of(root: Element, ddi: int | None, part: DeviceElement | None) -> Meaning:
     """By the dictionary, else as the device calls and shows it."""
     if ddi is None:
         return Meaning("no data identifier")
@@ -113,7 +113,7 @@ def meaning_of(root: Element, ddi: int | None, part: Part | None) -> Meaning:
     return Meaning(name or f"ddi {ddi}", shown.unit, shown.scale, shown.offset * shown.scale)
 
 
-def contradiction(ddi: int | None, part: Part | None) -> Meaning | None:
+def contradiction(ddi: int | None, part: DeviceElement | None) -> Meaning | None:
     """What a rate is by its device's presentation, where that is not what the dictionary says; None: it agrees."""
     shown = None if part is None or ddi not in RATES else part.shown.get(ddi)
     if shown is None or ddi is None:
@@ -128,7 +128,7 @@ def contradiction(ddi: int | None, part: Part | None) -> Meaning | None:
     return Meaning(by_book.name, shown.unit, shown.scale, shown.offset * shown.scale)
 
 
-def width_m(parts: dict[str, Part], device: str | None = None) -> float | None:
+def width_m(parts: dict[str, DeviceElement], device: str | None = None) -> float | None:
     """The working width that a device's description says, m: of its widest element; None: it says none."""
     stated = [part.fixed[ddi] for part in parts.values() if device in (None, part.device)
             for ddi in WIDTHS if part.fixed.get(ddi, 0) > 0]

@@ -12,7 +12,7 @@ from control.recordings.speeds import unit_of
 from drivers.files.imports import physics
 from drivers.files.imports.convert import convert
 from drivers.files.imports.guess_columns import per_count
-from drivers.files.imports.guessed import PAIRS, Candidate, Doubt, Guess
+from drivers.files.imports.guessed import PAIRS, ColumnCandidate, Doubt, Guess
 from drivers.files.imports.mapping import Column
 from drivers.files.imports.numbers import numbers
 from drivers.files.imports.raw import RawTable
@@ -28,7 +28,7 @@ CLOSEST_S, FARTHEST_S = 5e-5, 60.0      # between rows (median): the quickest lo
 DRIVEN = ("shaft_rpm_cmd", "opening_mm_cmd")        # commands that a row may hold with their settled answer
 
 
-def check(raw: RawTable, out: Guess, chosen: Mapping[str, Candidate]) -> None:
+def check(raw: RawTable, out: Guess, chosen: Mapping[str, ColumnCandidate]) -> None:
     """Converts the first rows as guessed, and changes or doubts what their numbers contradict."""
     head = RawTable(raw.path, raw.frame.head(LOOKED_AT), raw.source, raw.units, raw.first_row)
     try:
@@ -70,7 +70,7 @@ def _spacing(time_s: NDArray[np.float64], out: Guess) -> None:
 
 
 def _speeds(time_s: NDArray[np.float64], columns: dict[str, NDArray[np.float64]], out: Guess,
-            chosen: Mapping[str, Candidate]) -> None:
+            chosen: Mapping[str, ColumnCandidate]) -> None:
     if "lat_deg" not in columns or "lon_deg" not in columns:
         return
     for name in ("speed_mps", "wheel_speed_mps", "speed_used_mps"):
@@ -120,7 +120,7 @@ def _ranges(columns: dict[str, NDArray[np.float64]], out: Guess) -> None:
 
 
 def _commands(time_s: NDArray[np.float64], columns: dict[str, NDArray[np.float64]], out: Guess,
-              chosen: Mapping[str, Candidate]) -> None:
+              chosen: Mapping[str, ColumnCandidate]) -> None:
     """Commands without a unit scaled to their readings, and whether a row holds a command with its settled answer."""
     for command, reading in PAIRS:
         if command not in columns or reading not in columns:

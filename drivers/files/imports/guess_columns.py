@@ -10,12 +10,12 @@ from control.log_row import COLUMNS, PLAUSIBLE, TEXT_COLUMNS
 from control.recordings.speeds import FAST_MPS, MOVING_MPS
 from drivers.files.imports import physics
 from drivers.files.imports.convert import extra_name
-from drivers.files.imports.guessed import PAIRS, Candidate, Doubt, Guess, Key
+from drivers.files.imports.guessed import PAIRS, ColumnCandidate, Doubt, Guess, Key
 from drivers.files.imports.header import named
 from drivers.files.imports.mapping import NOT_MAPPED, Column
 from drivers.files.imports.numbers import numbers
 from drivers.files.imports.raw import RawTable
-from drivers.files.imports.units import Unit, quantity_of, unit_named, unit_of
+from drivers.files.imports.units import ColumnUnit, quantity_of, unit_named, unit_of
 from drivers.files.imports.words import (
     COMMAND,
     PLAINLY_READING,
@@ -34,14 +34,14 @@ DEGREES = ("latitude", "longitude", "heading")      # their unit needs no word
 IN_RPM = ("rpm", "drehzahl", "转速")                 # words that are units by themselves
 
 
-def candidates_of(raw: RawTable, used: Iterable[str | None]) -> list[Candidate]:
+def candidates_of(raw: RawTable, used: Iterable[str | None]) -> list[ColumnCandidate]:
     """The columns that may be some column of the log, but for those in use."""
     found = [one for name in raw.names if name not in set(used) and (one := _candidate(raw, name)) is not None]
     _tell_roles(found)
     return found + _commands_by_name(raw, used, found)
 
 
-def _commands_by_name(raw: RawTable, used: Iterable[str | None], found: list[Candidate]) -> list[Candidate]:
+def _commands_by_name(raw: RawTable, used: Iterable[str | None], found: list[ColumnCandidate]) -> list[ColumnCandidate]:
     """Where a speed is read and no command is known: the speed that is named a command and that the reading follows,
     whatever it drives (`fan_command_rpm`: the fan of an applicator is no metering shaft, that on a bench is one)."""
     reading = next((one for one in found if one.target == "shaft_rpm"), None)
@@ -54,17 +54,17 @@ def _commands_by_name(raw: RawTable, used: Iterable[str | None], found: list[Can
         if name not in {*used, reading.source} and turns and says(plain, COMMAND):
             values = _values(raw, name)
             if values.size and _follows(values, reading.values):
-                commands.append(Candidate(name, "shaft_rpm_cmd", unit, unit is None, "command", values=values))
+                commands.append(ColumnCandidate(name, "shaft_rpm_cmd", unit, unit is None, "command", values=values))
     return commands
 
 
-def _candidate(raw: RawTable, name: str) -> Candidate | None:
+def _candidate(raw: RawTable, name: str) -> ColumnCandidate | None:
     if raw.frame[name].dtype.is_temporal():
         return None
     plain = folded(named(name)[0])
     unit = unit_named(raw.units[name]) if name in raw.units else None
     if name in COLUMNS and name not in NOT_MAPPED:
-        return Candidate(name, name, None, implied=True, exact=True, values=_values(raw, name))
+        return ColumnCandidate(name, name, None, implied=True, exact=True, values=_values(raw, name))
     subject = subject_of(plain, unit.quantity if unit else None)
     if unit is not None and _no_unit(name, subject, unit, plain):
         subject, unit = subject_of(plain, None), None
@@ -83,10 +83,10 @@ def _candidate(raw: RawTable, name: str) -> Candidate | None:
         target = "shaft_rpm_cmd" if role == "command" else "shaft_rpm"
     elif subject.id == "speed" and role == "command":
         return None                     # a wanted ground speed is no reading
-    return Candidate(name, target, unit, implied and unit is None, role, values=values)
+    return ColumnCandidate(name, target, unit, implied and unit is None, role, values=values)
 
 
-def _no_unit(name: str, subject: Subject | None, unit: Unit, plain: str) -> bool:
+def _no_unit(name: str, subject: Subject | None, unit: ColumnUnit, plain: str) -> bool:
     """Whether the end of a name only reads as a unit: `Tgt_Rate_lb_ac`, of which a shapefile leaves `Tgt_Rate_l`, and
     the Ms of `Rt_Apd_Ms`, which is a mass."""
     worded = subject_of(plain, None)
@@ -112,7 +112,7 @@ def _too_fast(values: NDArray[np.float64]) -> bool:
     return bool(moving.size and np.median(moving) > TOO_FAST)
 
 
-def _tell_roles(candidates: list[Candidate]) -> None:
+def _tell_roles(candidates: list[ColumnCandidate]) -> None:
     """Of two columns of one kind and no word which is which: the one that the other follows is the command."""
     for command, reading in PAIRS:
         alike = [one for one in candidates if one.target == reading and one.role == ""]
@@ -124,9 +124,9 @@ def _tell_roles(candidates: list[Candidate]) -> None:
             first.target, first.role = command, "by physics"
 
 
-def chosen_of(candidates: list[Candidate], out: Guess) -> dict[str, Candidate]:
+def chosen_of(candidates: list[ColumnCandidate], out: Guess) -> dict[str, ColumnCandidate]:
     """The best candidate of each log column; where several fit as well, the first and a doubt."""
-    by_target: dict[str, list[Candidate]] = {}
+    by_target: dict[str, list[ColumnCandidate]] = {}
     for one in candidates:
         by_target.setdefault(one.target, []).append(one)
     chosen = {}
@@ -146,13 +146,13 @@ def chosen_of(candidates: list[Candidate], out: Guess) -> dict[str, Candidate]:
     return chosen
 
 
-def _either_rate(one: Candidate) -> bool:
+def _either_rate(one: ColumnCandidate) -> bool:
     """Whether a rate may be the wanted one or the applied one, for all that its name says; a flow is measured."""
     flow = one.unit is not None and one.unit.quantity == "flow"
     return one.target == "applied_rate_kg_ha" and not (one.role or one.exact or flow)
 
 
-def column_of(one: Candidate, out: Guess) -> Column | None:
+def column_of(one: ColumnCandidate, out: Guess) -> Column | None:
     """The import file's words for a candidate; None where a number is wanting that the file does not hold."""
     key: Key = ("columns", one.target)
     quantity = quantity_of(one.target)
@@ -191,7 +191,7 @@ def column_of(one: Candidate, out: Guess) -> Column | None:
     return None
 
 
-def _log_unit(one: Candidate) -> str:
+def _log_unit(one: ColumnCandidate) -> str:
     unit = unit_of(one.target)
     return "" if unit is None else unit.name
 
@@ -200,7 +200,7 @@ def _quoted(name: str) -> str:
     return '"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
-def _without_unit(one: Candidate, quantity: str | None, out: Guess) -> Column | None:
+def _without_unit(one: ColumnCandidate, quantity: str | None, out: Guess) -> Column | None:
     key: Key = ("columns", one.target)
     missing = _missing(one)
     if one.implied or quantity is None:
@@ -287,7 +287,7 @@ def per_count(most: float, full: float) -> float:
     return full / next((count for count in FULL_COUNTS if most <= count), most)
 
 
-def _missing(one: Candidate, factor: float = 1.0) -> tuple[float, ...]:
+def _missing(one: ColumnCandidate, factor: float = 1.0) -> tuple[float, ...]:
     low, high = PLAUSIBLE.get(one.target, (-np.inf, np.inf))
     factor = factor if np.isfinite(factor) else 1.0
     return tuple(physics.sentinels(one.values, (low / factor, high / factor))) if one.values.size else ()

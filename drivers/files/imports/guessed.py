@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.files.imports.mapping import ImportFile
-from drivers.files.imports.units import Unit
+from drivers.files.imports.units import ColumnUnit
 
 Key = tuple[str, ...]
 
@@ -54,12 +54,12 @@ class Guess:
 
 
 @dataclass
-class Candidate:
+class ColumnCandidate:
     """A column of the file (`source`) that may be a column of the log (`target`). `values`: as the file has them."""
 
     source: str
     target: str
-    unit: Unit | None
+    unit: ColumnUnit | None
     implied: bool = False           # the unit is in the name
     role: str = ""                  # command, reading, or not given
     exact: bool = False

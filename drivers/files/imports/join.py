@@ -14,7 +14,7 @@ from drivers.files.imports.mapping import EVENTS, Join
 from drivers.files.imports.trouble import ImportTrouble
 
 
-class Joined(NamedTuple):
+class JoinedFiles(NamedTuple):
     """`frame`: `us` from 0 on, `utc_us` where known, log columns. `begins_s`: of each part, in the order of `parts`."""
 
     frame: pl.DataFrame
@@ -23,7 +23,7 @@ class Joined(NamedTuple):
     findings: tuple[Finding, ...]
 
 
-def joined(parts: Sequence[Converted], join: Join) -> Joined:
+def joined(parts: Sequence[Converted], join: Join) -> JoinedFiles:
     """Raises ImportTrouble where files that are to follow their clocks overlap."""
     by_clock = _by_clock(parts, join)
     ordered = sorted(parts, key=_first) if by_clock or _one_epoch(parts) else list(parts)
@@ -46,7 +46,7 @@ def joined(parts: Sequence[Converted], join: Join) -> Joined:
     if len(ordered) > 1:
         how = "by their times" if by_clock else f"one after the other, {join.gap_s:g} s between"
         findings.append(Finding("joined", f"{len(ordered)} files joined {how}"))
-    return Joined(pl.concat(frames, how="diagonal_relaxed"), tuple(ordered), tuple(begins), tuple(findings))
+    return JoinedFiles(pl.concat(frames, how="diagonal_relaxed"), tuple(ordered), tuple(begins), tuple(findings))
 
 
 def _by_clock(parts: Sequence[Converted], join: Join) -> bool:

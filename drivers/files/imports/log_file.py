@@ -12,7 +12,7 @@ from control.log_row import COLUMNS, DECIMALS, TEXT_COLUMNS, WHOLE_COLUMNS
 from drivers.files.atomic import sidecar, write_atomically
 from drivers.files.config import sha256_of
 from drivers.files.imports.convert import US, UTC_US
-from drivers.files.imports.join import Joined
+from drivers.files.imports.join import JoinedFiles
 from drivers.files.imports.mapping import ImportFile
 from drivers.files.log_store import SUFFIXES, write_store
 from drivers.files.plain import plain
@@ -20,7 +20,7 @@ from drivers.files.read_log import RunLog, log_of, meta_of
 from drivers.files.run_meta import meta_from_yaml, meta_to_yaml, run_meta
 
 
-def log_frame(log: Joined) -> pl.DataFrame:
+def log_frame(log: JoinedFiles) -> pl.DataFrame:
     """The columns as they are written: those of the run log in their order, then those beyond it."""
     frame = log.frame
     columns = [_time_text(frame[US]).alias("time_s")]
@@ -31,18 +31,18 @@ def log_frame(log: Joined) -> pl.DataFrame:
     return pl.DataFrame([*columns, *(_rounded(frame[name]) for name in [*own, *beyond])])
 
 
-def run_log(path: Path, log: Joined, mapping: ImportFile, mapping_file: Path | None) -> RunLog:
+def run_log(path: Path, log: JoinedFiles, mapping: ImportFile, mapping_file: Path | None) -> RunLog:
     """The log and its sidecar as they would be read from `path`, in memory. Raises TableError."""
     return log_of(path, as_read(log), meta_from_yaml(_meta(log, mapping, mapping_file)))
 
 
-def as_read(log: Joined) -> pl.DataFrame:
+def as_read(log: JoinedFiles) -> pl.DataFrame:
     """The columns as a reader of what is written has them, times as numbers."""
     frame = log_frame(log)
     return frame.with_columns(frame["time_s"].cast(pl.Float64))
 
 
-def write_imported(path: Path, log: Joined, mapping: ImportFile, mapping_file: Path | None) -> pl.DataFrame:
+def write_imported(path: Path, log: JoinedFiles, mapping: ImportFile, mapping_file: Path | None) -> pl.DataFrame:
     """The log at `path`, its sidecar next to it (in a store: within); returns what was written. Raises OSError."""
     if path.suffix.lower() in SUFFIXES:
         read = run_log(path, log, mapping, mapping_file)
@@ -72,7 +72,7 @@ def is_import_of(log: Path, files: Iterable[Path]) -> bool:
         return False
 
 
-def _meta(log: Joined, mapping: ImportFile, mapping_file: Path | None) -> str:
+def _meta(log: JoinedFiles, mapping: ImportFile, mapping_file: Path | None) -> str:
     files = [{"name": part.raw.path.name, "sha256": _checksum(part.raw.path), "rows": part.frame.height,
               "begins_s": begin} for part, begin in zip(log.parts, log.begins_s, strict=True)]
     started = log.frame[UTC_US].drop_nulls() if UTC_US in log.frame.columns else None

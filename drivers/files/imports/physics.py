@@ -21,7 +21,7 @@ AS_GOOD = 0.98                      # of the best correlation: repeating command
 LEAST_SETTINGS = 4                  # known rows of a command that may be a table of settings
 
 
-class Answer(NamedTuple):
+class Follows(NamedTuple):
     """`lag`: rows by which a reading follows its command; `strength`: the correlation there."""
 
     lag: int
@@ -37,7 +37,7 @@ def speed_unit(time_s: Floats, lat_deg: Floats, lon_deg: Floats, speed: Floats) 
     return unit_of(ratio, SPEED_FACTORS), ratio
 
 
-def answer(command: Floats, reading: Floats) -> Answer | None:
+def answer(command: Floats, reading: Floats) -> Follows | None:
     """How a reading (n,) follows a command (n,): the lag at which their steps agree best. None: too few steps."""
     both = np.isfinite(command) & np.isfinite(reading)
     command, reading = command[both], reading[both]
@@ -50,7 +50,7 @@ def answer(command: Floats, reading: Floats) -> Answer | None:
     strengths = {lag: _correlation(steps, moves, lag) for lag in range(-most, most + 1)}
     best = max(strengths.values())
     lag = min((one for one, strength in strengths.items() if strength >= AS_GOOD * best), key=abs, default=0)
-    return Answer(lag, strengths[lag])
+    return Follows(lag, strengths[lag])
 
 
 def are_settings(time_s: Floats, command: Floats) -> bool:

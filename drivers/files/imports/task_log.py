@@ -13,7 +13,7 @@ import polars as pl
 from control.log_row import LOG_BEGINS
 from control.recordings.finding import Finding, many
 from drivers import day_clock
-from drivers.files.imports.devices import Meaning, Part, parts_of, width_m
+from drivers.files.imports.devices import DeviceElement, Meaning, parts_of, width_m
 from drivers.files.imports.mapping import EVENTS, Source
 from drivers.files.imports.raw import RawTable, unique
 from drivers.files.imports.time_logs import LoggedValue, TimeLog, frame_of, hectares, time_logs, width_of
@@ -29,7 +29,7 @@ class TaskLogs(NamedTuple):
     """All that a task set holds of work done."""
 
     root: Element
-    parts: dict[str, Part]
+    parts: dict[str, DeviceElement]
     logs: list[TimeLog]
 
 

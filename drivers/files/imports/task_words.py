@@ -5,7 +5,7 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from control.recordings.finding import many
-from drivers.files.imports.devices import Part, width_m
+from drivers.files.imports.devices import DeviceElement, width_m
 from drivers.files.imports.task_log import log_lines, task_logs
 from drivers.files.imports.trouble import listed
 
@@ -46,7 +46,7 @@ def _task(root: Element, task: Element) -> str:
         f"; field {field}" if field else "")
 
 
-def _device(device: Element, parts: dict[str, Part]) -> str:
+def _device(device: Element, parts: dict[str, DeviceElement]) -> str:
     width = width_m(parts, device.get("A"))
     own = [part for part in parts.values() if part.device == device.get("A")]
     sections = sum(part.kind == "4" for part in own)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from control.geodesy import TangentPlane
 from drivers.files.exports.time_log import FIRST_DAY
-from drivers.files.imports.devices import Meaning, Part, contradiction, ddi_of, meaning_of, width_m
+from drivers.files.imports.devices import DeviceElement, Meaning, contradiction, ddi_of, meaning_of, width_m
 from drivers.files.imports.trouble import ImportTrouble
 from drivers.files.prescriptions.task_files import TaskSet
 
@@ -37,7 +37,7 @@ class LoggedValue(NamedTuple):
 
     ddi: int | None
     element: str
-    part: Part | None
+    part: DeviceElement | None
     meaning: Meaning
     shown: Meaning | None
 
@@ -79,13 +79,13 @@ class TimeLog:
         return {one.part.device: one.part.device_name for one in self.logged if one.part is not None}
 
 
-def time_logs(files: TaskSet, root: Element, parts: dict[str, Part]) -> list[TimeLog]:
+def time_logs(files: TaskSet, root: Element, parts: dict[str, DeviceElement]) -> list[TimeLog]:
     """All time logs of all tasks, in the file's order."""
     return [_read(files, root, parts, task, name) for task in root.iter("TSK") for log in task.findall("TLG")
             if (name := log.get("A"))]
 
 
-def _read(files: TaskSet, root: Element, parts: dict[str, Part], task: Element, name: str) -> TimeLog:
+def _read(files: TaskSet, root: Element, parts: dict[str, DeviceElement], task: Element, name: str) -> TimeLog:
     empty = TimeLog(name, task.get("A", ""), task.get("B", ""))
     layout, data = files.read(f"{name}.xml"), files.read(f"{name}.bin")
     if layout is None or data is None:
@@ -130,7 +130,7 @@ def _heads(heads: NDArray[np.void], fields: Sequence[tuple[str, str, str, float,
     return pl.DataFrame(columns)
 
 
-def _logged_value(root: Element, parts: dict[str, Part], item: Element) -> LoggedValue:
+def _logged_value(root: Element, parts: dict[str, DeviceElement], item: Element) -> LoggedValue:
     ddi, part = ddi_of(item.get("A", "")), parts.get(item.get("C", ""))
     return LoggedValue(ddi, item.get("C", ""), part, meaning_of(root, ddi, part), contradiction(ddi, part))
 
@@ -161,7 +161,7 @@ def _values(raw: NDArray[np.uint8], first: NDArray[np.int64], counts: NDArray[np
     return out if last is None else np.take_along_axis(out, last, axis=1)
 
 
-def hectares(log: TimeLog, parts: dict[str, Part]) -> tuple[float, str] | None:
+def hectares(log: TimeLog, parts: dict[str, DeviceElement]) -> tuple[float, str] | None:
     """What a log covered, and by what: its device's own count, else way and width at work; None: not to be known."""
     if log.heads is None or log.values is None:
         return None
@@ -179,7 +179,7 @@ def hectares(log: TimeLog, parts: dict[str, Part]) -> tuple[float, str] | None:
     return float(step[working].sum()) * width / 10_000.0, "way x width"
 
 
-def width_of(log: TimeLog, parts: dict[str, Part]) -> float | None:
+def width_of(log: TimeLog, parts: dict[str, DeviceElement]) -> float | None:
     """The working width, m: as logged where it stays the same, else as the device says; None where it changes."""
     if log.values is not None:
         for k, one in enumerate(log.logged):

@@ -21,7 +21,7 @@ _DIGITS = {"%Y": 4, "%y": 2, "%m": 2, "%d": 2, "%H": 2, "%M": 2, "%S": 2}
 _GOOD = 0.5                             # fewer readable times than this share: the format is wrong
 
 
-class Clock(NamedTuple):
+class FileClock(NamedTuple):
     """`us`: Int64, null: not known. `kind`: since 1970 in UTC; since 1970 in local time of no known zone; or counted
     from some moment of the file's own."""
 
@@ -29,12 +29,12 @@ class Clock(NamedTuple):
     kind: Literal["utc", "local", "relative"]
 
 
-def clock(table: RawTable, times: Times) -> Clock:
+def clock(table: RawTable, times: Times) -> FileClock:
     """Raises ImportTrouble where the column is not there or most of its cells are no such time."""
     if times.counts == "rows":
         assert times.step_s is not None
         step_us = round(times.step_s * 1e6)
-        return Clock(pl.Series("us", range(table.frame.height), pl.Int64) * step_us, "relative")
+        return FileClock(pl.Series("us", range(table.frame.height), pl.Int64) * step_us, "relative")
     assert times.column is not None
     series = table.frame[times.column]
     if series.dtype.is_temporal() and series.dtype != pl.Time:
@@ -49,12 +49,12 @@ def clock(table: RawTable, times: Times) -> Clock:
         found = _of_naive(ms * 1000, times.zone)
     else:
         us = (found_numbers * _STEPS_US[times.counts]).round(0).cast(pl.Int64, strict=False)
-        found = Clock(us, "utc" if times.counts.startswith("unix") else "relative")
+        found = FileClock(us, "utc" if times.counts.startswith("unix") else "relative")
     _check(table, times, found.us)
     return found
 
 
-def read_texts(texts: pl.Series, form: str | None, zone: str | None) -> Clock:
+def read_texts(texts: pl.Series, form: str | None, zone: str | None) -> FileClock:
     """Times written as texts; an offset at their end (Z, +08:00) stands above `zone`. `form` None: ISO 8601."""
     frame = texts.cast(pl.String).alias("t").to_frame().select(
         pl.col("t").str.strip_chars().str.replace(r"(\d{2}),(\d{1,6})", "${1}.${2}"))
@@ -65,10 +65,10 @@ def read_texts(texts: pl.Series, form: str | None, zone: str | None) -> Clock:
         base = base.str.replace("T", " ", literal=True).str.replace_all("/", "-", literal=True)
         base = base.str.replace(r"^(\S+ \d{1,2}:\d{2})$", "${1}:00")
     if not re.search(r"%[djyYF]", form or ISO):
-        return Clock(_over_midnight(_parsed("1970-01-01 " + base, f"%Y-%m-%d {form}")), "relative")
+        return FileClock(_over_midnight(_parsed("1970-01-01 " + base, f"%Y-%m-%d {form}")), "relative")
     us = _parsed(base, form or ISO)
     if frame["offset"].is_not_null().any():
-        return Clock(us - _offset_us(frame["offset"]), "utc")
+        return FileClock(us - _offset_us(frame["offset"]), "utc")
     return _of_naive(us, zone)
 
 
@@ -149,26 +149,26 @@ def _offset_us(offsets: pl.Series) -> pl.Series:
     return minutes * sign * 60_000_000
 
 
-def _of_datetimes(series: pl.Series, zone: str | None) -> Clock:
+def _of_datetimes(series: pl.Series, zone: str | None) -> FileClock:
     stamped = series.cast(pl.Datetime("us")) if series.dtype == pl.Date else series.dt.cast_time_unit("us")
     aware = isinstance(stamped.dtype, pl.Datetime) and stamped.dtype.time_zone is not None
     us = stamped.dt.timestamp("us")
-    return Clock(us, "utc") if aware else _of_naive(us, zone)
+    return FileClock(us, "utc") if aware else _of_naive(us, zone)
 
 
-def _of_naive(us: pl.Series, zone: str | None) -> Clock:
+def _of_naive(us: pl.Series, zone: str | None) -> FileClock:
     if zone is None:
-        return Clock(us, "local")
+        return FileClock(us, "local")
     fixed = re.fullmatch(r"([-+])(\d{2}):(\d{2})", zone)
     if fixed:
         minutes = int(fixed[2]) * 60 + int(fixed[3])
-        return Clock(us - (-1 if fixed[1] == "-" else 1) * minutes * 60_000_000, "utc")
+        return FileClock(us - (-1 if fixed[1] == "-" else 1) * minutes * 60_000_000, "utc")
     # In autumn an hour comes twice: what stands before the step back is its first, what follows its second.
     back = (us.diff().fill_null(0) < 0).cast(pl.Int64).cum_sum() > 0
     frame = pl.DataFrame({"t": us.cast(pl.Datetime("us")), "back": back})
     which = pl.when(pl.col("back")).then(pl.lit("latest")).otherwise(pl.lit("earliest"))
     placed = frame.select(pl.col("t").dt.replace_time_zone(zone, ambiguous=which, non_existent="null"))["t"]
-    return Clock(placed.dt.timestamp("us"), "utc")
+    return FileClock(placed.dt.timestamp("us"), "utc")
 
 
 def _check(table: RawTable, times: Times, us: pl.Series) -> None:

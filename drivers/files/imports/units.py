@@ -16,7 +16,7 @@ from drivers.files.prescriptions.words import MASS_UNITS, NITROGEN_UNITS, VOLUME
 SLOPE = "slope %"           # 100 m up in 100 m along: no factor, an arc tangent
 
 
-class Unit(NamedTuple):
+class ColumnUnit(NamedTuple):
     """`factor`: one of it in the log's unit of that quantity. `other`: further spellings, in small letters."""
 
     name: str
@@ -29,55 +29,55 @@ _POUND_KG = 0.45359237
 _FOOT_M, _INCH_MM = 0.3048, 25.4
 
 UNITS = (
-    Unit("m/s", "speed", 1.0, ("mps", "m/sec", "ms-1", "m s-1", "m_s", "米/秒")),
-    Unit("km/h", "speed", 1.0 / KMH_PER_MPS, ("kmh", "kph", "kmph", "km/hr", "km/hour", "km h-1", "km_h",
+    ColumnUnit("m/s", "speed", 1.0, ("mps", "m/sec", "ms-1", "m s-1", "m_s", "米/秒")),
+    ColumnUnit("km/h", "speed", 1.0 / KMH_PER_MPS, ("kmh", "kph", "kmph", "km/hr", "km/hour", "km h-1", "km_h",
                                    "公里/小时", "千米/小时", "公里/时")),
-    Unit("mph", "speed", MILE_M / 3600.0, ("mi/h", "miles/h", "mile/h", "miles/hour")),
-    Unit("kn", "speed", NAUTICAL_MILE_M / 3600.0, ("knots", "knot", "kt", "kts")),
-    Unit("ft/s", "speed", _FOOT_M, ("fps", "ft/sec")),
-    Unit("cm/s", "speed", 0.01),
-    Unit("mm/s", "speed", 0.001),
-    Unit("r/min", "rotation", 1.0, ("rpm", "rev/min", "u/min", "umdr/min", "1/min", "min-1", "tr/min", "giri/min",
-                                    "转/分", "转/分钟", "об/мин")),
-    Unit("r/s", "rotation", 60.0, ("rps", "rev/s", "1/s", "u/s", "转/秒")),
-    Unit("rad/s", "rotation", 30.0 / math.pi, ("rad/sec", "rads", "rad_s")),
-    Unit("deg/s", "rotation", 1.0 / 6.0, ("°/s", "grad/s")),
-    Unit("mm", "length", 1.0, ("毫米", "millimeter")),
-    Unit("cm", "length", 10.0, ("厘米",)),
-    Unit("m", "length", 1000.0, ("米", "meter", "metre")),
-    Unit("in", "length", _INCH_MM, ("inch", "inches", "zoll", '"')),
-    Unit("ft", "length", 1000.0 * _FOOT_M, ("feet",)),
-    Unit("kg", "mass", 1.0, ("公斤", "千克")),
-    Unit("g", "mass", 0.001, ("gram", "克")),
-    Unit("t", "mass", 1000.0, ("to", "ton", "tons", "tonne", "吨")),
-    Unit("lb", "mass", _POUND_KG, ("lbs", "pound", "pounds")),
-    *(Unit(name, "rate", factor, {"kg/ha": ("kgha",), "lb/ac": ("lbac",)}.get(name, ()))
+    ColumnUnit("mph", "speed", MILE_M / 3600.0, ("mi/h", "miles/h", "mile/h", "miles/hour")),
+    ColumnUnit("kn", "speed", NAUTICAL_MILE_M / 3600.0, ("knots", "knot", "kt", "kts")),
+    ColumnUnit("ft/s", "speed", _FOOT_M, ("fps", "ft/sec")),
+    ColumnUnit("cm/s", "speed", 0.01),
+    ColumnUnit("mm/s", "speed", 0.001),
+    ColumnUnit("r/min", "rotation", 1.0, ("rpm", "rev/min", "u/min", "umdr/min", "1/min", "min-1", "tr/min", "giri/min",
+                                          "转/分", "转/分钟", "об/мин")),
+    ColumnUnit("r/s", "rotation", 60.0, ("rps", "rev/s", "1/s", "u/s", "转/秒")),
+    ColumnUnit("rad/s", "rotation", 30.0 / math.pi, ("rad/sec", "rads", "rad_s")),
+    ColumnUnit("deg/s", "rotation", 1.0 / 6.0, ("°/s", "grad/s")),
+    ColumnUnit("mm", "length", 1.0, ("毫米", "millimeter")),
+    ColumnUnit("cm", "length", 10.0, ("厘米",)),
+    ColumnUnit("m", "length", 1000.0, ("米", "meter", "metre")),
+    ColumnUnit("in", "length", _INCH_MM, ("inch", "inches", "zoll", '"')),
+    ColumnUnit("ft", "length", 1000.0 * _FOOT_M, ("feet",)),
+    ColumnUnit("kg", "mass", 1.0, ("公斤", "千克")),
+    ColumnUnit("g", "mass", 0.001, ("gram", "克")),
+    ColumnUnit("t", "mass", 1000.0, ("to", "ton", "tons", "tonne", "吨")),
+    ColumnUnit("lb", "mass", _POUND_KG, ("lbs", "pound", "pounds")),
+    *(ColumnUnit(name, "rate", factor, {"kg/ha": ("kgha",), "lb/ac": ("lbac",)}.get(name, ()))
       for name, factor in MASS_UNITS.items()),
-    *(Unit(name, "nitrogen", factor) for name, factor in NITROGEN_UNITS.items()),
-    Unit("kg/s", "flow", 1.0, ("kg_s",)),
-    Unit("kg/min", "flow", 1.0 / 60.0, ("kg_min", "公斤/分")),
-    Unit("kg/h", "flow", 1.0 / 3600.0, ("kg/hr", "kg_h")),
-    Unit("g/s", "flow", 0.001, ("g_s", "克/秒")),
-    Unit("g/min", "flow", 0.001 / 60.0),
-    Unit("mg/s", "flow", 1e-6),
-    Unit("t/h", "flow", 1000.0 / 3600.0),
-    Unit("lb/min", "flow", _POUND_KG / 60.0, ("lbs/min",)),
-    *(Unit(name, "volume", factor, {"l/ha": ("lha",), "gal/ac": ("gpa",)}.get(name, ()))
+    *(ColumnUnit(name, "nitrogen", factor) for name, factor in NITROGEN_UNITS.items()),
+    ColumnUnit("kg/s", "flow", 1.0, ("kg_s",)),
+    ColumnUnit("kg/min", "flow", 1.0 / 60.0, ("kg_min", "公斤/分")),
+    ColumnUnit("kg/h", "flow", 1.0 / 3600.0, ("kg/hr", "kg_h")),
+    ColumnUnit("g/s", "flow", 0.001, ("g_s", "克/秒")),
+    ColumnUnit("g/min", "flow", 0.001 / 60.0),
+    ColumnUnit("mg/s", "flow", 1e-6),
+    ColumnUnit("t/h", "flow", 1000.0 / 3600.0),
+    ColumnUnit("lb/min", "flow", _POUND_KG / 60.0, ("lbs/min",)),
+    *(ColumnUnit(name, "volume", factor, {"l/ha": ("lha",), "gal/ac": ("gpa",)}.get(name, ()))
       for name, factor in VOLUME_UNITS.items()),
-    *(Unit(name, "count", 1.0) for name in ("seeds/ha", "seeds/ac", "seeds/m2")),
-    Unit("deg", "angle", 1.0, ("°", "degree", "degrees", "grad", "度", "degrés")),
-    Unit("rad", "angle", 180.0 / math.pi, ("radian", "radians", "弧度")),
-    Unit(SLOPE, "angle", math.nan, ("% slope", "%坡度")),
-    Unit("V", "voltage", 1.0, ("volt", "volts", "伏")),
-    Unit("mV", "voltage", 0.001, ("millivolt",)),
-    Unit("%", "share", 1.0, ("percent", "pct", "prozent", "百分比")),
-    Unit("s", "time", 1.0, ("sec", "secs", "second", "seconds", "sek", "秒")),
-    Unit("ms", "time", 1e-3, ("msec", "millis", "milliseconds", "毫秒")),
-    Unit("us", "time", 1e-6, ("µs", "μs", "usec", "micros", "microseconds", "微秒")),
-    Unit("min", "time", 60.0, ("minutes", "分钟")),
-    Unit("h", "time", 3600.0, ("hours", "小时")),
+    *(ColumnUnit(name, "count", 1.0) for name in ("seeds/ha", "seeds/ac", "seeds/m2")),
+    ColumnUnit("deg", "angle", 1.0, ("°", "degree", "degrees", "grad", "度", "degrés")),
+    ColumnUnit("rad", "angle", 180.0 / math.pi, ("radian", "radians", "弧度")),
+    ColumnUnit(SLOPE, "angle", math.nan, ("% slope", "%坡度")),
+    ColumnUnit("V", "voltage", 1.0, ("volt", "volts", "伏")),
+    ColumnUnit("mV", "voltage", 0.001, ("millivolt",)),
+    ColumnUnit("%", "share", 1.0, ("percent", "pct", "prozent", "百分比")),
+    ColumnUnit("s", "time", 1.0, ("sec", "secs", "second", "seconds", "sek", "秒")),
+    ColumnUnit("ms", "time", 1e-3, ("msec", "millis", "milliseconds", "毫秒")),
+    ColumnUnit("us", "time", 1e-6, ("µs", "μs", "usec", "micros", "microseconds", "微秒")),
+    ColumnUnit("min", "time", 60.0, ("minutes", "分钟")),
+    ColumnUnit("h", "time", 3600.0, ("hours", "小时")),
     # Units that no column of the log has: known so that an extra column keeps them in its name.
-    *(Unit(name, "other", 1.0, other) for name, other in (
+    *(ColumnUnit(name, "other", 1.0, other) for name, other in (
         ("Nm", ("n·m", "n.m", "nm")), ("N", ("newton",)), ("kN", ()), ("bar", ()), ("kPa", ()), ("Pa", ()),
         ("psi", ()), ("MPa", ()), ("degC", ("°c", "℃", "celsius")), ("degF", ("°f", "℉")),
         ("A", ("amp", "ampere", "安")), ("mA", ()), ("W", ()), ("kW", ()), ("Hz", ()), ("kHz", ()),
@@ -111,13 +111,13 @@ ENDINGS = {"_kg_ha": "kg/ha", "_mps": "m/s", "_kmh": "km/h", "_rpm": "r/min", "_
 _IN_NAMES = {"r/min": "rpm", "m/s": "mps", "km/h": "kmh", "%": "percent", SLOPE: "slope_percent"}
 
 
-def unit_named(text: str) -> Unit | None:
+def unit_named(text: str) -> ColumnUnit | None:
     """The unit that a text names in any known spelling; None: no unit."""
     plain = _plain(text)
     return _BY_NAME.get(plain) or _SPELLINGS.get(plain) or _SPELLINGS.get(plain.lower()) or _ratio(plain.lower())
 
 
-def _ratio(plain: str) -> Unit | None:
+def _ratio(plain: str) -> ColumnUnit | None:
     """`pounds per acre`, `l ha-1`, `kg N/ha`: an amount over a ground."""
     found = _RATIO.fullmatch(re.sub(r"(?<=[a-z]) n(?=\W)|-n(?=\W)", "n", plain.replace("us gal", "usgal")))
     return None if found is None else _BY_NAME.get(f"{_AMOUNTS[found[1]]}/{_GROUNDS[found[2]]}")
@@ -141,13 +141,13 @@ def quantity_of(column: str) -> str | None:
     return None if unit is None else unit.quantity
 
 
-def unit_of(column: str) -> Unit | None:
+def unit_of(column: str) -> ColumnUnit | None:
     """By the ending of its name; None: it says none."""
     ending = max((one for one in ENDINGS if column.endswith(one)), key=len, default=None)
     return None if ending is None else _BY_NAME[ENDINGS[ending]]
 
 
-def in_log_unit(values: NDArray[np.float64], unit: Unit, column: str) -> NDArray[np.float64]:
+def in_log_unit(values: NDArray[np.float64], unit: ColumnUnit, column: str) -> NDArray[np.float64]:
     """Numbers (n,) in `unit` as the log column holds them. The unit's quantity must be the column's."""
     if unit.name == SLOPE:
         return np.degrees(np.arctan(values / 100.0))

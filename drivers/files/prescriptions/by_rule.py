@@ -7,10 +7,10 @@ from pathlib import Path
 from control.agronomy.noa import Rule
 from control.recordings.finding import Finding
 from control.targets.prescription import MapData
-from drivers.files.prescriptions.words import Choice, Imported, PrescriptionError
+from drivers.files.prescriptions.words import Imported, PrescriptionError, RateChoice
 
 
-def index_choice(choice: Choice, rule: Rule, where: str) -> Choice:
+def index_choice(choice: RateChoice, rule: Rule, where: str) -> RateChoice:
     """How the map is read: the index's column as plain numbers. Raises PrescriptionError."""
     if choice.unit is not None or choice.scale != 1.0:
         raise PrescriptionError(where, "--unit and --scale: allowed without --rule, whose map holds an index")
@@ -24,7 +24,7 @@ def read_index(path: Path, index: str) -> Imported:
     """A map of the canopy's index for the loop, its numbers in the place of rates. index: ndvi or ndre. Raises
     PrescriptionError for what is no index, OSError."""
     from drivers.files.prescriptions.read import read_prescription
-    read = read_prescription(path, Choice(index=index.upper(), unit="kg/ha"))
+    read = read_prescription(path, RateChoice(index=index.upper(), unit="kg/ha"))
     _need_zones(read)
     return read
 

@@ -13,9 +13,9 @@ from drivers.files.imports.dialect import encoding_of
 from drivers.files.imports.header import is_unit_row
 from drivers.files.limits import check_file
 from drivers.files.prescriptions.features import Feature, imported, ring
-from drivers.files.prescriptions.words import Choice, Imported, PrescriptionError
-from drivers.files.stated_units import Unit
-from drivers.plain_text import Where
+from drivers.files.prescriptions.words import Imported, PrescriptionError, RateChoice
+from drivers.files.stated_units import StatedUnit
+from drivers.plain_text import PlaceInFile
 
 LOOKED_BYTES = 65_536
 LONGEST_CELL = 1 << 24          # letters; a field's outline of 400 000 corners
@@ -30,7 +30,7 @@ def holds_polygons(path: Path) -> bool:
         return _IN_BYTES.search(file.read(LOOKED_BYTES).replace(b"\0", b"")) is not None
 
 
-def read_csv_zones(path: Path, choice: Choice) -> Imported:
+def read_csv_zones(path: Path, choice: RateChoice) -> Imported:
     """A prescription out of a CSV of polygons. Raises PrescriptionError, OSError."""
     data = path.read_bytes()
     text = data.decode(encoding_of(data), errors="replace").lstrip("\ufeff")
@@ -51,9 +51,9 @@ def read_csv_zones(path: Path, choice: Choice) -> Imported:
         raise PrescriptionError(path, "no column of polygons (WKT) is in it", ": e.g. POLYGON ((lon lat, ...))")
     findings: list[Finding] = []
     features, others = [], 0
-    units: dict[str, Unit] = {}
+    units: dict[str, StatedUnit] = {}
     if numbered and is_unit_row(numbered[0][1]):
-        units = {name.casefold(): Unit(cell.strip("()[] "), "the file's row of units")
+        units = {name.casefold(): StatedUnit(cell.strip("()[] "), "the file's row of units")
                  for name, cell in zip(names, numbered.pop(0)[1], strict=False) if cell.strip("()[]- ")}
     for number, row in numbered:
         if len(row) != len(names):
@@ -70,8 +70,8 @@ def read_csv_zones(path: Path, choice: Choice) -> Imported:
     return imported(path, "csv", features, choice, findings, title=path.stem, units=units)
 
 
-def _row(path: Path, number: int) -> Where:
-    return Where(str(path)).at("row {row}", row=number)
+def _row(path: Path, number: int) -> PlaceInFile:
+    return PlaceInFile(str(path)).at("row {row}", row=number)
 
 
 def _polygons(path: Path, number: int, text: str) -> list[tuple[Floats, ...]]:

@@ -15,18 +15,18 @@ from drivers.files.archives import Folder
 from drivers.files.imports.trouble import listed
 from drivers.files.prescriptions.rate_column import rate_column
 from drivers.files.prescriptions.words import (
-    Choice,
     Imported,
     NoPolygons,
     PrescriptionError,
+    RateChoice,
     checked_index,
     checked_rate,
     factor_kg_ha,
     not_degrees,
     with_choice,
 )
-from drivers.files.stated_units import NO_UNITS, Unit, side_units, together
-from drivers.plain_text import Where
+from drivers.files.stated_units import NO_UNITS, StatedUnit, side_units, together
+from drivers.plain_text import PlaceInFile
 
 KNOWN_EXTRA = ("title",)        # of our own files
 
@@ -39,10 +39,10 @@ class Feature(NamedTuple):
     polygons_deg: Sequence[tuple[Floats, ...]]
 
 
-def imported(path: Path, format_name: str, features: Sequence[Feature], choice: Choice, findings: list[Finding],
+def imported(path: Path, format_name: str, features: Sequence[Feature], choice: RateChoice, findings: list[Finding],
              *,
              fallbacks: Fallbacks = NO_FALLBACKS, fields_deg: tuple[tuple[Floats, ...], ...] = (), title: str = "",
-             product: str = "", units: Mapping[str, Unit] = NO_UNITS) -> Imported:
+             product: str = "", units: Mapping[str, StatedUnit] = NO_UNITS) -> Imported:
     """Zones of the features, by the operator's choice. units: of columns, as the file says besides their names; what
     lies next to it is looked at here. Raises Refused, OSError."""
     if not features:
@@ -52,7 +52,7 @@ def imported(path: Path, format_name: str, features: Sequence[Feature], choice: 
         units = together(units, side_units(Folder(path.parent, deep=False), path.name, columns))
     chosen = rate_column(path, [(feature.number, feature.attributes) for feature in features], choice, units)
     column, unit = chosen.name, chosen.unit
-    where = Where(str(path))
+    where = PlaceInFile(str(path))
     factor = factor_kg_ha(choice, unit, where.at("column {column}", column=column))
     zones: list[Zone] = []
     empty = 0
@@ -76,7 +76,7 @@ def imported(path: Path, format_name: str, features: Sequence[Feature], choice: 
                     f"{column} ({chosen.why})", chosen.unit_from)
 
 
-def _checked(choice: Choice, value: float, where: Where) -> float:
+def _checked(choice: RateChoice, value: float, where: PlaceInFile) -> float:
     """Raises PrescriptionError."""
     if choice.index is not None:
         return checked_index(value, choice.index, lambda: where)

@@ -73,7 +73,7 @@ def files_of_job(job: Job, folder: Path) -> tuple[Path, ...]:
     return tuple(file for name in job.named_files for file in files_of(folder / name))
 
 
-class Placed(TypedDict):
+class LoopTargets(TypedDict):
     """What a job's loop takes by these names."""
 
     prescription: MapProfile | None
@@ -82,7 +82,7 @@ class Placed(TypedDict):
     done: DoneGround | None
 
 
-def placed_of_job(job: Job, folder: Path, machine: Machine, index: str) -> Placed:
+def placed_of_job(job: Job, folder: Path, machine: Machine, index: str) -> LoopTargets:
     """Map, plants, index map and done ground of a job on one plane. index: of the crop's rule. Raises PrescriptionError
     or FieldError in one line, OSError."""
     prescription = map_of_job(job, folder)

@@ -9,13 +9,13 @@ from control.targets.rate_map import Floats
 from drivers.files.layers import read_geojson
 from drivers.files.prescriptions.features import ring
 from drivers.files.prescriptions.shapes import POLYGONS, of_layer
-from drivers.files.prescriptions.words import Choice, Imported, PrescriptionError, checked_rate
-from drivers.plain_text import Where
+from drivers.files.prescriptions.words import Imported, PrescriptionError, RateChoice, checked_rate
+from drivers.plain_text import PlaceInFile
 
 OURS = "topdress"            # foreign member with what GeoJSON has no place for
 
 
-def read_map(path: Path, choice: Choice) -> Imported:
+def read_map(path: Path, choice: RateChoice) -> Imported:
     """A prescription out of a FeatureCollection of (multi)polygons. Raises Refused, OSError."""
     layer = read_geojson(path, POLYGONS, strict=True)
     ours = layer.about.get(OURS)
@@ -32,5 +32,5 @@ def _ours(ours: dict[str, Any], path: Path) -> tuple[Fallbacks, tuple[tuple[Floa
     except (TypeError, ValueError) as error:
         raise PrescriptionError(path, "{member}: {why}", member=OURS, why=error) from None
     for name, value in fallbacks._asdict().items():
-        checked_rate(value, lambda name=name: Where(str(path)).at("{key}", key=f"{OURS}: {name}"))  # type: ignore[misc]
+        checked_rate(value, lambda name=name: PlaceInFile(str(path)).at("{key}", key=f"{OURS}: {name}"))  # type: ignore[misc]
     return fallbacks, fields

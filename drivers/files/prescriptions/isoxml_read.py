@@ -15,23 +15,23 @@ from drivers.files.prescriptions.task_files import TaskSet, task_tree
 from drivers.files.prescriptions.words import (
     HIGHEST_KG_HA,
     UNITS,
-    Choice,
     Imported,
     PrescriptionError,
+    RateChoice,
     RateQuestion,
     checked_rate,
     factor_kg_ha,
     with_choice,
 )
 from drivers.files.shape_sets import sorted_rings
-from drivers.plain_text import Reason, Where
+from drivers.plain_text import PlaceInFile, Reason
 
 # ISO 11783-11: what one step of the number is worth
 SETPOINTS = {1: ("mm3/m2", 0.01), 6: ("mg/m2", 1.0)}
 EXTERIOR, INTERIOR = "1", "2"
 
 
-class _Layer(NamedTuple):
+class _TaskLayer(NamedTuple):
     """One thing to be applied: a task's process data of one identifier and one product."""
 
     task: Element
@@ -43,11 +43,11 @@ class _Layer(NamedTuple):
         return "/".join(part for part in (self.task.get("A", ""), f"{self.ddi:04X}", self.product) if part)
 
 
-def read_isoxml(files: TaskSet, path: Path, choice: Choice) -> Imported:
+def read_isoxml(files: TaskSet, path: Path, choice: RateChoice) -> Imported:
     """A prescription out of a task file. Raises PrescriptionError."""
     root = task_tree(files)
     layer, ids = _picked(root, files.label, choice)
-    where = Where(files.label).at("task {task}", task=layer.id)
+    where = PlaceInFile(files.label).at("task {task}", task=layer.id)
     values = {_code(zone, where): _value(zone, layer, where) for zone in layer.task.findall("TZN")}
     unit, factor, offset, findings = _meaning(root, layer, where, choice)
     rates = {code: None if value is None else (value + offset) * factor for code, value in values.items()}
@@ -70,13 +70,13 @@ def read_isoxml(files: TaskSet, path: Path, choice: Choice) -> Imported:
     return Imported(path, "isoxml", data, unit, factor, ids, tuple(findings))
 
 
-def _picked(root: Element, label: str, choice: Choice) -> tuple[_Layer, tuple[str, ...]]:
-    layers: list[_Layer] = []
+def _picked(root: Element, label: str, choice: RateChoice) -> tuple[_TaskLayer, tuple[str, ...]]:
+    layers: list[_TaskLayer] = []
     others: set[int] = set()
     for task in root.findall("TSK"):
         for variable in task.findall("TZN/PDV"):
-            ddi = _number(variable.get("A", ""), 16, Where(label).at("task {task}: PDV A", task=task.get("A")))
-            layer = _Layer(task, ddi, variable.get("C", ""))
+            ddi = _number(variable.get("A", ""), 16, PlaceInFile(label).at("task {task}: PDV A", task=task.get("A")))
+            layer = _TaskLayer(task, ddi, variable.get("C", ""))
             if ddi not in SETPOINTS:
                 others.add(ddi)
             elif layer.id not in [known.id for known in layers]:
@@ -98,7 +98,8 @@ def _picked(root: Element, label: str, choice: Choice) -> tuple[_Layer, tuple[st
         layer=choice.layer, layers=", ".join(ids))
 
 
-def _meaning(root: Element, layer: _Layer, where: Where, choice: Choice) -> tuple[str, float, float, list[Finding]]:
+def _meaning(root: Element, layer: _TaskLayer, where: PlaceInFile, choice: RateChoice) -> tuple[str, float, float,
+                                                                                                list[Finding]]:
     """Unit of the numbers, kg/ha for one of them, what is added to each before, and what had to be said about it.
 
     The data dictionary tells what a number is worth; the file's own presentation (VPN) should agree. Where it does
@@ -130,7 +131,7 @@ def _meaning(root: Element, layer: _Layer, where: Where, choice: Choice) -> tupl
     return unit, by_ddi, 0.0, []
 
 
-def _unused(layer: _Layer, ids: tuple[str, ...], has_grid: bool) -> list[Finding]:
+def _unused(layer: _TaskLayer, ids: tuple[str, ...], has_grid: bool) -> list[Finding]:
     """What the task holds next to the layer and is not used."""
     found = []
     drawn = [zone.get("A", "") for zone in layer.task.findall("TZN") if zone.find("PLN") is not None]
@@ -146,20 +147,20 @@ def _unused(layer: _Layer, ids: tuple[str, ...], has_grid: bool) -> list[Finding
     return found
 
 
-def _presentations(root: Element, layer: _Layer) -> list[Element]:
+def _presentations(root: Element, layer: _TaskLayer) -> list[Element]:
     named = {variable.get("E") for variable in layer.task.findall("TZN/PDV")
              if int(variable.get("A", "0"), 16) == layer.ddi and variable.get("C", "") == layer.product}
     return [presentation for presentation in root.findall("VPN") if presentation.get("A") in named]
 
 
-def _value(zone: Element, layer: _Layer, where: Where) -> int | None:
+def _value(zone: Element, layer: _TaskLayer, where: PlaceInFile) -> int | None:
     for variable in zone.findall("PDV"):
         if int(variable.get("A", "0"), 16) == layer.ddi and variable.get("C", "") == layer.product:
             return _number(variable.get("B", ""), 10, where.at("zone {zone}: PDV B", zone=zone.get("A")))
     return None
 
 
-def _fallbacks(task: Element, rates: dict[int, float | None], where: Where, findings: list[Finding]) -> Fallbacks:
+def _fallbacks(task: Element, rates: dict[int, float | None], where: PlaceInFile, findings: list[Finding]) -> Fallbacks:
     found = {}
     for field, attribute, name in (("default_kg_ha", "H", "default"), ("lost_kg_ha", "I", "position-lost"),
                                    ("outside_kg_ha", "J", "out-of-field")):
@@ -175,7 +176,7 @@ def _fallbacks(task: Element, rates: dict[int, float | None], where: Where, find
     return Fallbacks(**found)
 
 
-def _zones(task: Element, rates: dict[int, float | None], where: Where) -> tuple[Zone, ...]:
+def _zones(task: Element, rates: dict[int, float | None], where: PlaceInFile) -> tuple[Zone, ...]:
     zones = []
     for zone in task.findall("TZN"):
         code = int(zone.get("A", "0"))
@@ -199,7 +200,7 @@ def _fields(root: Element, task: Element, label: str, findings: list[Finding]) -
             continue
         for polygon in field.findall("PLN"):
             if polygon.get("A") == "1":
-                outlines += _rings(polygon, Where(label).at("field {field}", field=field.get("A")))
+                outlines += _rings(polygon, PlaceInFile(label).at("field {field}", field=field.get("A")))
     usable = []
     for rings in outlines:
         try:
@@ -211,7 +212,7 @@ def _fields(root: Element, task: Element, label: str, findings: list[Finding]) -
     return tuple(usable)
 
 
-def _rings(polygon: Element, where: Where) -> list[tuple[Floats, ...]]:
+def _rings(polygon: Element, where: PlaceInFile) -> list[tuple[Floats, ...]]:
     outer: list[Floats] = []
     inner: list[Floats] = []
     for line in polygon.findall("LSG"):
@@ -220,7 +221,7 @@ def _rings(polygon: Element, where: Where) -> list[tuple[Floats, ...]]:
     return sorted_rings(outer, inner)
 
 
-def _ring(line: Element, where: Where) -> Floats:
+def _ring(line: Element, where: PlaceInFile) -> Floats:
     points = line.findall("PNT")
     if any(point.get("J") for point in points):
         raise PrescriptionError(where, "points in a binary file ({name}): allowed are points in the XML",
@@ -233,8 +234,8 @@ def _ring(line: Element, where: Where) -> Floats:
     return corners
 
 
-def _grid(files: TaskSet, grid: Element, layer: _Layer, *, rates: dict[int, float | None], factor: float,
-          offset: float, where: Where, findings: list[Finding]) -> GridDeg:
+def _grid(files: TaskSet, grid: Element, layer: _TaskLayer, *, rates: dict[int, float | None], factor: float,
+          offset: float, where: PlaceInFile, findings: list[Finding]) -> GridDeg:
     name, kind = f"{grid.get('G', '')}.bin", grid.get("I", "")
     columns, rows = (_number(grid.get(key, ""), 10, where.at("grid {key}", key=key)) for key in ("E", "F"))
     cell_lat, cell_lon = (_float(grid, key, where.at("grid")) for key in ("C", "D"))
@@ -262,7 +263,7 @@ def _grid(files: TaskSet, grid: Element, layer: _Layer, *, rates: dict[int, floa
 
 
 def _cells(data: bytes, rows: int, columns: int, depth: int, kind: np.dtype[np.generic], name: str,
-           where: Where) -> Floats:
+           where: PlaceInFile) -> Floats:
     wanted = rows * columns * depth * kind.itemsize
     if len(data) != wanted:
         raise PrescriptionError(
@@ -285,7 +286,7 @@ def _by_code(codes: Floats, rates: dict[int, float | None], findings: list[Findi
     return np.asarray(table[codes.astype(np.int64)], dtype=np.float64)
 
 
-def _template(layer: _Layer, grid: Element, where: Where) -> list[tuple[int, str]]:
+def _template(layer: _TaskLayer, grid: Element, where: PlaceInFile) -> list[tuple[int, str]]:
     """Which process data a cell of a type 2 grid holds, in order."""
     code = grid.get("J")
     for zone in layer.task.findall("TZN"):
@@ -297,7 +298,7 @@ def _template(layer: _Layer, grid: Element, where: Where) -> list[tuple[int, str
                             zone=code)
 
 
-def _code(zone: Element, where: Where) -> int:
+def _code(zone: Element, where: PlaceInFile) -> int:
     return _number(zone.get("A", ""), 10, where.at("zone code"))
 
 
@@ -306,14 +307,14 @@ def _listed(rates: dict[int, float | None]) -> str:
     return ", ".join(map(str, codes[:8])) + (", ..." if len(codes) > 8 else "")
 
 
-def _number(text: str, base: int, where: Where) -> int:
+def _number(text: str, base: int, where: PlaceInFile) -> int:
     try:
         return int(text, base)
     except ValueError:
         raise PrescriptionError(where, "{value}: allowed is a whole number", value=repr(text)) from None
 
 
-def _float(element: Element, attribute: str, where: Where) -> float:
+def _float(element: Element, attribute: str, where: PlaceInFile) -> float:
     text = element.get(attribute, "")
     try:
         value = float(text)

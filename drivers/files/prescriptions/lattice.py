@@ -25,8 +25,8 @@ from drivers.files.imports.trouble import TableError
 from drivers.files.imports.words import NO_TIME, TIME, folded, says, subject_of
 from drivers.files.point_files import TABLES
 from drivers.files.prescriptions.features import Feature, imported
-from drivers.files.prescriptions.words import Choice, Imported, NotAMap, PrescriptionError, not_degrees
-from drivers.files.stated_units import Unit
+from drivers.files.prescriptions.words import Imported, NotAMap, PrescriptionError, RateChoice, not_degrees
+from drivers.files.stated_units import StatedUnit
 from drivers.files.table import header_of
 from drivers.plain_text import Reason
 
@@ -78,7 +78,7 @@ def is_map_of_points(path: Path) -> bool:
         return False
 
 
-def read_lattice(path: Path, choice: Choice, title: str = "") -> Imported:
+def read_lattice(path: Path, choice: RateChoice, title: str = "") -> Imported:
     """A prescription out of points. Raises PrescriptionError, OSError."""
     try:
         raw = read_raw(path, Source(inside=choice.inside))
@@ -107,7 +107,7 @@ def read_lattice(path: Path, choice: Choice, title: str = "") -> Imported:
     findings = [*raw.findings, Finding("lattice", lattice)]
     if not known.all():
         findings.append(Finding("no_place", f"{many(int((~known).sum()), 'point')} without a place left out"))
-    units = {name.casefold(): Unit(unit, "the file, besides its name") for name, unit in raw.units.items()
+    units = {name.casefold(): StatedUnit(unit, "the file, besides its name") for name, unit in raw.units.items()
              if unit not in name}
     return imported(path, "points", features, choice, findings, title=title or path.stem, units=units)
 

@@ -9,7 +9,7 @@ import numpy as np
 from control.targets.rate_map import Floats
 from drivers.files.limits import check_file
 from drivers.files.prescriptions.words import PrescriptionError
-from drivers.plain_text import Where
+from drivers.plain_text import PlaceInFile
 
 
 def read_plants(path: Path) -> Floats:
@@ -24,7 +24,8 @@ def read_plants(path: Path) -> Floats:
     bad = np.flatnonzero(~((np.abs(places[:, 0]) <= 90.0) & (np.abs(places[:, 1]) <= 180.0)))
     if len(bad):
         lat, lon = places[bad[0]]
-        raise PrescriptionError(Where(str(path)).at("plant {plant}", plant=bad[0] + 1), "{lat:g}, {lon:g}: allowed are "
+        raise PrescriptionError(PlaceInFile(str(path)).at("plant {plant}", plant=bad[0] + 1),
+                                "{lat:g}, {lon:g}: allowed are "
                                 "degrees, latitude -90 to 90, longitude -180 to 180", lat=lat, lon=lon)
     return places
 
@@ -42,7 +43,8 @@ def _csv(path: Path) -> list[tuple[float, float]]:
             try:
                 rows.append((float(row["lat_deg"] or ""), float(row["lon_deg"] or "")))
             except ValueError:
-                raise PrescriptionError(Where(str(path)).at("line {line}", line=number), "{lat}, {lon}: allowed are "
+                raise PrescriptionError(PlaceInFile(str(path)).at("line {line}", line=number),
+                                        "{lat}, {lon}: allowed are "
                                         "numbers", lat=row["lat_deg"], lon=row["lon_deg"]) from None
         return rows
 

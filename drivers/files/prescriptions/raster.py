@@ -13,15 +13,15 @@ from drivers.files.extras import install_line
 from drivers.files.limits import RASTER_CELLS, held_to
 from drivers.files.prescriptions.features import Feature, imported
 from drivers.files.prescriptions.projected import TransverseMercator, projection_of
-from drivers.files.prescriptions.words import Choice, Imported, NotAMap, PrescriptionError
-from drivers.files.stated_units import Unit, of_json, together
-from drivers.plain_text import Where
+from drivers.files.prescriptions.words import Imported, NotAMap, PrescriptionError, RateChoice
+from drivers.files.stated_units import StatedUnit, of_json, together
+from drivers.plain_text import PlaceInFile
 
 MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")      # TIFF 6.0, and BigTIFF
 MOST_CELLS = 100_000        # with a value: a zone each; a field of 100 ha in cells of 3 m
 
 
-def read_raster(path: Path, choice: Choice) -> Imported:
+def read_raster(path: Path, choice: RateChoice) -> Imported:
     """The bands are the columns: by their description, else `band 1`, `band 2`. Raises PrescriptionError, OSError."""
     try:
         import rasterio
@@ -39,10 +39,10 @@ def read_raster(path: Path, choice: Choice) -> Imported:
         raise NotAMap(path, "not readable as GeoTIFF: {why}", why=str(error).splitlines()[0][:150]) from None
 
 
-def _read(path: Path, file: Any, choice: Choice) -> Imported:
+def _read(path: Path, file: Any, choice: RateChoice) -> Imported:
     projection = _projection(path, file)
     held_to(RASTER_CELLS, file.width * file.height * file.count, path)
-    held_to(RASTER_CELLS, max(high * wide for high, wide in file.block_shapes), Where(str(path)).at("a tile"))
+    held_to(RASTER_CELLS, max(high * wide for high, wide in file.block_shapes), PlaceInFile(str(path)).at("a tile"))
     names = [stated or f"band {k}" for k, stated in enumerate(file.descriptions, start=1)]
     bands = [_band(file, k) for k in range(1, file.count + 1)]
     known = np.zeros((file.height, file.width), dtype=bool)
@@ -72,11 +72,11 @@ def _band(file: Any, number: int) -> Floats:
     return np.asarray(values * file.scales[number - 1] + file.offsets[number - 1])
 
 
-def _units(path: Path, file: Any, names: list[str]) -> Mapping[str, Unit]:
+def _units(path: Path, file: Any, names: list[str]) -> Mapping[str, StatedUnit]:
     """Of the bands: their own unit, or what their or the file's tags say."""
     found = [of_json(file.tags(), names, path.name)]
     for k, name in enumerate(names, start=1):
-        found.append({name.casefold(): Unit(unit, path.name)} if (unit := file.units[k - 1]) else {})
+        found.append({name.casefold(): StatedUnit(unit, path.name)} if (unit := file.units[k - 1]) else {})
         found.append(of_json({"name": name, **file.tags(k)}, [name], path.name))
     return together(*found)
 

@@ -19,12 +19,12 @@ from drivers.files.prescriptions.words import (
     NITROGEN_UNITS,
     UNIT_NOT_NAMED,
     UNITS,
-    Choice,
     PrescriptionError,
+    RateChoice,
     RateQuestion,
 )
-from drivers.files.stated_units import ANY, Unit, together
-from drivers.plain_text import Where
+from drivers.files.stated_units import ANY, StatedUnit, together
+from drivers.plain_text import PlaceInFile
 
 PLAIN_UNIT = "kg/ha"
 MOST_SHOWN = 12
@@ -41,7 +41,7 @@ class RateColumn(NamedTuple):
     why: str
 
 
-class _Seen(NamedTuple):
+class _NumberColumn(NamedTuple):
     """A column of numbers. `is_rate`: its name says so. `doubt`: why it may be something else all the same."""
 
     name: str
@@ -58,8 +58,8 @@ class _Seen(NamedTuple):
         return f"{self.name} ({min(known):g} to {max(known):g}{', ' + self.doubt if self.doubt else ''})"
 
 
-def rate_column(path: Path, numbered: Sequence[tuple[int, Mapping[str, Any]]], choice: Choice,
-                side_units: Mapping[str, Unit]) -> RateColumn:
+def rate_column(path: Path, numbered: Sequence[tuple[int, Mapping[str, Any]]], choice: RateChoice,
+                side_units: Mapping[str, StatedUnit]) -> RateColumn:
     """`numbered`: rows with the numbers by which people find them. `side_units`: units by column, in small letters.
 
     Raises RateQuestion where the file does not say which column it is, PrescriptionError where none can be.
@@ -99,20 +99,21 @@ def _index_of(path: Path, names: Sequence[str], index: str) -> str:
     return found[0]
 
 
-def _chosen(path: Path, numbered: Sequence[tuple[int, Mapping[str, Any]]], names: Sequence[str], choice: Choice,
-            column: str, side_units: Mapping[str, Unit]) -> RateColumn:
+def _chosen(path: Path, numbered: Sequence[tuple[int, Mapping[str, Any]]], names: Sequence[str], choice: RateChoice,
+            column: str, side_units: Mapping[str, StatedUnit]) -> RateColumn:
     if column not in names:
         raise PrescriptionError(path, "column {column}: allowed {columns_there}", column=column,
                                 columns_there=", ".join(names) or "-")
     cells = _cells(numbered, column)
     if cells is None:
         number, row = next(row for row in numbered if cell_of(row[1].get(column)) is None)
-        raise PrescriptionError(Where(str(path)).at("row {row}", row=number), "{column} {value}: allowed is a number",
+        raise PrescriptionError(PlaceInFile(str(path)).at("row {row}", row=number),
+                                "{column} {value}: allowed is a number",
                                 column=column, value=repr(row.get(column)))
     return _with_unit(path, _seen(column, cells), choice, "chosen", side_units)
 
 
-def _best(rates: Sequence[_Seen]) -> _Seen | None:
+def _best(rates: Sequence[_NumberColumn]) -> _NumberColumn | None:
     """The one rate; of a wanted one and of those that were applied, or bounds, the wanted one. None: not given."""
     if any(one.doubt for one in rates):
         return None
@@ -138,7 +139,7 @@ def _cells(numbered: Sequence[tuple[int, Mapping[str, Any]]], name: str) -> tupl
     return tuple(cells)
 
 
-def _seen(name: str, cells: tuple[Cell, ...]) -> _Seen:
+def _seen(name: str, cells: tuple[Cell, ...]) -> _NumberColumn:
     plain, text = own_unit(name)
     written = {cell.unit for cell in cells if cell.unit} | ({text} if text else set())
     units = {_unit(one) for one in written}
@@ -150,8 +151,8 @@ def _seen(name: str, cells: tuple[Cell, ...]) -> _Seen:
         is_rate = kinds[-1] == "rate"
     other = next((kind for kind in kinds if kind not in ("", "rate")), "")
     doubt = f"in {unread}" if unread else "" if units else _looks_like(cells)
-    return _Seen(name, cells, frozenset(spelled), is_rate, doubt if is_rate else other or doubt,
-                 None if unread else next(iter(units), None), unread)
+    return _NumberColumn(name, cells, frozenset(spelled), is_rate, doubt if is_rate else other or doubt,
+                         None if unread else next(iter(units), None), unread)
 
 
 def _unit(text: str) -> str | None:
@@ -172,18 +173,19 @@ def _looks_like(cells: Sequence[Cell]) -> str:
     return ""
 
 
-def _column(path: Path, one: _Seen) -> Where:
-    return Where(str(path)).at("column {column}", column=one.name)
+def _column(path: Path, one: _NumberColumn) -> PlaceInFile:
+    return PlaceInFile(str(path)).at("column {column}", column=one.name)
 
 
-def _with_unit(path: Path, one: _Seen, choice: Choice, why: str, stated: Mapping[str, Unit]) -> RateColumn:
+def _with_unit(path: Path, one: _NumberColumn, choice: RateChoice, why: str,
+               stated: Mapping[str, StatedUnit]) -> RateColumn:
     """The operator's unit, else the one that the file or one next to it names; a nutrient's rate is no rate of the
     product."""
     if choice.unit is not None:
         return RateColumn(one.name, one.cells, choice.unit, "chosen", why)
     unit, source = one.unit, "the file"
     if one.unread:
-        raise _which_unit(path, one, Unit(one.unread, "its own name"), None)
+        raise _which_unit(path, one, StatedUnit(one.unread, "its own name"), None)
     for said in (stated.get(one.name.casefold()), stated.get(ANY)):
         if said is None:
             continue
@@ -205,7 +207,7 @@ def _with_unit(path: Path, one: _Seen, choice: Choice, why: str, stated: Mapping
     return RateColumn(one.name, one.cells, unit, f"named in {source}", why)
 
 
-def _which_unit(path: Path, one: _Seen, said: Unit, unit: str | None) -> RateQuestion:
+def _which_unit(path: Path, one: _NumberColumn, said: StatedUnit, unit: str | None) -> RateQuestion:
     return RateQuestion(_column(path, one), "unit {stated} in {source}: say which unit holds" if unit is None else
                         "unit {stated} in {source}, {named} by its own name: say which unit holds", " (--unit)",
                         stated=said.text, source=said.source, named=unit)

@@ -13,7 +13,7 @@ from drivers.files.limits import check_file
 from drivers.files.outlines import check_zones
 from drivers.files.point_files import TABLES, holds_points
 from drivers.files.prescriptions.task_files import find_task_files
-from drivers.files.prescriptions.words import Choice, Imported, NoPolygons, NotAMap, PrescriptionError, RateQuestion
+from drivers.files.prescriptions.words import Imported, NoPolygons, NotAMap, PrescriptionError, RateChoice, RateQuestion
 from drivers.files.shape_sets import ShapeSet, layer_of, shape_sets
 
 EVEN = ("raster", "points")     # formats of even cells: none over another
@@ -23,10 +23,10 @@ KNOWN = ("an ISO 11783-10 task (TASKDATA.XML, its folder or zip), a shapefile (.
          "(.csv, .xlsx)")
 
 
-def read_prescription(path: str | Path, choice: Choice | None = None) -> Imported:
+def read_prescription(path: str | Path, choice: RateChoice | None = None) -> Imported:
     """Reads a prescription; the operator's choices as given. Raises Refused in one line, of which PrescriptionError and
     its kinds are those that a look at the map itself brings; OSError."""
-    path, choice = Path(path), choice or Choice()
+    path, choice = Path(path), choice or RateChoice()
     if not path.exists():
         raise PrescriptionError(path, "not there", f": allowed is {KNOWN}")
     check_file(path)
@@ -36,7 +36,7 @@ def read_prescription(path: str | Path, choice: Choice | None = None) -> Importe
     return read
 
 
-def _read(path: Path, choice: Choice) -> Imported:
+def _read(path: Path, choice: RateChoice) -> Imported:
     suffix = "" if path.is_dir() else path.suffix.lower()
     if suffix in (".geojson", ".json"):
         from drivers.files.prescriptions.geojson import read_map
@@ -57,7 +57,7 @@ def _read(path: Path, choice: Choice) -> Imported:
     return _of_several(path, choice)
 
 
-def _of_several(path: Path, choice: Choice) -> Imported:
+def _of_several(path: Path, choice: RateChoice) -> Imported:
     """Of a folder or zip: its task set, next to which shapefiles do not count, else its shapefile."""
     shapes = [] if path.suffix.lower() == ".xml" else shape_sets(path)
     if choice.inside is not None:
@@ -81,7 +81,7 @@ def _of_several(path: Path, choice: Choice) -> Imported:
                             choice)
 
 
-def _areas_or_points(areas: Callable[[], Imported], path: Path, choice: Choice) -> Imported:
+def _areas_or_points(areas: Callable[[], Imported], path: Path, choice: RateChoice) -> Imported:
     """Raises PrescriptionError, OSError."""
     try:
         return areas()

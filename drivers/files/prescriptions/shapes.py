@@ -12,12 +12,12 @@ from drivers.files.imports.trouble import listed
 from drivers.files.layers import Layer, name_of, read_layers, stated
 from drivers.files.ogr import write_layer
 from drivers.files.prescriptions.features import Feature, imported, ring
-from drivers.files.prescriptions.words import Choice, Imported, NoPolygons, RateQuestion
+from drivers.files.prescriptions.words import Imported, NoPolygons, RateChoice, RateQuestion
 
 POLYGONS = ("Polygon", "MultiPolygon")
 
 
-def read_shapes(path: Path, choice: Choice) -> Imported:
+def read_shapes(path: Path, choice: RateChoice) -> Imported:
     """Raises Refused, OSError."""
     layers = read_layers(path)
     if choice.inside is not None:
@@ -33,7 +33,7 @@ def read_shapes(path: Path, choice: Choice) -> Imported:
     return of_layer(path, path.suffix[1:].lower(), held[0]._replace(rows=named), choice, title=path.stem)
 
 
-def of_layer(path: Path, format_name: str, layer: Layer, choice: Choice, **more: Any) -> Imported:
+def of_layer(path: Path, format_name: str, layer: Layer, choice: RateChoice, **more: Any) -> Imported:
     """Its polygons as zones; `more` as `imported` takes it. Raises Refused, OSError."""
     features = _features(layer)
     findings = list(layer.findings)

@@ -8,12 +8,12 @@ from drivers.files.imports.units import of_a_rate, unit_named
 from drivers.files.imports.words import folded
 from drivers.files.prescriptions.cells import cell_of
 from drivers.files.prescriptions.column_words import kind_of, words_of
-from drivers.files.stated_units import ANY, Stated, Unit, names_unit
+from drivers.files.stated_units import ANY, Stated, StatedUnit, names_unit
 
 MOST_UNITS = 20                 # different texts of a column of units
 
 
-def unit_columns(texts: Mapping[str, Collection[str]]) -> dict[str, Unit]:
+def unit_columns(texts: Mapping[str, Collection[str]]) -> dict[str, StatedUnit]:
     """Units by the column that they are of, in small letters; ANY where that is not said. texts: the different ones of
     each column.
 

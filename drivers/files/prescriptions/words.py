@@ -9,7 +9,7 @@ from typing import Literal
 
 from control.recordings.finding import Finding
 from control.targets.prescription import Fallbacks, MapData
-from drivers.plain_text import Refused, Where
+from drivers.plain_text import PlaceInFile, Refused
 
 HIGHEST_KG_HA = 20_000.0
 ACRE_HA = 0.40468564224                         # the international acre
@@ -42,14 +42,14 @@ class RateQuestion(PrescriptionError):
     """The file can be used once the operator has said which of several readings is meant. columns: that hold numbers,
     where it is a column that is asked for."""
 
-    def __init__(self, where: Where | Path | str, text: str, hint: str = "", columns: tuple[str, ...] = (),
+    def __init__(self, where: PlaceInFile | Path | str, text: str, hint: str = "", columns: tuple[str, ...] = (),
                  **values: object) -> None:
         super().__init__(where, text, hint, **values)
         self.columns = columns
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Choice:
+class RateChoice:
     """What the operator picks; None: what the file says, or the plain default."""
 
     column: str | None = None           # of a shapefile or GeoJSON; None: the one numeric column, or a known name
@@ -81,7 +81,7 @@ class Imported:
     unit_from: str = "by the data dictionary"       # who says what they are in
 
 
-def factor_kg_ha(choice: Choice, unit: str, where: Where) -> float:
+def factor_kg_ha(choice: RateChoice, unit: str, where: PlaceInFile) -> float:
     """kg of product per ha for one `unit`, the operator's scale included. Raises PrescriptionError."""
     if not (isfinite(choice.scale) and choice.scale > 0.0):
         raise PrescriptionError(where, "scale {scale:g}: allowed is above 0", scale=choice.scale)
@@ -117,7 +117,7 @@ def not_degrees(path: Path, lat_deg: float, lon_deg: float) -> PrescriptionError
                              "; export the map again in longitude and latitude", lat=lat_deg, lon=lon_deg)
 
 
-def checked_rate(rate_kg_ha: float, where: Callable[[], Where]) -> float:
+def checked_rate(rate_kg_ha: float, where: Callable[[], PlaceInFile]) -> float:
     """The rate, where it can be one. Raises PrescriptionError."""
     if not 0.0 <= rate_kg_ha <= HIGHEST_KG_HA:
         raise PrescriptionError(where(), "rate {rate:g} kg/ha: allowed 0 to {highest:g} (is the unit right?)",
@@ -125,7 +125,7 @@ def checked_rate(rate_kg_ha: float, where: Callable[[], Where]) -> float:
     return rate_kg_ha
 
 
-def checked_index(value: float, name: str, where: Callable[[], Where]) -> float:
+def checked_index(value: float, name: str, where: Callable[[], PlaceInFile]) -> float:
     """An index of the canopy: water and bare ground below 0 count as 0. Raises PrescriptionError for what is none."""
     if not -1.0 <= value <= 1.0:
         raise PrescriptionError(where(), "{value:g}: allowed as {index} is -1 to 1 (is it scaled by 10000 or 255?)",
@@ -133,7 +133,7 @@ def checked_index(value: float, name: str, where: Callable[[], Where]) -> float:
     return max(0.0, value)
 
 
-def with_choice(found: Fallbacks, choice: Choice, where: Where) -> Fallbacks:
+def with_choice(found: Fallbacks, choice: RateChoice, where: PlaceInFile) -> Fallbacks:
     """Fallbacks of a file, those that the operator picked instead. Raises PrescriptionError."""
     picked = {name: value for name, value in (("default_kg_ha", choice.default_kg_ha),
                                               ("outside_kg_ha", choice.outside_kg_ha),

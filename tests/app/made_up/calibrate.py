@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from console.app.pages.calibrate.catch import CatchPoint
-from console.app.pages.calibrate.service import CalibrateService, CurvePoint, Estimate, Fitted, LagTable
+from console.app.pages.calibrate.service import Calibrated, CalibrateService, CurvePoint, Estimate, LagTable
 from console.app.pages.calibrate.wheel import WheelSample
 from console.frame import DeviceTest, DeviceView, Frame, LagTestView
 
@@ -18,31 +18,33 @@ TABLES = (LagTable("bench/lag_march.csv", 70), LagTable("bench/lag_both.csv", 20
 REJECTED = (("bad_crc", 3), ("overlong", 1))
 
 
-def _catch(points: Sequence[CatchPoint]) -> Fitted:
+def _catch(points: Sequence[CatchPoint]) -> Calibrated:
     if len(points) < 3:
         raise ValueError(f"{len(points)} catches: at least 3 are needed")
     line = tuple(CurvePoint(mm, GRAMS * mm, 0.98 * GRAMS * mm, 1.02 * GRAMS * mm) for mm in range(20, 51, 2))
-    return Fitted("catch", (Estimate("grams_per_rev_mm", 5.4972, 5.4713, 5.5231, "g/rev/mm", 4),
-                            Estimate("zero_offset", None, None, None, "g/rev", 2),
-                            Estimate("fill_falloff", 3.1, 1.2, 5.0, "%", 1)),
-                  tuple((one.opening_mm, one.grams_per_revolution) for one in points), line, "opening mm", "g per turn",
-                  scatter="0.41 %", source=tuple(points))
+    return Calibrated("catch", (Estimate("grams_per_rev_mm", 5.4972, 5.4713, 5.5231, "g/rev/mm", 4),
+                                Estimate("zero_offset", None, None, None, "g/rev", 2),
+                                Estimate("fill_falloff", 3.1, 1.2, 5.0, "%", 1)),
+                      tuple((one.opening_mm, one.grams_per_revolution) for one in points), line, "opening mm",
+                      "g per turn",
+                      scatter="0.41 %", source=tuple(points))
 
 
-def _lag(path: str, label: str | None) -> Fitted:
+def _lag(path: str, label: str | None) -> Calibrated:
     line = tuple(CurvePoint(rpm, 2.212 - 0.0083 * rpm, 2.152 - 0.0083 * rpm, 2.272 - 0.0083 * rpm)
                  for rpm in range(10, 71, 5))
-    return Fitted("lag", (Estimate("slope", -0.0083, -0.0091, -0.0075, "s per r/min", 5),
-                          Estimate("intercept", 2.212, 2.18, 2.244, "s", 3)),
-                  tuple((rpm, response_s + drop_s) for rpm, response_s, drop_s in RUNS), line, "shaft r/min", "lag s",
-                  (10.0, 70.0), "0.019 s", (path, label))
+    return Calibrated("lag", (Estimate("slope", -0.0083, -0.0091, -0.0075, "s per r/min", 5),
+                              Estimate("intercept", 2.212, 2.18, 2.244, "s", 3)),
+                      tuple((rpm, response_s + drop_s) for rpm, response_s, drop_s in RUNS), line, "shaft r/min",
+                      "lag s",
+                      (10.0, 70.0), "0.019 s", (path, label))
 
 
-def _wheel(samples: Sequence[WheelSample]) -> Fitted:
-    return Fitted("wheel", (Estimate("circumference", 2.4868, 2.4849, 2.4887, "m", 4),), source=tuple(samples))
+def _wheel(samples: Sequence[WheelSample]) -> Calibrated:
+    return Calibrated("wheel", (Estimate("circumference", 2.4868, 2.4849, 2.4887, "m", 4),), source=tuple(samples))
 
 
-def _save(fitted: Fitted, name: str) -> str:
+def _save(fitted: Calibrated, name: str) -> str:
     if name == "taken":
         raise ValueError("machines/taken.yaml: exists already: nothing is overwritten")
     return f"machines/{name}.yaml"

@@ -8,18 +8,18 @@ from typing import Any
 from console.app.pages.diagnosis.service import (
     IMPORT,
     Adoption,
+    AdoptionOffer,
     ComparedRow,
     ComparedShown,
-    Curve,
+    DiagnosisSource,
     DiagnosisView,
     Drawn,
     Export,
-    Offer,
     OpenQuestions,
-    Source,
+    ResidualCurve,
     Stop,
-    Stopped,
     Tell,
+    WorkStopped,
 )
 from control.diagnosis.result import (
     Cause,
@@ -37,33 +37,36 @@ from control.diagnosis.result import (
 from control.machine.machine import CATALOGUE
 
 SOURCES = (
-    Source("/data/logs/20260318-061200.csv", "20260318-061200.csv", "run", "2026-03-18 06:12", "1.2 MB", True),
-    Source("/data/logs/20260317-134500.csv", "20260317-134500.csv", "run", "2026-03-17 16:02", "23.6 MB"),
-    Source("/data/logs/20260317-070100.csv", "20260317-070100.csv", "run", "2026-03-17 11:48", "31.0 MB"),
-    Source("/data/catch.csv", "catch.csv", "catch", "2026-03-16 09:20", "0.6 kB"),
-    Source("/data/lag_table.csv", "lag_table.csv", "lag", "2026-03-12 17:31", "0.4 kB"),
+    DiagnosisSource("/data/logs/20260318-061200.csv", "20260318-061200.csv", "run", "2026-03-18 06:12", "1.2 MB", True),
+    DiagnosisSource("/data/logs/20260317-134500.csv", "20260317-134500.csv", "run", "2026-03-17 16:02", "23.6 MB"),
+    DiagnosisSource("/data/logs/20260317-070100.csv", "20260317-070100.csv", "run", "2026-03-17 11:48", "31.0 MB"),
+    DiagnosisSource("/data/catch.csv", "catch.csv", "catch", "2026-03-16 09:20", "0.6 kB"),
+    DiagnosisSource("/data/lag_table.csv", "lag_table.csv", "lag", "2026-03-12 17:31", "0.4 kB"),
 )
 
 _SAG = Cause(
     "shaft.voltage_sag", Size(3.1, 2.8, 3.4, "% lost per V"), None, 0.998, (), None,
     CATALOGUE["shaft.voltage_sag"].effect.advice, FieldCost(-2.4, None))
 _SAG_DRAWN = Drawn(
-    Curve("shaft", "r/min", "supply_v", tuple(12.0 + 0.15 * k for k in range(11)),
-          tuple(-3.2 + 0.31 * k + 0.05 * sin(3 * k) for k in range(11)), tuple(0.06 * cos(2 * k) for k in range(11)),
-          (0.08,) * 11),
-    Curve("shaft", "r/min", "time_s", tuple(0.5 + k for k in range(40)),
-          tuple(-1.6 + 1.1 * sin(0.3 * k) for k in range(40)), tuple(0.09 * sin(1.7 * k) for k in range(40)),
-          (0.1,) * 40))
+    ResidualCurve("shaft", "r/min", "supply_v", tuple(12.0 + 0.15 * k for k in range(11)),
+                  tuple(-3.2 + 0.31 * k + 0.05 * sin(3 * k) for k in range(11)),
+                  tuple(0.06 * cos(2 * k) for k in range(11)),
+                  (0.08,) * 11),
+    ResidualCurve("shaft", "r/min", "time_s", tuple(0.5 + k for k in range(40)),
+                  tuple(-1.6 + 1.1 * sin(0.3 * k) for k in range(40)), tuple(0.09 * sin(1.7 * k) for k in range(40)),
+                  (0.1,) * 40))
 
 _FILL = Cause(
     "flow.fill_falloff", Size(12.4, 9.9, 14.8, "% lost at 100 r/min"), None, 0.58,
     (Rival("flow.gain", 0.27), Rival("scale.gain", 0.15)), None, "Work at a larger opening and a lower shaft speed.",
     FieldCost(-6.1, None))
 _FILL_DRAWN = Drawn(
-    Curve("flow", "g/s", "shaft_rpm", (20.0, 35.0, 50.0, 60.0, 70.0, 80.0),
-          (-0.4, -1.3, -2.6, -3.9, -5.2, -6.8), (0.2, -0.3, 0.1, 0.2, -0.2, 0.1), (0.5, 0.5, 0.6, 0.6, 0.7, 0.8)),
-    Curve("flow", "g/s", "time_s", tuple(1.2 + 2.5 * k for k in range(16)),
-          tuple(-4.8 + 0.8 * sin(k) for k in range(16)), tuple(0.4 * cos(2 * k) for k in range(16)), (0.6,) * 16))
+    ResidualCurve("flow", "g/s", "shaft_rpm", (20.0, 35.0, 50.0, 60.0, 70.0, 80.0),
+                  (-0.4, -1.3, -2.6, -3.9, -5.2, -6.8), (0.2, -0.3, 0.1, 0.2, -0.2, 0.1),
+                  (0.5, 0.5, 0.6, 0.6, 0.7, 0.8)),
+    ResidualCurve("flow", "g/s", "time_s", tuple(1.2 + 2.5 * k for k in range(16)),
+                  tuple(-4.8 + 0.8 * sin(k) for k in range(16)), tuple(0.4 * cos(2 * k) for k in range(16)),
+                  (0.6,) * 16))
 
 _CHANNELS = tuple(Channel(name, unit, 48_240, 0.0, error, noise, 0.9, p) for name, unit, error, noise, p in (
     ("shaft", "r/min", 1.92, 0.285, 0.0), ("gate", "mm", 0.1005, 0.1004, 0.5), ("flow", "kg/s", 0.0149, 0.0121, 0.0),
@@ -87,12 +90,13 @@ def sample_found(verdict: str = "ambiguous") -> DiagnosisView:
                   (Gain("shaft", "rmse, r/min", 1.91, 0.288, 0.28, 0.3, ""),), None),
         (_FILL_DRAWN, _SAG_DRAWN), _AFTER, ("flow.fill_falloff", "shaft.voltage_sag"), (), "stairs", None, 324.6,
         "/tmp/made-up", offers=(
-            Offer(("shaft.voltage_sag",), "machine-0.yaml", ("  shaft.voltage_sag: 0 -> 3.1 % lost per V",)),
-            Offer(("flow.fill_falloff", "shaft.voltage_sag"), "machine-1.yaml", (
+            AdoptionOffer(("shaft.voltage_sag",), "machine-0.yaml", ("  shaft.voltage_sag: 0 -> 3.1 % lost per V",)),
+            AdoptionOffer(("flow.fill_falloff", "shaft.voltage_sag"), "machine-1.yaml", (
                 "  flow.fill_falloff: 0 -> 12.4 % lost at 100 r/min", "  shaft.voltage_sag: 0 -> 3.1 % lost per V"))))
     if verdict == "named":
         one = view._replace(source="separating.csv", drawn=(_FILL_DRAWN,), adoptable=("flow.fill_falloff",), drives="",
-                            offers=(Offer(("flow.fill_falloff",), "machine-0.yaml", view.offers[1].changes[:1]),),
+                            offers=(AdoptionOffer(("flow.fill_falloff",), "machine-0.yaml",
+                                                  view.offers[1].changes[:1]),),
                             planted=("flow.fill_falloff=12",))
         return having(one, data=replace(view.found.data, rows=10_000, duration_s=500.0), verdict="named",
                       causes=(replace(_FILL, rivals=(), probability=0.97),), next_run=None)
@@ -115,10 +119,10 @@ class MadeUpDiagnosis:
         self.refuse, self.unsure = refuse, unsure
         self.asked: list[str] = []
 
-    def sources(self, running_log: str) -> tuple[Source, ...]:
+    def sources(self, running_log: str) -> tuple[DiagnosisSource, ...]:
         return SOURCES
 
-    def source(self, path: str) -> Source:
+    def source(self, path: str) -> DiagnosisSource:
         if not path.endswith((".csv", ".xlsx")):
             raise ValueError(f"{path}: neither a run log (column time_s), a bench table nor a log that import reads")
         return SOURCES[1]._replace(path=path, name=path.rsplit("/", 1)[-1],
@@ -127,7 +131,7 @@ class MadeUpDiagnosis:
     def machines(self) -> tuple[str, ...]:
         return ("bench", "huanghai")
 
-    def diagnose(self, source: Source, machine: str | None, tell: Tell, stop: Stop) -> DiagnosisView:
+    def diagnose(self, source: DiagnosisSource, machine: str | None, tell: Tell, stop: Stop) -> DiagnosisView:
         self.asked.append(f"diagnose {source.name} {machine}")
         self._work(tell, stop)
         return self.found
@@ -137,7 +141,7 @@ class MadeUpDiagnosis:
         self._work(tell, stop)
         return sample_found("named")
 
-    def compare(self, machine: str, source: Source, tell: Tell, stop: Stop) -> ComparedShown:
+    def compare(self, machine: str, source: DiagnosisSource, tell: Tell, stop: Stop) -> ComparedShown:
         self.asked.append(f"compare {machine} {source.name}")
         self._work(tell, stop)
         return ComparedShown((ComparedRow("shaft", "r/min", 1.92, 0.29, 1.5, 1.8),
@@ -147,7 +151,7 @@ class MadeUpDiagnosis:
     def _work(self, tell: Tell, stop: Stop) -> None:
         tell(0.5, "metering")
         if stop.is_set():
-            raise Stopped
+            raise WorkStopped
         if self.unsure:
             raise OpenQuestions(self.unsure, "/data/planter.import.yaml")
         if self.refuse:

@@ -16,9 +16,9 @@ from console.app.pages.job.service import (
     JobNames,
     MapFile,
     MapPreview,
+    MapReading,
     Offer,
     Progress,
-    Reading,
     Recent,
 )
 from console.app.source import FrameSource
@@ -118,7 +118,7 @@ class SampleJobService:
             return (MapFile("/media", "..", "", ""), north)
         return (MapFile("/media", "..", "", ""), *self.maps())
 
-    def preview(self, path: str, reading: Reading) -> MapPreview:
+    def preview(self, path: str, reading: MapReading) -> MapPreview:
         self.asked.append(("preview", path, *reading))
         self._fail()
         if path.endswith("zones.shp") and not reading.column:

@@ -9,7 +9,7 @@ import numpy as np
 
 from console.app.field_picture import FieldPicture, Planned
 from console.app.laid import LaidFile
-from console.app.layers import Layer
+from console.app.layers import MapLayer
 from console.app.pages.replay.service import LogFile
 from console.app.pages.settings.service import SettingsStore
 from console.app.services import Services
@@ -123,7 +123,7 @@ class SampleLayers:
         for lap in range(11):
             worked.add([Spot(60.0 * along, 6.0 * lap, 90.0, 220.0 + 12.0 * lap + 40.0 * along, 300.0, float("nan"))
                         for along in (0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9)])
-        return LaidFile("autumn.geojson", worked, frozenset({Layer.APPLIED, Layer.TARGET, Layer.ERROR}))
+        return LaidFile("autumn.geojson", worked, frozenset({MapLayer.APPLIED, MapLayer.TARGET, MapLayer.ERROR}))
 
 
 def _inside(corners: tuple[tuple[float, float], ...], east_m: float, north_m: float) -> bool:

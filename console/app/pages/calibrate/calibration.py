@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from console.app import words
 from console.app.pages.calibrate.curve import CurveView
-from console.app.pages.calibrate.guide import GuideView, Step
-from console.app.pages.calibrate.service import Estimate, Fitted
+from console.app.pages.calibrate.guide import GuideStep, GuideView
+from console.app.pages.calibrate.service import Calibrated, Estimate
 from console.app.pages.calibrate.sheet import Row
 from console.app.widgets.chips import Chip
 from console.frame import Frame
@@ -63,7 +63,7 @@ class Calibration:
 
     def __init__(self, page: CalibrateScreen, deeds: Mapping[str, Deed]) -> None:
         self.page, self.deeds = page, deeds
-        self.fitted: Fitted | None = None
+        self.fitted: Calibrated | None = None
         self.saved = ""
 
     def see(self, seen: FrameSeen) -> None:
@@ -73,7 +73,7 @@ class Calibration:
         """For shaft and gate at the beginning of a held run."""
         return ()
 
-    def steps(self, seen: FrameSeen) -> tuple[Step, ...]:
+    def steps(self, seen: FrameSeen) -> tuple[GuideStep, ...]:
         raise NotImplementedError
 
     def step(self, seen: FrameSeen) -> int:
@@ -96,7 +96,7 @@ class Calibration:
     def chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
         raise NotImplementedError
 
-    def take(self, fitted: Fitted) -> None:
+    def take(self, fitted: Calibrated) -> None:
         self.fitted, self.saved = fitted, ""
 
     def forget(self) -> None:
@@ -161,7 +161,7 @@ def estimate_words(one: Estimate) -> str:
                                                                      high=high)
 
 
-def curve_of(fitted: Fitted | None, points: tuple[tuple[float, float], ...], x_name: str, y_name: str) -> CurveView:
+def curve_of(fitted: Calibrated | None, points: tuple[tuple[float, float], ...], x_name: str, y_name: str) -> CurveView:
     """What was measured, with the fitted line where there is one."""
     if fitted is None:
         return CurveView(_(AXES[x_name]), _(AXES[y_name]), points)

@@ -63,7 +63,7 @@ class _Sample(NamedTuple):
     opening_mm: float
 
 
-class CatchTest:
+class CatchRun:
     """What the operator has set, run and weighed so far."""
 
     def __init__(self, shaft_rpm: float, opening_mm: float) -> None:

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 from console.app.number_dialog import NumberDialog
 from console.app.pages.calibrate.calibration import Deed, FrameSeen, HeldRun, curve_of
-from console.app.pages.calibrate.catch import LEAST_POINTS, MODEL_FACTOR, SETTLE_S, WEIGH_S, CatchTest
+from console.app.pages.calibrate.catch import LEAST_POINTS, MODEL_FACTOR, SETTLE_S, WEIGH_S, CatchRun
 from console.app.pages.calibrate.curve import CurveView
-from console.app.pages.calibrate.guide import Step
+from console.app.pages.calibrate.guide import GuideStep
 from console.app.pages.calibrate.sheet import Bar, Cells, Line, Row
 from console.app.typed_number import in_words, inside
 from console.app.view import STALE_S
@@ -33,7 +33,7 @@ class CatchCalibration(HeldRun):
             "cal_weigh": self._standing(self._ask_mass), "cal_again": self._standing(lambda: self.test.again()),
             "cal_undo": lambda _seen: self._undo(), "cal_fit": lambda _seen: self._fit()})
         service = page.service
-        self.test = CatchTest(service.set_shaft_rpm if service else 50.0, service.set_opening_mm if service else 25.0)
+        self.test = CatchRun(service.set_shaft_rpm if service else 50.0, service.set_opening_mm if service else 25.0)
 
     def see(self, seen: FrameSeen) -> None:
         frame = seen.frame
@@ -59,17 +59,17 @@ class CatchCalibration(HeldRun):
             return 1
         return 3 if test.can_weigh and not seen.calibrating else 2
 
-    def steps(self, seen: FrameSeen) -> tuple[Step, ...]:
+    def steps(self, seen: FrameSeen) -> tuple[GuideStep, ...]:
         rest = max(0, LEAST_POINTS - len(self.test.points))
         return (
-            Step(_("make ready"), _("The tractor stands still. R makes the machine ready; nothing turns yet.")),
-            Step(_("settle"), _("Enough: let go of I.") if self.test.turned.seconds >= SETTLE_S else
+            GuideStep(_("make ready"), _("The tractor stands still. R makes the machine ready; nothing turns yet.")),
+            GuideStep(_("settle"), _("Enough: let go of I.") if self.test.turned.seconds >= SETTLE_S else
              _("A vessel under the outlets. Hold I until the bar is full; what fell is put back.")),
-            Step(_("catch"), _("Enough: let go of I.") if self.test.turned.seconds >= WEIGH_S else
+            GuideStep(_("catch"), _("Enough: let go of I.") if self.test.turned.seconds >= WEIGH_S else
              _("Empty vessels of known weight under all outlets. Hold I for about {seconds} s, then let go.").format(
                  seconds=f"{WEIGH_S:.0f}")),
-            Step(_("weigh"), _("Q3: type what all outlets together gave. If in doubt, Q4 settles again.")),
-            Step(_("fit and save"),
+            GuideStep(_("weigh"), _("Q3: type what all outlets together gave. If in doubt, Q4 settles again.")),
+            GuideStep(_("fit and save"),
              _("Q5 fits the curve. More settings make it better: Q1 and Q2 change them.") if not rest else
              _("{rest} more catches: change the setting with Q1 or Q2, for a wide range.").format(rest=rest)))
 

@@ -9,7 +9,7 @@ from console.app.widgets.panel import Panel, fit, line, wrapped
 from console.locale import _
 
 
-class Step(NamedTuple):
+class GuideStep(NamedTuple):
     """title: a few words; text: what to do, shown while it is the one to do."""
 
     title: str
@@ -20,7 +20,7 @@ class GuideView(NamedTuple):
     """now: the step to do. said: why something is not possible now, in words. found: lines of the result."""
 
     title: str
-    steps: tuple[Step, ...]
+    steps: tuple[GuideStep, ...]
     now: int = 0
     said: str = ""
     found: tuple[str, ...] = ()
@@ -43,7 +43,7 @@ class Guide(Panel[GuideView]):
         return (rows + tail) if len(rows) + len(tail) <= height else [*rows[:max(1, height - len(tail))], *tail]
 
     @staticmethod
-    def _steps(steps: tuple[Step, ...], now: int, width: int, room: int) -> list[Content]:
+    def _steps(steps: tuple[GuideStep, ...], now: int, width: int, room: int) -> list[Content]:
         """Titles of all steps, the text of the one to do; done ones go first where rows are few."""
         texts = [wrapped(step.text, width - 5) if index == now else [] for index, step in enumerate(steps)]
         spare = room - len(steps) - sum(map(len, texts))

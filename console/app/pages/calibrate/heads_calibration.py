@@ -4,7 +4,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from console.app.pages.calibrate.calibration import Calibration, FrameSeen
-from console.app.pages.calibrate.guide import Step
+from console.app.pages.calibrate.guide import GuideStep
 from console.app.pages.calibrate.heads import CHECK_S, HeadsCheck
 from console.app.pages.calibrate.sheet import Bar, Level, Line, Middle, Row
 from console.app.widgets.chips import Chip
@@ -38,12 +38,13 @@ class HeadsCalibration(Calibration):
     def step(self, seen: FrameSeen) -> int:
         return 0 if self.check.started_s is None else 1 if self.check.running else 2
 
-    def steps(self, seen: FrameSeen) -> tuple[Step, ...]:
+    def steps(self, seen: FrameSeen) -> tuple[GuideStep, ...]:
         return (
-            Step(_("drive"), _("Drive over even crop at working speed, heads at their usual height. B begins.")),
-            Step(_("measure"), _("Drive on for {seconds} s.").format(seconds=f"{CHECK_S:.0f}")),
-            Step(_("act"), _("Clean the marked heads, then check again with B. A head that still reads off goes back "
-                             "to the maker.")))
+            GuideStep(_("drive"), _("Drive over even crop at working speed, heads at their usual height. B begins.")),
+            GuideStep(_("measure"), _("Drive on for {seconds} s.").format(seconds=f"{CHECK_S:.0f}")),
+            GuideStep(_("act"),
+                      _("Clean the marked heads, then check again with B. A head that still reads off goes back "
+                                  "to the maker.")))
 
     def found(self) -> tuple[str, ...]:
         if not self.check.done:

@@ -8,7 +8,7 @@ from console.app.dialogs import Choice, ChoiceDialog
 from console.app.name_dialog import NameDialog
 from console.app.pages.calibrate.calibration import FrameSeen, HeldRun, curve_of
 from console.app.pages.calibrate.curve import CurveView
-from console.app.pages.calibrate.guide import Step
+from console.app.pages.calibrate.guide import GuideStep
 from console.app.pages.calibrate.service import LagTable
 from console.app.pages.calibrate.sheet import Bar, Cells, Line, Row
 from console.app.widgets.chips import Chip
@@ -65,17 +65,19 @@ class LagCalibration(HeldRun):
             return 3 if self.measured else 0
         return 1 if not seen.ready else 2
 
-    def steps(self, seen: FrameSeen) -> tuple[Step, ...]:
+    def steps(self, seen: FrameSeen) -> tuple[GuideStep, ...]:
         begin = (_("B begins the test on the rig. Or J: a bench table measured before.") if self.has_rig(seen) else
                  _("No lag rig is in the cab file. J takes a bench table measured before."))
         return (
-            Step(_("choose"), begin),
-            Step(_("make ready"), _("Rig under an outlet, tractor standing. R makes the machine ready.")),
-            Step(_("measure"), _("Hold I: the rig starts and stops the shaft by itself. Let go at any time; it goes "
-                                 "on when I is held again.")),
-            Step(_("fit and save"), _("Q5 fits the line; E saves it as a new machine file.")),
-            Step(_("two rates"), _("Starts do not tell how the tube carries. A step from 40 to 80 r/min at the rig, "
-                                   "ten times, does: its table by J.")))
+            GuideStep(_("choose"), begin),
+            GuideStep(_("make ready"), _("Rig under an outlet, tractor standing. R makes the machine ready.")),
+            GuideStep(_("measure"),
+                      _("Hold I: the rig starts and stops the shaft by itself. Let go at any time; it goes "
+                                      "on when I is held again.")),
+            GuideStep(_("fit and save"), _("Q5 fits the line; E saves it as a new machine file.")),
+            GuideStep(_("two rates"),
+                      _("Starts do not tell how the tube carries. A step from 40 to 80 r/min at the rig, "
+                                        "ten times, does: its table by J.")))
 
     def trouble(self, seen: FrameSeen, said: str) -> str:
         return super().trouble(seen, said) if self.measuring or said else ""

@@ -32,7 +32,7 @@ class CurvePoint(NamedTuple):
     high: float
 
 
-class Fitted(NamedTuple):
+class Calibrated(NamedTuple):
     """What a calibration found. `source` goes back to `save` as it is.
 
     kind: catch, lag, wheel. x_name, y_name: words of the axes (untranslated), with units. range: of x, where it holds.
@@ -74,10 +74,10 @@ class CalibrateService:
     wheel_circumference_m: float
     most_kg: float
     expected_kg: Callable[[float, float, float], float]
-    fit_catch: Callable[[Sequence[CatchPoint]], Fitted]
+    fit_catch: Callable[[Sequence[CatchPoint]], Calibrated]
     lag_tables: Callable[[], Sequence[LagTable]]
     open_lag_table: Callable[[str], LagTable]
-    fit_lag: Callable[[str, str | None], Fitted]
-    fit_wheel: Callable[[Sequence[WheelSample]], Fitted]
-    save: Callable[[Fitted, str], str]
+    fit_lag: Callable[[str, str | None], Calibrated]
+    fit_wheel: Callable[[Sequence[WheelSample]], Calibrated]
+    save: Callable[[Calibrated, str], str]
     name_for: Callable[[str], str]        # a free name for a new machine file of this kind of calibration

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from console.app import words
 from console.app.pages.calibrate.calibration import Calibration, FrameSeen
 from console.app.pages.calibrate.catch import TURNING_RPM
-from console.app.pages.calibrate.guide import Step
+from console.app.pages.calibrate.guide import GuideStep
 from console.app.pages.calibrate.sheet import Bar, Line, Row
 from console.app.pages.calibrate.wheel import LEAST_M, WheelRun, WheelSample
 from console.app.view import STALE_S
@@ -42,14 +42,15 @@ class WheelCalibration(Calibration):
             return 1
         return 2 if self.fitted is not None else 0
 
-    def steps(self, seen: FrameSeen) -> tuple[Step, ...]:
+    def steps(self, seen: FrameSeen) -> tuple[GuideStep, ...]:
         enough = self.run.running and self.run.enough
         return (
-            Step(_("begin"), _("On firm, level ground, tyres at working pressure. B begins; then drive straight.")),
-            Step(_("drive"), _("Enough: B ends it. Driving farther makes it more accurate.") if enough else
+            GuideStep(_("begin"),
+                      _("On firm, level ground, tyres at working pressure. B begins; then drive straight.")),
+            GuideStep(_("drive"), _("Enough: B ends it. Driving farther makes it more accurate.") if enough else
              _("Drive straight at a steady speed for {length} m or more. Then B ends it.").format(
                  length=f"{LEAST_M:.0f}")),
-            Step(_("save"), _("E saves the circumference as a new machine file.")))
+            GuideStep(_("save"), _("E saves the circumference as a new machine file.")))
 
     def trouble(self, seen: FrameSeen, said: str) -> str:
         return _(TROUBLES[self.run.drive.trouble]) if self.run.drive.trouble else super().trouble(seen, said)

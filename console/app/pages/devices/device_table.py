@@ -11,7 +11,7 @@ from console.app.widgets.panel import Panel, Part, Picked, fit, fullest, line, r
 from console.locale import _
 
 
-class DeviceLine(NamedTuple):
+class ShownDevice(NamedTuple):
     """level: "", amber, red. Texts as shown."""
 
     name: str
@@ -29,7 +29,7 @@ class DeviceLine(NamedTuple):
 
 
 class TableView(NamedTuple):
-    lines: tuple[DeviceLine, ...]
+    lines: tuple[ShownDevice, ...]
     picked: int
 
 
@@ -56,7 +56,7 @@ class DeviceTable(Panel[TableView]):
         return rows
 
     @staticmethod
-    def _row(one: DeviceLine, picked: bool, names: int, states: int, width: int) -> Content:
+    def _row(one: ShownDevice, picked: bool, names: int, states: int, width: int) -> Content:
         plain = "$stale" if one.stale else ""
         chip = f"bold $on-alarm-{one.level} on $alarm-{one.level}" if one.level else "bold"
         name = "bold $on-select on $select" if picked else "bold"

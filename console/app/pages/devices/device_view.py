@@ -3,8 +3,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from console.app.pages.devices.device_table import DeviceLine
-from console.app.pages.devices.rows import Row, RowsView
+from console.app.pages.devices.device_table import ShownDevice
+from console.app.pages.devices.rows import DeviceRow, RowsView
 from console.app.view import STALE_S, duration
 from console.frame import DeviceView
 from console.locale import N_, _
@@ -39,7 +39,7 @@ def age_words(age_s: float | None) -> str:
     return f"{age_s:.1f} s" if age_s < SLOW_AGE_S else duration(age_s)
 
 
-def rows_of(devices: Sequence[DeviceView], frame_age_s: float) -> tuple[DeviceLine, ...]:
+def rows_of(devices: Sequence[DeviceView], frame_age_s: float) -> tuple[ShownDevice, ...]:
     """One line a device; all grey where the frame is old."""
     old = frame_age_s > STALE_S
     lines = []
@@ -48,9 +48,9 @@ def rows_of(devices: Sequence[DeviceView], frame_age_s: float) -> tuple[DeviceLi
         marks = " ".join(mark for mark, on in ((_("[raw file]"), bool(one.capture_path)),
                                                (_("[listening]"), one.test is not None and one.test.running)) if on)
         age_s = None if one.age_s is None else one.age_s + (frame_age_s if old else 0.0)
-        lines.append(DeviceLine(one.name, symbol, word, level, f"{one.rate_hz:.1f}", age_words(age_s),
-                                str(one.accepted), str(one.rejected), one.protocol, one.port, marks,
-                                old or one.age_s is None or one.age_s > STALE_S))
+        lines.append(ShownDevice(one.name, symbol, word, level, f"{one.rate_hz:.1f}", age_words(age_s),
+                                 str(one.accepted), str(one.rejected), one.protocol, one.port, marks,
+                                 old or one.age_s is None or one.age_s > STALE_S))
     return tuple(lines)
 
 
@@ -60,17 +60,17 @@ def details(device: DeviceView, frame_age_s: float) -> RowsView:
     kinds = ", ".join(f"{_(REJECTED.get(kind, kind))} {count}" for kind, count in device.rejected_kinds)
     connects = _("times opened {count}").format(count=device.connects)
     rows = [
-        Row(_("state"), f"{symbol} {word}", "stale" if frame_age_s > STALE_S else level),
-        Row(_("port"), device.port or "--"),
-        Row(_("protocol"), device.protocol or "--"),
-        Row(_("bytes"), f"{_('in')} {device.bytes_in}   {_('out')} {device.bytes_out}   {connects}"),
-        Row(_("rejected"), kinds or "0"),
+        DeviceRow(_("state"), f"{symbol} {word}", "stale" if frame_age_s > STALE_S else level),
+        DeviceRow(_("port"), device.port or "--"),
+        DeviceRow(_("protocol"), device.protocol or "--"),
+        DeviceRow(_("bytes"), f"{_('in')} {device.bytes_in}   {_('out')} {device.bytes_out}   {connects}"),
+        DeviceRow(_("rejected"), kinds or "0"),
     ]
     if device.last_error:
-        rows.append(Row(_("last error"), device.last_error, "" if device.connected else "amber"))
+        rows.append(DeviceRow(_("last error"), device.last_error, "" if device.connected else "amber"))
     if device.test is not None:
-        rows.append(Row(_("test"), _test_words(device)))
-    rows.append(Row(_("raw file"), device.capture_path or _("not written; E starts one next to the log")))
+        rows.append(DeviceRow(_("test"), _test_words(device)))
+    rows.append(DeviceRow(_("raw file"), device.capture_path or _("not written; E starts one next to the log")))
     return RowsView(device.name, tuple(rows))
 
 
@@ -87,4 +87,4 @@ def _test_words(device: DeviceView) -> str:
 def raw_rows(lines: Sequence[tuple[float, str]]) -> RowsView:
     """The last lines as they came, newest last. lines: (time since the log began, s, text)."""
     return RowsView(_("last lines, as seen five times a second"),
-                    tuple(Row(duration(time_s), text) for time_s, text in lines))
+                    tuple(DeviceRow(duration(time_s), text) for time_s, text in lines))

@@ -9,7 +9,7 @@ from textual.content import Content
 from console.app.widgets.panel import Panel, fit, line, wrapped
 
 
-class Row(NamedTuple):
+class DeviceRow(NamedTuple):
     """level: "", stale, amber, red."""
 
     label: str
@@ -19,7 +19,7 @@ class Row(NamedTuple):
 
 class RowsView(NamedTuple):
     title: str
-    rows: tuple[Row, ...]
+    rows: tuple[DeviceRow, ...]
 
 
 _STYLES = {"": "", "stale": "$stale", "amber": "bold $on-alarm-amber on $alarm-amber",

@@ -4,7 +4,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import chain, combinations
 
-from console.app.pages.diagnosis.service import DiagnosisView, Offer
+from console.app.pages.diagnosis.service import AdoptionOffer, DiagnosisView
 from console.reports import said
 from control.diagnosis.result import Cause
 
@@ -38,6 +38,6 @@ def selections(found: DiagnosisView) -> Iterator[tuple[str, ...]]:
             yield ids
 
 
-def offer_of(found: DiagnosisView, ids: tuple[str, ...]) -> Offer | None:
+def offer_of(found: DiagnosisView, ids: tuple[str, ...]) -> AdoptionOffer | None:
     """The machine file that takes these up; None where there is none."""
     return next((one for one in found.offers if set(one.ids) == set(ids)), None)

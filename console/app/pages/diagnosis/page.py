@@ -25,12 +25,12 @@ from console.app.pages.diagnosis.service import (
     IMPORT,
     ComparedShown,
     DiagnosisService,
+    DiagnosisSource,
     DiagnosisView,
     OpenQuestions,
-    Source,
     Stop,
-    Stopped,
     Tell,
+    WorkStopped,
 )
 from console.app.pages.diagnosis.source_list import SourceList, SourcesView
 from console.app.pages.diagnosis.verdict import Verdict
@@ -56,7 +56,7 @@ class DiagnosisScreen(Page):
     def __init__(self) -> None:
         super().__init__()
         self.add_class("diagnosis")
-        self.sources: tuple[Source, ...] | None = None
+        self.sources: tuple[DiagnosisSource, ...] | None = None
         self.at = 0                                 # chosen file
         self.machine: str | None = None             # None: the one that the data names
         self.machines: tuple[str, ...] = ()
@@ -68,7 +68,7 @@ class DiagnosisScreen(Page):
         self.said = ""                              # why the last thing did not go
         self.stop: Stop | None = None               # of the work under way
         self._working: Worker[DiagnosisView | ComparedShown] | None = None
-        self._listing: Worker[tuple[tuple[Source, ...], tuple[str, ...]]] | None = None
+        self._listing: Worker[tuple[tuple[DiagnosisSource, ...], tuple[str, ...]]] | None = None
         self._brings_in = False                     # a new file will be there
         self._title = ""
         self._started_s = 0.0
@@ -256,7 +256,7 @@ class DiagnosisScreen(Page):
         self._listing = self.run_worker(lambda: (service.sources(running), service.machines()), group="list",
                                         thread=True, exit_on_error=False)
 
-    def diagnose(self, source: Source) -> None:
+    def diagnose(self, source: DiagnosisSource) -> None:
         assert self.service is not None
         self.back()
         self._brings_in = source.kind == IMPORT
@@ -299,7 +299,7 @@ class DiagnosisScreen(Page):
         elif event.worker is self._working:
             self._worked(event.worker, event.state)
 
-    def _listed(self, worker: Worker[tuple[tuple[Source, ...], tuple[str, ...]]], state: WorkerState) -> None:
+    def _listed(self, worker: Worker[tuple[tuple[DiagnosisSource, ...], tuple[str, ...]]], state: WorkerState) -> None:
         if state is WorkerState.SUCCESS and worker.result is not None:
             self.sources, self.machines = worker.result
             self.at = min(self.at, max(0, len(self.sources) - 1))
@@ -318,7 +318,7 @@ class DiagnosisScreen(Page):
             self.which, self.cause, self.see = len(self.found) - 1, 0, "causes"
         elif state is WorkerState.ERROR and isinstance(worker.error, OpenQuestions):
             self.ask(worker.error)
-        elif state is WorkerState.ERROR and not isinstance(worker.error, Stopped):
+        elif state is WorkerState.ERROR and not isinstance(worker.error, WorkStopped):
             self.said = (str(worker.error).splitlines() or [type(worker.error).__name__])[0]
         if state is WorkerState.CANCELLED:              # the app ends: its process must not outlive it
             self.cancel()

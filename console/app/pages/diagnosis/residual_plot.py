@@ -13,7 +13,7 @@ from rich.segment import Segment
 from rich.style import Style
 from textual.strip import Strip
 
-from console.app.pages.diagnosis.service import Curve
+from console.app.pages.diagnosis.service import ResidualCurve
 from console.app.widgets.canvas import Canvas
 from console.app.widgets.panel import fit, right
 from console.locale import _
@@ -28,7 +28,7 @@ Places = Sequence[tuple[float, float]]
 class PlotView(NamedTuple):
     title: str
     label: str                      # of the axis
-    curve: Curve
+    curve: ResidualCurve
     same: bool                      # nothing was named: there is no after
     language: str
 

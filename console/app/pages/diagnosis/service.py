@@ -13,7 +13,7 @@ Export = Literal["report", "data"]
 IMPORT = "import"           # kind of a file that is brought in first, or of how one is
 
 
-class Source(NamedTuple):
+class DiagnosisSource(NamedTuple):
     """A file that can be diagnosed. kind: run, that of a bench table, or IMPORT."""
 
     path: str
@@ -25,7 +25,7 @@ class Source(NamedTuple):
     bytes: int = 0
 
 
-class Curve(NamedTuple):
+class ResidualCurve(NamedTuple):
     """Means of a residual over bins of one variable (by its id), before and after the causes are in the model.
 
     before, after, half: in `unit`, as long as `at`; half: of the 90 % interval of `after`. names: of the places 0, 1,
@@ -43,7 +43,7 @@ class Curve(NamedTuple):
     onset: float | None = None
 
 
-class Offer(NamedTuple):
+class AdoptionOffer(NamedTuple):
     """A machine file that is made already, in the folder of `DiagnosisView`. ids: what was chosen; file: "" where
     nothing of it can be taken up; changes: before and after, a line each; refused: why what was chosen is not in it, a
     line each."""
@@ -57,8 +57,8 @@ class Offer(NamedTuple):
 class Drawn(NamedTuple):
     """Curves of one cause: over the variable that tells it, and over the log; None where nothing can be drawn."""
 
-    over: Curve | None = None
-    time: Curve | None = None
+    over: ResidualCurve | None = None
+    time: ResidualCurve | None = None
 
 
 class DiagnosisView(NamedTuple):
@@ -74,11 +74,11 @@ class DiagnosisView(NamedTuple):
     adoptable: tuple[str, ...]          # ids, those that are not decided among them
     refused: tuple[str, ...]            # why the others are not adopted, a line each
     drives: str = ""                    # the next run as the simulated machine can drive it; "" where it cannot
-    left_curve: Curve | None = None
+    left_curve: ResidualCurve | None = None
     mean_target_kg_ha: float | None = None
     folder: str = ""
     planted: tuple[str, ...] = ()       # of a simulated separating run: what its machine had
-    offers: tuple[Offer, ...] = ()      # machine files, one for each choice that the operator can come to
+    offers: tuple[AdoptionOffer, ...] = ()      # machine files, one for each choice that the operator can come to
 
     @property
     def minutes(self) -> float:
@@ -134,7 +134,7 @@ class Stop:
             end()
 
 
-class Stopped(Exception):
+class WorkStopped(Exception):
     """The work was cancelled."""
 
 
@@ -152,16 +152,16 @@ class DiagnosisService(Protocol):
     Everything here blocks: the page calls it in a thread.
     """
 
-    def sources(self, running_log: str) -> tuple[Source, ...]:
+    def sources(self, running_log: str) -> tuple[DiagnosisSource, ...]:
         """Newest first. running_log: path that the control worker writes, or empty."""
 
-    def source(self, path: str) -> Source:
+    def source(self, path: str) -> DiagnosisSource:
         """A file by its typed path."""
 
     def machines(self) -> tuple[str, ...]:
         """Machine files to hold the data against, along with the one that the log names."""
 
-    def diagnose(self, source: Source, machine: str | None, tell: Tell, stop: Stop) -> DiagnosisView:
+    def diagnose(self, source: DiagnosisSource, machine: str | None, tell: Tell, stop: Stop) -> DiagnosisView:
         """machine None: the one that the log names, else the configured one.
 
         A file of kind IMPORT is brought in first: as a new log of the user's own folder; OpenQuestions where not sure.
@@ -185,5 +185,5 @@ class DiagnosisService(Protocol):
     def drive(self, found: DiagnosisView, tell: Tell, stop: Stop) -> DiagnosisView:
         """Drives the separating run on the simulated machine and diagnoses its log."""
 
-    def compare(self, machine: str, source: Source, tell: Tell, stop: Stop) -> ComparedShown:
+    def compare(self, machine: str, source: DiagnosisSource, tell: Tell, stop: Stop) -> ComparedShown:
         """A machine file as it was before its last change, and as it is, on a log that it was not made from."""

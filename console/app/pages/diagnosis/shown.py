@@ -6,8 +6,8 @@ from console.app.pages.diagnosis.causes import CauseLine, CausesView
 from console.app.pages.diagnosis.channel_table import ChannelLine, ChannelsView
 from console.app.pages.diagnosis.residual_plot import PlotView
 from console.app.pages.diagnosis.run_plan import PlanView
-from console.app.pages.diagnosis.service import Curve, DiagnosisView
-from console.app.pages.diagnosis.verdict import Said
+from console.app.pages.diagnosis.service import DiagnosisView, ResidualCurve
+from console.app.pages.diagnosis.verdict import SaidVerdict
 from console.app.units import Units
 from console.locale import _, in_use
 from console.reports import said as sentences
@@ -20,10 +20,10 @@ STRUCTURE_P = 0.01              # below it a channel has more than noise
 LEAST_SHARE = 0.01              # of a channel's error beyond its noise: less is there, and is worth no mark
 
 
-def said(view: DiagnosisView, lead: str) -> Said:
+def said(view: DiagnosisView, lead: str) -> SaidVerdict:
     _word, name, symbol = sentences.VERDICTS[view.found.verdict]
-    return Said(view.found.verdict, symbol, _(name), words.about(view), sentences.sentence(view.found),
-                words.todo(view), lead)
+    return SaidVerdict(view.found.verdict, symbol, _(name), words.about(view), sentences.sentence(view.found),
+                       words.todo(view), lead)
 
 
 def causes(view: DiagnosisView, at: int, units: Units) -> CausesView:
@@ -100,7 +100,7 @@ def time(view: DiagnosisView, at: int) -> PlotView | None:
     return _plot(view, view.drawn[at].time) if view.drawn else None
 
 
-def _plot(view: DiagnosisView, curve: Curve | None) -> PlotView | None:
+def _plot(view: DiagnosisView, curve: ResidualCurve | None) -> PlotView | None:
     if curve is None:
         return None
     title = _("error of {channel}, {unit}").format(channel=sentences.channel_word(curve.channel), unit=curve.unit)

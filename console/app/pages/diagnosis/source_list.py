@@ -7,7 +7,7 @@ from textual import events
 from textual.content import Content
 from textual.message import Message
 
-from console.app.pages.diagnosis.service import Source
+from console.app.pages.diagnosis.service import DiagnosisSource
 from console.app.pages.diagnosis.words import KINDS
 from console.app.widgets.panel import Panel, fit, line, right
 from console.locale import _
@@ -16,7 +16,7 @@ HEAD_ROWS = 2
 
 
 class SourcesView(NamedTuple):
-    sources: tuple[Source, ...]
+    sources: tuple[DiagnosisSource, ...]
     at: int
     looking: bool               # True while the folders are read
     language: str

@@ -13,7 +13,7 @@ _STYLES = {"none": "bold reverse", "named": "bold $on-alarm-amber on $alarm-ambe
            "not_judged": "bold $on-alarm-red on $alarm-red"}
 
 
-class Said(NamedTuple):
+class SaidVerdict(NamedTuple):
     """verdict: id. lead: which data, where there are two."""
 
     verdict: str
@@ -25,10 +25,10 @@ class Said(NamedTuple):
     lead: str = ""
 
 
-class Verdict(Panel[tuple[Said, ...]]):
+class Verdict(Panel[tuple[SaidVerdict, ...]]):
     """Rows: word and data; the sentence; what to do. Two verdicts stand one below the other, in fewer rows each."""
 
-    def lines(self, view: tuple[Said, ...], width: int, height: int) -> list[Content]:
+    def lines(self, view: tuple[SaidVerdict, ...], width: int, height: int) -> list[Content]:
         rows: list[Content] = []
         for index, said in enumerate(view):
             room = (height - len(rows)) // (len(view) - index)
@@ -36,7 +36,7 @@ class Verdict(Panel[tuple[Said, ...]]):
         return rows
 
     @staticmethod
-    def _one(said: Said, width: int, room: int) -> list[Content]:
+    def _one(said: SaidVerdict, width: int, room: int) -> list[Content]:
         lead = f"{said.lead}: " if said.lead else ""
         left = cell_len(f" {said.symbol} {said.word}   {lead}")
         about = fullest(("   ".join(said.about[:kept]) for kept in range(len(said.about), -1, -1)), width - left)

@@ -14,7 +14,7 @@ MOST_STEP_S = 2.0           # a longer step between frames is a gap: nothing is 
 MOST_ALIKE = 0.95           # of neighbouring samples: the error of the mean is not let grow beyond all bounds
 
 
-class Strip(NamedTuple):
+class NRichStrip(NamedTuple):
     """What was driven so far; ndvi None before any. cv_percent: of the fused NDVI along the way. se: standard error of
     the mean; None for fewer than three samples."""
 
@@ -72,13 +72,13 @@ class StripRun(FieldRun):
             self._samples.append(ndvi)
 
     @property
-    def strip(self) -> Strip:
+    def strip(self) -> NRichStrip:
         if self._length_m <= 0.0:
-            return Strip(0.0, None, None)
+            return NRichStrip(0.0, None, None)
         mean = self._sum / self._length_m
         variance = max(0.0, self._sum2 / self._length_m - mean * mean)
-        return Strip(self._length_m, mean, 100.0 * sqrt(variance) / mean if mean > 0.0 else None,
-                     standard_error(self._samples), len(self._samples))
+        return NRichStrip(self._length_m, mean, 100.0 * sqrt(variance) / mean if mean > 0.0 else None,
+                          standard_error(self._samples), len(self._samples))
 
     @property
     def value(self) -> StripValue | None:

@@ -27,9 +27,9 @@ from console.app.pages.job.service import (
     JobService,
     MapFile,
     MapPreview,
+    MapReading,
     Offer,
     Progress,
-    Reading,
 )
 from console.app.pages.page import Page
 from console.app.reasons import why_no_start, why_not_ready
@@ -293,7 +293,8 @@ class JobScreen(Page):
     def _list_maps(self, found: tuple[MapFile, ...]) -> None:
         none = "" if found else _("no prescription map was found: on sticks, in Downloads or in this folder")
         choices = [Choice(one.path, f"{one.changed}  {one.name}  ({one.where})") for one in found]
-        self.ask_path(_("Which prescription?"), choices, "map", lambda path: self._read_map(path, Reading()), text=none)
+        self.ask_path(_("Which prescription?"), choices, "map", lambda path: self._read_map(path, MapReading()),
+                      text=none)
 
     def ask_path(self, title: str, choices: Sequence[Choice], kind: str, take: Callable[[str], None], now: str = "",
                  text: str = "") -> None:
@@ -328,7 +329,7 @@ class JobScreen(Page):
         nothing = "" if any(one.changed for one in found) or not folder else _("nothing of the kind lies here")
         self.app.ask(ChoiceDialog(folder or _("Where does it lie?"), choices, "", nothing), answer)
 
-    def _read_map(self, path: str, reading: Reading) -> None:
+    def _read_map(self, path: str, reading: MapReading) -> None:
         service = self.service
         if service is not None:
             self.app.notice(_("reading the map"))

@@ -67,7 +67,7 @@ class MapFile(NamedTuple):
     changed: str
 
 
-class Reading(NamedTuple):
+class MapReading(NamedTuple):
     """How a map's numbers are meant; empty: as the file says."""
 
     column: str = ""
@@ -80,7 +80,7 @@ class MapPreview:
     `columns`. kept: the map in kg of product per ha, in a file of ours."""
 
     path: str
-    reading: Reading
+    reading: MapReading
     columns: tuple[str, ...] = ()
     question: str = ""
     unit: str = ""
@@ -163,7 +163,7 @@ class JobService(Protocol):
         """Folders, whose names end in a slash, then maps, or files of another kind (job, crop, machine); "": the places
         where one may begin to look."""
 
-    def preview(self, path: str, reading: Reading) -> MapPreview:
+    def preview(self, path: str, reading: MapReading) -> MapPreview:
         """Reads a prescription for the job; nothing of the job changes."""
 
     def take_map(self, preview: MapPreview) -> str:

@@ -6,7 +6,7 @@ from typing import ClassVar, NamedTuple
 from rich.cells import cell_len
 from textual.strip import Strip
 
-from console.app.layers import LABELS, Layer, LayerScale
+from console.app.layers import LABELS, LayerScale, MapLayer
 from console.app.widgets.canvas import Canvas
 from console.app.widgets.field_map import LAID_SHARE, LEVELS_ERROR, LEVELS_LAID
 from console.app.widgets.map_legend import ramp_of
@@ -40,7 +40,7 @@ class LaidLegend(Canvas[LaidLegendView]):
         room = width - sum(map(cell_len, (low, high)))
         name = fit(name, min(cell_len(name), max(0, room - _LEAST_CELLS)))
         cells = max(_LEAST_CELLS, min(_MOST_CELLS, room - cell_len(name)))
-        levels = LEVELS_ERROR if scale.layer is Layer.ERROR else LEVELS_LAID
+        levels = LEVELS_ERROR if scale.layer is MapLayer.ERROR else LEVELS_LAID
         return [self.text_strip(width, (name, self.rich_style), (low, muted),
                                 *ramp_of(self, scale, cells, levels, LAID_SHARE), (high, muted))]
 

@@ -8,25 +8,25 @@ from textual import events
 from textual.content import Content
 from textual.message import Message
 
-from console.app.layers import LABELS, Layer
-from console.app.pages.map.reading import Reading
+from console.app.layers import LABELS, MapLayer
+from console.app.pages.map.reading import PlaceReading
 from console.app.widgets.panel import Panel, Part, at_cell, in_row, line, spread
 from console.locale import _
 
 
 class MapBarView(NamedTuple):
-    layer: Layer
+    layer: MapLayer
     states: tuple[str, ...]
 
 
-def laid_out() -> tuple[tuple[Layer, str, int], ...]:
+def laid_out() -> tuple[tuple[MapLayer, str, int], ...]:
     """Layers with their texts and first cells."""
-    return in_row((layer, f"  {_(LABELS[layer])}  ") for layer in Layer)
+    return in_row((layer, f"  {_(LABELS[layer])}  ") for layer in MapLayer)
 
 
 class MapBar(Panel[MapBarView]):
     class Chosen(Message):
-        def __init__(self, layer: Layer) -> None:
+        def __init__(self, layer: MapLayer) -> None:
             super().__init__()
             self.layer = layer
 
@@ -45,8 +45,8 @@ class MapBar(Panel[MapBarView]):
             self.post_message(self.Chosen(layer))
 
 
-class ReadingLine(Panel[Reading]):
-    def lines(self, view: Reading, width: int, height: int) -> list[Content]:
+class ReadingLine(Panel[PlaceReading]):
+    def lines(self, view: PlaceReading, width: int, height: int) -> list[Content]:
         where = f" {view.where}"
         parts: list[Part] = [(where, "bold")]
         used = cell_len(where)

@@ -9,19 +9,19 @@ from textual.containers import Vertical
 
 from console.app.action import JOB, MAP, bindings
 from console.app.boundary_drive import BoundaryDrive
-from console.app.camera import Camera, fit
+from console.app.camera import MapCamera, fit
 from console.app.dialogs import Choice, ChoiceDialog
 from console.app.guide_line import LEAST_M
 from console.app.kept_lines import corner_record, drive_record, guide_record
 from console.app.laid import LaidFile, LaidView
-from console.app.layers import LABELS, Layer
+from console.app.layers import LABELS, MapLayer
 from console.app.pages.log_page import EMPTY_MAP, LogPage
 from console.app.pages.map.keys import ACTIONS
 from console.app.pages.map.laid_files import LaidFiles
 from console.app.pages.map.laid_legend import LaidLegend, LaidLegendView, label_of
 from console.app.pages.map.map_bar import MapBar, MapBarView, ReadingLine
 from console.app.pages.map.map_pane import MapPane, Place
-from console.app.pages.map.reading import Reading, job_items, reading
+from console.app.pages.map.reading import PlaceReading, job_items, reading
 from console.app.pages.replay.service import ReplayJob
 from console.app.view import STALE_S, RunView, look
 from console.app.widgets.items import Items
@@ -42,8 +42,8 @@ class MapScreen(LogPage):
 
     def __init__(self) -> None:
         super().__init__()
-        self.shown_layer, self.follow, self.plan = Layer.APPLIED, True, True
-        self.camera: Camera | None = None
+        self.shown_layer, self.follow, self.plan = MapLayer.APPLIED, True, True
+        self.camera: MapCamera | None = None
         self.pointed: Place | None = None
         self.marked = False
         self.laid = LaidFiles(self)
@@ -59,7 +59,7 @@ class MapScreen(LogPage):
             yield MapPane(EMPTY_MAP, id="map-pane")
             yield MapLegend(LegendView(EMPTY_MAP.scale, 1.0, self.app.units.distance, False), id="map-scale")
             yield LaidLegend(LaidLegendView("", "", None, ""), id="map-laid")
-            yield ReadingLine(Reading("", ()), id="map-reading")
+            yield ReadingLine(PlaceReading("", ()), id="map-reading")
         with Vertical(id="map-right"):
             yield SeatRates(rates, id="map-rates")
             yield Items((), id="map-job")
@@ -184,7 +184,7 @@ class MapScreen(LogPage):
         width, height = self.pane.content_size
         return width, 2 * height
 
-    def _camera(self) -> Camera:
+    def _camera(self) -> MapCamera:
         """Where the map looks now."""
         frame = self._frame
         if self.camera is None:
@@ -239,7 +239,7 @@ class MapScreen(LogPage):
             return (*log, _("whole field"))
         return (*log, _("following") if self.follow else _("standing"))
 
-    def _read(self, camera: Camera) -> None:
+    def _read(self, camera: MapCamera) -> None:
         frame = self._frame
         worked, picture = self.ground(frame)
         where: str
@@ -270,7 +270,7 @@ class MapScreen(LogPage):
         self.marked = False
         place = self._frame.place_m if self._frame is not None else None
         if self.camera is None and place is not None:
-            self.camera = Camera(*place, min(NEAR_M, self._camera().metres))
+            self.camera = MapCamera(*place, min(NEAR_M, self._camera().metres))
 
     def _move(self, columns: int, rows: int) -> None:
         self.camera, self.follow = self._camera().moved(columns, rows), False

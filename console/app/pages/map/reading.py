@@ -6,7 +6,7 @@ from typing import NamedTuple
 from console.app.camera import Pixels
 from console.app.field_picture import FieldPicture
 from console.app.laid import LaidView
-from console.app.map_image import Ground, ground
+from console.app.map_image import GroundPixels, ground
 from console.app.remaining_work import remaining_work
 from console.app.units import Units
 from console.app.view import Item, Shown, duration, rate_error, signed_percent
@@ -15,23 +15,23 @@ from console.frame import Frame
 from console.locale import _
 
 
-class Part(NamedTuple):
+class ReadingPart(NamedTuple):
     label: str
     text: str
 
 
-class Reading(NamedTuple):
+class PlaceReading(NamedTuple):
     """where: what the place is; parts: the important ones first."""
 
     where: str
-    parts: tuple[Part, ...]
+    parts: tuple[ReadingPart, ...]
 
 
 def reading(where: str, place: tuple[float, float] | None, metres: float, worked: Worked,
-            picture: FieldPicture | None, units: Units, laid: LaidView | None = None) -> Reading:
+            picture: FieldPicture | None, units: Units, laid: LaidView | None = None) -> PlaceReading:
     """The means over one pixel at a place."""
     if place is None:
-        return Reading(_("no position yet"), ())
+        return PlaceReading(_("no position yet"), ())
     half = 0.5 * metres
     pixel = Pixels(1, 1, metres, place[0] - half, place[1] + half)
     here = ground(worked, pixel)
@@ -39,18 +39,19 @@ def reading(where: str, place: tuple[float, float] | None, metres: float, worked
                              for values in (here.applied_kg_ha, here.target_kg_ha, here.ndvi))
     planned = picture.planned.at(*place) if picture is not None and picture.planned is not None else None
     error = rate_error(target, applied)
-    parts = [Part(_("applied"), units.rate.full(applied)), Part(_("target"), units.rate.full(target))]
+    parts = [ReadingPart(_("applied"), units.rate.full(applied)), ReadingPart(_("target"), units.rate.full(target))]
     if laid is not None:
-        parts.append(Part(_("file"), _of_file(ground(laid.worked, pixel), laid)))
+        parts.append(ReadingPart(_("file"), _of_file(ground(laid.worked, pixel), laid)))
     if picture is not None and picture.planned is not None:
-        parts.append(Part(_("planned"), units.rate.full(planned)))
-    parts += [Part(_("error"), "--" if error is None else signed_percent(100.0 * error)),
-              Part("NDVI", "--" if ndvi is None else f"{ndvi:.2f}"),
-              Part(_("east"), units.distance.full(place[0])), Part(_("north"), units.distance.full(place[1]))]
-    return Reading(where, tuple(parts))
+        parts.append(ReadingPart(_("planned"), units.rate.full(planned)))
+    parts += [ReadingPart(_("error"), "--" if error is None else signed_percent(100.0 * error)),
+              ReadingPart("NDVI", "--" if ndvi is None else f"{ndvi:.2f}"),
+              ReadingPart(_("east"), units.distance.full(place[0])),
+              ReadingPart(_("north"), units.distance.full(place[1]))]
+    return PlaceReading(where, tuple(parts))
 
 
-def _of_file(here: Ground, laid: LaidView) -> str:
+def _of_file(here: GroundPixels, laid: LaidView) -> str:
     value = float(here.layer(laid.scale.layer)[0, 0])
     return f"{laid.scale.text(None if value != value else value)} {laid.scale.unit}".rstrip()
 

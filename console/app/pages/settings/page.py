@@ -32,7 +32,7 @@ THEME_WORDS = {"day": N_("day"), "night": N_("night"), "contrast": N_("high cont
 SOUND_WORDS = {"on": N_("sound on"), "off": N_("sound off")}
 
 
-class Row(NamedTuple):
+class SettingRow(NamedTuple):
     """One setting: what it is called, what it is now, and how it is changed. path: keys in the settings."""
 
     group: str
@@ -73,7 +73,7 @@ class SettingsScreen(Page):
         self.query_one("#settings-list", SettingsList).show(SettingsView(
             lines, self.at, self.store.place, self.store.trouble))
 
-    def rows(self) -> list[Row]:
+    def rows(self) -> list[SettingRow]:
         """Every setting, in the language and units in use."""
         assert self.store is not None
         now, rate = self.store.settings, self.app.units.rate
@@ -102,8 +102,8 @@ class SettingsScreen(Page):
         groups = {ANYWHERE: _("keys of every screen")} | pages
         for action in sorted(actions.ACTIONS, key=lambda one: list(groups).index(one.where)):
             keys = actions.keys_of(action, now.keymap)
-            found.append(Row(groups[action.where], _(action.label), ("keymap", action.id),
-                             "  ".join(actions.key_name(key) for key in keys), _(action.help)))
+            found.append(SettingRow(groups[action.where], _(action.label), ("keymap", action.id),
+                                    "  ".join(actions.key_name(key) for key in keys), _(action.help)))
         return found
 
     # --- actions ------------------------------------------------------------------------------------------------
@@ -264,16 +264,17 @@ def _choices(words: dict[str, str]) -> list[Choice]:
     return [Choice(value, _(word)) for value, word in words.items()]
 
 
-def _choice(group: str, label: str, path: tuple[str, ...], now: str, choices: list[Choice], hint: str) -> Row:
+def _choice(group: str, label: str, path: tuple[str, ...], now: str, choices: list[Choice], hint: str) -> SettingRow:
     shown = next((one.label for one in choices if one.value == now), now)
-    return Row(group, label, path, shown, hint, tuple(choices))
+    return SettingRow(group, label, path, shown, hint, tuple(choices))
 
 
-def _number(group: str, label: str, path: tuple[str, ...], now: float, allowed: tuple[float, float], unit: Unit) -> Row:
+def _number(group: str, label: str, path: tuple[str, ...], now: float, allowed: tuple[float, float],
+            unit: Unit) -> SettingRow:
     low, high = inside(unit, *allowed, 1)
     said = _("allowed: {low} to {high} {unit}").format(low=f"{low:g}", high=f"{high:g}", unit=unit.name)
-    return Row(group, label, path, f"{now * unit.per_si:g} {unit.name}" if unit is _HZ else unit.full(now), said,
-               number=(low, high, unit))
+    return SettingRow(group, label, path, f"{now * unit.per_si:g} {unit.name}" if unit is _HZ else unit.full(now), said,
+                      number=(low, high, unit))
 
 
 def _at(settings: Settings, path: tuple[str, ...]) -> Any:

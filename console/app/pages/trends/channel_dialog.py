@@ -6,7 +6,7 @@ from collections.abc import Callable
 from textual.app import ComposeResult
 from textual.widgets import Button
 
-from console.app.channels import CHANNELS, Channel
+from console.app.channels import CHANNELS, TrendChannel
 from console.app.dialogs import Choice, ChoiceDialog
 from console.app.units import Units
 from console.app.widgets.panel import Picked, fit
@@ -31,7 +31,7 @@ class ChannelDialog(ChoiceDialog):
     def _listed(self) -> tuple[Choice, ...]:
         return tuple(Choice(one.id, self._words(one)) for one in CHANNELS)
 
-    def _words(self, channel: Channel) -> str:
+    def _words(self, channel: TrendChannel) -> str:
         mark = f"{self.chosen.index(channel.id) + 1}" if channel.id in self.chosen else " "
         return f"[{mark}] {fit(_(channel.label), 24)}{channel.unit(self._units).name}"
 

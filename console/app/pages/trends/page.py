@@ -10,13 +10,13 @@ from textual.content import Content
 
 from console.app.action import TRENDS, bindings
 from console.app.braille import Piece
-from console.app.channels import AT_FIRST, BY_ID, Channel
+from console.app.channels import AT_FIRST, BY_ID, TrendChannel
 from console.app.pages.log_page import LogPage
 from console.app.pages.replay.service import ReplayJob
 from console.app.pages.trends.channel_dialog import ChannelDialog
 from console.app.pages.trends.keys import ACTIONS
 from console.app.pages.trends.plots import Plot, Plots, PlotsView, round_ends
-from console.app.series import Stretch, sums
+from console.app.series import TrendStretch, sums
 from console.app.units import Unit
 from console.app.view import STALE_S, duration, wall_clock
 from console.app.widgets.panel import Panel, spread
@@ -111,7 +111,7 @@ class TrendsScreen(LogPage):
         self.query_one("#trends-bar", SpanBar).show(
             SpanView(self._span_words(window), self._states(), self.ends_s is not None))
 
-    def _fitted(self, stretches: dict[str, Stretch]) -> dict[str, tuple[float, float]]:
+    def _fitted(self, stretches: dict[str, TrendStretch]) -> dict[str, tuple[float, float]]:
         """Ends of the axes, as shown; channels of one group share them."""
         axes: dict[str, tuple[float, float]] = {}
         for name, stretch in stretches.items():
@@ -127,7 +127,7 @@ class TrendsScreen(LogPage):
                                     max(each.high for each in known) * unit.per_si, unit.decimals)
         return axes
 
-    def _plot(self, channel: Channel, stretch: Stretch, window: Window, buckets: int) -> Plot:
+    def _plot(self, channel: TrendChannel, stretch: TrendStretch, window: Window, buckets: int) -> Plot:
         unit = channel.unit(self.app.units)
         low, high = self._axes[channel.id]
         all_of_it = sums(stretch)
@@ -140,7 +140,7 @@ class TrendsScreen(LogPage):
                     _pieces(stretch, window, gap_s, unit, low, high),
                     self.fixed is not None and channel.id in self.fixed)
 
-    def _value(self, channel: Channel, unit: Unit, at_s: float) -> str:
+    def _value(self, channel: TrendChannel, unit: Unit, at_s: float) -> str:
         """The value in force at a time, as finely as it is held; nothing in a gap."""
         before = self.series().stretch(channel.id, at_s - GAP_S, at_s, FINEST)
         value = float(before.mean[-1]) if len(before.mean) else float("nan")
@@ -237,7 +237,8 @@ def _plain(shown: float, unit: Unit) -> str:
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
-def _pieces(stretch: Stretch, window: Window, gap_s: float, unit: Unit, low: float, high: float) -> tuple[Piece, ...]:
+def _pieces(stretch: TrendStretch, window: Window, gap_s: float, unit: Unit, low: float, high: float) -> tuple[Piece,
+                                                                                                               ...]:
     """A stretch on the span and the axis; unknown values and gaps break it."""
     pieces: list[Piece] = []
     last_s: float | None = None

@@ -13,7 +13,7 @@ from control.diagnosis.effects import (
     FLOW_PULSATION,
     FLOW_ZERO_OFFSET,
 )
-from control.diagnosis.tables.piece import Array, Candidate, Piece, varying
+from control.diagnosis.tables.piece import Array, TableCandidate, TablePiece, varying
 from control.machine.flow import Flow, grams_per_rev
 from control.machine.machine import Machine
 
@@ -24,7 +24,7 @@ MIN_LEVELS_LEFT = 3         # shaft speeds that free shapes of a fall-off must l
 MAX_PASSAGES = 3.0          # flute passages in the shortest catch, above which no catch shows a pulsation
 
 
-def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
+def pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     """One piece: mass_kg. Its noise is constant, a share of the mass, or between; the replicates decide."""
     columns = table.columns
     rpm, opening, lasts_s = columns["shaft_rpm"], columns["opening_mm"], columns["duration_s"]
@@ -50,22 +50,22 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
         variables["outlet"] = outlet
     candidates = _candidates(outlet, pulsates=bool(angle.min() / (2.0 * pi) < MAX_PASSAGES
                                                    and len(np.unique(lasts_s)) > 2))
-    return (Piece(f"{table.path} mass_kg".strip(), "flow", "kg", columns["mass_kg"], predict,
-                  spreads, labels_of(table), column_of(table), candidates,
-                  (FLOW_GAIN.id,), varying(variables),
-                  {"flow": nominal * machine.tolerance.flow_percent / 100.0, "opening_mm": predict(wide) - nominal,
-                   **_each_outlet(nominal, outlet, machine)},
-                  {FLOW_FILL_FALLOFF.id: _falloffs(nominal, rpm, rpm, machine.flow.full_rpm),
-                   FLOW_PULSATION.id: _twice_as_quick(nominal, angle)},
-                  {FLOW_FILL_FALLOFF.id: -100.0 * _falloffs(np.ones(1), np.full(1, machine.flow.full_rpm), rpm,
-                                                            machine.flow.full_rpm)[0]}),)
+    return (TablePiece(f"{table.path} mass_kg".strip(), "flow", "kg", columns["mass_kg"], predict,
+                       spreads, labels_of(table), column_of(table), candidates,
+                       (FLOW_GAIN.id,), varying(variables),
+                       {"flow": nominal * machine.tolerance.flow_percent / 100.0, "opening_mm": predict(wide) - nominal,
+                        **_each_outlet(nominal, outlet, machine)},
+                       {FLOW_FILL_FALLOFF.id: _falloffs(nominal, rpm, rpm, machine.flow.full_rpm),
+                        FLOW_PULSATION.id: _twice_as_quick(nominal, angle)},
+                       {FLOW_FILL_FALLOFF.id: -100.0 * _falloffs(np.ones(1), np.full(1, machine.flow.full_rpm), rpm,
+                                                                 machine.flow.full_rpm)[0]}),)
 
 
-def _candidates(outlet: Array | None, pulsates: bool) -> tuple[Candidate, ...]:
+def _candidates(outlet: Array | None, pulsates: bool) -> tuple[TableCandidate, ...]:
     outlets = [] if outlet is None else [int(k) for k in np.unique(outlet) if k == int(k)]
-    return (*(Candidate(row.id) for row in (FLOW_GAIN, FLOW_ZERO_OFFSET, FLOW_FILL_FALLOFF)),
-            *(Candidate(FLOW_OUTLET_UNEVEN.id, k) for k in outlets),
-            *((Candidate(FLOW_PULSATION.id),) if pulsates else ()))
+    return (*(TableCandidate(row.id) for row in (FLOW_GAIN, FLOW_ZERO_OFFSET, FLOW_FILL_FALLOFF)),
+            *(TableCandidate(FLOW_OUTLET_UNEVEN.id, k) for k in outlets),
+            *((TableCandidate(FLOW_PULSATION.id),) if pulsates else ()))
 
 
 def _mass(flow: Flow, rpm: Array, opening: Array, lasts_s: Array, outlet: Array | None, outlets: int) -> Array:

@@ -12,7 +12,7 @@ from control.diagnosis.effects import (
     LAG_SPEED_SCALE,
     SHAFT_DEAD_TIME,
 )
-from control.diagnosis.tables.piece import Array, Candidate, Piece, varying
+from control.diagnosis.tables.piece import Array, TableCandidate, TablePiece, varying
 from control.machine.fall import drop_s, start_drop_s
 from control.machine.machine import Machine
 from control.machine.start import change_response_s, response_s
@@ -22,13 +22,13 @@ from .labels import Roles, column_of, labels_of, roles_of
 FORMS_OVER = ((0.6, 1.0), (0.7, 0.5), (0.7, 2.0), (0.75, 1.0), (0.8, 1.0))    # (from, power) of a rise; of full_rpm
 
 
-def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
+def pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     """One piece for each measured column."""
     return tuple(_piece(table, machine, name) for name in LAGS
                  if name in table.columns and np.isfinite(table.columns[name]).sum() > 0)
 
 
-def _piece(table: BenchTable, machine: Machine, name: str) -> Piece:
+def _piece(table: BenchTable, machine: Machine, name: str) -> TablePiece:
     keep = np.isfinite(table.columns[name])
     rpm = table.columns["shaft_rpm"][keep]
     speed = table.speed_mps()
@@ -57,12 +57,14 @@ def _piece(table: BenchTable, machine: Machine, name: str) -> Piece:
         variables["speed_mps"] = speed
     # A distance has a constant error in m: the slower the drive, the larger the error of its time.
     spread = np.ones(len(rpm)) if name != "lag_m" or speed is None else float(np.median(speed)) / speed
-    return Piece(f"{table.path} {name}".strip(), "lag" if drops else "shaft", "s", observed, predict, (spread,), label,
-                 column_of(table), tuple(Candidate(i) for i in _ids(name, roles)), _scoped_ids(name, roles),
-                 varying(variables), nuisances, {LAG_REBOUND.id: rises(rpm, machine.fall.full_rpm)} if drops else {},
-                 {LAG_REBOUND.id: rises(np.full(1, machine.fall.full_rpm), machine.fall.full_rpm)[0]},
-                 clocked=name != "lag_m", on_ground=name == "lag_m",
-                 named_only=frozenset() if name == "lag_m" else frozenset({LAG_SPEED_SCALE.id}))
+    return TablePiece(f"{table.path} {name}".strip(), "lag" if drops else "shaft", "s", observed, predict, (spread,),
+                      label,
+                      column_of(table), tuple(TableCandidate(i) for i in _ids(name, roles)), _scoped_ids(name, roles),
+                      varying(variables), nuisances, {LAG_REBOUND.id: rises(rpm,
+                                                                            machine.fall.full_rpm)} if drops else {},
+                      {LAG_REBOUND.id: rises(np.full(1, machine.fall.full_rpm), machine.fall.full_rpm)[0]},
+                      clocked=name != "lag_m", on_ground=name == "lag_m",
+                      named_only=frozenset() if name == "lag_m" else frozenset({LAG_SPEED_SCALE.id}))
 
 
 def _ids(name: str, roles: Roles) -> tuple[str, ...]:

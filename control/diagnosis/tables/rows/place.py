@@ -11,7 +11,7 @@ from control.diagnosis.effects import (
     PLACE_LATENCY,
     PLACE_LEVER_ARM,
 )
-from control.diagnosis.tables.piece import Array, Candidate, Piece, varying
+from control.diagnosis.tables.piece import Array, TableCandidate, TablePiece, varying
 from control.machine.machine import Machine
 
 from .labels import column_of, labels_of, roles_of
@@ -20,7 +20,7 @@ from .lag import predicted, rises
 UNCORRECTED = "before"
 
 
-def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
+def pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     """One piece: miss_m = v_true (lag + latency) - v_written x corrected lag + lever arm.
 
     A correction is a distance that control made of its lag and the speed that it believed, the written one (lag paper
@@ -53,10 +53,11 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
                  "replicate": table.columns.get("replicate", np.full(table.rows, np.nan))}
     if roles.running.any():
         variables["before_rpm"] = np.nan_to_num(table.columns["before_rpm"])
-    return (Piece(f"{table.path} miss_m".strip(), "place", "m", table.columns["miss_m"], predict, (np.ones(len(rpm)),),
-                  label, column_of(table), tuple(Candidate(row.id) for row in effects),
-                  (PLACE_LEVER_ARM.id, PLACE_LATENCY.id), varying(variables),
-                  {"dead_time": speed * machine.tolerance.dead_time_s},
-                  {LAG_REBOUND.id: rises(rpm, machine.fall.full_rpm) * speed[:, None]},
-                  {LAG_REBOUND.id: rises(np.full(1, machine.fall.full_rpm), machine.fall.full_rpm)[0]},
-                  on_ground=True),)
+    return (TablePiece(f"{table.path} miss_m".strip(), "place", "m", table.columns["miss_m"], predict,
+                       (np.ones(len(rpm)),),
+                       label, column_of(table), tuple(TableCandidate(row.id) for row in effects),
+                       (PLACE_LEVER_ARM.id, PLACE_LATENCY.id), varying(variables),
+                       {"dead_time": speed * machine.tolerance.dead_time_s},
+                       {LAG_REBOUND.id: rises(rpm, machine.fall.full_rpm) * speed[:, None]},
+                       {LAG_REBOUND.id: rises(np.full(1, machine.fall.full_rpm), machine.fall.full_rpm)[0]},
+                       on_ground=True),)

@@ -11,7 +11,7 @@ from control.diagnosis.effects import (
     SPEED_WHEEL_RADIUS,
     SPEED_WHEEL_SLIP,
 )
-from control.diagnosis.tables.piece import Array, Candidate, Piece, varying
+from control.diagnosis.tables.piece import Array, TableCandidate, TablePiece, varying
 from control.experiments.bench_tests import wheel_reads
 from control.experiments.levels import USUAL_MPS
 from control.machine.flow import grams_per_rev
@@ -23,7 +23,7 @@ from .labels import column_of, labels_of
 EFFECTS = (FLOW_GAIN, FLOW_ZERO_OFFSET, SPEED_WHEEL_SLIP, SPEED_WHEEL_RADIUS, SCALE_GAIN)
 
 
-def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
+def pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     """One piece: applied_kg. Metering by the model, speed from the wheel, the applied mass by the hopper scale."""
     columns = table.columns
     target = columns["target_kg"]
@@ -46,12 +46,12 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[Piece, ...]:
                  "replicate": columns.get("replicate", np.full(table.rows, np.nan))}
     if speed is not None:
         variables["speed_mps"] = speed
-    return (Piece(f"{table.path} applied_kg".strip(), "flow", "kg", columns["applied_kg"], predict,
-                  (np.ones(table.rows),), labels_of(table), column_of(table),
-                  tuple(Candidate(row.id) for row in EFFECTS), (), varying(variables),
-                  {"flow": target * machine.tolerance.flow_percent / 100.0,
-                   "wheel": target * machine.tolerance.wheel_percent / 100.0},
-                  {FLOW_ZERO_OFFSET.id: target[:, None], FLOW_GAIN.id: np.ones((table.rows, 1))}, noise_sd=noise),)
+    return (TablePiece(f"{table.path} applied_kg".strip(), "flow", "kg", columns["applied_kg"], predict,
+                       (np.ones(table.rows),), labels_of(table), column_of(table),
+                       tuple(TableCandidate(row.id) for row in EFFECTS), (), varying(variables),
+                       {"flow": target * machine.tolerance.flow_percent / 100.0,
+                        "wheel": target * machine.tolerance.wheel_percent / 100.0},
+                       {FLOW_ZERO_OFFSET.id: target[:, None], FLOW_GAIN.id: np.ones((table.rows, 1))}, noise_sd=noise),)
 
 
 def _turns(table: BenchTable, machine: Machine, mean_mps: float) -> Array:
