@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from control.diagnosis import effects
 from control.diagnosis.effects import ROWS
-from control.diagnosis.judgement.evidence import Column, Label, Problem, Role, problem
+from control.diagnosis.judgement.evidence import Column, Label, Problem, Role, problem, projected
 from control.diagnosis.judgement.noise import coefficients, series_of
 from control.diagnosis.judgement.prior import FORM_SHARE, sd_of_size
 from control.machine.effect import HOPPER
@@ -19,16 +19,17 @@ from control.machine.terms import own_command
 from .channels import ChannelSeries
 from .hypothesis import EffectInstance, Hypothesis, schedule
 from .model import HALT_S, GroupModel, adds_up, course, stamp_sd_s, stood_for, with_course
-from .smooth import MIN_RANGE, RANGES, TABLES
+from .smooth import TABLES, series, span
 
 Array = npt.NDArray[np.float64]
 
-SHAPES = 4                  # half-waves over the range of a variable: slope, bend, and two finer ones
+BENDS = (0.3, 0.15)         # of the size, by which a growth may differ from an even one: half-wave, whole wave (1 s.d.)
 TRAIT_SHARE = 0.5           # of a tolerance, by which it may differ from case to case within one machine
 REFILL_SD_KG = 0.5          # of what the operator wrote down; on the nominal machine, as the next
 WRITTEN = "refill"          # ... which has the tails of a Cauchy distribution: the wrong bag, or a slip of the pen
 UNKNOWN_KG = 20.0           # (1 s.d.) the level at the start, and a refill that nobody wrote down
 ROUNDING_SHARE = 0.1        # of an encoder's step: how well the mean error of rounding is known
+TURNS_SHARE = 1e-3          # of what a gain does at most: below, the shaft stands
 MAX_KEPT = 200              # columns of candidates that are kept
 MOST_LATE = 8               # ... and sets of nuisances: one for each dead time
 LATENCY_STEP_S = 0.05       # difference for the slope of a GNSS reading's latency: half a row, as it is known
@@ -111,24 +112,41 @@ def _of_readings(model: GroupModel, channel: ChannelSeries) -> list[Column]:
     return []
 
 
-def place_along(model: GroupModel, variable: str, channel: ChannelSeries, parts: Hypothesis = ()) -> Array | None:
-    """A recorded variable at a channel's samples, from 0 to 1 between its 1st and 99th percentile: (m,); None where it
-    hardly moves. Of what a drive is asked for, where the drive is: a form comes when it does."""
-    values = model.data.variables.get(variable)
-    if values is None:
-        return None
-    low, high = np.percentile(values, (1.0, 99.0))
-    least = of_nominal(model.machine, RANGES.get(variable, ())) * MIN_RANGE.get(variable, float(np.finfo(float).tiny))
-    if not high - low >= least:
-        return None
-    there = model.predicted(parts)[channel.name] if own_command(channel.name, variable) != variable else np.interp(
-        channel.grid.even_s, model.data.time_s, values)
-    return np.asarray(np.clip((there - low) / (high - low), 0.0, 1.0))
+class Forms:
+    """Columns of the smooth shapes of each stage over each recorded variable, made when first asked for."""
+
+    def __init__(self, model: GroupModel) -> None:
+        self._model = model
+        self._units = {stage: _unit(model, table.unit) for stage, table in TABLES.items()
+                       if table.channel in model.names and stage != "scale"}
+        self._made: dict[tuple[str, str], list[Column]] = {}
+
+    def over(self, stage: str, variable: str, moves: Hypothesis = ()) -> list[Column]:
+        """Columns of a stage over a variable (empty: the variable hardly moves). moves : parts of a hypothesis that
+        change how the stage's drive moves: a form comes when the drive does."""
+        if moves:
+            return self._columns(stage, variable, moves)
+        if (stage, variable) not in self._made:
+            self._made[(stage, variable)] = self._columns(stage, variable, ())
+        return self._made[(stage, variable)]
+
+    def _columns(self, stage: str, variable: str, moves: Hypothesis) -> list[Column]:
+        model, name, data = self._model, TABLES[stage].channel, self._model.data
+        over = span(data, variable, model.machine)
+        if over is None or name not in model.names:
+            return []
+        unit = _unit(model, TABLES[stage].unit, moves) if moves else self._units.get(stage, np.ones(1))
+        own = model.predicted(moves)[name] if moves and own_command(stage, variable) != variable else None
+        rows = series(stage, over, model.channel(name), unit, data=data, base=model.base,
+                      machine=model.machine, own=own)
+        return [_column(model, Label(Role.FORM), {name: row}) for row in rows]
 
 
-def half_waves(change: Array, place: Array, channel: ChannelSeries, summed: bool) -> list[Array]:
-    """A change (copies x m) times cos(pi k place), k from 1 to SHAPES. summed : the channel adds it up."""
-    return [with_course(change, np.cos(np.pi * k * place), channel.copies, summed) for k in range(1, SHAPES + 1)]
+def _unit(model: GroupModel, part: EffectInstance, others: Hypothesis = ()) -> Array:
+    """What one unit of an effect does to the first channel that it moves, from the slope at its probe."""
+    size = ROWS[part.id].on(model.machine).probe
+    assert size is not None
+    return next(iter(model.difference(others, part._replace(size=size)).values())) / size
 
 
 class Columns:
@@ -136,7 +154,9 @@ class Columns:
 
     def __init__(self, model: GroupModel) -> None:
         self.model = model
+        self.forms = Forms(model)
         self._kept: dict[tuple[Hypothesis, EffectInstance], Column] = {}
+        self._courses: dict[EffectInstance, Array] = {}       # of the shaft's gain, by when it is there
         self._fixed: dict[Hypothesis, list[Column]] = {}        # by the parts with which drives move later
         self._made_at = -1          # of the model's moves
 
@@ -144,6 +164,7 @@ class Columns:
         if self._made_at != self.model.moves:
             self._made_at = self.model.moves
             self._kept.clear()
+            self._courses.clear()
             self._fixed.clear()
 
     def fixed(self, parts: Hypothesis = ()) -> list[Column]:
@@ -190,48 +211,85 @@ class Columns:
         return found
 
     def form_columns(self, parts: Hypothesis, slopes: Sequence[Column]) -> list[Column]:
-        """Freedom of form of each part: with x(t) what one unit of it does and u(t) in [0, 1] its own variable, the
-        machine may do x(t) (1 + sum of a_k cos(pi k u)), a_k ~ N(0, FORM_SHARE^2 / SHAPES). So a form begins, ends and
-        passes through the drive as its part does. What grows may do so unevenly: u is then how far the log is."""
+        """Freedom of form of each part: smooth shapes of its variable with a prior in proportion to its signal."""
         found: list[Column] = []
+        fixed = self.fixed(parts)
         for slope in slopes:
             part = parts[slope.label.part]
-            series: list[dict[str, Array]] = [{} for _ in range(SHAPES)]
-            for channel in self.model.channels:
-                if channel.name in slope.coefficients and (place := self._own_place(parts, part, channel)) is not None:
-                    own = series_of(slope.coefficients[channel.name], channel.cut)
-                    for shape, one in zip(series, half_waves(own, place, channel, adds_up(part, channel.name)),
-                                          strict=True):
-                        shape[channel.name] = one
-            sd = max(1e-9, FORM_SHARE * abs(part.size) / float(np.sqrt(SHAPES)))
-            label = Label(Role.FORM, part.id, slope.label.part)
-            forms = [_column(self.model, label, shape, sd) for shape in series if shape]
-            for sibling in ROWS[part.id].siblings:
-                step = ROWS[sibling].on(self.model.machine).trial_sizes[1]
-                other = _column(self.model, label, self.model.difference(parts, part._replace(id=sibling, size=step)))
-                forms.append(other._replace(sd=max(1e-9, FORM_SHARE * abs(part.size) * _length(slope) / max(
-                    1e-12, _length(other)))))
-            found += [_less_slopes(form, slopes) for form in forms]
+            found += self._bends(parts, slope.label.part)
+            wobbles = self._wobbles(parts, part)
+            if not wobbles:
+                continue
+            nothing = {c.name: np.zeros(len(c.cut.order)) for c in self.model.channels}
+            p = problem(self.model.channels, nothing, [*fixed, slope, *wobbles])
+            normal, _ = projected(p, np.arange(len(fixed)), self.model.noise)
+            own = normal[len(fixed), len(fixed)]
+            for k, wobble in enumerate(wobbles):
+                at = len(fixed) + 1 + k
+                ratio = max(own, 0.0) / max(normal[at, at], 1e-12) / len(wobbles)
+                sd = FORM_SHARE * abs(part.size) * np.sqrt(ratio)
+                free = wobble._replace(label=Label(Role.FORM, part.id, slope.label.part), sd=max(1e-9, float(sd)))
+                found.append(_less_slopes(free, slopes))
         return found
 
-    def nameless(self, stage: str, variable: str) -> list[Column]:
-        """A stage's smooth dependence on a variable, whatever its cause: half-waves of its unit (empty: the variable
-        hardly moves)."""
-        channel, unit = self.model.channel(TABLES[stage].channel), TABLES[stage].unit
-        place = place_along(self.model, variable, channel)
-        if place is None:
+    def _bends(self, parts: Hypothesis, k: int) -> list[Column]:
+        """Shapes in time by which part k may grow unevenly: none where it does not grow."""
+        part, model = parts[k], self.model
+        if not part.grows or part.size == 0.0:
             return []
-        change = np.ones(len(channel.measured))
-        if stage != "scale":
-            size = ROWS[unit.id].on(self.model.machine).tried[0]
-            change = self.model.difference((), unit._replace(size=size))[channel.name] / size
-        return [_column(self.model, Label(Role.FORM), {channel.name: one})
-                for one in half_waves(change, place, channel, adds_up(unit, channel.name))]
+        there = tuple(other for other in parts if not other.grows)
+        steady, grown = model.predicted(there), model.predicted((*there, part._replace(onset_s=None, grows=False)))
+        channels = [c for c in model.channels if c.name in ROWS[part.id].channels]
+        whole = {c.name: grown[c.name] - steady[c.name] for c in channels}
+        return [_column(model, Label(Role.FORM, part.id, k),
+                        {c.name: with_course(whole[c.name], np.sin(waves * np.pi * course(c, part)), c.copies,
+                                              adds_up(part, c.name)) / part.size for c in channels},
+                        max(1e-9, bend * abs(part.size)))
+                for waves, bend in enumerate(BENDS, start=1)]
 
-    def _own_place(self, parts: Hypothesis, part: EffectInstance, channel: ChannelSeries) -> Array | None:
-        """u of a part's form."""
-        over = ROWS[part.id].form_over
-        return course(channel, part) if part.grows else place_along(self.model, over, channel, parts) if over else None
+    def _wobbles(self, parts: Hypothesis, part: EffectInstance) -> list[Column]:
+        """Shapes by which a part's form may differ, where and as it is there: over its own variable, and those of its
+        siblings."""
+        row = ROWS[part.id]
+        moves = tuple(p for p in parts if ROWS[p.id].stage == row.stage and ROWS[p.id].move_shaped and p.id != part.id)
+        over = self.forms.over(row.stage, row.form_over, moves) if row.form_over else []
+        found = [self._while_there(column, part, row.stage) for column in over]
+        for sibling in row.siblings:
+            step = ROWS[sibling].on(self.model.machine).trial_sizes[1]
+            change = self.model.difference(parts, part._replace(id=sibling, size=step))
+            found.append(_column(self.model, Label(Role.FORM), {name: one / step for name, one in change.items()}))
+        return found
+
+    def _while_there(self, column: Column, part: EffectInstance, stage: str) -> Column:
+        """A column of a stage's form in the course of a part that begins, ends or grows."""
+        if part.onset_s is None:
+            return column
+        found = {}
+        for channel in self.model.channels:
+            if channel.name in column.coefficients:
+                whole = series_of(column.coefficients[channel.name], channel.cut)
+                if stage == "shaft":        # it goes there with the motor, as the part's own column does
+                    found[channel.name] = whole * self._shaft_course(channel, part)
+                else:
+                    found[channel.name] = with_course(whole, course(channel, part), channel.copies,
+                                                      adds_up(part, channel.name))
+        return _column(self.model, column.label, found)
+
+    def _shaft_course(self, channel: ChannelSeries, part: EffectInstance) -> Array:
+        """How much of a constant gain of the shaft shows at each sample if it is there as a part is: (m,)."""
+        self._refresh()
+        unit = TABLES["shaft"].unit
+        size = ROWS[unit.id].on(self.model.machine).probe
+        assert size is not None
+        here = part._replace(id=unit.id, size=size)
+        if here not in self._courses:
+            if len(self._courses) > MAX_KEPT:
+                self._courses.clear()
+            all_along, there = (self.model.difference((), one)[channel.name] for one in (
+                unit._replace(size=size), here))
+            turns = np.abs(all_along) > TURNS_SHARE * float(np.abs(all_along).max(initial=1e-12))
+            self._courses[here] = np.divide(there, all_along, out=course(channel, part), where=turns)
+        return self._courses[here]
 
     def of_candidate(self, parts: Hypothesis, part: EffectInstance) -> Column:
         """What one unit of a further part does on top of a hypothesis."""
@@ -274,10 +332,6 @@ class Columns:
                 if channel.name in column.coefficients:
                     found[channel.name].append((column, series_of(column.coefficients[channel.name], channel.cut)))
         return found
-
-
-def _length(column: Column) -> float:
-    return float(np.sqrt(sum(float(one @ one) for one in column.coefficients.values())))
 
 
 def _less_slopes(form: Column, slopes: Sequence[Column]) -> Column:

@@ -76,7 +76,7 @@ def _instead(judged: GroupResult, channel: str) -> list[tuple[str, list[Column]]
         if TABLES[stage].channel != channel:
             continue
         for variable in variables_of(judged.search.model.data):
-            columns = [] if variable in DOWNSTREAM[stage] else search.columns.nameless(stage, variable)
+            columns = [] if variable in DOWNSTREAM[stage] else search.columns.forms.over(stage, variable)
             if columns:
                 p, count = search.columns.compressed((), columns)
                 value = fitted(p, np.arange(count + len(columns)), judged.null.noise, rounds=1).log_likelihood

@@ -1,4 +1,4 @@
-"""What a stage may depend on: recorded variables, how far they must move, and which of them follow its own reading."""
+"""Smooth, nameless dependence of a stage on one recorded variable: the model's own tables, a few shapes at a time."""
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -7,13 +7,21 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis import effects
+from control.machine.compiled import table_run
 from control.machine.effect import HOPPER, OPENING_RANGE, SHAFT_RANGE
+from control.machine.elements import Table
+from control.machine.machine import Machine, of_nominal
+from control.machine.over_log import MOST_STEP_S
 
-from .hypothesis import EffectInstance
+from .channels import ChannelSeries, hopper_channel
+from .hopper import Hopper
+from .hypothesis import EffectInstance, Stages, schedule
 from .stages import RunData
 
 Array = npt.NDArray[np.float64]
 
+NODES = 8
+SHAPES = 4                  # half-waves over the range of the variable: slope, bend, and two finer ones
 # Of a variable, for a dependence on it to show; for those in RANGES on the nominal machine.
 MIN_RANGE = {"time_s": 60.0, "shaft_rpm": 2.0, "opening_mm": 1.0, "supply_v": 0.2, "pitch_deg": 0.5,
                "roll_deg": 0.5, "speed_mps": 0.15, "hopper_kg": 10.0, "heading_deg": 30.0}
@@ -50,3 +58,58 @@ TABLES: dict[str, StageTable] = {
     "scale": StageTable("scale", EffectInstance(effects.SCALE_DRIFT.id, 1.0)),
     "speed": StageTable("speed", EffectInstance(effects.SPEED_WHEEL_RADIUS.id, 1.0)),
 }
+
+
+class Span(NamedTuple):
+    """The nodes of a table over the excited range of a variable."""
+
+    variable: str
+    nodes: Table
+
+
+def span(data: RunData, variable: str, machine: Machine) -> Span | None:
+    """Eight even nodes between the variable's 1st and 99th percentile; None where it hardly moves."""
+    values = data.variables.get(variable)
+    if values is None:
+        return None
+    low, high = np.percentile(values, (1.0, 99.0))
+    least = of_nominal(machine, RANGES.get(variable, ())) * MIN_RANGE.get(variable, float(np.finfo(float).tiny))
+    if not high - low >= least:
+        return None
+    return Span(variable, tuple(np.linspace(low, high, NODES).tolist()))
+
+
+def shape(k: int) -> Table:
+    """The k-th half-wave at the nodes, k from 1."""
+    return tuple(np.cos(np.pi * k * (np.arange(NODES) + 0.5) / NODES).tolist())
+
+
+def at_times(data: RunData, variable: str, time_s: Array) -> Array:
+    return np.interp(time_s, data.time_s, data.variables[variable])
+
+
+def flow_change(hopper: Hopper, machine: Machine, base: Stages, percent: Array) -> Array:
+    """What further per cent of the flow in each bin (m+1,) do to the scale's reading: (m,)."""
+    nothing = schedule(base, ())
+    changed = hopper._replace(more_percent=hopper.more_percent + percent)
+    return np.asarray(hopper_channel(changed, machine).predict(nothing, MOST_STEP_S)
+                      - hopper_channel(hopper, machine).predict(nothing, MOST_STEP_S))
+
+
+def series(stage: str, over: Span, channel: ChannelSeries, unit: Array, *, data: RunData,
+           base: Stages, machine: Machine, own: Array | None = None) -> Array:
+    """What one unit of each shape does to the channel: (SHAPES, m).
+
+    `unit`: what one unit of the stage's own constant does (TABLES). The flow's integral is run through the model;
+    the other stages answer at once, and their unit column is shaped by the table. own : the variable at the channel's
+    samples, where it is what the stage's drive does.
+    """
+    if stage == "flow" and data.hopper is not None:
+        values = at_times(data, over.variable, data.hopper.time_s)
+        rows = [flow_change(data.hopper, machine, base, table_run(over.nodes, shape(k), values))
+                for k in range(1, SHAPES + 1)]
+        return np.array(rows)
+    values = at_times(data, over.variable, channel.grid.even_s) if own is None else own
+    shaped = np.array([np.interp(values, over.nodes, shape(k)) for k in range(1, SHAPES + 1)])
+    return shaped if stage == "scale" else shaped * unit
+
