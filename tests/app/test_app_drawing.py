@@ -17,7 +17,7 @@ from console.app.braille import trace
 from console.app.digits import ROWS, draw, largest
 from console.app.history import History
 from console.app.pace import Pace
-from console.app.pages.calibrate.curve import CalibrationCurve, CurveView
+from console.app.pages.calibrate.curve import Curve, CurveView
 from console.app.scale import STEPS, calm_ends, colour
 from console.app.units import IMPERIAL, METRIC
 from console.app.widgets.heads import bar
@@ -212,12 +212,12 @@ def test_hold_and_stop_come_first_and_are_never_locked():
 @pytest.mark.parametrize("slope", [1.0, -1.0])
 def test_points_and_their_line_stand_where_their_axes_say(monkeypatch, slope):
     """What grows to the right goes up, from edge to edge; the line runs through the points, the band around it."""
-    monkeypatch.setattr(CalibrationCurve, "style", lambda self, name: Style())
-    monkeypatch.setattr(CalibrationCurve, "rich_style", Style())
+    monkeypatch.setattr(Curve, "style", lambda self, name: Style())
+    monkeypatch.setattr(Curve, "rich_style", Style())
     ends = ((10.0, 5.0 - 4.0 * slope), (50.0, 5.0), (90.0, 5.0 + 4.0 * slope))
     alone = CurveView("rpm", "kg", ends)
     fitted = CurveView("rpm", "kg", (), tuple((x, y, y - 0.5, y + 0.5) for x, y in ends))
-    rows, lined = ([strip.text for strip in CalibrationCurve(one).paint(one, 70, 20)] for one in (alone, fitted))
+    rows, lined = ([strip.text for strip in Curve(one).paint(one, 70, 20)] for one in (alone, fitted))
     body = [row[8:] for row in rows[1:-1]]
     marks = sorted((row.index("o"), k) for k, row in enumerate(body) if "o" in row)
     assert len(marks) == 3 and marks[0][0] <= 6 and marks[2][0] >= 52, "from edge to edge"

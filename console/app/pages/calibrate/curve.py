@@ -41,7 +41,7 @@ def ends(values: list[float], least: float) -> tuple[float, float]:
     return floor(low / step - 0.05) * step, ceil(high / step + 0.05) * step
 
 
-class CalibrationCurve(Canvas[CurveView]):
+class Curve(Canvas[CurveView]):
     COMPONENT_CLASSES: ClassVar[set[str]] = {"curve--point", "curve--line", "curve--band", "curve--muted",
                                              "curve--title"}
 

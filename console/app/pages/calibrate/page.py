@@ -16,7 +16,7 @@ from console.app.action import CALIBRATE, bindings
 from console.app.name_dialog import NameDialog
 from console.app.pages.calibrate.calibration import Calibration, FrameSeen
 from console.app.pages.calibrate.catch_calibration import CatchCalibration
-from console.app.pages.calibrate.curve import CalibrationCurve, CurveView
+from console.app.pages.calibrate.curve import Curve, CurveView
 from console.app.pages.calibrate.guide import Guide, GuideView
 from console.app.pages.calibrate.heads_calibration import HeadsCalibration
 from console.app.pages.calibrate.keys import ACTIONS
@@ -63,7 +63,7 @@ class CalibrateScreen(Page):
                 yield Guide(GuideView("", ()), id="cal-guide")
                 with Vertical(id="cal-right"):
                     yield Sheet((), id="cal-sheet")
-                    yield CalibrationCurve(CurveView("", ""), id="cal-curve")
+                    yield Curve(CurveView("", ""), id="cal-curve")
             yield Chips((), id="cal-chips")
 
     def on_mount(self) -> None:
@@ -102,7 +102,7 @@ class CalibrateScreen(Page):
         if self.plots.due(now_s):
             view = self.calibration.curve()
             if view is not None:
-                self.query_one("#cal-curve", CalibrationCurve).show(view)
+                self.query_one("#cal-curve", Curve).show(view)
 
     def show_numbers(self, view: RunView) -> None:
         super().show_numbers(view)
@@ -116,7 +116,7 @@ class CalibrateScreen(Page):
         if self.app.locked:
             chips = tuple(chip._replace(on=False, lead=False) for chip in chips)
         self.query_one("#cal-chips", Chips).show(chips)
-        self.query_one("#cal-curve", CalibrationCurve).display = self.calibration.curve() is not None
+        self.query_one("#cal-curve", Curve).display = self.calibration.curve() is not None
 
     # --- what is done --------------------------------------------------------------------------------------------
 
