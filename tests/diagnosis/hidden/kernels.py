@@ -1,4 +1,5 @@
-"""The three recursions of the generator that no array expression does. Compiled, because a run has a million steps."""
+"""The recursions of the generator that no array expression does. Compiled, because a run has a million steps; not kept on
+disk, where they would be known by one name of this module, and tests and benchmarks import it by two."""
 from __future__ import annotations
 
 import numba
@@ -8,7 +9,7 @@ import numpy.typing as npt
 Floats = npt.NDArray[np.float64]
 
 
-@numba.njit(cache=True)
+@numba.njit
 def chase(wanted: Floats, tau_s: Floats, most_per_s: float, dt_s: float, start: float) -> Floats:
     """First-order approach to `wanted` (steps,), each step exact for a constant input, its speed bounded."""
     out = np.empty_like(wanted)
@@ -21,7 +22,7 @@ def chase(wanted: Floats, tau_s: Floats, most_per_s: float, dt_s: float, start: 
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit
 def drag(leader: Floats, half_play: Floats, start: float) -> Floats:
     """What a leader (steps,) drags along through a play of twice `half_play` (steps,), in the leader's unit."""
     out = np.empty_like(leader)
@@ -32,7 +33,7 @@ def drag(leader: Floats, half_play: Floats, start: float) -> Floats:
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit
 def slew(wanted: Floats, most_per_s: Floats, dt_s: float, start: float) -> Floats:
     """Approach to `wanted` (steps,) at a speed (steps,)."""
     out = np.empty_like(wanted)
@@ -44,7 +45,7 @@ def slew(wanted: Floats, most_per_s: Floats, dt_s: float, start: float) -> Float
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit
 def whiten(signals: Floats, time_s: Floats, fast_var: float, fast_s: float, slow_var: float, slow_s: float,
            white_var: float) -> Floats:
     """Standardised innovations of `signals` (columns, samples) under fast AR(1) + slow AR(1) + white noise.
