@@ -1,5 +1,5 @@
-"""The recursions of the generator that no array expression does. Compiled, because a run has a million steps; not kept on
-disk, where they would be known by one name of this module, and tests and benchmarks import it by two."""
+"""The recursions of the generator that no array expression does. Compiled, because a run has a million steps; not kept
+on disk, where they would be known by one name of this module, and tests and benchmarks import it by two."""
 from __future__ import annotations
 
 import numba
