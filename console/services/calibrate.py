@@ -90,8 +90,8 @@ def fit_catch(machine: Machine, caught: Sequence[CatchPoint]) -> Calibrated:
     estimates = (_estimate("grams_per_rev_mm", flow.grams_per_rev_mm, "g/rev/mm", 4),
                  _estimate("zero_offset", flow.zero_offset_g_rev, "g/rev", 2),
                  _estimate("fill_falloff", flow.fill_falloff_percent, "%", 1))
-    return Calibrated("catch", estimates, points, tuple(CurvePoint(x, y, y * (1 - band), y * (1 + band)) for x,
-                                                        y in line),
+    return Calibrated("catch", estimates, points,
+                      tuple(CurvePoint(x, y, y * (1 - band), y * (1 + band)) for x, y in line),
                       "shaft r/min" if by_speed else "opening mm", "g per turn",
                       scatter=f"{flow.residual_sd_percent:.2f} %", source=tuple(caught))
 

@@ -112,8 +112,7 @@ class DiagnosisFiles:
             raise ValueError("this run cannot be driven on the simulated machine")
         planted = self.effects or tuple(text for text in (_as_planted(found),) if text)
         return self._worked(DiagnosisOrder(found.found.data.path, str(self._folder()), "run", None, self.machine,
-                                           found.drives,
-                                           planted), tell, stop)
+                                           found.drives, planted), tell, stop)
 
     def compare(self, machine: str, source: DiagnosisSource, tell: Tell, stop: Stop) -> ComparedShown:
         order = DiagnosisOrder(source.path, str(self._folder()), "run", machine, self.machine, compare=True)

@@ -355,8 +355,8 @@ class ControlLoop:
             command = command._replace(dose=dose)
         return command
 
-    def _valves(self, moment: Moment, decision: TickDecision, verdict: Verdict, command: DriveCommand) -> tuple[bool,
-                                                                                                                ...]:
+    def _valves(self, moment: Moment, decision: TickDecision, verdict: Verdict,
+                command: DriveCommand) -> tuple[bool, ...]:
         """What the valves are commanded, through the last gate. Nothing is opened while nothing is to flow; calibrating
         is done with all of them open."""
         sections, off, now = self._ahead.sections, self._operator.choices.sections_off, moment.m.time_s

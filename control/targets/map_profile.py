@@ -31,8 +31,8 @@ class MapProfile:
     def look(self, track_m: float, east_m: float, north_m: float, heading_deg: float, fired_to_m: float,
              turn_deg_m: float = 0.0) -> None:
         """Look from the outlet ahead. `turn_deg_m`: how the heading changes per metre (0: straight on)."""
-        seen = [TargetAhead(track_m + d, target) for d, target in self._ahead((east_m, north_m), heading_deg,
-                                                                              turn_deg_m)]
+        seen = [TargetAhead(track_m + d, target)
+                for d, target in self._ahead((east_m, north_m), heading_deg, turn_deg_m)]
         kept = bisect_right(self._places_m, fired_to_m)
         if self._lost or kept == 0 or fired_to_m < track_m - LOOK_M:
             self._put(seen)

@@ -112,8 +112,8 @@ class PointSource:
             self.row.look([SeenPlant(self._track_at(plant.time_s), plant.ahead_m) for plant in seen], fixed)
         else:
             farthest = self.reach_m(speed_mps) + LOOK_M
-            ahead = [SeenPlant(track_m, d) for d in self._plants.ahead_m(place, heading_deg, farthest,
-                                                                         self._half_width_m)]
+            ahead = [SeenPlant(track_m, d)
+                     for d in self._plants.ahead_m(place, heading_deg, farthest, self._half_width_m)]
             self.row.only(ahead, max(fixed, track_m), track_m + farthest)
             self.row.look(ahead, fixed, newer=0.1)
         self.row.forget(track_m - KEEP_M)

@@ -98,8 +98,8 @@ class SectionGround:
         east, north = direction(heading_deg)
         return np.column_stack((place[0] + self._aside * north, place[1] - self._aside * east))
 
-    def _judged(self, nothing: dict[str, npt.NDArray[np.bool_]], done: npt.NDArray[np.bool_]) -> tuple[JudgedStrip,
-                                                                                                       ...]:
+    def _judged(self, nothing: dict[str, npt.NDArray[np.bool_]],
+                done: npt.NDArray[np.bool_]) -> tuple[JudgedStrip, ...]:
         if not nothing:
             return (JudgedStrip(True, "", 0.0, False),) * len(self._counts)
         shares = {why: self._shares(flags) for why, flags in nothing.items()}

@@ -15,7 +15,6 @@ from drivers.devices.nmea import FASTEST_MPS
 
 HEAD = b"\x80\x81\x7f"
 POSITION, DRIVE = 0x64, 0xFE
-LONGEST = 6 + 255
 FEWEST_BYTES = {POSITION: 24, DRIVE: 8}
 SPEED_HELD_S = 1.0          # a speed older than this is not given with a position
 _PLACE = struct.Struct("<ddd")      # longitude, latitude, heading

@@ -199,21 +199,21 @@ def settled(commands: Array, answers: Array, row_s: float = 1.1, said: bool = Tr
 
 def staircase(seed: int) -> Columns:
     """A settled answer a row: a motor that saturates and turns from 110 r/min of its command on."""
-    told = np.concatenate((np.arange(0.0, 640.0, 16.0), np.arange(632.0, 0.0, -16.0)))
-    turns = 610.0 * (1.0 - np.exp(-np.maximum(0.0, told - 110.0) / 110.0))
-    read = turns + 2.0 * np.random.default_rng(seed).standard_normal(len(told)) * (turns > 0.0)
-    return settled(told, read) | {"shaft_rpm": np.append(np.nan, read)}
+    asked_rpm = np.concatenate((np.arange(0.0, 640.0, 16.0), np.arange(632.0, 0.0, -16.0)))
+    turns = 610.0 * (1.0 - np.exp(-np.maximum(0.0, asked_rpm - 110.0) / 110.0))
+    read = turns + 2.0 * np.random.default_rng(seed).standard_normal(len(asked_rpm)) * (turns > 0.0)
+    return settled(asked_rpm, read) | {"shaft_rpm": np.append(np.nan, read)}
 
 
 def steps(seed: int) -> Columns:
-    """Random steps, rows of 20 ms: most of an answer comes at once, the rest with 1.2 s; it walks beside."""
+    """Random steps, rows of 20 ms: most of an answer comes at once, the rest with 1.2 s; it drifts."""
     rng = np.random.default_rng(seed)
-    told = np.repeat(rng.uniform(60.0, 600.0, 150), 40)
-    goal = 1.4 * np.maximum(0.0, told - 90.0)
+    asked_rpm = np.repeat(rng.uniform(60.0, 600.0, 150), 40)
+    goal = 1.4 * np.maximum(0.0, asked_rpm - 90.0)
     read = 0.85 * lagged(goal, 0.03, 0.02) + 0.15 * lagged(goal, 1.2, 0.02)
-    walks = lagged(40.0 * rng.standard_normal(len(told)), 1.0, 0.02)
-    return {"time_s": np.arange(0.0, 120.0, 0.02), "shaft_rpm_cmd": told,
-            "shaft_rpm": read + walks + 2.0 * rng.standard_normal(len(told))}
+    walks = lagged(40.0 * rng.standard_normal(len(asked_rpm)), 1.0, 0.02)
+    return {"time_s": np.arange(0.0, 120.0, 0.02), "shaft_rpm_cmd": asked_rpm,
+            "shaft_rpm": read + walks + 2.0 * rng.standard_normal(len(asked_rpm))}
 
 
 @cache

@@ -87,22 +87,23 @@ def one_staircase() -> Columns:
 
 def sweep() -> Columns:
     """A sweep of the command, a row a second, of a drive that answers within 0.6 s."""
-    told = np.tile(np.concatenate((np.arange(10.0, 640.0, 15.0), np.arange(640.0, 10.0, -15.0))), 3)
-    return settled(told, 0.9 * told + np.random.default_rng(5).standard_normal(len(told)), row_s=1.0)
+    asked_rpm = np.tile(np.concatenate((np.arange(10.0, 640.0, 15.0), np.arange(640.0, 10.0, -15.0))), 3)
+    return settled(asked_rpm, 0.9 * asked_rpm + np.random.default_rng(5).standard_normal(len(asked_rpm)), row_s=1.0)
 
 
 def long_healthy() -> Columns:
     rng = np.random.default_rng(2)
-    told = np.repeat(rng.uniform(60.0, 600.0, 120), 20)
-    noise = 2.0 * rng.standard_normal(len(told))
-    return a_log(0.05, told, lagged(np.concatenate((told[:1], told[:-1])), 0.06, 0.05) + noise)
+    asked_rpm = np.repeat(rng.uniform(60.0, 600.0, 120), 20)
+    noise = 2.0 * rng.standard_normal(len(asked_rpm))
+    return a_log(0.05, asked_rpm, lagged(np.concatenate((asked_rpm[:1], asked_rpm[:-1])), 0.06, 0.05) + noise)
 
 
 def at_once(held_rows: int, rows: int, seed: int, times: float = 1.0) -> Columns:
     """A drive that does in each row what the row before asked, with so many times the noise of its file."""
     rng = np.random.default_rng(seed)
-    told = commands(rng, rows, held_rows)
-    return a_log(0.5, told, np.concatenate((told[:1], told[:-1])) + times * 10.0 * rng.standard_normal(rows))
+    asked_rpm = commands(rng, rows, held_rows)
+    noise = times * 10.0 * rng.standard_normal(rows)
+    return a_log(0.5, asked_rpm, np.concatenate((asked_rpm[:1], asked_rpm[:-1])) + noise)
 
 
 def commands(rng: Rng, rows: int, held_rows: int) -> Any:
@@ -112,14 +113,14 @@ def commands(rng: Rng, rows: int, held_rows: int) -> Any:
 def overshooting() -> Columns:
     """Of second order, a third beyond each command, read in steps of 8: what it leaves comes after its moves."""
     rng, step_s, fine = np.random.default_rng(5), 0.02, 20
-    told = commands(rng, 3000, 50)
-    speed, slope, read = told[0], 0.0, []
-    for asked in told:
+    asked_rpm = commands(rng, 3000, 50)
+    speed, slope, read = asked_rpm[0], 0.0, []
+    for asked in asked_rpm:
         read.append(speed)
         for _ in range(fine):
             slope += ((2.0 * np.pi / 0.25) ** 2 * (asked - speed) - 0.66 * 2.0 * np.pi / 0.25 * slope) * step_s / fine
             speed += slope * step_s / fine
-    return a_log(step_s, told, 8.0 * np.round((np.array(read) + 2.0 * rng.standard_normal(3000)) / 8.0))
+    return a_log(step_s, asked_rpm, 8.0 * np.round((np.array(read) + 2.0 * rng.standard_normal(3000)) / 8.0))
 
 
 OTHER_NOISE = "times the machine file's noise"
@@ -191,9 +192,9 @@ def test_settled_answers_say_nothing_of_dynamics() -> None:
 def test_a_wheel_behind_a_gear_raises_a_doubt_of_units(gear: float, doubted: bool) -> None:
     """Commands of the motor up to 950 r/min and the speed of the wheel: no fault of the drive is sure."""
     rng, rows = np.random.default_rng(7), 1500
-    told = commands(rng, rows, 15)
-    reading = np.concatenate((told[:1], told[:-1])) / gear * (1.0 + 0.01 * rng.standard_normal(rows))
-    found = diagnose_run(a_log(0.5, told, reading), sheet(0.01, 10.0 / gear))
+    asked_rpm = commands(rng, rows, 15)
+    reading = np.concatenate((asked_rpm[:1], asked_rpm[:-1])) / gear * (1.0 + 0.01 * rng.standard_normal(rows))
+    found = diagnose_run(a_log(0.5, asked_rpm, reading), sheet(0.01, 10.0 / gear))
     assert any("are both in r/min" in text for text in found.findings) is doubted
     if doubted:
         assert found.verdict != "named" and all(one.probability < 0.2 for one in found.causes)

@@ -108,7 +108,7 @@ CASES = [
         {"gate.offset": 0.5})), exam=True, names=["gate.offset"], rivals=[]),
     planted("a further column", engine_torque, exam=True, verdict="unexplained",
             unexplained=[("speed", "x_engine_torque_nm")]),
-    planted("a further column beside a drift", oil_temperature, exam=True,
+    planted("a further column along with a drift", oil_temperature, exam=True,
             unexplained=[("shaft", "x_oil_temperature_c")]),
     planted("one stage without the columns of others", lambda: {
         name: column for name, column in whole_run(34, machine=wrong({"shaft.slow": 0.3})).items()
@@ -139,7 +139,7 @@ CASES = [
     planted("a gate stuck while its moves are small", partial(small_moves, 400.0, 24.0, 26.0, 3.0, 250.0), exam=True,
             onset_s={"gate.stuck": approx(250.0, abs=4.0)}),
     # A wheel off by a constant share, in a log whose first fit takes it for drift.
-    planted("a steady error is told from drift", lambda: planted_in(
+    planted("a steady error is parted from drift", lambda: planted_in(
         whole_run(31, machine=wrong({"speed.wheel_radius": -1.6})),
         speed_mps=lambda c: c.speed_mps + 0.03 * np.random.default_rng(8).standard_normal(len(c.time_s))), exam=True,
         names=["speed.wheel_radius"], covers={"speed.wheel_radius": -1.6}),

@@ -164,7 +164,7 @@ def dipping(planted_by: Callable[[Rng, Any, Any], None]) -> Columns:
 
 
 def pulses_away_for_a_second(rng: Rng, time_s: Any, wheel: Any) -> None:
-    """Spells of many rows beside single outliers, of which as many rise."""
+    """Spells of many rows along with single outliers, of which as many rise."""
     odd = rng.choice(len(wheel), 120, replace=False)
     wheel[odd] += np.where(np.arange(120) < 60, 0.4, -0.4)
     for begin in range(500, len(wheel), 1100):
@@ -222,7 +222,7 @@ def humming(hum_mps: float, period_s: float = 1.7, wheel: float = 1.0, late_s: f
             + 0.02 * rng.standard_normal(len(time_s))}
 
 
-def rates_beside_speeds() -> Columns:
+def rates_along_with_speeds() -> Columns:
     time_s = np.arange(0.0, 240.0, 0.1)
     return speeds(1, time_s, 1.3 + 0.2 * np.sin(time_s / 7.0)) | {
         "target_rate_kg_ha": np.full(2400, 200.0), "applied_rate_kg_ha": np.full(2400, 190.0)}
@@ -301,15 +301,15 @@ MISSED = "speed.missed_pulses"
     planted("a machine that stops and starts has no late receiver", stops_and_starts, HUANGHAI, verdict="none"),
     planted("canopy under a machine that stands is no fouled head", heads_over_a_catch_test, HUANGHAI, lacks="canopy",
             channels=["speed", "heads"]),
-    planted("a hum is said with its period", partial(humming, 0.12), names=[],
+    planted("an oscillation is said with its period", partial(humming, 0.12), names=[],
             says="oscillates with a period of 2 s and 1.6 s"),
-    planted("noise is no hum", partial(humming, 0.0), never_says="oscillates"),
-    planted("a slow swing is no hum", partial(humming, 0.12, 9.0), never_says="oscillates"),
-    planted("a wheel's radius beside a hum", partial(humming, 0.12, wheel=1.01), names=["speed.wheel_radius"],
-            covers={"speed.wheel_radius": 1.0}),
-    planted("a late receiver beside a hum", partial(humming, 0.12, late_s=0.4), exam=True, names=["speed.gnss_latency"],
-            covers={"speed.gnss_latency": 0.4}),
-    planted("a log with drives and rates is judged as ever", rates_beside_speeds, verdict="none", rates=0),
+    planted("noise is no oscillation", partial(humming, 0.0), never_says="oscillates"),
+    planted("a slow swing is no oscillation", partial(humming, 0.12, 9.0), never_says="oscillates"),
+    planted("a wheel's radius along with an oscillation", partial(humming, 0.12, wheel=1.01),
+            names=["speed.wheel_radius"], covers={"speed.wheel_radius": 1.0}),
+    planted("a late receiver along with an oscillation", partial(humming, 0.12, late_s=0.4), exam=True,
+            names=["speed.gnss_latency"], covers={"speed.gnss_latency": 0.4}),
+    planted("a log with drives and rates is judged as ever", rates_along_with_speeds, verdict="none", rates=0),
     *(planted(f"a shaft slow from {from_s:g} to {to_s:g} s", partial(slow_for_a_while, from_s, to_s), HUANGHAI,
               exam=from_s < 300.0, verdict="named", one_of=SLOW, onset_s=approx(from_s, abs=15.0),
               until_s=approx(to_s, abs=15.0)) for from_s, to_s in ((150.0, 260.0), (300.0, 380.0))),

@@ -160,8 +160,8 @@ def _pieces(stretches: Sequence[Stretch], times_d: Array, columns: Array, mean: 
         if one.kind == "gone":
             halves = [Z90 * float(np.sum(1.0 / variance[one.begin:one.end])) ** -0.5] * 2
         yield CoursePiece(float(times_d[one.begin]), float(times_d[one.end - 1]), float(first @ mean),
-                          float(last @ mean),
-                          halves[0], halves[1], per_day, float(2.0 * ndtr(-abs(per_day) / sd)) if sd > 0.0 else 1.0)
+                          float(last @ mean), halves[0], halves[1], per_day,
+                          float(2.0 * ndtr(-abs(per_day) / sd)) if sd > 0.0 else 1.0)
 
 
 def _changes(cause: EffectAtLevel, times_d: Array, sizes: Array, variance: Array) -> Iterator[SeasonChange]:

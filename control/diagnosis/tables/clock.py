@@ -105,8 +105,7 @@ def _few_values(times: Array, digit_s: float) -> CoarseClock | None:
         step = float(kinds[0]) / count
         if np.all(np.abs(kinds / step - np.round(kinds / step)) * step < 2.0 * digit_s):
             return CoarseClock(step, 0.5 * step if len(kinds) == 1 else 0.98 * step,
-                               step if len(kinds) == 1 else 1.02 * step,
-                               p, 1.0, None)
+                               step if len(kinds) == 1 else 1.02 * step, p, 1.0, None)
     return None
 
 

@@ -75,8 +75,7 @@ def _with(piece: TablePiece, setting: IntArray, nominal: Array, spread: Array) -
     if unequal_p is not None and unequal_p < UNEQUAL_P:
         factor = np.array([np.sqrt(max(s, MIN_SD_SHARE * sd) / sd) for _, _, s in by_setting])[setting]
     return (TableNoise(nominal + winsorised * spread, sd * spread * factor, outliers, min_variance,
-                       pure_dof >= MIN_PURE_DOF,
-                       unequal_p, by_setting),
+                       pure_dof >= MIN_PURE_DOF, unequal_p, by_setting),
             -dof * float(np.log(sd)) - log_spread)
 
 

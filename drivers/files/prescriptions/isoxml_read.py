@@ -98,8 +98,8 @@ def _picked(root: Element, label: str, choice: RateChoice) -> tuple[_TaskLayer, 
         layer=choice.layer, layers=", ".join(ids))
 
 
-def _meaning(root: Element, layer: _TaskLayer, where: PlaceInFile, choice: RateChoice) -> tuple[str, float, float,
-                                                                                                list[Finding]]:
+def _meaning(root: Element, layer: _TaskLayer, where: PlaceInFile, choice: RateChoice
+             ) -> tuple[str, float, float, list[Finding]]:
     """Unit of the numbers, kg/ha for one of them, what is added to each before, and what had to be said about it.
 
     The data dictionary tells what a number is worth; the file's own presentation (VPN) should agree. Where it does

@@ -42,9 +42,8 @@ class HeadsCalibration(Calibration):
         return (
             GuideStep(_("drive"), _("Drive over even crop at working speed, heads at their usual height. B begins.")),
             GuideStep(_("measure"), _("Drive on for {seconds} s.").format(seconds=f"{CHECK_S:.0f}")),
-            GuideStep(_("act"),
-                      _("Clean the marked heads, then check again with B. A head that still reads off goes back "
-                                  "to the maker.")))
+            GuideStep(_("act"), _("Clean the marked heads, then check again with B. A head that still reads off goes "
+                                  "back to the maker.")))
 
     def found(self) -> tuple[str, ...]:
         if not self.check.done:

@@ -71,13 +71,11 @@ class LagCalibration(HeldRun):
         return (
             GuideStep(_("choose"), begin),
             GuideStep(_("make ready"), _("Rig under an outlet, tractor standing. R makes the machine ready.")),
-            GuideStep(_("measure"),
-                      _("Hold I: the rig starts and stops the shaft by itself. Let go at any time; it goes "
-                                      "on when I is held again.")),
+            GuideStep(_("measure"), _("Hold I: the rig starts and stops the shaft by itself. Let go at any time; it "
+                                      "goes on when I is held again.")),
             GuideStep(_("fit and save"), _("Q5 fits the line; E saves it as a new machine file.")),
-            GuideStep(_("two rates"),
-                      _("Starts do not tell how the tube carries. A step from 40 to 80 r/min at the rig, "
-                                        "ten times, does: its table by J.")))
+            GuideStep(_("two rates"), _("Starts do not tell how the tube carries. A step from 40 to 80 r/min at the "
+                                        "rig, ten times, does: its table by J.")))
 
     def trouble(self, seen: FrameSeen, said: str) -> str:
         return super().trouble(seen, said) if self.measuring or said else ""

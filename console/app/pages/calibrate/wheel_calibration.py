@@ -48,8 +48,8 @@ class WheelCalibration(Calibration):
             GuideStep(_("begin"),
                       _("On firm, level ground, tyres at working pressure. B begins; then drive straight.")),
             GuideStep(_("drive"), _("Enough: B ends it. Driving farther makes it more accurate.") if enough else
-             _("Drive straight at a steady speed for {length} m or more. Then B ends it.").format(
-                 length=f"{LEAST_M:.0f}")),
+                      _("Drive straight at a steady speed for {length} m or more. Then B ends it.").format(
+                          length=f"{LEAST_M:.0f}")),
             GuideStep(_("save"), _("E saves the circumference as a new machine file.")))
 
     def trouble(self, seen: FrameSeen, said: str) -> str:

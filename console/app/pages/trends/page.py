@@ -237,8 +237,8 @@ def _plain(shown: float, unit: Unit) -> str:
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
-def _pieces(stretch: TrendStretch, window: Window, gap_s: float, unit: Unit, low: float, high: float) -> tuple[Piece,
-                                                                                                               ...]:
+def _pieces(stretch: TrendStretch, window: Window, gap_s: float, unit: Unit, low: float,
+            high: float) -> tuple[Piece, ...]:
     """A stretch on the span and the axis; unknown values and gaps break it."""
     pieces: list[Piece] = []
     last_s: float | None = None

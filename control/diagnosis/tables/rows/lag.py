@@ -58,10 +58,9 @@ def _piece(table: BenchTable, machine: Machine, name: str) -> TablePiece:
     # A distance has a constant error in m: the slower the drive, the larger the error of its time.
     spread = np.ones(len(rpm)) if name != "lag_m" or speed is None else float(np.median(speed)) / speed
     return TablePiece(f"{table.path} {name}".strip(), "lag" if drops else "shaft", "s", observed, predict, (spread,),
-                      label,
-                      column_of(table), tuple(TableCandidate(i) for i in _ids(name, roles)), _scoped_ids(name, roles),
-                      varying(variables), nuisances, {LAG_REBOUND.id: rises(rpm,
-                                                                            machine.fall.full_rpm)} if drops else {},
+                      label, column_of(table), tuple(TableCandidate(i) for i in _ids(name, roles)),
+                      _scoped_ids(name, roles), varying(variables), nuisances,
+                      {LAG_REBOUND.id: rises(rpm, machine.fall.full_rpm)} if drops else {},
                       {LAG_REBOUND.id: rises(np.full(1, machine.fall.full_rpm), machine.fall.full_rpm)[0]},
                       clocked=name != "lag_m", on_ground=name == "lag_m",
                       named_only=frozenset() if name == "lag_m" else frozenset({LAG_SPEED_SCALE.id}))

@@ -54,8 +54,7 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     if roles.running.any():
         variables["before_rpm"] = np.nan_to_num(table.columns["before_rpm"])
     return (TablePiece(f"{table.path} miss_m".strip(), "place", "m", table.columns["miss_m"], predict,
-                       (np.ones(len(rpm)),),
-                       label, column_of(table), tuple(TableCandidate(row.id) for row in effects),
+                       (np.ones(len(rpm)),), label, column_of(table), tuple(TableCandidate(row.id) for row in effects),
                        (PLACE_LEVER_ARM.id, PLACE_LATENCY.id), varying(variables),
                        {"dead_time": speed * machine.tolerance.dead_time_s},
                        {LAG_REBOUND.id: rises(rpm, machine.fall.full_rpm) * speed[:, None]},
