@@ -13,7 +13,7 @@ FIRST_MOMENT = datetime(2026, 4, 1, 6, 0, 0, tzinfo=UTC)    # where a fix carrie
 
 
 class EncodedReadings(Protocol):
-    """What the plant's sensors say after one tick; `control.simulation.plant.Sensed` has this shape."""
+    """What the plant's sensors say after one tick; `control.simulation.plant.SensorReadings` has this shape."""
 
     @property
     def time_s(self) -> float: ...

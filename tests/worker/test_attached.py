@@ -85,9 +85,9 @@ async def test_two_consoles_and_two_tablets_see_each_other_and_who_ordered(runni
 CONSOLE = textwrap.dedent("""
     import asyncio, json, sys
     from console.link import Link
-    from console.running import Where
+    from console.running import WorkerAddress
     async def main():
-        link = Link(Where(**json.loads(sys.argv[1])), sys.argv[2])
+        link = Link(WorkerAddress(**json.loads(sys.argv[1])), sys.argv[2])
         task = asyncio.create_task(link.run())
         await link.attached.wait()
         print("attached", flush=True)

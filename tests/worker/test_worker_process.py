@@ -119,11 +119,11 @@ async def test_without_the_token_a_client_only_looks(running, attach):
 CONSOLE = textwrap.dedent("""
     import asyncio, json, signal, sys
     from console.link import Link
-    from console.running import Where
+    from console.running import WorkerAddress
     from control.orders import Do, Order
     signal.signal(signal.SIGHUP, signal.SIG_DFL)        # a suite under nohup hands its ignoring on
     async def main():
-        link = Link(Where(**json.loads(sys.argv[1])))
+        link = Link(WorkerAddress(**json.loads(sys.argv[1])))
         task = asyncio.create_task(link.run())
         await link.attached.wait()
         await link.order(Order(Do.START))
