@@ -56,7 +56,7 @@ class Link:
             reader, self._writer = await asyncio.open_connection(HOST, self.where.port, limit=LINE_BYTES)
         except OSError as error:
             self._gone.set()
-            raise WorkerGone(_("the control worker (process {pid}) is gone").format(pid=self.where.pid)) from error
+            raise WorkerGone(_("the connection to the machine broke off")) from error
         self._named = next(self._numbers)
         self._send(self._named, {"ask": "look", "name": self.name, "tablet": self.tablet})
         self._keep_alive()
@@ -73,9 +73,9 @@ class Link:
             self._writer.close()
             for future in self._waiting.values():
                 if not future.done():
-                    future.set_exception(WorkerGone(_("the control worker is gone: not answered")))
+                    future.set_exception(WorkerGone(_("the connection to the machine broke off before it answered")))
             self._waiting.clear()
-        raise WorkerGone(_("the control worker (process {pid}) is gone").format(pid=self.where.pid))
+        raise WorkerGone(_("the connection to the machine broke off"))
 
     async def order(self, order: Order, timeout_s: float = ANSWER_S) -> Answer:
         """Give an order and wait for the worker's answer.
@@ -132,7 +132,7 @@ class Link:
 
     def _send(self, number: int, message: dict[str, Any]) -> None:
         if self._writer is None or self._gone.is_set():
-            raise WorkerGone(_("no control worker is attached"))
+            raise WorkerGone(_("no machine is connected"))
         self._writer.write(json.dumps({"id": number, "token": self.where.token} | message).encode() + b"\n")
 
     def _take(self, message: dict[str, Any]) -> None:

@@ -81,9 +81,11 @@ def _greeted(where: WorkerAddress, until_s: float) -> WorkerAddress:
     """The same, once it has greeted. Raises WorkerFailed."""
     greeting = knock(where.port, until_s)
     if greeting is None:
-        raise WorkerFailed(_("the control worker (process {pid}) does not answer: end it").format(pid=where.pid))
+        raise WorkerFailed(_("the machine that runs on this computer does not answer: restart the computer, or end "
+                             "program {pid}").format(pid=where.pid))
     if greeting.get("hello") != GREETING or greeting.get("pid") != where.pid:
-        raise WorkerFailed(_("the control worker (process {pid}) does not listen on its port {port}: end it").format(
+        raise WorkerFailed(_("the machine that runs on this computer does not listen on its port {port}: restart the "
+                             "computer, or end program {pid}").format(
             pid=where.pid, port=where.port))
     return where
 
@@ -117,7 +119,8 @@ def _read(path: Path) -> WorkerAddress:
         return WorkerAddress(port, str(said["token"]), pid, str(said.get("started", "")),
                              str(said.get("log_path", "")), parent)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        raise WorkerFailed(_("{path}: does not say where the control worker that runs listens: end that one").format(
+        raise WorkerFailed(_("{path}: does not say how to reach the machine that runs: restart the computer, or end "
+                             "that program").format(
             path=path)) from None
 
 
@@ -132,7 +135,8 @@ def start_worker(args: Sequence[str], trouble_path: str | Path, *, run_file: Pat
     path = run_file or default_run_file()
     running = find_running(path)
     if running:
-        raise WorkerFailed(_("a control worker runs already (process {pid}): attach to it").format(pid=running.pid))
+        raise WorkerFailed(_("a machine runs already on this computer (program {pid}): join it").format(
+            pid=running.pid))
     apart = getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0) | getattr(subprocess, "CREATE_NO_WINDOW", 0)
     with open(trouble_path, "ab") as trouble:
         heard_before = trouble.tell()
@@ -144,7 +148,7 @@ def start_worker(args: Sequence[str], trouble_path: str | Path, *, run_file: Pat
         if child.poll() is not None:
             last = _last_line(Path(trouble_path), heard_before) or _("ended at once, code {code}").format(
                 code=child.returncode)
-            raise WorkerFailed(_("the control worker did not start: {last}").format(last=last))
+            raise WorkerFailed(_("the machine did not start: {last}").format(last=last))
         where = None
         with contextlib.suppress(WorkerFailed):                    # it has the lock, and does not greet yet
             where = find_running(path)
@@ -152,7 +156,7 @@ def start_worker(args: Sequence[str], trouble_path: str | Path, *, run_file: Pat
             return where
         time.sleep(AGAIN_S)
     child.terminate()
-    raise WorkerFailed(_("the control worker said nothing for {limit_s:g} s; see {path}").format(
+    raise WorkerFailed(_("the machine said nothing for {limit_s:g} s; see {path}").format(
         limit_s=timeout_s, path=trouble_path))
 
 

@@ -576,7 +576,7 @@ class TopdressApp(App[None], inherit_bindings=False):
     def connect(self, connect: Connect | None) -> None:
         """Go on with another source; None: stay without one."""
         if connect is not None:
-            self.notice(_("connecting to the control worker"))
+            self.notice(_("connecting to the machine"))
             self.run_worker(self._connect(connect), group="connect", exclusive=True, exit_on_error=False)
 
     def ask_to_go_on(self, service: JobService) -> None:
@@ -619,13 +619,13 @@ class TopdressApp(App[None], inherit_bindings=False):
                 if end is not None:
                     await end()
             except (OSError, TimeoutError) as error:
-                self.notice(_("the control worker does not end: {why}").format(why=error))
+                self.notice(_("the machine cannot be changed over: {why}").format(why=error))
                 return
             finally:
                 self._restarting = False
             await self._connect(start)
 
-        self.notice(_("the control worker starts again"))
+        self.notice(_("the machine comes back with the new files: a moment"))
         self.run_worker(change(), group="connect", exclusive=True, exit_on_error=False)
 
     async def _connect(self, connect: Connect) -> None:
@@ -763,7 +763,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         elif self.source is None and (self.start or self.attach):
             self._show_gone(_("no machine is connected"))
         else:
-            self.notice(_("no machine is connected") if self.source is None else _("the control worker is connected"))
+            self.notice(_("no machine is connected") if self.source is None else _("the machine is connected"))
 
     def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
         yield SystemCommand(_("who is at this machine"), _("All consoles and tablets, and who ordered what."),

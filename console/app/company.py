@@ -65,11 +65,11 @@ def order_words(one: Ordered, frame: Frame, own: str, utc_offset_s: float) -> st
 def news(before: Frame, now: Frame, own: str) -> str:
     """What the others did since, in one line; empty: nothing."""
     was, here = ({one.name: one for one in others(frame, own)} for frame in (before, now))
-    lines = [_("attached: {name} ({kind})").format(name=one.name, kind=kind_of(one))
+    lines = [_("{name} has joined ({kind})").format(name=one.name, kind=kind_of(one))
              for name, one in here.items() if name not in was]
-    lines += [_("gone: {name}").format(name=name) + _what_then(one, now)
+    lines += [_("{name} has left").format(name=name) + _what_then(one, now)
               for name, one in was.items() if name not in here]
-    lines += [_("silent: {name}").format(name=name) + _what_then(was[name], now) for name, one in here.items()
+    lines += [_("{name} is silent").format(name=name) + _what_then(was[name], now) for name, one in here.items()
               if name in was and was[name].keeps and not one.keeps]
     known = set(before.ordered)
     lines += [_("{name}: {order}").format(name=one.name, order=order_text(one.do, one.value, METRIC))
@@ -83,8 +83,8 @@ def _what_then(one: Attached, now: Frame) -> str:
         return ""
     keep = [other.name for other in now.attached if other.keeps and other.name != one.name]
     if keep:
-        return _(", the machine goes on: {names}").format(names=", ".join(keep))
-    return _(", no console is left: the machine is held after 2 s")
+        return _(": the machine goes on, {names} keeps it working").format(names=", ".join(keep))
+    return _(": no console is left, the machine is held after 2 s")
 
 
 def leave_words(frame: Frame, own: str, keeps_working: bool) -> str:

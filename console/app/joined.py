@@ -24,14 +24,14 @@ class Joined(NamedTuple):
 def joined_words(joined: Joined, utc_offset_s: float) -> str:
     """What the operator reads before all else."""
     since = wall_clock(joined.started_utc, utc_offset_s)[:5] or "--"
-    lines = [_("It was started at {time}, not by this console: nothing was started anew.").format(time=since)]
+    lines = [_("It has been on since {time}. This console has joined it and changed nothing.").format(time=since)]
     if joined.files:
-        lines.append(_("It goes by: {files}").format(files=", ".join(map(file_name, joined.files))))
+        lines.append(_("Its files: {files}").format(files=", ".join(map(file_name, joined.files))))
     if joined.log_path:
         lines.append(_("log {name}").format(name=file_name(joined.log_path)))
     named = ", ".join(map(file_name, joined.unused))
     if not joined.known:
-        lines.append(_("By which files it goes cannot be read: nothing can be read next to its log."))
+        lines.append(_("Its files are not known: nothing can be read next to its log."))
         if named:
             lines.append(_("Named on this command line, and perhaps NOT used: {files}.").format(files=named))
     elif joined.unused:

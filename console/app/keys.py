@@ -159,7 +159,7 @@ def take_back(app: TopdressApp) -> None:
         app.undo.take()
         change.back()
 
-    app.confirm(_("Take the last change back?"), _("Again as before: {what}").format(what=change.what), back)
+    app.confirm(_("Take the last change back?"), _("It goes back to: {what}").format(what=change.what), back)
 
 
 def leave(app: TopdressApp) -> None:
@@ -206,7 +206,7 @@ ACTIONS = (
            lambda app: start_from_any_page(app), bar=2,
            why=why_no_start),
     Action("undo", "ctrl+z", "^Z", N_("undo"),
-           N_("Takes the last change back: dose, source, strategy, strip, switch, refill, setting; asks first."),
+           N_("Takes the last change back: dose, target, strategy, strip, switch, refill, setting; asks first."),
            take_back, why=why_no_undo),
     Action("alarm_list", "exclamation_mark", "!", N_("alarms"), N_("All alarms of the run or log, with what to do."),
            alarm_list, locked=True),

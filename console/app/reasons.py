@@ -16,7 +16,7 @@ def why_no_undo(app: TopdressApp) -> str:
 
 
 def why_no_menu(app: TopdressApp) -> str:
-    return "" if app.menu() else _("all that this page does has a key")
+    return "" if app.menu() else _("this page has no menu: all its keys are in F1")
 
 
 def why_no_acknowledge(app: TopdressApp) -> str:

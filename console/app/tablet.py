@@ -30,7 +30,7 @@ LOOKS = frozenset({"help", "theme", "units", "language", "palette", "quit", "ala
 WAIT_S, MOST_WAIT_S = 1.0, 10.0                         # after a wrong key; twice as long each time
 RETRY_S = 0.2                                           # after a wait, until it is over on every clock
 
-NONE_RUNS = N_("No control worker runs: start the console on the machine, then attach here.")
+NONE_RUNS = N_("The console on the machine is not running: start it there, then join here.")
 
 LinkTo = Callable[[bool], Awaitable[FrameSource]]       # True: with the worker's token
 

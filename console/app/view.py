@@ -210,7 +210,7 @@ def without_worker(view: RunView) -> RunView:
     """What is left of a view where no control worker is there: it may still spread, or stand, or alarm."""
     shown = view.alarms
     return view if shown.lines else view._replace(alarms=shown._replace(urgent=True, calm=_(
-        "The control worker is gone: state and alarms are not known. C on the Run page connects.")))
+        "No connection to the machine: its state and alarms are not known. C on the Run page connects.")))
 
 
 def without_machine(view: RunView) -> RunView:

@@ -55,7 +55,7 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
         import asyncio  # not before the worker is started, which takes as long to come up as all of the console
         where = await asyncio.to_thread(find_running)
         if where is None:
-            raise WorkerFailed(_("no control worker runs"))
+            raise WorkerFailed(_("no machine is running"))
         await asyncio.to_thread(launcher.adopt, where.log_path)
         return Link(where, name)
 

@@ -15,7 +15,7 @@ def departure_line(found: Departure, since: str, why: bool = True) -> str:
         said = _("{what} since {time}").format(what=said, time=since)
     if found.cause and why:
         title = title_of(found.cause)
-        form = _("{said}, probably: {why}") if found.certain else _("{said}, perhaps: {why}")
+        form = _("{said}. Probably: {why}") if found.certain else _("{said}. Perhaps: {why}")
         said = form.format(said=said, why=title)
     return said
 
@@ -24,11 +24,12 @@ def what(found: Departure) -> str:
     """Which channel departs, and by how much of the dose."""
     channel = channel_word(found.channel)
     if found.percent is None or abs(found.percent) < LEAST_PERCENT:
-        return _("{channel} off the model").format(channel=channel)
+        return _("{channel} is not as it should be").format(channel=channel)
     share = f"{abs(found.percent):.0f}" if abs(found.percent) >= 2.0 else f"{abs(found.percent):.1f}"
-    form = _("{channel}: dose {share} % low") if found.percent < 0.0 else _("{channel}: dose {share} % high")
+    form = _("{share} % too little spread, by the {channel}") if found.percent < 0.0 else _(
+        "{share} % too much spread, by the {channel}")
     if found.channel == "flow":
-        form = _("flow {share} % low") if found.percent < 0.0 else _("flow {share} % high")
+        form = _("{share} % too little flows") if found.percent < 0.0 else _("{share} % too much flows")
     return form.format(channel=channel, share=share)
 
 

@@ -140,16 +140,16 @@ def left(of: Unexplained, kind: str, column: bool = True) -> str:
     """What no effect explains, how much, when, and what comes nearest. column: by its name too."""
     if of.variable:
         name = _(recorded(of.variable, kind).name)
-        said = _("{channel} follows {variable}, and no known cause explains it").format(
+        said = _("{channel} changes with {variable}; none of the known causes fits").format(
             channel=channel_word(of.channel),
             variable=f"{name} ({of.variable})" if column and name != of.variable else name)
     else:
-        said = _("The error of {channel} is not noise, and no known cause explains it").format(
+        said = _("{channel} is off by more than chance; none of the known causes fits").format(
             channel=channel_word(of.channel))
-    facts = [_("{share} of what is left there").format(share=percent(of.explained_share))]
+    facts = [_("that is {share} of the error not yet explained").format(share=percent(of.explained_share))]
     if of.rms is not None and of.noise is not None:
         decimals = decimals_of(of.noise if of.noise > 0.0 else of.rms)
-        facts.append(_("{rms} {unit} r.m.s. where the sensors' noise is {noise} {unit}").format(
+        facts.append(_("typically off by {rms} {unit}; the sensors alone are off by {noise} {unit}").format(
             rms=plain(fixed(of.rms, decimals)), noise=plain(fixed(of.noise, decimals)), unit=of.unit))
     if of.dose_percent is not None:
         facts.append(_("{percent} % of the dose").format(percent=short(abs(of.dose_percent), 2)))

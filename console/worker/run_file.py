@@ -134,7 +134,7 @@ def _lock(path: Path) -> io.FileIO:
     until_s = time.monotonic() + LOCK_S
     while (lock := take_lock(path.with_suffix(".lock"))) is None:
         if time.monotonic() > until_s:
-            raise BlockingIOError(f"a control worker runs already{_holder(path)}")
+            raise BlockingIOError(f"a machine runs already on this computer{_holder(path)}")
         time.sleep(AGAIN_S)
     return lock
 
@@ -148,12 +148,12 @@ def _young(lock: io.FileIO) -> bool:
 def _refuse_second(path: Path) -> None:
     """Raises BlockingIOError where the worker that the run file names still listens, whatever became of its lock."""
     if still_runs(path):
-        raise BlockingIOError(f"a control worker runs already{_holder(path)}")
+        raise BlockingIOError(f"a machine runs already on this computer{_holder(path)}")
 
 
 def _holder(path: Path) -> str:
     try:
-        return f" (process {json.loads(path.read_bytes())['pid']})"
+        return f" (program {json.loads(path.read_bytes())['pid']})"
     except (OSError, ValueError, KeyError, TypeError):
         return ""
 

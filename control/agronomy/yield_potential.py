@@ -38,8 +38,8 @@ YIELD_SETS: dict[str, YieldSet] = {
     "huanghai_2015": YieldSet(
         0.359, 324.4, 0.0,
         "Chen et al. 2015, Trans. Chin. Soc. Agric. Mach. 46(7), eq 3 and 4",
-        "these constants were published for days above 4.4 degC (osu_winter_wheat_2004); "
-        "the paper counts days above 0 degC, which lowers the estimated yield and raises the rate",
+        "its numbers were made for days above 4.4 degC (osu_winter_wheat_2004); the paper counts days above 0 degC: "
+        "the yield comes out lower and the rate higher",
         only_crop="huanghai_wheat"),
     "osu_winter_wheat_2002": YieldSet(
         0.344, 267.65, 4.4, OSU_LIBRARY + ", dryland winter wheat 2002: 4 years, 22 sites"),

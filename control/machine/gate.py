@@ -14,7 +14,7 @@ class Gate(NamedTuple):
     slew_mm_s: Annotated[float, Field(ge=0.1, le=500)] = 20.0
     full_mm: Annotated[float, Field(ge=0.1, le=500)] = 60.0
     offset_mm: Annotated[float, Field(ge=-500, le=500), Effect(
-        "gate.offset", "mm, reading - true", "Opening's read-back differs from the true opening by a constant",
+        "gate.offset", "mm, reading - true", "Gate sensor reads too wide or too narrow, always by the same",
         "A shifted displacement sensor reports a wrong opening, and the flow follows the true one.",
         "sensor mounting; usual 0.2-3 mm", ("run",),
         "Close the gate against its stop and set the sensor's zero.",
@@ -23,7 +23,7 @@ class Gate(NamedTuple):
         says=("The gate opens {size} mm less than it reads.",
               "The gate opens {size} mm more than it reads."))] = 0.0
     home_error_mm: Annotated[float, Field(ge=-500, le=500), Effect(
-        "gate.home_error", "mm, true - command", "Opening truly stands off its command by a constant",
+        "gate.home_error", "mm, true - command", "Gate stands too wide or too narrow, always by the same",
         "The stepper was homed in the wrong place, and every position is off by the same amount.",
         "home switch; usual 0.2-3 mm", ("run",),
         "Home the gate again; check the home switch.",
@@ -48,7 +48,7 @@ class Gate(NamedTuple):
         says=("The gate falls behind by {size} mm for every 100 mm that it moves.",
               "The gate runs ahead by {size} mm for every 100 mm that it moves."))] = 0.0
     slow_mm_s: Annotated[float, Field(ge=-500, le=500), Effect(
-        "gate.slow", "mm/s lost", "Gate slews slower than nominal",
+        "gate.slow", "mm/s lost", "Gate moves too slowly",
         "A sticky slide or a lowered pulse rate makes every move take longer.",
         "slide friction", ("run",),
         "Clean and grease the slide; check the pulse rate.",

@@ -31,7 +31,7 @@ class Shaft(NamedTuple):
     full_rpm: Annotated[float, Field(ge=0.1, le=1e5)] = 100.0       # speed at which the saturation is given
     regulated: Annotated[float, Field(ge=0, le=1)] = 0.0    # 1: it holds its speed by its own encoder
     dead_zone_rpm: Annotated[float, Field(ge=0, le=1e5), Effect(
-        "shaft.dead_zone", "r/min", "Shaft turns slower than its command by the same speed everywhere",
+        "shaft.dead_zone", "r/min", "Shaft turns too slowly, by the same at every speed",
         "Friction and the power stage take a constant part of every duty cycle away, either way.",
         "brushed motors by duty cycle: 5-25 % of the range", ("run",),
         "Let the drive hold its speed by an encoder, or adopt it: control then adds it to each command.",
@@ -63,7 +63,7 @@ class Shaft(NamedTuple):
         says=("Backwards the shaft loses {size} r/min more than forwards.",
               "Backwards the shaft loses {size} r/min less than forwards."))] = 0.0
     gain_percent: Annotated[float, Field(ge=-95, le=1900), Effect(
-        "shaft.gain", "%", "Shaft turns at a constant fraction of its command",
+        "shaft.gain", "%", "Shaft turns too fast or too slow, always by the same share",
         "A wrong gear or encoder setting or a slipping belt scales every speed alike.",
         "drive ratio error; usual 1-10 %", ("run",),
         "Check the gear ratio in the drive's settings, the encoder's lines, the belt tension.",
@@ -71,7 +71,7 @@ class Shaft(NamedTuple):
         says=("The metering shaft turns {size} % faster than commanded.",
               "The metering shaft turns {size} % slower than commanded."))] = 0.0
     slow_s: Annotated[float, Field(ge=-5, le=5), Effect(
-        "shaft.slow", "s", "Shaft time constant longer than nominal",
+        "shaft.slow", "s", "Shaft comes to its speed too slowly",
         "A weak or worn motor needs longer to reach the speed that it was sent.",
         "motor time constants near 0.3 s are published for such drives", ("run",),
         "Check brushes, supply cable and the drive's acceleration setting.",
@@ -99,7 +99,7 @@ class Shaft(NamedTuple):
         says=("The shaft needs {size} s more from standstill to full speed, and as much of that for a part of "
               "it.",))] = 0.0
     extra_dead_time_s: Annotated[float, Field(ge=-0.3, le=2), Effect(
-        "shaft.dead_time", "s", "Shaft responds later than nominal",
+        "shaft.dead_time", "s", "Shaft answers too late",
         "Bus, drive or firmware hold a command back before the motor sees it.",
         "lag paper, table 2: 0.383 s to 2 r/min", ("run", "response"),
         "Look at the bus cycle and the drive's filter setting.",

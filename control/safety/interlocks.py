@@ -22,7 +22,7 @@ INTERLOCKS: Mapping[str, str] = MappingProxyType({
     "course_unknown": N_("Its course after the standstill is not known yet."),
     "position_lost": N_("There is no usable position."),
     "outside_field": N_("What is released now would land outside the field."),
-    "map_elsewhere": N_("The map lies elsewhere: its outside rate would be spread."),
+    "map_elsewhere": N_("The map lies somewhere else: only its rate for outside would be spread."),
     "work_switch_up": N_("The work switch is up or silent."),
     "log_failed": N_("The log cannot be written."),
     "target_refused": N_("The target is above the product's limit or not a number."),

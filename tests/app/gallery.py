@@ -244,7 +244,7 @@ async def _lay_over(app: TopdressApp, picture: Picture) -> None:
     if picture.screen == "gone" and isinstance(app.source, StillSource) and app.source.end is not None:
         from console.link import WorkerGone
         app.start = app.attach = _never
-        app.source.end.set_exception(WorkerGone("the control worker (process 4711) is gone"))
+        app.source.end.set_exception(WorkerGone("the connection to the machine broke off"))
 
 
 async def prepare_diagnosis(app: TopdressApp, screen: str, wait: Callable[[], Awaitable[None]]) -> None:

@@ -59,15 +59,16 @@ async def test_a_console_alone_has_no_row_more(app, source):
 
 
 @pytest.mark.parametrize(("changes", "said"), [
-    ({"attached": (OWN, LAB, TABLET)}, "gone: tablet office"),
+    ({"attached": (OWN, LAB, TABLET)}, "tablet office has left"),
     ({"attached": (OWN, LAB, TABLET, OFFICE, Attached("new", False, True, True))},
-     "attached: new (console, keeps the machine working)"),
-    ({"attached": (OWN, TABLET, OFFICE)}, "gone: lab@cab pts/4, the machine goes on: ann@cab pts/3"),
+     "new has joined (console, keeps the machine working)"),
+    ({"attached": (OWN, TABLET, OFFICE)},
+     "lab@cab pts/4 has left: the machine goes on, ann@cab pts/3 keeps it working"),
     ({"attached": (OWN._replace(keeps=False), TABLET, OFFICE)},
-     "gone: lab@cab pts/4, no console is left: the machine is held after 2 s"),
+     "lab@cab pts/4 has left: no console is left, the machine is held after 2 s"),
     ({"attached": (OWN, LAB._replace(keeps=False), TABLET, OFFICE)},
-     "silent: lab@cab pts/4, the machine goes on: ann@cab pts/3"),
-    ({"attached": (OWN, TABLET, OFFICE), "state": "held"}, "gone: lab@cab pts/4"),
+     "lab@cab pts/4 is silent: the machine goes on, ann@cab pts/3 keeps it working"),
+    ({"attached": (OWN, TABLET, OFFICE), "state": "held"}, "lab@cab pts/4 has left"),
     ({"ordered": (Ordered("hold", "", LAB.name, 500.0),)}, "lab@cab pts/4: HOLD"),
     ({"ordered": (Ordered("strategy", "speed_first", TABLET.name, 500.0),)}, "tablet Ann: strategy speed first"),
     ({"ordered": (Ordered("hold", "", OWN.name, 500.0),)}, ""),

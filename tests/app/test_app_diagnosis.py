@@ -448,7 +448,8 @@ def test_verdicts_in_one_line():
                              "data cannot tell.")
     left = replace(sample_found("none").found, verdict="unexplained", unexplained=(
         Unexplained("flow", "supply_v", 0.4),))
-    assert sentence(left) == "flow follows supply, and no known cause explains it: 40 % of what is left there."
+    assert sentence(left) == ("flow changes with supply; none of the known causes fits: "
+                              "that is 40 % of the error not yet explained.")
 
 
 def test_cost_in_both_units_and_where_nothing_is_known():
@@ -477,7 +478,8 @@ def test_only_the_gain_of_the_causes_is_told():
     found = sample_found()
     gain = found.found.gain[0]
     found = having(found, gain=(gain, replace(gain, metric="rmse, r/min, x", of="placebo", after=9.0)))
-    assert diagnosis_shown.channels(found).gains == ("on data not used for naming: shaft 1.91 to 0.288 (rmse, r/min)",)
+    assert diagnosis_shown.channels(found).gains == (
+        "checked on a part of the log kept aside: shaft off by 1.91 before, 0.288 with it (rmse, r/min)",)
 
 
 def test_the_interval_bar_has_zero_in_its_middle():

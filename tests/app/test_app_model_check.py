@@ -22,10 +22,10 @@ def test_the_line_says_what_since_when_and_why(frames):
     frame = with_row(frames[-1], state="working", time_s=900.0, utc="2026-03-20T08:15:00.000Z", work_switch=1,
                      target_rate_kg_ha=300.0)
     said = model_check_texts(FOUND, frame, 0.0)[0]
-    assert said.startswith("model check: flow 4 % low since 08:10, probably: ") and said.endswith("; F9")
+    assert said.startswith("check: 4 % too little flows since 08:10. Probably: ") and said.endswith("; F9")
     unsure = model_check_texts(FOUND._replace(certain=False, since_s=None, percent=None), frame, 0.0)[0]
-    assert "flow off the model, perhaps: " in unsure
-    assert departure_line(Departure("gate", "", 3.0, None), "") == "gate: dose 3 % high"
+    assert "flow is not as it should be. Perhaps: " in unsure
+    assert departure_line(Departure("gate", "", 3.0, None), "") == "3 % too much spread, by the gate"
 
 
 def test_nothing_while_turning_and_an_offer_at_hold(frames):
@@ -47,10 +47,10 @@ def test_on_a_narrow_screen_the_offer_stays(frames):
                             next_run="A refill half-way: the head jumps back, time does not.")
     held = with_row(frames[-1], state="held", time_s=900.0, utc="2026-03-20T08:15:00.000Z")
     adopt, tell = (seen(model_check_texts(one, held, 0.0), 80) for one in (FOUND, unsure))
-    assert adopt == "model check: flow 4 % low since 08:10; F9: adopt it into the machine file"
-    assert tell == "model check: flow 4 % low since 08:10; F9: the run that tells which"
+    assert adopt == "check: 4 % too little flows since 08:10; F9: adopt it into the machine file"
+    assert tell == "check: 4 % too little flows since 08:10; F9: the run that tells which"
     works = with_row(held, state="working", work_switch=1, target_rate_kg_ha=300.0)
-    assert seen(model_check_texts(unsure, works, 0.0), 80).endswith("perhaps: Flows less as the hopper empties; F9")
+    assert seen(model_check_texts(unsure, works, 0.0), 80).endswith("Perhaps: Flows less as the hopper empties; F9")
 
 
 def test_the_plan_of_a_run_is_said_in_chinese_too(frames):
@@ -67,7 +67,7 @@ def test_in_chinese(frames):
     use("zh")
     try:
         frame = with_row(frames[-1], state="held")
-        assert "流量低 4 %" in model_check_texts(FOUND, frame, 0.0)[0]
+        assert "流量少 4 %" in model_check_texts(FOUND, frame, 0.0)[0]
     finally:
         use("en")
 
@@ -88,4 +88,4 @@ async def test_the_row_is_there_only_while_something_departs(clock, frames, show
         app.tick()
         await pilot.pause()
         assert app.page.query_one("#model-check").display
-        assert any("model check: flow 4 % low" in line for line in shown(app))
+        assert any("check: 4 % too little flows" in line for line in shown(app))

@@ -160,12 +160,12 @@ async def test_a_gone_worker_is_said_at_once_and_can_be_started_again(source, cl
 
     app = TopdressApp(source, clock, start=start, live=False)
     async with app.run_test(size=SIZE) as pilot:
-        source.end.set_exception(WorkerGone("the control worker (process 7) is gone"))
+        source.end.set_exception(WorkerGone("the connection to the machine broke off"))
         await pilot.pause()
         await pilot.pause()
         assert isinstance(app.screen, GoneScreen)
         text = "\n".join(shown(app))
-        assert "THE CONTROL WORKER IS GONE" in text and "process 7" in text and "hard-wired stop" in text
+        assert "NO CONNECTION TO THE MACHINE" in text and "broke off" in text and "hard-wired stop" in text
         assert "attach" not in text, "only what can be done is offered"
         assert app.page.query_one("#rates", Rates).view.target.stale, "old at once, not after a second"
         await pilot.press("enter")
@@ -181,7 +181,7 @@ async def test_a_gone_worker_is_said_at_once_and_can_be_started_again(source, cl
 
 async def test_a_worker_that_does_not_start_is_said_again(source, clock, shown):
     async def start():
-        raise RuntimeError("the control worker did not start: no such port")
+        raise RuntimeError("the machine did not start: no such port")
 
     app = TopdressApp(source, clock, start=start, live=False)
     async with app.run_test(size=SIZE) as pilot:
@@ -192,7 +192,7 @@ async def test_a_worker_that_does_not_start_is_said_again(source, clock, shown):
         assert isinstance(app.screen, GoneScreen)
         assert "no such port" in "\n".join(shown(app))
         await pilot.press("escape")
-        assert "WORKER GONE" in shown(app)[0]
+        assert "NO CONNECTION" in shown(app)[0]
         await pilot.press("c")
         assert isinstance(app.screen, GoneScreen)
 
@@ -270,8 +270,8 @@ async def test_what_is_allowed_stands_in_the_status_line_and_in_the_dialog(app, 
         assert "OUTSIDE OK" in shown(app)[0] and "REVERSE OK" not in shown(app)[0]
         await pilot.press("h")
         text = "\n".join(shown(app))
-        assert "flow outside the field. Now: ALLOWED. Forbid it?" in text
-        assert "flow while reversing. Now: not allowed. Allow it?" in text
+        assert "forbid again (now allowed): flow outside the field" in text
+        assert "allow: flow while reversing" in text
         await pilot.press("4", "enter")
         assert source.orders == [Order(Do.NO_DOUBLE, True)]
 
@@ -303,12 +303,12 @@ async def test_the_first_frame_waits_for_no_tick(frames, monkeypatch, shown):
 async def test_a_worker_that_never_came_up_ends_the_console_with_its_line():
     class NeverThere(StillSource):
         async def run(self):
-            raise WorkerFailed("the control worker did not start: no such port")
+            raise WorkerFailed("the machine did not start: no such port")
 
     app = TopdressApp(NeverThere(None), live=False, utc_offset_s=0.0)
     async with app.run_test() as pilot:
         await pilot.pause(0.1)
-    assert app.not_started == "the control worker did not start: no such port"
+    assert app.not_started == "the machine did not start: no such port"
 
 
 async def test_a_page_that_a_small_terminal_cannot_show_says_that_it_is_open(app, shown):

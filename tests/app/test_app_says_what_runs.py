@@ -76,8 +76,8 @@ async def test_a_machine_without_worker_is_not_said_to_work_without_alarms(app, 
         await pilot.press("escape")
         await looked(app, pilot)
         text = "\n".join(shown(app)[:4])
-        assert "was WORKING" in text and "WORKER GONE" in text and "no alarms" not in text
-        assert "The control worker is gone: state and alarms are not known." in " ".join(text.split())
+        assert "was WORKING" in text and "NO CONNECTION" in text and "no alarms" not in text
+        assert "No connection to the machine: its state and alarms are not known." in " ".join(text.split())
 
 
 async def test_a_silent_worker_says_nothing_of_alarms(app, clock, shown):
@@ -141,7 +141,7 @@ async def test_a_console_that_joins_says_so_and_what_it_does_not_use(source, clo
     async with app.run_test(size=size) as pilot:
         assert isinstance(app.screen, TextDialog)
         text = " ".join(" ".join(shown(app)).replace("┃", " ").split())
-        for said in ("A machine runs already: this console has joined it", "It was started at 07:12", "north.yaml",
+        for said in ("A machine runs already: this console has joined it", "It has been on since 07:12", "north.yaml",
                      "NOT used, though named on this command line: south.yaml"):
             assert said in text, said
         await pilot.press("escape")
@@ -160,7 +160,7 @@ async def test_files_that_cannot_be_read_are_not_said_to_be_those_of_this_consol
     async with app.run_test(size=size) as pilot:
         text = app.screen.text
         assert "go on with that machine" in "\n".join(shown(app))
-        assert "By which files it goes cannot be read" in text and "It goes by" not in text
+        assert "Its files are not known" in text and "Its files: " not in text
         assert "Named on this command line, and perhaps NOT used: ours.yaml." in text
         await pilot.press("escape")
         await pilot.press("f10")

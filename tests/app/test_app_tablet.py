@@ -129,7 +129,7 @@ async def test_without_a_worker_the_tab_says_so_and_starts_none(tab, shown):
     async with app.run_test(size=(120, 40)) as pilot:
         assert isinstance(app.screen, GoneScreen) and app.start is None
         text = " ".join("\n".join(shown(app)).split())
-        assert "No control worker runs: start the console on" in text and "start it again" not in text
+        assert "The console on the machine is not running" in text and "start it again" not in text
         await pilot.press("1", "enter")
         await until(pilot, lambda: app.links)
         assert app.links == [False] and app.looking

@@ -336,7 +336,7 @@ def test_the_worker_comes_up_before_the_files_are_read(steps: list[str], tmp_pat
 
 def test_a_wrong_file_is_told_as_a_file(steps: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def start(self: Launcher, resumed: Path | None = None) -> WorkerAddress:
-        raise WorkerFailed("the control worker did not start: something else")
+        raise WorkerFailed("the machine did not start: something else")
 
     monkeypatch.setattr(Launcher, "start", start)
     wrong = tmp_path / "job.yaml"
@@ -349,7 +349,7 @@ def test_a_wrong_file_is_told_as_a_file(steps: list[str], tmp_path: Path, monkey
 def test_a_worker_that_did_not_come_up_is_one_line(steps: list[str], tmp_path: Path,
                                                    monkeypatch: pytest.MonkeyPatch) -> None:
     def run(self: TopdressApp) -> None:
-        self.not_started = "the control worker did not start: no such port"
+        self.not_started = "the machine did not start: no such port"
 
     monkeypatch.setattr(TopdressApp, "run", run)
     with pytest.raises(CommandError, match="no such port"):

@@ -32,7 +32,7 @@ def test_what_departs_is_said_once_and_when_it_is_over(tmp_path: Path, monkeypat
     done = RUNNER.invoke(app, ["watch", str(log), "--to-end"])
     assert done.exit_code == 0
     assert done.stdout.splitlines() == [
-        "0:11:00  flow 4 % low since 0:10:00, probably: Flutes fill less at high shaft speed; "
+        "0:11:00  4 % too little flows since 0:10:00. Probably: Flutes fill less at high shaft speed; "
         "adopt it into the machine file: topdress diagnose --adopt", "0:45:00  as the model says again"]
     assert "4 looks" in done.stderr
 

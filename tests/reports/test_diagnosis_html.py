@@ -166,7 +166,7 @@ def test_unexplained_shows_the_smooth_function(run_columns: dict[str, Any], mach
     fit = TableFit("shaft", "supply_v", nodes, tuple(5.0 * (x - 13.5) for x in nodes))  # type: ignore[arg-type]
     found = found_of(verdict="unexplained", unexplained=(Unexplained("shaft", "supply_v", 0.9),), tables=(fit,))
     said = harmless(diagnosis_page(found, {"columns": run_columns, "machine": machine})).said()
-    for words in ("shaft follows supply (supply_v)", "90 %", "smooth function", "shaft more than nominal, %"):
+    for words in ("shaft changes with supply (supply_v)", "90 %", "smooth function", "shaft more than nominal, %"):
         assert words in said
 
 

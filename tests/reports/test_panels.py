@@ -170,10 +170,11 @@ def test_spans_read_like_a_clock() -> None:
 
 @pytest.mark.parametrize(("share", "said"), [(0.0, "<1 %"), (0.624, "62 %"), (1.0, ">99 %")])
 def test_the_share_that_no_effect_explains_is_in_per_cent(share: float, said: str) -> None:
-    follows = "flow follows pitch{name}, and no known cause explains it: {said} of what is left there."
+    follows = ("flow changes with pitch{name}; none of the known causes fits: "
+               "that is {said} of the error not yet explained.")
     for column, name in ((True, " (pitch_deg)"), (False, "")):
         assert left(Unexplained("flow", "pitch_deg", share), "run", column) == follows.format(name=name, said=said)
-    assert left(Unexplained("flow", "", share), "run").startswith("The error of flow is not noise")
+    assert left(Unexplained("flow", "", share), "run").startswith("flow is off by more than chance")
 
 
 @pytest.mark.parametrize(("half", "said", "interval"), [

@@ -62,14 +62,15 @@ KINDS: dict[str, tuple[dict[str, Any], list[dict[str, Any]], tuple[str, ...], tu
                   ("其他原因", "没有足够可能的原因可以指明")),
     "noise": ({"verdict": "unexplained", "unexplained": (
         Unexplained("gate", "", 0.9, 0.43, 0.1, "mm", 2.5, "gate.offset", 310.0, 56.0),)}, [],
-        ("0.43 mm r.m.s. where the sensors' noise is 0.10 mm", "2.5 % of the dose", "comes and goes every 56 s",
+        ("typically off by 0.43 mm; the sensors alone are off by 0.10 mm", "2.5 % of the dose",
+         "comes and goes every 56 s",
          "nearest: gate.offset, whose evidence does not hold", "seems to begin at 310 s"),
-        ("均方根 0.43 mm，而传感器噪声为 0.10 mm", "占施肥量的 2.5 %", "每 56 秒起伏一次",
+        ("一般偏差 0.43 mm；仅传感器为 0.10 mm", "占施肥量的 2.5 %", "每 56 秒起伏一次",
          "最接近的是 gate.offset，但其证据不成立", "似从第 310 秒开始")),
     "variable": ({"verdict": "unexplained", "unexplained": (
         Unexplained("shaft", "supply_v", 0.4, 1.2, 0.25, "r/min", -3.0),)}, [],
-        ("1.20 r/min r.m.s. where the sensors' noise is 0.25 r/min", "3 % of the dose"),
-        ("均方根 1.20 r/min，而传感器噪声为 0.25 r/min", "占施肥量的 3 %")),
+        ("typically off by 1.20 r/min; the sensors alone are off by 0.25 r/min", "3 % of the dose"),
+        ("一般偏差 1.20 r/min；仅传感器为 0.25 r/min", "占施肥量的 3 %")),
     "missing": ({"channels": CHANNELS[:1] + CHANNELS[2:], "findings": (LEFT_OUT,)}, [], (LEFT_OUT,), (LEFT_OUT,)),
     "not judged": ({"verdict": "not_judged", "channels": (), "findings": (LEFT_OUT,)}, [], (LEFT_OUT,), (LEFT_OUT,)),
 }

@@ -212,7 +212,7 @@ async def test_a_tab_begins_without_the_token_and_gets_it_only_to_operate(monkey
     assert (await tablet.link_to(False)).where.token is None
     assert (await tablet.link_to(True)).where.token == "secret"
     monkeypatch.setattr(tablet, "find_running", lambda: None)
-    with pytest.raises(WorkerFailed, match="No control worker runs"):
+    with pytest.raises(WorkerFailed, match="The console on the machine is not running"):
         await tablet.link_to(True)
 
 

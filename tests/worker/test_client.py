@@ -96,6 +96,6 @@ async def test_it_is_a_link_once_the_worker_is_there(running: Callable[..., Work
 
 async def test_a_worker_that_does_not_come_up_is_told() -> None:
     coming: Future[WorkerAddress] = Future()
-    coming.set_exception(WorkerFailed("the control worker did not start: no port"))
+    coming.set_exception(WorkerFailed("the machine did not start: no port"))
     with pytest.raises(WorkerFailed, match="no port"):
         await ComingLink(coming).run()

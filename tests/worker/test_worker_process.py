@@ -179,7 +179,7 @@ async def test_worker_killed_is_told_at_once(running, attach):
     await asyncio.sleep(0)
     os.kill(where.pid, signal.SIGKILL)
     killed = time.monotonic()
-    with pytest.raises(WorkerGone, match=f"process {where.pid}"):
+    with pytest.raises(WorkerGone, match="connection to the machine broke off"):
         await link.task
     assert time.monotonic() - killed < 1.5
     with pytest.raises(WorkerGone):          # nobody waits for an answer that cannot come
@@ -388,7 +388,7 @@ async def test_strangers_who_say_nothing_take_no_place(running, attach, tmp_path
     assert all(c.recv(100).startswith(b'{"hello"') for c in crowd)
     run_file = tmp_path / "run" / "worker.json"
     assert find_running(run_file) == where and run_file.exists()
-    with pytest.raises(WorkerFailed, match=f"runs already .process {where.pid}"):
+    with pytest.raises(WorkerFailed, match=f"runs already on this computer .program {where.pid}"):
         running()
     link = await attach(where)
     assert await link.order(Order(Do.START)) == Answer(True)
@@ -510,7 +510,7 @@ def test_without_its_run_file_a_worker_still_is_the_only_one(tmp_path, running):
     os.kill(where.pid, signal.SIGSTOP)
     try:
         (tmp_path / "run" / "worker.json").unlink()
-        with pytest.raises(WorkerFailed, match="did not start: topdress worker: a control worker runs already"):
+        with pytest.raises(WorkerFailed, match="did not start: topdress worker: a machine runs already"):
             running()
     finally:
         os.kill(where.pid, signal.SIGCONT)
@@ -525,7 +525,7 @@ def test_a_worker_whose_lock_was_removed_still_is_the_only_one(running, tmp_path
     for _time in range(2):
         for name in removed:
             (run_file.parent / name).unlink()
-        with pytest.raises(WorkerFailed, match=f"a control worker runs already .process {where.pid}"):
+        with pytest.raises(WorkerFailed, match=f"a machine runs already on this computer .program {where.pid}"):
             running()
         assert find_running(run_file) == where
     until_s = time.monotonic() + 5.0
@@ -551,7 +551,7 @@ def test_the_run_file_is_private_and_found(running, tmp_path):
     assert run_file.stat().st_mode & 0o777 == 0o600 and run_file.parent.stat().st_mode & 0o777 == 0o700
     assert find_running(run_file) == where
     assert where.log_path.endswith("worker.log") and where.started.endswith("Z") and len(where.token) == 32
-    with pytest.raises(WorkerFailed, match=f"runs already .process {where.pid}"):
+    with pytest.raises(WorkerFailed, match=f"runs already on this computer .program {where.pid}"):
         running()
 
 
@@ -574,9 +574,9 @@ async def test_what_became_of_the_worker_is_said_in_the_language_of_the_screen(t
     run_file.write_text("{}")
     use("zh")
     try:
-        with pytest.raises(WorkerGone, match="控制程序（进程 4711）已退出"):
+        with pytest.raises(WorkerGone, match="与机器的连接中断了"):
             await Link(WorkerAddress(1, "x", 4711, "")).run()
-        with take_lock(run_file.with_suffix(".lock")), pytest.raises(WorkerFailed, match="请结束该程序"):
+        with take_lock(run_file.with_suffix(".lock")), pytest.raises(WorkerFailed, match="或结束该程序"):
             find_running(run_file)
     finally:
         use("en")

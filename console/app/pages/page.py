@@ -207,6 +207,6 @@ class Page(Screen[None]):
 
     def marks(self) -> tuple[str, ...]:
         """Words that stand in the status line until they are untrue."""
-        gone = (_("WORKER GONE"),) if self.app.gone else ()
+        gone = (_("NO CONNECTION"),) if self.app.gone else ()
         own = (*gone, *self.app.marks())
         return (*own, _("LOCKED")) if self.app.locked else own

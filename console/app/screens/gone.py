@@ -14,8 +14,8 @@ class GoneScreen(ChoiceDialog):
 
     def __init__(self, why: str, can_start: bool, can_attach: bool) -> None:
         offered = ((can_start, Choice("start", _("start it again"))),
-                   (can_attach, Choice("attach", _("attach to one that runs"))))
-        super().__init__(f"✖  {_('THE CONTROL WORKER IS GONE')}", [one for there, one in offered if there], "", why,
+                   (can_attach, Choice("attach", _("join the one that runs"))))
+        super().__init__(f"✖  {_('NO CONNECTION TO THE MACHINE')}", [one for there, one in offered if there], "", why,
                          at=-1)
         self.add_class("gone")
 

@@ -85,7 +85,7 @@ class Calibration:
 
     def trouble(self, seen: FrameSeen, said: str) -> str:
         """Why it does not go on, in words; said: what was refused."""
-        return "" if seen.frame is not None else _("No control worker is connected.")
+        return "" if seen.frame is not None else _("No machine is connected.")
 
     def sheet(self, seen: FrameSeen) -> tuple[Row, ...]:
         return ()
@@ -134,7 +134,7 @@ class HeldRun(Calibration):
             return said
         frame = seen.frame
         if frame is None:
-            return _("No control worker is connected.")
+            return _("No machine is connected.")
         if seen.calibrating and frame.why_no_flow:
             return _("The shaft may not turn: {why}.").format(
                 why=", ".join(words.note_word(note) for note in frame.why_no_flow))

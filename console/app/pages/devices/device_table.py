@@ -43,7 +43,7 @@ class DeviceTable(Panel[TableView]):
 
     def lines(self, view: TableView, width: int, height: int) -> list[Content]:
         if not view.lines:
-            return [line((fit(f"   {_('no device is known: is a control worker connected?')}", width), "$muted"))]
+            return [line((fit(f"   {_('no device is known: is a machine connected?')}", width), "$muted"))]
         names = max(10, max(cell_len(one.name) for one in view.lines) + 1)
         states = max(cell_len(one.word) for one in view.lines) + 4
         heads = ((fit(f"   {_('device')}", names + 3), ""), (fit(f" {_('state')}", states), ""),

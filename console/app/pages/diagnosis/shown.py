@@ -29,7 +29,7 @@ def said(view: DiagnosisView, lead: str) -> SaidVerdict:
 def causes(view: DiagnosisView, at: int, units: Units) -> CausesView:
     found = view.found
     unseen = sum(one.smallest_detectable.value is None for one in found.not_shown)
-    none = _("None. {count} effects cannot be seen in data of this kind at all.").format(count=unseen)
+    none = _("None. {count} kinds of fault never show in a file of this kind.").format(count=unseen)
     return CausesView(tuple(_cause(cause, view.mean_target_kg_ha, units) for cause in found.causes), at,
                       (*_left(found), *_whole(found), none), in_use())
 
@@ -55,7 +55,8 @@ def interval(size: Size) -> tuple[float, float, float] | None:
 def channels(view: DiagnosisView) -> ChannelsView:
     """Gains are those of the causes themselves; what is compared with them stands in the report."""
     found = view.found
-    gains = [_("on data not used for naming: {channel} {before} to {after} ({metric})").format(
+    gains = [_("checked on a part of the log kept aside: {channel} off by {before} before, {after} with it "
+               "({metric})").format(
         channel=sentences.channel_word(gain.channel), before=words.figure(gain.before), after=words.figure(gain.after),
         metric=gain.metric) for gain in found.gain if gain.of == "names"]
     return ChannelsView(tuple(_channel(one, view.after.get(one.channel)) for one in found.channels),

@@ -73,7 +73,7 @@ def worst(found: tuple[Check, ...]) -> str:
 def _devices(frame: Frame | None, age_s: float) -> Check:
     label = _("devices")
     if frame is None or age_s > STALE_S:
-        return Check(label, STOP, _("no values from the control worker"))
+        return Check(label, STOP, _("no values from the machine"))
     if not frame.devices:
         return Check(label, STOP, _("no device is configured"))
     silent = [one for one in frame.devices if not one.connected or one.age_s is None or one.age_s > SILENT_S]

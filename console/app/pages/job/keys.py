@@ -184,7 +184,7 @@ ACTIONS = on(
     Action("job_start", "s", "S", N_("start"), N_("Ready or held: begins to work, from any page; asks first."),
            lambda page: start_from_any_page(page.app), bar=3, why=lambda page: why_no_start(page.app)),
     Action("job_details", "v", "V", N_("details"), N_("The whole checklist, in full."), details, bar=4, locked=True),
-    Action("job_file", "j", "J", N_("job"), N_("Takes another job file; the control worker starts again with it."),
+    Action("job_file", "j", "J", N_("job"), N_("Changes over to another job; the machine goes to OFF for it."),
            lambda page: _ask_file(page, "job"), bar=4),
     Action("job_crop", "q_1", "Q1", N_("crop"), N_("Takes another crop: a new job file names it."),
            lambda page: _ask_file(page, "crop")),

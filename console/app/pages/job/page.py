@@ -168,7 +168,7 @@ class JobScreen(Page):
         if tally is not None and tally.after_cut_kg is not None:
             notes.append(JobNote(_after_cut(tally.after_cut_kg, tally.after_cut_scale_kg)))
         if tally is not None and tally.finished:
-            notes.append(JobNote(_("this job is ended; more work still counts to it")))
+            notes.append(JobNote(_("this job was ended; what you spread from now on is still added to it")))
         if self.pending:
             notes.append(JobNote(_("for the next start: {name}").format(name=self.pending)))
         return (*notes, *(JobNote(text) for text in (*self.said, *self.said_of_run)[-NOTES_KEPT:]))
@@ -237,12 +237,12 @@ class JobScreen(Page):
             else:
                 self._drop(taken)
 
-        heading = _("Start the control worker again with {name}?").format(name=self.pending)
+        heading = _("Change over to {name} now?").format(name=self.pending)
         if left is not None:
             self.app.push_screen(self.app.pass_question(left, heading), answer)
             return
-        text = _("The log ends and a new one begins: state off, totals and track from 0, strategy and nudge as the job "
-                 "file has them. Esc: all stays as it is.")
+        text = _("Nothing flows until you press R and S again. Hectares and kg count from 0; strategy and nudge are "
+                 "the job's. Esc: nothing changes.")
         self.app.push_screen(Confirm(heading, text), answer)
 
     def _drop(self, taken: str) -> None:
@@ -424,8 +424,8 @@ class JobScreen(Page):
             self.app.turn_to(JOB)
             self.app.call_after_refresh(self.take, take)
 
-        self.app.confirm(_("Use it now?"), _("{name} for this job: the control worker starts again with it.").format(
-            name=file_name(machine)), use)
+        self.app.confirm(_("Use it now?"), _("{name} for this job: the machine goes to OFF and comes back with it."
+                                             ).format(name=file_name(machine)), use)
 
     def _bring(self, work: Callable[[], Any], then: Callable[[Any], None]) -> None:
         """What is read from files, along with the screen; an error is one line that stays."""

@@ -28,7 +28,7 @@ def allowances(frame: Frame | None) -> dict[str, Allowance]:
              (Do.ALLOW_OUTSIDE, _("flow outside the field"), allow.outside),
              (Do.GO_ON_UNLOGGED, _("work without a log"), allow.unlogged),
              (Do.NO_DOUBLE, _("a second dose on done ground"), not no_double),
-             (Do.ALLOW_MAP_ELSEWHERE, _("the outside rate of a map that lies elsewhere"), allow.map_elsewhere))
+             (Do.ALLOW_MAP_ELSEWHERE, _("spreading by a map that lies somewhere else"), allow.map_elsewhere))
     return {do.value: Allowance(what, allowed, do, allowed if do is Do.NO_DOUBLE else not allowed)
             for do, what, allowed in found}
 
@@ -40,5 +40,5 @@ def allow_choices(frame: Frame | None) -> tuple[Choice, ...]:
 
 
 def _line(what: str, allowed: bool) -> str:
-    said = _("{what}. Now: ALLOWED. Forbid it?") if allowed else _("{what}. Now: not allowed. Allow it?")
+    said = _("forbid again (now allowed): {what}") if allowed else _("allow: {what}")
     return said.format(what=what)

@@ -126,7 +126,8 @@ def allow(page: RunScreen) -> None:
 
     frame = page.app.arrival.frame
     offered = allowances(frame)
-    page.app.ask(ChoiceDialog(_("Allow"), allow_choices(frame), "", _("All but the second dose end with STOP.")), turn)
+    page.app.ask(ChoiceDialog(_("Allow"), allow_choices(frame), "", _("STOP forbids all of them again, except a "
+                                                                      "second dose on done ground.")), turn)
 
 
 ACTIONS = on(
@@ -171,6 +172,7 @@ ACTIONS = on(
            lambda page: page.move_cursor(FAR_CELLS), why=lambda page: page.why_no_cursor()),
     Action("trend_cursor_off", "escape", "Esc", N_("cursor away"), N_("Ends reading the trend."),
            lambda page: page.drop_cursor(), why=lambda page: _("no cursor is set") if page.cursor_s is None else ""),
-    Action("connect", "c", "C", N_("connect"), N_("Control worker gone: start it again or attach to one that runs."),
+    Action("connect", "c", "C", N_("connect"), N_("No connection to the machine: start it again, or join one that "
+                                                  "runs."),
            lambda page: page.app.ask_connection(), locked=True),
 )

@@ -41,8 +41,8 @@ def model_check_texts(found: Departure, frame: Frame, utc_offset_s: float) -> tu
                  (plain, offer(found))]
     else:
         pairs = [(said, "F9") for said in (full, named, dated, plain)]
-    forms = [_("model check: {said}; {todo}").format(said=said, todo=end) for said, end in pairs]
-    return (*forms, _("model check: {said}; {todo}").format(said=plain, todo="F9"))
+    forms = [_("check: {said}; {todo}").format(said=said, todo=end) for said, end in pairs]
+    return (*forms, _("check: {said}; {todo}").format(said=plain, todo="F9"))
 
 
 def turns(frame: Frame) -> bool:
