@@ -1,7 +1,7 @@
 """The logs of a season as arrays: each a Gaussian likelihood of all sizes, its machine's tolerances kept apart.
 
-A log's form (`evidence.QuadraticForm`) says of the sizes x: right' x - x' normal x / 2, with what the machine may be off
-within its tolerances counted as noise of the log's own. Over many logs of one machine it is none: it is the same u,
+A log's form (`evidence.QuadraticForm`) says of the sizes x: right' x - x' normal x / 2, with what the machine may be
+off within its tolerances counted as noise of the log's own. Over many logs of one machine it is none: it is the same u,
 one s.d. each, in all of them. `pulls` says how u moves `right`; with it the form is taken apart again into one of (x,
 u), from which the season's model integrates u once for each machine instead of once for each log.
 """
