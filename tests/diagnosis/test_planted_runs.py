@@ -102,6 +102,9 @@ CASES = [
     of_effects({"shaft.dead_time": 0.1, "gate.slow": 6.0}),
     of_effects({"shaft.voltage_sag": 2.0, "flow.fill_falloff": 12.0}),
     of_effects({"shaft.load_droop": 4.0, "flow.slope": 1.0}),
+    planted("a droop in a log of 1 Hz, and no gain", lambda: taken(whole_run(1, 1800.0, wrong(
+        {"shaft.load_droop": 6.0})), slice(None, None, 10)), names=["shaft.load_droop"],
+            sizes={"shaft.load_droop": approx(6.0, abs=0.3)}),
     planted("a late GNSS speed", late_gnss, exam=True, names=["speed.gnss_latency"],
             sizes={"speed.gnss_latency": approx(0.3, abs=0.05)}),
     planted("a wrong read-back shows in gate and flow at once", partial(whole_run, 6, machine=wrong(
