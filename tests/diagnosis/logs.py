@@ -102,6 +102,11 @@ def shaft_answers(machine: Machine, time_s: Array, first_rpm: float = 0.0, **inp
                      time_s, MOST_STEP_S)
 
 
+def half_way(rows: Array) -> Array:
+    """What moves on from row to row, on the mean from each row to the next."""
+    return np.append(0.5 * (rows[1:] + rows[:-1]), rows[-1])
+
+
 def hopper_answers(machine: Machine, time_s: Array, full_kg: float, pitch_deg: npt.ArrayLike = 0.0,
                    **inputs: npt.ArrayLike) -> tuple[Array, Array]:
     """Mass in the hopper and what its scale reads without noise, by the compiled model."""
@@ -125,7 +130,7 @@ def whole_run(seed: int = 1, seconds: float = 600.0, machine: Machine | None = N
     mm = np.full(n, 25.0) if still_opening else held(rng, time_s, 15.0, 40.0, 5.0)
     supply_v, pitch_deg = 13.2 + 0.5 * np.sin(time_s / 40.0), 3.0 * np.sin(time_s / 60.0)
     gate = gate_answers(machine, time_s, mm)
-    turns = shaft_answers(machine, time_s, command_rpm=rpm, opening_mm=gate[:, 0], supply_v=supply_v)
+    turns = shaft_answers(machine, time_s, command_rpm=rpm, opening_mm=half_way(gate[:, 0]), supply_v=supply_v)
     _, scale_kg = hopper_answers(machine, time_s, 280.0, pitch_deg, shaft_rpm=turns[:, 0], opening_mm=gate[:, 0])
     speed = speed_run((machine.speed,), no_switch(), speed_start(1.3), SpeedOutput(1.3, 1.3),
                       input_rows(SpeedInput, n, speed_mps=1.3 + 0.2 * np.sin(time_s / 7.0),
@@ -168,7 +173,7 @@ def metering_run(machine: Machine, seed: int = 1, seconds: float = 900.0, stands
     rpm = np.where(time_s % of_s < stands_s, 0.0, rpm)
     mm = held(rng, time_s, 0.2 * limits.opening_high_mm, 0.6 * limits.opening_high_mm, 5.0)
     gate = gate_answers(machine, time_s, mm)
-    turns = shaft_answers(machine, time_s, command_rpm=rpm, opening_mm=gate[:, 0])
+    turns = shaft_answers(machine, time_s, command_rpm=rpm, opening_mm=half_way(gate[:, 0]))
     left_kg, scale_kg = hopper_answers(machine, time_s, full_kg, shaft_rpm=turns[:, 0], opening_mm=gate[:, 0])
     assert left_kg[-1] > 0.02 * full_kg
     slow = wandering(rng, n, float(np.exp(-STEP_S / sd.scale_correlation_s)), begins=True)

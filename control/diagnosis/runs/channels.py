@@ -79,7 +79,7 @@ def drive_rows(drive: Drive) -> Rows:
     first, begin_s = float(command[0]), float(drive.clock_s[0])
     run_stage, start, output = _STAGE[drive.name]
     if drive.name == "shaft":
-        inputs = input_rows(ShaftInput, count, command_rpm=command, opening_mm=drive.opening_mm,
+        inputs = input_rows(ShaftInput, count, command_rpm=command, opening_mm=drive.loads_mm,
                             supply_v=drive.supply_v, more_percent=drive.more, more_rpm=drive.more_rpm)
     else:
         inputs = input_rows(GateInput, count, command_mm=command, more_mm=drive.more)

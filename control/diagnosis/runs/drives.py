@@ -43,7 +43,7 @@ class Drive(NamedTuple):
     clock_s: Array              # as the model is run
     command: Array
     measured: Array
-    opening_mm: Array           # by which the shaft is loaded in a row
+    loads_mm: Array             # opening by which the shaft is loaded in a row
     supply_v: Array
     grid: Grid
     step: float = 0.0           # in which its readings come, where that is coarser than the log is written ...
@@ -146,10 +146,8 @@ def _drive(name: str, every: LogRows, command: Array, measured: Array, sure: npt
         return None
     grid = grid_of(time[pick], known, every.step_s, clock)
     more, more_rpm = every.more.get("shaft_percent" if name == "shaft" else "gate_mm"), every.more.get("shaft_rpm")
-    # What a shaft comes to in a row of a second is by the opening at that row's end: the gate has long moved by then.
-    loads_mm = np.append(every.opening_mm[1:], every.opening_mm[-1:])
-    return Drive(name, time[pick], clock, command[pick], measured[pick], loads_mm[pick], every.supply_v[pick], grid,
-                 moves_seen=bool(np.mean(every.lost) < MAX_LOST) and not quick.any() and not settled,
+    return Drive(name, time[pick], clock, command[pick], measured[pick], every.loads_mm[pick], every.supply_v[pick],
+                 grid, moves_seen=bool(np.mean(every.lost) < MAX_LOST) and not quick.any() and not settled,
                  settled=settled, left_out=int(np.sum(quick)),
                  more=0.0 if more is None else more[pick],
                  more_rpm=0.0 if more_rpm is None or name != "shaft" else more_rpm[pick])

@@ -34,6 +34,7 @@ class LogRows(NamedTuple):
     command_mm: Array
     shaft_rpm: Array            # measured, where it is not the command
     opening_mm: Array
+    loads_mm: Array             # opening from a row to the next, by which the shaft is loaded
     supply_v: Array             # smoothed, as the pitch
     pitch_deg: Array
     working: Array              # 1 or 0: as the log says, else whether the shaft turns
@@ -49,10 +50,25 @@ def rows_of(log: Clean, machine: Machine) -> LogRows:
     opening_mm = np.where(np.isfinite(command_mm), command_mm, machine.set_points.opening_mm)      # neutral
     turning = np.abs(np.nan_to_num(shaft_rpm)) > of_nominal(machine, SHAFT_RANGE) * WORKING_RPM
     working = np.where(np.isfinite(log.working), log.working, turning)
-    return LogRows(time, log.step_s, command_rpm, command_mm, shaft_rpm,
-                 bridged(time, c["opening_mm"], opening_mm, ASKED_AFTER_S), smoothed(supply_v, log.step_s),
-                 smoothed(bridged(time, c["pitch_deg"], np.zeros(len(time))), log.step_s),
-                 working.astype(np.float64), np.zeros(len(time), bool) if log.held else commands_lost(time, log.step_s))
+    opening_mm = bridged(time, c["opening_mm"], opening_mm, ASKED_AFTER_S)
+    return LogRows(time, log.step_s, command_rpm, command_mm, shaft_rpm, opening_mm,
+                   loading_mm(time, opening_mm, machine), smoothed(supply_v, log.step_s),
+                   smoothed(bridged(time, c["pitch_deg"], np.zeros(len(time))), log.step_s),
+                   working.astype(np.float64),
+                   np.zeros(len(time), bool) if log.held else commands_lost(time, log.step_s))
+
+
+def loading_mm(time: Array, opening_mm: Array, machine: Machine) -> Array:
+    """Opening that loads the shaft from each row to the next, as its speed at the end remembers it: (n,).
+
+    A gate sets out with the row, its dead time later, and goes at its own speed. What was before it has arrived counts
+    by exp(-t / T) of the shaft's time constant T: half-way in rows shorter than both, hardly in one of a second.
+    """
+    ways_mm, spans_s = np.diff(opening_mm), np.diff(time)
+    still_s = np.minimum(0.5 * spans_s, machine.gate.dead_time_s + 0.5 * np.abs(ways_mm) / machine.gate.slew_mm_s)
+    tau_s = machine.shaft.time_constant_s
+    counts = (np.exp((still_s - spans_s) / tau_s) - np.exp(-spans_s / tau_s)) / -np.expm1(-spans_s / tau_s)
+    return np.append(opening_mm[1:] - counts * ways_mm, opening_mm[-1:])
 
 
 def commands_lost(time: Array, step_s: float) -> npt.NDArray[np.bool_]:
