@@ -55,6 +55,8 @@ class LogRow(NamedTuple):
     ndre_5: float | None = None
     ndre_6: float | None = None
     ndre: float | None = None
+    shaft_effort: float | None = None    # how hard a drive works, in the machine file's unit: % of full duty, A, N m
+    gate_effort: float | None = None
     sections_cmd: str | None = None  # of machines with valves: the command of each, left to right, separated by ;
 
 
@@ -66,7 +68,8 @@ NDRE_COLUMNS = ("ndre_1", "ndre_2", "ndre_3", "ndre_4", "ndre_5", "ndre_6")
 # How long a row goes on holding a value that no longer comes, s; then the cell is empty.
 HOLDS_S = MappingProxyType({
     "wheel_speed_mps": 1.0, "shaft_rpm": 0.5, "opening_mm": 0.5, "hopper_kg": 2.0, "supply_v": 2.0, "pitch_deg": 1.0,
-    "roll_deg": 1.0, **dict.fromkeys(HEAD_COLUMNS + NDRE_COLUMNS, 1.25)})
+    "roll_deg": 1.0, "shaft_effort": 0.5, "gate_effort": 0.5,
+    **dict.fromkeys(HEAD_COLUMNS + NDRE_COLUMNS, 1.25)})
 GNSS_HOLDS_S = 1.0                      # all that an epoch reported
 COMMANDS_HELD = "commands_held"      # event: from here on each command held until the next row
 FILE_BEGINS, LOG_BEGINS = "mark file ", "mark log "     # events, with a name: the first row of each file of a log
@@ -75,6 +78,7 @@ TEXT_COLUMNS = frozenset({"utc", "state", "strategy", "target_source", "alarms",
                           "sections_cmd"})
 WHOLE_COLUMNS = frozenset({"fix_quality", "satellites", "work_switch"})
 
+EFFORTS = ("shaft_effort", "gate_effort")
 SPEEDS = ("speed_mps", "wheel_speed_mps", "speed_used_mps")
 
 # What the quantity can be on any machine of this kind; wide on purpose.
@@ -87,6 +91,7 @@ PLAUSIBLE = {
     "shaft_rpm": (-1e5, 1e5), "opening_mm_cmd": (-50.0, 500.0), "opening_mm": (-50.0, 500.0),
     "hopper_kg": (-500.0, 50_000.0), "flow_trim": (0.0, 10.0), "supply_v": (0.0, 60.0),
     "applied_rate_kg_ha": (0.0, 20_000.0), "lag_s": (0.0, 60.0), "lag_m": (-100.0, 500.0),
+    **dict.fromkeys(EFFORTS, (-1000.0, 1000.0)),
 }
 
 # As sent or as decided: the shortest text that reads back as the same number.
@@ -98,4 +103,5 @@ DECIMALS = {
     "speed_mps": 4, "wheel_speed_mps": 4, "speed_used_mps": 4,
     **dict.fromkeys((*HEAD_COLUMNS, *NDRE_COLUMNS), 4), "ndvi": 5, "ndre": 5,
     "shaft_rpm": 3, "opening_mm": 3, "hopper_kg": 3, "supply_v": 3, "applied_rate_kg_ha": 3, "lag_s": 4, "lag_m": 4,
+    **dict.fromkeys(EFFORTS, 3),
 }

@@ -70,6 +70,8 @@ class Measurements(NamedTuple):
     speed_told: SpeedPlan | None = None          # newest
     canopy_index: str = "ndvi"                   # that the heads give: ndvi or ndre
     valves: ValvesSeen | None = None             # None: no valves, or a board that does not tell
+    shaft_effort: Reading | None = None          # how hard the drive works, in the machine file's unit
+    gate_effort: Reading | None = None
 
 
 class SpeedPlan(NamedTuple):
@@ -130,7 +132,8 @@ def is_fresh(time_s: float, now_s: float, holds_s: float) -> bool:
 POSSIBLE: dict[str, tuple[float, float]] = {
     "wheel_speed_mps": (-100.0, 100.0), "shaft_rpm": (-10_000.0, 10_000.0), "opening_mm": (-1_000.0, 10_000.0),
     "hopper_kg": (-100_000.0, 100_000.0), "supply_v": (-1_000.0, 1_000.0), "pitch_deg": (-180.0, 180.0),
-    "roll_deg": (-180.0, 180.0)}
+    "roll_deg": (-180.0, 180.0),
+    "shaft_effort": (-1_000.0, 1_000.0), "gate_effort": (-1_000.0, 1_000.0)}
 POSSIBLE_NDVI = (-100.0, 100.0)
 _OF_A_FIX = ("hdop", "speed_mps", "heading_deg")
 

@@ -18,6 +18,7 @@ from drivers.devices.lag_rig import LagRig, RigReadings
 from drivers.devices.lines import Counts
 from drivers.devices.point_dose import Dose
 from drivers.devices.rate_module import ModuleAddress, RateModule
+from drivers.devices.rate_module_frames import FULL_PWM
 from drivers.devices.slave_board import BoardReadings, SetPointLimits, SlaveBoard
 from drivers.devices.tractor_speed import TractorSpeedDecoder
 from drivers.devices.wheel import WheelGeometry
@@ -273,7 +274,7 @@ class Cab:
             self._valves_seen = readings.valves
             for name in BOARD_READINGS:
                 value = getattr(readings, name)
-                if value is not None and not (name == "shaft_rpm" and self._module is not None):
+                if value is not None and not (name in ("shaft_rpm", "shaft_effort") and self._module is not None):
                     self._readings[name] = value
         board.dose.look(now_s)
         line.note(readings.time_s for readings in accepted)
@@ -285,7 +286,8 @@ class Cab:
         line.note(readings.time_s for readings in accepted)
 
 
-BOARD_READINGS = ("wheel_speed_mps", "shaft_rpm", "opening_mm", "hopper_kg", "supply_v", "pitch_deg", "roll_deg")
+BOARD_READINGS = ("wheel_speed_mps", "shaft_rpm", "opening_mm", "hopper_kg", "supply_v", "pitch_deg", "roll_deg",
+                  "shaft_effort", "gate_effort")
 SWITCH_SILENT_S = 0.5
 DOSE_WAITS_S = 0.1          # for the board to be done with the dose before
 FOLLOWS_WITHIN_S = 0.3      # from the first enable 1 to a status line that says so
@@ -341,6 +343,7 @@ class _Module:
         for readings in accepted:
             if readings.shaft_rpm is not None:
                 found["shaft_rpm"] = readings.shaft_rpm
+                found["shaft_effort"] = Reading(100.0 * abs(readings.pwm) / FULL_PWM, readings.time_s)
                 if self._fixed_opening_mm is not None:
                     found["opening_mm"] = Reading(self._fixed_opening_mm, readings.time_s)
         self.line.note(readings.time_s for readings in accepted)

@@ -67,6 +67,8 @@ CHANNELS = (
     TrendChannel("pitch_deg", N_("pitch"), _DEGREES, "tilt"),
     TrendChannel("roll_deg", N_("roll"), _DEGREES, "tilt"),
     TrendChannel("supply_v", N_("supply"), _plain("V", 2)),
+    TrendChannel("shaft_effort", N_("effort of the shaft"), _plain("", 1), "effort"),
+    TrendChannel("gate_effort", N_("effort of the gate"), _plain("", 1), "effort"),
     TrendChannel("work_switch", N_("work switch"), _COUNT),
     TrendChannel("fix_quality", N_("GNSS fix quality"), _COUNT),
     TrendChannel("satellites", N_("satellites"), _COUNT),

@@ -46,6 +46,8 @@ def log_row(started_s: float, moment: Moment, *, decision: TickDecision, metered
         work_switch=None if m.work_switch is None else int(m.work_switch),
         alarms=";".join([alarm.id for alarm in verdict.alarms]) or None, events=";".join(events) or None,
         speed_told=speed_told,
+        shaft_effort=_fresh(m.shaft_effort, now_s, HOLDS_S["shaft_effort"]),
+        gate_effort=_fresh(m.gate_effort, now_s, HOLDS_S["gate_effort"]),
         ndre_1=ndre[0], ndre_2=ndre[1], ndre_3=ndre[2], ndre_4=ndre[3], ndre_5=ndre[4], ndre_6=ndre[5], ndre=ndre[6],
         sections_cmd=";".join([str(int(on)) for on in command.valves]) or None)
 

@@ -31,7 +31,9 @@ class Measuring:
             t, s.gnss or self._now.gnss, Reading(s.wheel_mps, t), ndvi, Reading(s.shaft_rpm, t),
             Reading(s.opening_mm, t), Reading(s.hopper_kg, t), Reading(s.supply_v, t), Reading(s.pitch_deg, t),
             Reading(s.roll_deg, t), s.work_switch, plants=s.plants, speed_told=s.speed_told or self._now.speed_told,
-            canopy_index=s.canopy_index, valves=None if s.valves_open is None else ValvesSeen(t, s.valves_open))
+            canopy_index=s.canopy_index, valves=None if s.valves_open is None else ValvesSeen(t, s.valves_open),
+            shaft_effort=None if s.shaft_effort is None else Reading(s.shaft_effort, t),
+            gate_effort=None if s.gate_effort is None else Reading(s.gate_effort, t))
         return self._now
 
 

@@ -60,6 +60,8 @@ class SensorReadings(NamedTuple):
     speed_told: SpeedPlan | None = None     # by the tractor in this step
     canopy_index: str = "ndvi"              # that the heads give
     valves_open: tuple[bool, ...] | None = None     # of the sections, by their own switches; None: no valves
+    shaft_effort: float | None = None       # None: the drive tells none
+    gate_effort: float | None = None
 
 
 class Truth(NamedTuple):

@@ -18,6 +18,9 @@ SCALE_FITTED = TILT_FITTED = True
 VALVE_PINS: "tuple[int, ...]" = ()      # of the sections' drivers, left to right, e.g. (16, 17, 18); 1 opens
 TILT_US = 50000
 VOLTS_PER_COUNT = 3.3 / 65535.0 * 11.0  # supply over 100 kOhm and 10 kOhm
+EFFORT_FITTED = False                   # the shaft driver's current-sense output, 0 to 3.3 V over the converter's range
+AMPS_PER_COUNT = 30.0 / 65535.0         # calibrate with an ammeter
+EFFORT_SHARE = 0.1                      # of each reading: some 10 ms, so that the driver's switching is no noise
 
 
 class Rp2Pins(Board, Pins):
@@ -37,6 +40,8 @@ class Rp2Pins(Board, Pins):
         self._valve_pins = [machine.Pin(pin, machine.Pin.OUT, value=0) for pin in VALVE_PINS]
         self._opening = machine.ADC(26)
         self._supply = machine.ADC(27)
+        self._current = machine.ADC(28)
+        self._amps = 0.0
         self._counts = self._pulses = self._pulse_us = 0
         self._newest = 0, 0
         self._shaft_a.irq(self._on_shaft, machine.Pin.IRQ_RISING | machine.Pin.IRQ_FALLING, hard=True)
@@ -89,6 +94,9 @@ class Rp2Pins(Board, Pins):
     def supply_v(self) -> "float | None":
         return float(self._supply.read_u16() * VOLTS_PER_COUNT)
 
+    def shaft_effort(self) -> "float | None":
+        return self._amps if EFFORT_FITTED else None
+
     def hopper_kg(self) -> "float | None":
         return self._scale.kg if self._scale else None
 
@@ -99,7 +107,8 @@ class Rp2Pins(Board, Pins):
         return self._tilt.roll_deg if self._tilt else None
 
     def look(self, now_us: int) -> None:
-        """Fetch what scale and inclination have; every round."""
+        """Fetch what scale, inclination and the current sensor have; every round."""
+        self._amps += EFFORT_SHARE * (self._current.read_u16() * AMPS_PER_COUNT - self._amps)
         if self._scale:
             self._scale.look()
         if self._tilt and now_us - self._tilt_us >= TILT_US:

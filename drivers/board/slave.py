@@ -14,6 +14,7 @@
     driver_fault() -> bool
     wheel() -> (pulses, us)         count, and the board's clock at the newest pulse
     hopper_kg(), supply_v(), pitch_deg(), roll_deg() -> float or None
+    shaft_effort(), gate_effort() -> float or None      how hard each drive works: % of full duty, A or N m
     work_switch() -> bool or None
     valves(mask)                    of the sections: bit 0 the leftmost, 1 open; called when it changes
     valves_open() -> int or None    the same as their own switches tell, None where they have none
@@ -106,6 +107,12 @@ class Pins:
         return None
 
     def roll_deg(self) -> "float | None":
+        return None
+
+    def shaft_effort(self) -> "float | None":
+        return None
+
+    def gate_effort(self) -> "float | None":
         return None
 
     def work_switch(self) -> "bool | None":
@@ -304,15 +311,20 @@ class Slave:
         flags |= DRIVER_FAULT * bool(pins.driver_fault()) | STEPS_LOST * self._gate.lost
         flags |= HOMING * (self.enabled and not self._gate.homed) | OLD_ORDER * (now_us < self._old_order_until_us)
         flags |= WORD_UNUSED * (self._newest.word is not None and not self._newest.used)
+        name, more = ("S1", "") if valves is None else ("S2", f",{valves}")
+        shaft_effort, gate_effort = pins.shaft_effort(), pins.gate_effort()
+        if shaft_effort is not None or gate_effort is not None:
+            name, more = "S3", (more or ",") + "," + decimal(shaft_effort, 0.0, 1000.0) + "," + decimal(
+                gate_effort, 0.0, 1000.0)
         return seal(",".join((
-            "S1" if valves is None else "S2", str(self._next_seq()), str(max(self._newest.last, 0) % SEQUENCES),
+            name, str(self._next_seq()), str(max(self._newest.last, 0) % SEQUENCES),
             str(now_us % WRAP),
             str(pulses % WRAP), str(pulse_us % WRAP), decimal(self.shaft_rpm, -10.0, 400.0) or "0.000",
             decimal(self._gate.reckoned_mm if sensor_mm is None else sensor_mm, -10.0, 110.0) or "0.000",
             decimal(pins.hopper_kg(), -100.0, 5000.0), decimal(pins.supply_v(), 0.0, 60.0),
             decimal(pins.pitch_deg(), -60.0, 60.0), decimal(pins.roll_deg(), -60.0, 60.0),
             "" if switch is None else str(int(switch)),
-            str(int(flags)) if valves is None else f"{int(flags)},{valves}")))
+            f"{int(flags)}{more}")))
 
     def _next_seq(self) -> int:
         seq, self._status_seq = self._status_seq, (self._status_seq + 1) % SEQUENCES

@@ -13,6 +13,7 @@ from typing import NamedTuple
 VERSION = 1
 COMMAND, STATUS = f"T{VERSION}", f"S{VERSION}"
 STATUS_VALVES = "S2"            # the same with how the sections' valves stand, from a board whose valves have switches
+STATUS_EFFORT = "S3"            # both, valves empty where it has none, and how hard shaft and gate work
 COMMAND_VALVES = "T2"          # the same with the sections' valves; a board without them does not obey it
 COMMAND_WORD = "T3"            # both, with the board's word: what was recorded under another one is old
 WORD = "W1"                     # the board's word, in answer to ASK
@@ -41,6 +42,7 @@ STATUS_RANGES: dict[str, tuple[float, float]] = {
     "roll_deg": (-60.0, 60.0),
 }
 MEASURED = tuple(STATUS_RANGES)
+EFFORT = (0.0, 1000.0)          # % of full duty, A or N m: as the machine file says
 
 _CRC = re.compile(r"[0-9A-Fa-f]{4}")
 _NUMBER = re.compile(r"-?\d{1,6}(\.\d{1,6})?")
@@ -80,6 +82,8 @@ class StatusFrame(NamedTuple):
     work_switch: bool | None = None
     flags: int = 0
     valves_open: int | None = None      # bit 0 the leftmost section, 1 open
+    shaft_effort: float | None = None
+    gate_effort: float | None = None
 
 
 def crc16(payload: bytes) -> int:
@@ -139,7 +143,10 @@ def encode_status(frame: StatusFrame) -> bytes:
     """The line with its CRC and line end; an optional value that is not finite is sent as not fitted."""
     values = [_text(getattr(frame, name)) for name in MEASURED]
     switch = "" if frame.work_switch is None else f"{frame.work_switch:d}"
-    name, more = (STATUS, []) if frame.valves_open is None else (STATUS_VALVES, [str(frame.valves_open)])
+    valves, efforts = frame.valves_open, (frame.shaft_effort, frame.gate_effort)
+    name, more = (STATUS, []) if valves is None else (STATUS_VALVES, [str(valves)])
+    if efforts != (None, None):
+        name, more = STATUS_EFFORT, ["" if valves is None else str(valves), *map(_text, efforts)]
     return _seal(",".join([name, str(frame.seq % SEQUENCES), str(frame.echo % SEQUENCES),
                            str(frame.micros % COUNTERS), str(frame.pulses % COUNTERS),
                            str(frame.pulse_micros % COUNTERS), *values, switch, str(frame.flags), *more]))
@@ -159,8 +166,8 @@ def decode_command(frame: bytes) -> CommandFrame:
 
 def decode_status(frame: bytes) -> StatusFrame:
     """A frame as received, without `$` and line end. Raises `BadFrame` with its kind."""
-    valved = frame.startswith(STATUS_VALVES.encode())
-    fields = open_frame(frame, STATUS_VALVES if valved else STATUS, 14 if valved else 13)
+    name = next((name for name in (STATUS_VALVES, STATUS_EFFORT) if frame.startswith(name.encode())), STATUS)
+    fields = open_frame(frame, name, {STATUS: 13, STATUS_VALVES: 14, STATUS_EFFORT: 16}[name])
     seq, echo = (whole(text, SEQUENCES - 1) for text in fields[:2])
     micros, pulses, pulse_micros = (whole(text, COUNTERS - 1) for text in fields[2:5])
     shaft_rpm = plain_number(fields[5], *STATUS_RANGES["shaft_rpm"])
@@ -169,9 +176,11 @@ def decode_status(frame: bytes) -> StatusFrame:
               for name, text in zip(MEASURED[2:], fields[7:11], strict=True)]
     hopper_kg, supply_v, pitch_deg, roll_deg = fitted
     work_switch = bool(whole(fields[11], 1)) if fields[11] else None
+    valved = name == STATUS_VALVES or (name == STATUS_EFFORT and fields[13] != "")
     return StatusFrame(seq, echo, micros, pulses, pulse_micros, shaft_rpm, opening_mm, hopper_kg, supply_v,
                        pitch_deg, roll_deg, work_switch, whole(fields[12], 255),
-                       whole(fields[13], (1 << MOST_VALVES) - 1) if valved else None)
+                       whole(fields[13], (1 << MOST_VALVES) - 1) if valved else None,
+                       *(plain_number(text, *EFFORT) if text else None for text in fields[14:]))
 
 
 def _seal(payload: str) -> bytes:

@@ -77,7 +77,8 @@ def _head_record(sample: HeadSample) -> Record:
 
 
 def _board_record(readings: BoardReadings) -> Record:
-    names = ("wheel_speed_mps", "pitch_deg", "roll_deg", "shaft_rpm", "opening_mm", "hopper_kg", "supply_v")
+    names = ("wheel_speed_mps", "pitch_deg", "roll_deg", "shaft_rpm", "opening_mm", "hopper_kg", "supply_v",
+             "shaft_effort", "gate_effort")
     record: Record = {name: value.value if (value := getattr(readings, name)) is not None else None for name in names}
     record["work_switch"] = None if readings.work_switch is None else int(readings.work_switch)
     return record

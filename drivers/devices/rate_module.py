@@ -46,7 +46,7 @@ class ModuleReadings(NamedTuple):
     time_s: float
     shaft_rpm: Reading | None
     turns: float                # of the shaft since the first status
-    pwm: int
+    pwm: int                    # of FULL_PWM, either way: how hard it works
     hears_us: bool
     bin_empty: bool
 

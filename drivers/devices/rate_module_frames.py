@@ -11,6 +11,7 @@ TARGET, RELAYS, SETTINGS = 32500, 32501, 32502              # to the module
 STATUS, BOARD, TRACE, LABEL = 32400, 32401, 32402, 32403    # from the module
 LENGTHS = {TARGET: 14, RELAYS: 11, SETTINGS: 24, STATUS: 15, BOARD: 15, TRACE: 26, LABEL: 20}
 U24 = 1 << 24
+FULL_PWM = 255              # either way
 NO_FLOW_MASTER = 255
 
 CONTROL_TYPES = ("valve", "combo_close", "motor", "motor_weights", "fan", "timed")
@@ -123,8 +124,8 @@ def encode_target(target: FlowTarget) -> bytes:
     for flag, mask in ((target.reset_quantity, RESET_QUANTITY), (target.master_on, MASTER_ON), (target.auto, AUTO),
                        (target.log_pid, LOG_PID)):
         command |= mask * flag
-    if not -255 <= target.manual_pwm <= 255:
-        raise ValueError(f"rate module: manual_pwm {target.manual_pwm}, allowed is -255 to 255")
+    if not -FULL_PWM <= target.manual_pwm <= FULL_PWM:
+        raise ValueError(f"rate module: manual_pwm {target.manual_pwm}, allowed is -{FULL_PWM} to {FULL_PWM}")
     return seal(TARGET, bytes([_address(target.module, target.sensor)])
                 + thousandths("units_per_min", target.units_per_min)
                 + thousandths("pulses_per_unit", target.pulses_per_unit)

@@ -63,6 +63,8 @@ class BoardReadings(NamedTuple):
     homing: bool = False
     valves: ValvesSeen | None = None
     old_order: bool = False
+    shaft_effort: Reading | None = None
+    gate_effort: Reading | None = None
 
 
 class SlaveBoard(LineDecoder[BoardReadings]):
@@ -173,4 +175,4 @@ class SlaveBoard(LineDecoder[BoardReadings]):
             bool(status.flags & FLAG_HEARTBEAT_LOST), bool(status.flags & FLAG_DRIVER_FAULT),
             bool(status.flags & FLAG_STEPS_LOST), bool(status.flags & FLAG_HOMING),
             None if status.valves_open is None else ValvesSeen(time_s, valves_of(status.valves_open)),
-            bool(status.flags & FLAG_OLD_ORDER))
+            bool(status.flags & FLAG_OLD_ORDER), reading(status.shaft_effort), reading(status.gate_effort))

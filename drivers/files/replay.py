@@ -24,7 +24,8 @@ from drivers.files.read_log import RunLog
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-SENSORS = ("wheel_speed_mps", "shaft_rpm", "opening_mm", "hopper_kg", "supply_v", "pitch_deg", "roll_deg")
+SENSORS = ("wheel_speed_mps", "shaft_rpm", "opening_mm", "hopper_kg", "supply_v", "pitch_deg", "roll_deg",
+           "shaft_effort", "gate_effort")
 
 _GNSS = ("fix_quality", "satellites", "hdop", "speed_mps", "heading_deg")
 
@@ -54,10 +55,10 @@ def measurements(log: RunLog) -> Iterator[Measurements]:
     announced: SpeedPlan | None = None
     for at_s, fix, ndvi, held, work, text in zip(time_s, fixes, zip(*heads, strict=True), zip(*sensors, strict=True),
                                                  switch, log.texts("speed_told").tolist(), strict=True):
-        wheel_mps, shaft, opening, hopper, supply, pitch, roll = held
+        wheel_mps, shaft, opening, hopper, supply, pitch, roll, *efforts = held
         announced = (announced_of(text, at_s) if text else None) or announced
         yield Measurements(at_s, fix, wheel_mps, ndvi, shaft, opening, hopper, supply, pitch, roll, work,
-                           speed_told=announced, canopy_index=index)
+                           speed_told=announced, canopy_index=index, shaft_effort=efforts[0], gate_effort=efforts[1])
 
 
 def _speed_stands_for_wheel(log: RunLog) -> bool:

@@ -105,7 +105,8 @@ class VirtualBoard:
             self._status_seq, max(self._newest.last, 0) % SEQUENCES, round(sensed.time_s * 1e6), self._pulses,
             round(self._pulse_s * 1e6), sensed.shaft_rpm, sensed.opening_mm, sensed.hopper_kg, sensed.supply_v,
             sensed.pitch_deg, sensed.roll_deg, sensed.work_switch, flags,
-            None if switches is None else valves_mask(switches)))
+            None if switches is None else valves_mask(switches), getattr(sensed, "shaft_effort", None),
+            getattr(sensed, "gate_effort", None)))
         self._status_seq += 1
         report = self._doses.report(self._status_seq, now_s)
         self._status_seq += 1 if report else 0

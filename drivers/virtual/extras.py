@@ -8,6 +8,7 @@ from control.readings import DriveCommand, GnssFix
 from drivers.datagrams import Datagrams
 from drivers.devices.agopengps import DRIVE, HEAD, POSITION
 from drivers.devices.rate_module_frames import (
+    FULL_PWM,
     MOST_RELAYS,
     BadDatagram,
     BoardLabel,
@@ -125,12 +126,14 @@ class VirtualRateModule:
         if begin_s < self._next_status_s:
             return
         self._next_status_s = begin_s + STATUS_EVERY_S - 1e-6
+        effort = getattr(sensed, "shaft_effort", None)       # of a plant whose drive tells how hard it works, in %
+        pwm = 2.5 * self.shaft_rpm(begin_s) if effort is None else FULL_PWM * effort / 100.0
         if begin_s >= self._next_label_s:
             self._next_label_s = begin_s + LABEL_EVERY_S - 1e-6
             self._port.write(encode_label(self._label))
         self._port.write(encode_status(Status(
             self._module, self._sensor, min(units_per_min, 16777.0), self._quantity,
-            min(255, round(2.5 * self.shaft_rpm(begin_s))), self._hears(begin_s), False, min(pulse_hz, 6553.0))))
+            min(FULL_PWM, round(pwm)), self._hears(begin_s), False, min(pulse_hz, 6553.0))))
         self._port.write(encode_board(BoardStatus(self._module, 0, 0.0, sensed.wheel_pulses, 1, FIRMWARE,
                                                   bool(sensed.work_switch), True, True, False)))
 

@@ -29,6 +29,7 @@ class Machine(Pins):
         self.rpm_per_duty, self.time_constant_s = rpm_per_duty, time_constant_s
         self.valve_mask = -1            # as the pins were told
         self.valve_switches = None      # what they tell; None: there are none
+        self.effort = None              # of the shaft
         self.words = words              # one for each renewal; none: a board without
 
     def pass_time(self, us):
@@ -77,6 +78,9 @@ class Machine(Pins):
 
     def supply_v(self):
         return 13.5
+
+    def shaft_effort(self):
+        return self.effort
 
     def valves(self, mask):
         self.valve_mask = mask
@@ -203,13 +207,13 @@ def valves():
 
 
 def valve_switches():
-    """Name and last field of the newest status frame: of a board without switches, of one whose valves 1 and 3 are
-    open, of one whose valves are all closed."""
+    """Name and last fields of the newest status frame: of a board without switches, of one whose valves 1 and 3 are
+    open, of one whose valves are all closed; of one without that measures how hard the shaft works."""
     bench, found = Bench(), []
-    for bench.machine.valve_switches in (None, 5, 0):
+    for bench.machine.valve_switches, bench.machine.effort in ((None, None), (5, None), (0, None), (None, 41.5)):
         bench.run(0.1)
         fields = bench.machine.sent[-1].split(b"*")[0].split(b",")
-        found.append([fields[0].decode(), len(fields), fields[-1].decode()])
+        found.append([fields[0].decode(), len(fields), b",".join(fields[13:]).decode()])
     return found
 
 

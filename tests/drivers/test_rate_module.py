@@ -162,6 +162,7 @@ def test_the_module_turns_the_shaft_and_tells_it(plugged, clock):
     assert speeds[-1] == 60.0
     assert m.shaft_rpm.value == pytest.approx(60.0, abs=0.01) and clock.now_s - m.shaft_rpm.time_s <= 0.2
     assert (m.opening_mm.value, m.opening_mm.time_s) == (25.0, m.shaft_rpm.time_s), "as fresh as the module's news"
+    assert m.shaft_effort == (pytest.approx(100.0 * 150 / 255), m.shaft_rpm.time_s), "% of full duty"
     _, speeds = steps(plugged, clock, 0.1, DriveCommand(60.0, 25.0), False)
     assert speeds[-1] == 0.0
 

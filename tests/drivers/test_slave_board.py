@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from control.readings import DriveCommand
-from drivers.devices.board_frames import CommandFrame, StatusFrame, crc16, encode_command, encode_status
+from drivers.devices.board_frames import CommandFrame, StatusFrame, crc16, decode_status, encode_command, encode_status
 from drivers.devices.slave_board import SetPointLimits, SlaveBoard
 from drivers.virtual.board import VirtualBoard
 
@@ -48,6 +48,19 @@ def test_what_is_not_fitted_is_none(board_line):
     assert [getattr(readings, name) for name in optional] == [None] * 5
 
 
+@pytest.mark.parametrize(("fields", "found"), [
+    (",,41.500,", (None, 41.5, None)), (",5,41.500,0.750", (5, 41.5, 0.75)), (",0,,0.750", (0, None, 0.75))])
+def test_how_hard_the_drives_work_is_told_by_a_board_that_measures_it(board_line, fields, found):
+    names = ("valves_open", "shaft_effort", "gate_effort")
+    line = board_line(status(7, name="S3") + fields)
+    frame = decode_status(line[1:].strip())
+    assert tuple(getattr(frame, name) for name in names) == found and encode_status(frame) == line
+    readings, = SlaveBoard().feed(line, 5.0)
+    assert (readings.shaft_effort, readings.gate_effort) == tuple(
+        None if value is None else (value, 5.0) for value in found[1:])
+    assert SlaveBoard().feed(board_line(status(8, name="S3") + ",,1000.5,"), 5.0) == []
+
+
 def test_how_the_valves_stand_is_told_by_a_board_that_knows(board_line):
     frame = StatusFrame(7, 41, 1_000_000, 8, 990_000, 69.9, 24.98, 250.05, 13.48, 1.5, -0.25, True, 1, valves_open=5)
     line = board_line(status(7, name="S2") + ",5")
@@ -74,7 +87,7 @@ def test_flags(board_line):
     (status(8, micros="4294967296"), "out_of_range"), (status(8, shaft=""), "not_a_number"),
     (status(8, shaft="nan"), "not_a_number"), (status(8, shaft="1e1"), "not_a_number"),
     (status(8, seq="-1"), "not_a_number"), (status(8, flags="1,1"), "wrong_length"), ("S1,8", "wrong_length"),
-    (status(8, name="S3"), "unknown_frame"), (status(7), "repeated_sequence"), (status(3), "repeated_sequence"),
+    (status(8, name="S4"), "unknown_frame"), (status(7), "repeated_sequence"), (status(3), "repeated_sequence"),
 ])
 def test_wrong_frames_are_rejected_and_named(board_line, payload, kind):
     board = SlaveBoard()

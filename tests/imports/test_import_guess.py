@@ -98,7 +98,9 @@ def test_a_unit_by_the_distance_between_the_places(written: Callable[..., Path])
 @pytest.mark.parametrize(("header", "subject"), [
     ("Engine speed [rpm]", None), ("PTO speed (rpm)", None), ("Motordrehzahl [U/min]", None),
     ("发动机转速（r/min）", None),
-    ("Wheel speed [rpm]", None), ("Motor torque [Nm]", None), ("Tank pressure [bar]", None), ("Wind speed [m/s]", None),
+    ("Wheel speed [rpm]", None), ("Motor torque [Nm]", "effort"), ("Engine torque [Nm]", None),
+    ("Motorstrom [A]", "effort"), ("current", "effort"), ("排肥电机电流 [mA]", "effort"), ("gate_current", "effort"),
+    ("current_speed_kmh", "speed"), ("engine current", None), ("Tank pressure [bar]", None), ("Wind speed [m/s]", None),
     ("Acceleration", None), ("Sample rate", None), ("Arbeitsbreite [m]", "working width"), ("Geschwindigkeit", "speed"),
     ("Dosierwelle Drehzahl", "shaft"), ("Roller", "shaft"), ("Roll [deg]", "roll"), ("leftSpeedRpm", "shaft"),
     ("排肥轴转速(r/min)", "shaft"), ("Ausbringmenge Soll kg/ha", "rate"), ("作业状态", "work"),

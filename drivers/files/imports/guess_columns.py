@@ -6,7 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from control.log_row import COLUMNS, PLAUSIBLE, TEXT_COLUMNS
+from control.log_row import COLUMNS, EFFORTS, PLAUSIBLE, TEXT_COLUMNS
 from control.recordings.speeds import FAST_MPS, MOVING_MPS
 from drivers.files.imports import physics
 from drivers.files.imports.convert import extra_name
@@ -31,6 +31,7 @@ from drivers.files.imports.words import (
 TOO_FAST = 60.0                 # no machine drives so fast in any unit of speed: it is a rotation
 SHAPEFILE_NAME = 10             # letters that a shapefile leaves of a name
 DEGREES = ("latitude", "longitude", "heading")      # their unit needs no word
+EFFORT_UNITS = {"%": 1.0, "A": 1.0, "mA": 0.001, "Nm": 1.0}      # kept as they are: the machine file names its own
 IN_RPM = ("rpm", "drehzahl", "转速")                 # words that are units by themselves
 
 
@@ -38,7 +39,18 @@ def candidates_of(raw: RawTable, used: Iterable[str | None]) -> list[ColumnCandi
     """The columns that may be some column of the log, but for those in use."""
     found = [one for name in raw.names if name not in set(used) and (one := _candidate(raw, name)) is not None]
     _tell_roles(found)
+    _tell_efforts(raw, used, found)
     return found + _commands_by_name(raw, used, found)
+
+
+def _tell_efforts(raw: RawTable, used: Iterable[str | None], found: list[ColumnCandidate]) -> None:
+    """A duty cycle next to a command that is none is no command: it is how hard the drive works."""
+    duties = [name for name in raw.names if name not in set(used) and says(folded(named(name)[0]), RAW_COMMAND)]
+    commands = [one for one in found if one.target == "shaft_rpm_cmd" and one.source not in duties]
+    if len(duties) == 1 and commands and not any(one.target == "shaft_effort" for one in found):
+        unit = unit_named(raw.units[duties[0]]) if duties[0] in raw.units else None
+        found[:] = [one for one in found if one.source != duties[0]]
+        found.append(ColumnCandidate(duties[0], "shaft_effort", unit, True, "reading", values=_values(raw, duties[0])))
 
 
 def _commands_by_name(raw: RawTable, used: Iterable[str | None], found: list[ColumnCandidate]) -> list[ColumnCandidate]:
@@ -68,7 +80,8 @@ def _candidate(raw: RawTable, name: str) -> ColumnCandidate | None:
     subject = subject_of(plain, unit.quantity if unit else None)
     if unit is not None and _no_unit(name, subject, unit, plain):
         subject, unit = subject_of(plain, None), None
-    if subject is None or not subject.reading or subject.id == "work":
+    if subject is None or not subject.reading or subject.id == "work" or (
+            subject.reading in EFFORTS and unit is not None and unit.name not in EFFORT_UNITS):
         return None
     role = "command" if says(plain, COMMAND) else "reading" if says(plain, READING) else ""
     if says(plain, READING) and says(plain, COMMAND) and not says(plain, RAW_COMMAND):
@@ -159,7 +172,7 @@ def column_of(one: ColumnCandidate, out: Guess) -> Column | None:
     if one.exact or one.target in TEXT_COLUMNS:
         out.reasons[key] = "the log's own name"
         return Column.of(one.source, missing=_missing(one))
-    if one.unit is None:
+    if one.unit is None or one.target in EFFORTS:
         return _without_unit(one, quantity, out)
     out.reasons[key] = "name and unit of the header"
     if one.unit.quantity == quantity or (quantity is None and one.unit.name == "%"):
@@ -205,7 +218,8 @@ def _without_unit(one: ColumnCandidate, quantity: str | None, out: Guess) -> Col
     missing = _missing(one)
     if one.implied or quantity is None:
         out.reasons[key] = "the name"
-        return Column.of(one.source, missing=missing)
+        scale = 1.0 if one.unit is None else EFFORT_UNITS.get(one.unit.name, 1.0)
+        return Column.of(one.source, missing=missing).model_copy(update={} if scale == 1.0 else {"scale": scale})
     known = one.values[np.isfinite(one.values) & ~np.isin(one.values, missing)]
     unit = _log_unit(one)
     if quantity == "voltage":

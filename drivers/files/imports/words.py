@@ -60,7 +60,7 @@ SUBJECTS = (
         "temp pressure druck applied target yield ertrag crop total =n =rate ^rate apprate accel =acc ^beschl 加速"),
             quantities=("mass",)),      # the g of an acceleration is no gram
     Subject("gate", (_words("opening =gate schieber offnung 开度 闸门 =flap klappe slide aperture ouverture"),),
-            "opening_mm", "opening_mm_cmd", never=_words("time zeit")),
+            "opening_mm", "opening_mm_cmd", never=_words("time zeit =current strom =amps 电流 torque 扭矩 effort")),
     Subject("rate", (_words("=rate ^rate targetrat tgtrat controlrat appliedrat applrat =apprate =rt ausbring =dose "
                             "dosis =dosi =dosagem aufwand =menge ^istmenge sollmenge zielmenge streumenge dungemenge "
                             "=gabe applied =appl =debit =taux =taxa =tasso =dawka норма 施肥量 施用量 亩用量 =dosage "
@@ -77,6 +77,12 @@ SUBJECTS = (
     Subject("work", (_words("=work working arbeit 作业 工作 =lift hubwerk =switch schalter implement section spreading "
                             "=state status travail"),), "work_switch",
             never=_words("width breite 幅宽 pressure druck time zeit hours stunden area flache temp")),
+    *(Subject("effort", (_words("current =curr strom =amps 电流 courant corriente torque =moment drehmoment 扭矩 "
+                                "couple effort"), of), effort, never=(*_OTHER_DRIVES, *_words(
+          "speed =spd rate temp pos limit max total ^session =position wheel =rad section pass target soll set")))
+      for of, effort in ((_words("opening =gate schieber 开度 闸门 =flap klappe slide"), "gate_effort"),
+                         (_words("shaft dosier metering 排肥 auger schnecke motor =drive antrieb 电机 roller spindle "
+                                 "=current =torque =curr 电流 扭矩"), "shaft_effort"))),
 )
 # What was wanted, and what was done: of rates in logs and maps alike (`wanted_or_done`), and of drives. English,
 # German, French, Spanish, Italian, Portuguese, Dutch, Polish, Russian, Chinese; Ag Leader's Rt_Tgt and Rt_Apd, Deere's
