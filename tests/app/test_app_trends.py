@@ -147,7 +147,7 @@ async def test_channels_are_taken_and_dropped(live):
         assert [plot.label for plot in plots.view.plots] == ["speed used", "rate error"]
         assert plots.view.plots[1].unit == "%"
         await pilot.press("v")
-        assert len(live.screen.choices) == 33
+        assert len(live.screen.choices) == 35
         await pilot.press("space")
         assert [order.do.value for order in live.source.orders] == ["hold"], "hold works over the list"
 
