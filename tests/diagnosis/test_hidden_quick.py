@@ -78,6 +78,9 @@ def exam() -> Any:
         def run(number: int, category: str, ids: tuple[str, ...] = ()) -> Any:
             return marked(cases.one(number, SEED, "tuning", (category,), ("run",), ids, MINUTES))
 
+        def onset(number: int, seed: int, name: str) -> Any:
+            return marked(cases.one(number, seed, "tuning", ("onset",), ("run",), (name,)))
+
         def table(number: int, category: str, kinds: tuple[str, ...] = TABLES, ids: tuple[str, ...] = ()) -> Any:
             return marked(cases.one(number, TABLES_SEED, "tuning", (category,), kinds, ids))
 
@@ -89,7 +92,8 @@ def exam() -> Any:
         nominal = importlib.import_module("hidden.nominal")
         classes = importlib.import_module("hidden.classes")
         yield SimpleNamespace(
-            run=run, table=table, sure=score.SURE, first_strong=first_strong, ids=nominal.IDS, classes=classes.CLASSES,
+            run=run, onset=onset, table=table, sure=score.SURE, first_strong=first_strong, ids=nominal.IDS,
+            classes=classes.CLASSES,
             terms=importlib.import_module("hidden.terms").CLASSES,
             on_tables=[(i, kind) for i, known in nominal.IDS.items() for kind in known.seen
                        if kind not in ("run", "weigh")],
@@ -110,6 +114,12 @@ def test_every_effect_that_a_run_can_show_and_every_class_is_asked(exam: Any) ->
     assert set(TERMS) == {c for c in exam.terms if c != "column"}
     assert {*HEALTHY, *NAMED, "column", "term"} >= set(exam.classes)
     assert {*NAMED_RIGHT, *SAID_RIGHT} == set(NAMED) - NOTHING_RIGHT, "every class has a floor that can be missed"
+
+
+def test_what_no_refit_bears_out_hides_nothing(exam: Any) -> None:
+    """A scan had one late move of the gate ahead of the home error that had begun; refitted it was nothing, and no name
+    was left."""
+    assert exam.onset(1, 90412, "gate.home_error").exact
 
 
 @pytest.mark.parametrize("group", EFFECTS)

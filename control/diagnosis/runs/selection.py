@@ -255,7 +255,7 @@ def _proposed(board: Scores, now: FittedHypothesis) -> list[EffectInstance]:
     stopped = [f for f in found if CATALOGUE[f.part.id].effect.onset_only
                and still_disobeys(search.model, now.parts, f.part)]
     steady = [f for f in found if not CATALOGUE[f.part.id].effect.onset_only][:REFITTED]
-    near = _near(board, [*steady, *_begin(board, now)])
+    near = _near(board, now, [*steady, *_begin(board, now)])
     # Where a threshold lies no scan says: the noise that nothing leaves in it hides all but the nearest.
     thresholds = [f for f in found if ROWS[f.part.id].threshold and f.part.onset_s is None and f not in near]
     # ... nor what a second time constant does, once the first is moved along: till then a dead time passes for it.
@@ -265,16 +265,23 @@ def _proposed(board: Scores, now: FittedHypothesis) -> list[EffectInstance]:
     return [as_started(f.part) for f in (*near, *thresholds, *alike, *stopped)]
 
 
-def _near(board: Scores, scanned: list[ScoreTest]) -> list[ScoreTest]:
-    """Those of a scan that may be the likeliest: near the best of their course in time by their rough odds. Courses are
-    not held against each other before a refit: a scan fits the noise of steady effects only."""
+def _near(board: Scores, now: FittedHypothesis, scanned: list[ScoreTest]) -> list[ScoreTest]:
+    """Those of a scan that may be the likeliest: near the best of their course in time by their rough odds, as far as a
+    refit bears these out: where a slope leads nowhere, the next one may be what is there. Courses are not held against
+    each other before a refit: a scan fits the noise of steady effects only."""
     courses: dict[str, list[ScoreTest]] = {}
     for one in scanned:
         courses.setdefault(course_of(one.part.onset_s, one.part.until_s, one.part.grows), []).append(one)
     found = []
     for several in courses.values():
-        best = max(board.rough(f) for f in several)
-        found += [f for f in several if board.rough(f) > max(best, 0.0) - max(REACH, REACH_SHARE * best)]
+        best = -np.inf
+        for one in sorted(several, key=board.rough, reverse=True):
+            rough = board.rough(one)
+            if rough <= max(best, 0.0) - max(REACH, REACH_SHARE * best):
+                break
+            found.append(one)
+            fitted = board.refit((*now.parts, as_started(one.part)), now)
+            best = max(best, min(rough, board.score(fitted) - board.score(now)))
     return found
 
 
@@ -374,7 +381,7 @@ def _in_its_place(board: Scores, alone: FittedHypothesis, part: EffectInstance) 
         scanned += _begin(board, alone)
     others = [f for f in scanned if not CATALOGUE[f.part.id].effect.onset_only
               and as_started(f.part)._replace(size=0.0) != part._replace(size=0.0)]
-    near = [as_started(f.part) for f in sorted(_near(board, others), key=board.rough)[-MAX_RIVALS:]]
+    near = [as_started(f.part) for f in sorted(_near(board, alone, others), key=board.rough)[-MAX_RIVALS:]]
     course = course_of(part.onset_s, part.until_s, part.grows)
     alike = [one._replace(onset_s=part.onset_s, until_s=part.until_s) for one in near if part.onset_s is not None
              and one.id != part.id and course_of(one.onset_s, one.until_s, one.grows) == course]
