@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,18 @@ from control.machine.over_log import MOST_STEP_S
 from tests.diagnosis.logs import Columns
 
 Question = Callable[[Diagnosis, Any], bool]
+
+
+@dataclass(frozen=True, eq=False)
+class Between:
+    """Equal to whatever lies between two bounds."""
+
+    low: float = -np.inf
+    high: float = np.inf
+    __array_ufunc__ = None          # a number of numpy's asks it
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, float | int) and self.low < other < self.high
 
 
 def planted(name: str, log: Callable[[], Columns], machine: Machine | str | None = None, *, exam: bool = False,
@@ -67,14 +80,36 @@ QUESTIONS: dict[str, Question] = {
     "until_s": of_causes(lambda cause: cause.until_s),
     "rivals": of_causes(lambda cause: [rival.id for rival in cause.rivals]),
     "scope": of_causes(lambda cause: cause.scope),
+    "member": of_causes(lambda cause: cause.member),
+    "probability": of_causes(lambda cause: cause.probability),
+    "all_said": lambda found, p: sum(one.probability for cause in found.causes for one in (cause, *cause.rivals)) == p,
+    "left": lambda found, some: bool(found.unexplained) and all((one.channel, one.variable) in some
+                                                                for one in found.unexplained),
+    "in_interval": lambda found, _: all(one.size.low < one.size.value < one.size.high for one in found.causes),
+    "gain_in_interval": lambda found, _: all(one.low <= one.after <= one.high for one in found.gain),
+    "gain": lambda found, share: found.gain[0].after / found.gain[0].before == share,
+    "held_out": lambda found, words: words in found.gain[0].held_out,
+    "share_left": lambda found, share: [one.explained_share for one in found.unexplained] == [share],
+    "structure_p": lambda found, p: found.channels[0].structure_p == p,
     "unexplained": lambda found, left: [(one.channel, one.variable) for one in found.unexplained] == left,
-    "first_left": lambda found, name: bool(found.unexplained) and found.unexplained[0].variable == name,
+    "first_left": lambda found, fields: bool(found.unexplained) and all(
+        getattr(found.unexplained[0], name) == value for name, value in fields.items()),
+    "variables": lambda found, names: {one.variable for one in found.unexplained} == set(names),
     "explained": lambda found, channels: not {one.channel for one in found.unexplained} & set(channels),
     "terms": lambda found, expected: forms(found) == expected,
+    "coefficients": lambda found, sizes: all(found.terms[0].term["coefficients"][name] == size
+                                             for name, size in sizes.items()),
     "over": lambda found, name: any(over == [name] for _, _, over in forms(found)),
     "channels": lambda found, names: {one.channel for one in found.channels} == set(names),
     "says": lambda found, words: all(any(word in text for text in found.findings)
                                      for word in ([words] if isinstance(words, str) else words)),
+    "says_one_of": lambda found, words: any(word in text for word in words for text in found.findings),
+    "says_of": lambda found, words: any(all(word in text for word in words) for text in found.findings),
+    "not_shown": lambda found, ids: set(ids) <= {one.id for one in found.not_shown
+                                                 if one.smallest_detectable.value is None},
+    "probabilities": lambda found, p: all(one.probability == p for one in found.causes),
+    "bias": lambda found, size: found.channels[0].bias == size,
+    "members": lambda found, ids: members(found) == set(ids),
     "never_says": lambda found, words: not any(words in text for text in found.findings),
     "rates": lambda found, many: len(found.rates) == many,
     "next_run": lambda found, words: found.next_run is not None and words in found.next_run.plan,
@@ -83,8 +118,13 @@ QUESTIONS: dict[str, Question] = {
 
 def check(found: Diagnosis, **said: Any) -> None:
     """Every question is answered as expected; and whatever is named, something can be done about it."""
-    wrong = {question: expected for question, expected in said.items() if not QUESTIONS[question](found, expected)}
+    wrong = answered_wrongly(found, said)
     assert not wrong and all(cause.advice for cause in found.causes), (wrong, found)
+
+
+def answered_wrongly(found: Diagnosis, said: Mapping[str, Any]) -> dict[str, Any]:
+    """The questions that are not answered as expected, and what was expected."""
+    return {question: expected for question, expected in said.items() if not QUESTIONS[question](found, expected)}
 
 
 def shaft_predicted(columns: Columns, machine: Machine) -> tuple[Any, Any]:

@@ -28,20 +28,15 @@ def columns(speed_mps):
             "shaft_rpm_cmd": np.full(ROWS, 50.0), "shaft_rpm": rng.normal(50.0, 0.3, ROWS)} | heads
 
 
-def test_a_machine_that_stood_shows_nothing_of_speeds_and_heads():
-    speed_mps = np.abs(np.random.default_rng(2).normal(0.0, 0.02, ROWS))
-    speed_mps[77] = 4.0                                       # an outlier of the receiver is no journey
+# An outlier of the receiver is no journey.
+@pytest.mark.parametrize(("speed_mps", "stages"), [
+    pytest.param(np.where(np.arange(ROWS) == 77, 4.0, np.abs(np.random.default_rng(2).normal(0.0, 0.02, ROWS))),
+                 ("shaft",), id="stood all the time"),
+    pytest.param(np.where(np.arange(ROWS) < 60, 1.3, 0.0), ("shaft", "speed", "heads"), id="stood for most of it")])
+def test_a_machine_that_stood_shows_nothing_of_speeds_and_heads(speed_mps, stages):
     clean = gate(columns(speed_mps))
-    assert clean.stages == ("shaft",)
-    assert any("stood all the time" in text for text in clean.findings)
-
-
-def test_a_machine_that_stood_for_most_of_it_did_move():
-    speed_mps = np.zeros(ROWS)
-    speed_mps[:60] = 1.3
-    clean = gate(columns(speed_mps))
-    assert clean.stages == ("shaft", "speed", "heads")
-    assert not any("stood" in text for text in clean.findings)
+    assert clean.stages == stages
+    assert any("stood all the time" in text for text in clean.findings) is (stages == ("shaft",))
 
 
 def test_a_shaft_that_never_turned_is_not_judged():

@@ -208,20 +208,13 @@ def test_what_is_only_suspected_is_not_said() -> None:
         assert not departure_of(diagnosis(cause(gain))).adoptable, "a scale that nothing confirms is not adopted from"
 
 
-def test_standing_still_costs_no_look() -> None:
+@pytest.mark.parametrize("state", ["held", None])
+def test_standing_still_costs_no_look_and_a_log_that_does_not_say_is_looked_at(state: str | None) -> None:
     looks: list[int] = []
-    check = LiveCheck(MACHINE, lambda *_: looks.append(1) or [], lambda *_: diagnosis())
-    columns = wheel_log(600.0)
-    columns["state"][:] = "held"
-    fed(check, columns)
-    assert not looks
-
-
-def test_a_log_that_does_not_say_whether_it_works_is_looked_at() -> None:
-    looks: list[int] = []
-    check = LiveCheck(MACHINE, lambda *_: looks.append(1) or [], lambda *_: diagnosis())
-    fed(check, {name: array for name, array in wheel_log(600.0).items() if name != "state"})
-    assert looks
+    columns = {name: array for name, array in wheel_log(600.0).items() if name != "state" or state}
+    columns |= {"state": np.full(6000, state, object)} if state else {}
+    fed(LiveCheck(MACHINE, lambda *_: looks.append(1) or [], lambda *_: diagnosis()), columns)
+    assert bool(looks) is (state is None)
 
 
 def test_rows_may_lack_a_column_and_old_ones_are_forgotten() -> None:

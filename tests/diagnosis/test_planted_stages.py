@@ -119,12 +119,6 @@ def test_an_effect_may_begin_anywhere_end_again_or_grow(of_time: Any, size: Any,
     assert (cause.until_s is None) is (until_s is None)
 
 
-def test_what_comes_and_goes_at_one_frequency_is_not_noise() -> None:
-    found = diagnose_run(off_by(lambda t: 0.05 * np.sin(2.0 * np.pi * t / 7.0)), Machine())
-    assert found.verdict == "unexplained" and found.unexplained[0].channel == "gate"
-    assert found.unexplained[0].period_s == approx(7.0, rel=0.01)
-
-
 @pytest.mark.parametrize("off_s", [-0.012, -0.006])
 def test_a_dead_time_is_found_where_moves_are_shorter_than_a_row(off_s: float) -> None:
     """Such a move has begun or is over when it is read: the likelihood has a kink, and its slope leads nowhere."""
@@ -288,6 +282,9 @@ MISSED = "speed.missed_pulses"
 @pytest.mark.parametrize(("log", "machine", "said"), [
     planted("nothing can be judged", lambda: {"time_s": np.arange(0.0, 60.0, 0.1)}, verdict="not_judged", channels=[],
             says=" "),
+    planted("what comes and goes at one frequency is not noise", partial(off_by, lambda t: 0.05 * np.sin(
+        2.0 * np.pi * t / 7.0)), verdict="unexplained",
+            first_left={"channel": "gate", "period_s": approx(7.0, rel=0.01)}),
     *(planted(f"a gate stuck {late_s} s behind a row", partial(stuck_between_rows, late_s), HUANGHAI,
               names=["gate.stuck"], onset_s=approx(300.2 + late_s, abs=0.1))
       for late_s in (0.013, 0.026, 0.039)),

@@ -2,8 +2,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,8 @@ from control.machine.compiled import term_run
 from control.machine.machine import Machine
 from control.machine.term_sums import commanded_over_log, over_log
 from control.machine.terms import Term, parse_term
-from tests.diagnosis.logs import shaft_answers, wandering
-from tests.diagnosis.planted import forms
+from tests.diagnosis.logs import Columns, shaft_answers, wandering
+from tests.diagnosis.planted import forms, found_as_planted, planted
 
 ROWS, STEP_S = 6000, 0.1
 NOMINAL = Machine()
@@ -52,11 +53,6 @@ def shaft_log(*texts: str, seed: int = 1, machine: Machine = NOMINAL, along: flo
 def diagnosed(*texts: str, seed: int = 1) -> Diagnosis:
     """What several tests look at is diagnosed once."""
     return diagnose_run(shaft_log(*texts, seed=seed), Machine())
-
-
-@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.exam) for seed in (2, 3))])
-def test_where_nothing_is_nothing_is_found(seed: int) -> None:
-    assert (diagnosed(seed=seed).verdict, diagnosed(seed=seed).terms) == ("none", ())
 
 
 @pytest.mark.parametrize(("text", "form", "over"), [
@@ -96,21 +92,6 @@ def test_sizes_are_those_that_were_planted() -> None:
 
 
 @pytest.mark.exam
-def test_a_constant_that_is_lost_of_every_command_is_no_gain() -> None:
-    found = diagnose_run(shaft_log("shaft_rpm saturation shaft_rpm slope=-1 low_end=0 high_end=2.5"), Machine())
-    assert [one.id for one in found.causes] == ["shaft.dead_zone"] and not found.terms
-    assert found.causes[0].size.low < 2.5 < found.causes[0].size.high
-
-
-def test_a_term_about_another_place_is_no_gain_beside_it() -> None:
-    """What it does on the mean is its level; the shaft runs up at the drive's limit whatever the term says."""
-    found = diagnose_run(shaft_log("shaft_percent slope roll_deg slope=-0.5 at=2"), Machine())
-    assert found.causes == ()
-    assert found.terms[0].term["coefficients"]["level"] == pytest.approx(1.0, abs=0.1)
-    assert found.terms[0].term["coefficients"]["slope"] == pytest.approx(-0.5, abs=0.03)
-
-
-@pytest.mark.exam
 def test_terms_that_are_alike_are_told_with_the_sizes_that_they_have_together() -> None:
     """The first is fitted before the second is known, and takes a part of it upon itself."""
     texts = ("shaft_percent slope roll_deg slope=0.6",
@@ -134,22 +115,6 @@ def test_where_the_shaft_stands_is_not_adopted() -> None:
                                  "coefficients": {"cycles": 1.0, "sine": 0.4, "cosine": 0.0}})
     assert not term_not_adoptable(term) and "not known" in term_not_adoptable(turned)
     assert adoptable_terms(replace(found, terms=(turned,))) == ()
-
-
-def test_a_drift_of_one_log_is_no_level_of_a_term() -> None:
-    columns = shaft_log("shaft_percent slope roll_deg slope=-0.5")
-    columns["shaft_rpm"] = columns["shaft_rpm"] + 0.4 * slow(np.random.default_rng(7), 150.0)
-    found = diagnose_run(columns, Machine())
-    assert forms(found) == [("shaft_percent", "slope", ["roll_deg"])]
-    assert found.terms[0].term["coefficients"]["level"] == 0.0
-
-
-def test_a_name_that_explains_the_same_wins() -> None:
-    machine = Machine()
-    sagging = machine.model_copy(update={"shaft": machine.shaft._replace(sag_percent_per_v=3.0)})
-    found = diagnose_run(shaft_log(machine=sagging), machine)
-    assert [cause.id for cause in found.causes] == ["shaft.voltage_sag"]
-    assert found.terms == ()
 
 
 def test_a_box_in_time_is_not_adopted() -> None:
@@ -213,11 +178,33 @@ def wheel_log(term: Any, seed: int = 1) -> dict[str, Any]:
             "pitch_deg": 1.5 * slow(rng, 6.0)}
 
 
-def test_the_wheel_may_depend_on_a_product_with_the_speed() -> None:
-    found = diagnose_run(wheel_log(lambda roll, speed: 0.05 * roll / 2.0 * (speed - 1.4) / 0.2), NOMINAL)
-    assert forms(found) == [("wheel_percent", "product", ["roll_deg", "speed_mps"])]
+def drifting() -> dict[str, Any]:
+    columns = shaft_log("shaft_percent slope roll_deg slope=-0.5")
+    return columns | {"shaft_rpm": columns["shaft_rpm"] + 0.4 * slow(np.random.default_rng(7), 150.0)}
 
 
-@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.exam) for seed in (2, 3))])
-def test_the_noise_of_the_speed_that_the_wheel_is_held_against_is_no_term(seed: int) -> None:
-    assert diagnose_run(wheel_log(lambda roll, speed: 0.0, seed), NOMINAL).terms == ()
+SAGGING = NOMINAL.model_copy(update={"shaft": NOMINAL.shaft._replace(sag_percent_per_v=3.0)})
+
+
+@pytest.mark.parametrize(("log", "machine", "said"), [
+    *(planted(f"nothing {seed}", partial(shaft_log, seed=seed), exam=seed > 1, verdict="none", terms=[])
+      for seed in (1, 2, 3)),
+    *(planted(f"the noise of the speed that the wheel is held against is no term {seed}", partial(
+        wheel_log, lambda roll, speed: 0.0, seed), exam=seed > 1, terms=[]) for seed in (1, 2, 3)),
+    planted("the wheel may depend on a product with the speed", partial(
+        wheel_log, lambda roll, speed: 0.05 * roll / 2.0 * (speed - 1.4) / 0.2),
+        terms=[("wheel_percent", "product", ["roll_deg", "speed_mps"])]),
+    planted("a constant that is lost of every command is no gain", partial(
+        shaft_log, "shaft_rpm saturation shaft_rpm slope=-1 low_end=0 high_end=2.5"), exam=True,
+        names=["shaft.dead_zone"], terms=[], covers={"shaft.dead_zone": 2.5}),
+    # What it does on the mean is its level; the shaft runs up at the drive's limit whatever the term says.
+    planted("a term about another place is no gain along with it", partial(
+        shaft_log, "shaft_percent slope roll_deg slope=-0.5 at=2"), names=[],
+        coefficients={"level": pytest.approx(1.0, abs=0.1), "slope": pytest.approx(-0.5, abs=0.03)}),
+    planted("a drift of one log is no level of a term", drifting, terms=[("shaft_percent", "slope", ["roll_deg"])],
+            coefficients={"level": 0.0}),
+    planted("a name that explains the same wins", partial(shaft_log, machine=SAGGING), names=["shaft.voltage_sag"],
+            terms=[]),
+])
+def test_what_is_planted_is_said(log: Callable[[], Columns], machine: Machine, said: Mapping[str, Any]) -> None:
+    found_as_planted(log, machine, said)

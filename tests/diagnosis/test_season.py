@@ -14,12 +14,14 @@ GRAM = np.array([[1.0, 0.6, 0.1, 0.0], [0.6, 1.0, 0.0, 0.1], [0.1, 0.0, 1.0, 0.0
 def log(rng: np.random.Generator, number: int, truth: dict[str, float], sd: float = 1.0, machine: str = "m",
         gram: np.ndarray = GRAM, **shared: str) -> OneLog:
     """A log whose sizes have errors of about `sd`."""
-    normal = gram / sd ** 2
-    truly = np.array([truth.get(name, 0.0) for name in NAMES])
-    right = normal @ truly + np.linalg.cholesky(normal) @ rng.normal(size=4)
-    return OneLog(f"{machine}{number}", machine, float(number),
-                  (QuadraticForm(NAMES, tuple(map(tuple, normal)), tuple(right)),),
-                  shared)
+    sizes = np.array([truth.get(name, 0.0) for name in NAMES])
+    return OneLog(f"{machine}{number}", machine, float(number), (form(rng, NAMES, gram / sd ** 2, sizes),), shared)
+
+
+def form(rng: np.random.Generator, names: tuple[str, ...], normal: np.ndarray, sizes: np.ndarray) -> QuadraticForm:
+    """What a log says of such sizes."""
+    right = normal @ sizes + np.linalg.cholesky(normal) @ rng.normal(size=len(sizes))
+    return QuadraticForm(names, tuple(map(tuple, normal)), tuple(right))
 
 
 def courses(logs: list[OneLog]) -> tuple[list[Course], list[Shared]]:
@@ -182,8 +184,7 @@ def test_a_scale_reads_wrong_on_a_machine_and_by_nobodys_hand() -> None:
     normal = 40.0 * np.array([[1.0, 0.99999], [0.99999, 1.0]])
     for one in season_with_operators(rng):
         truly = np.array([-2.0 * (one.shared["operator"] == "Wang"), 5.0 * (one.machine == "e")])
-        right = normal @ truly + np.linalg.cholesky(normal) @ rng.normal(size=2)
-        logs.append(one._replace(forms=(QuadraticForm(names, tuple(map(tuple, normal)), tuple(right)),)))
+        logs.append(one._replace(forms=(form(rng, names, normal, truly),)))
     fit = fitted(logs)
     (wang,) = fit.shared
     assert (wang.factor, wang.level, wang.effect, wang.alike) == ("operator", "Wang", "flow.gain", ())
@@ -196,9 +197,8 @@ def test_a_machine_called_a_scale_keeps_its_only_operators_flow_in_the_set() -> 
     """Whose it is and what it is the logs cannot tell: machine's flow, machine's scale, operator's flow."""
     rng, names = np.random.default_rng(26), ("flow.gain", "scale.gain")
     normal = 4.0 * np.array([[1.0, 0.999], [0.999, 1.0]])
-    logs = [OneLog(f"{machine}{k}", machine, float(k), (QuadraticForm(names, tuple(map(tuple, normal)), tuple(
-        normal @ [0.0, 5.0 * (machine == "a")] + np.linalg.cholesky(normal) @ rng.normal(size=2))),),
-        {"operator": f"o{machine}"}) for machine in "abc" for k in range(30)]
+    logs = [OneLog(f"{machine}{k}", machine, float(k), (form(rng, names, normal, np.array([
+        0.0, 5.0 * (machine == "a")])),), {"operator": f"o{machine}"}) for machine in "abc" for k in range(30)]
     (course,) = fitted(logs).courses
     assert course.effect == "scale.gain"
     assert {(one.factor, one.effect) for one in course.alternatives} == {
@@ -213,10 +213,10 @@ def within_tolerance(rng: np.random.Generator, logs: int, off: float, remembered
         normal = plain - np.outer(pull, pull) / (1.0 + 0.25 * plain[0, 0])      # the tolerance (0.5 %) taken out
         pulls = pull / (1.0 + 0.25 * plain[0, 0])
         noise = np.linalg.cholesky(normal - np.outer(pulls, pulls)) @ rng.normal(size=4)
-        form = QuadraticForm(NAMES, tuple(map(tuple, normal)), tuple(pulls * off + noise))
+        of_log = QuadraticForm(NAMES, tuple(map(tuple, normal)), tuple(pulls * off + noise))
         if remembered:
-            form = form._replace(open=("flow.gain_percent",), pulls=tuple((one,) for one in pulls))
-        found.append(OneLog(str(number), "m", float(number), (form,)))
+            of_log = of_log._replace(open=("flow.gain_percent",), pulls=tuple((one,) for one in pulls))
+        found.append(OneLog(str(number), "m", float(number), (of_log,)))
     return found
 
 
@@ -226,15 +226,15 @@ def test_what_is_within_a_machines_tolerance_is_no_effect_however_many_its_logs(
     assert sum(bool(one) for one in told) == 0
     forgotten = [selected(within_tolerance(rng, 50, off, remembered=False)) for off in offs]
     assert sum(bool(one) for one in forgotten) > 5          # what would be told if each log had a tolerance of its own
-    (course,), _ = courses([one._replace(forms=tuple(_shifted(form) for form in one.forms))
+    (course,), _ = courses([one._replace(forms=tuple(_shifted(of_log) for of_log in one.forms))
                             for one in within_tolerance(rng, 50, 0.0)])
     assert course.mean == pytest.approx(8.0, abs=0.4)
     assert course.mean_half == pytest.approx(1.645 * 0.5, rel=0.2)      # the tolerance: 50 logs make it no less
 
 
-def _shifted(form: QuadraticForm) -> QuadraticForm:
+def _shifted(one: QuadraticForm) -> QuadraticForm:
     """8 % of flow more."""
-    return form._replace(right=tuple(np.array(form.right) + 8.0 * np.array(form.normal)[:, 0]))
+    return one._replace(right=tuple(np.array(one.right) + 8.0 * np.array(one.normal)[:, 0]))
 
 
 def test_logs_that_tell_nothing_are_no_trouble() -> None:

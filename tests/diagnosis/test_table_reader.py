@@ -11,6 +11,7 @@ from control.machine.fall import drop_s
 from control.machine.machine import Machine
 from drivers.files.bench_table import read_bench_table
 from drivers.files.imports.trouble import TableError
+from tests.diagnosis.planted import check
 
 HEADERS = {
     "lag": "shaft_rpm,lag_s\n10,2.1\n20,2.0\n",
@@ -123,16 +124,9 @@ def rig_table(path, machine, late_s=0.0, seed=3):
     return read_bench_table(path)
 
 
-def verdict(table):
-    found = diagnose_tables([table], Machine())
-    return found.verdict, {cause.id: cause.size.value for cause in found.causes}
-
-
-def test_a_sound_machine_is_not_accused(tmp_path):
-    assert verdict(rig_table(tmp_path / "rig.csv", Machine()))[1] == {}
-
-
-def test_what_falls_late_is_still_found(tmp_path):
-    _said, causes = verdict(rig_table(tmp_path / "rig.csv", Machine(), late_s=0.15))
-    assert list(causes) == ["lag.offset"]
-    assert causes["lag.offset"] == pytest.approx(0.15, abs=0.02)
+@pytest.mark.parametrize(("late_s", "said"), [
+    pytest.param(0.0, {"names": []}, id="a sound machine is not accused"),
+    pytest.param(0.15, {"names": ["lag.offset"], "sizes": {"lag.offset": pytest.approx(0.15, abs=0.02)}},
+                 id="what falls late is still found")])
+def test_a_rig_that_counts_from_2_rpm_on(tmp_path, late_s, said):
+    check(diagnose_tables([rig_table(tmp_path / "rig.csv", Machine(), late_s)], Machine()), **said)

@@ -4,14 +4,11 @@ Everything that a log can show is a model M of a group of channels, Gaussian abo
 
     y = prediction(tolerances, sizes of M) + freedom of form of M + drift + noise
 
-Sizes, tolerances and freedom of form are columns X with normal priors of s.d. S. In the cosine domain the noise of
-neighbouring coefficients is independent and of one strength over a narrow band, so that with the weights W of the bands
-all of it is had from small matrices (`evidence`), and the sizes are integrated in closed form (Laplace):
-
-    log evidence = log likelihood at the best fit - 1/2 log det(1 + S X'WX S) + log prior of the sizes there
-
-The score of a model is its log evidence plus the logarithm of its prior odds (`prior`). That of an effect is the score
-of a model with it less that without it: its log posterior odds against nothing in its place.
+Sizes, tolerances and freedom of form are columns with normal priors. In the cosine domain the noise of neighbouring
+coefficients is independent and of one strength over a narrow band, so that all of it is had from small matrices
+(`evidence`), and the sizes are integrated in closed form (`gaussian`). The score of a model is its log evidence plus
+the logarithm of its prior odds (`prior`). That of an effect is the score of a model with it less that without it: its
+log posterior odds against nothing in its place.
 
 Noise is never quite what a model says. In frequency: the variance of each band is the fitted spectrum's times a factor
 with an inverse-gamma prior, so that the coefficients of a band follow a Student t (`noise_fit`). In time: the score of

@@ -6,14 +6,11 @@ from enum import Enum
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from . import noise as noises
+from .gaussian import Array, Gaussian, Indices, Sizes
 from .noise import Noise
 from .noise_fit import SLOWER
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 Z90 = 1.645                 # half an interval of 90 % in s.d.
 MAX_ROUNDS = 15
@@ -71,6 +68,18 @@ class Products(NamedTuple):
     gram: Array                     # (bands, 1 + p, 1 + p)
     columns: Indices                # their places in the problem's list (p,)
 
+    @property
+    def known(self) -> tuple[noises.NoisePrior, noises.Segments, float]:
+        """What is known of the channel's noise beforehand, and how it is cut."""
+        return self.channel.prior, self.channel.cut, self.channel.grid.step_s
+
+    def power(self, chosen: Indices, amplitude: Array) -> Array:
+        """Residual power by band."""
+        full = np.zeros(max(self.columns.max(initial=-1), chosen.max(initial=-1)) + 1)
+        full[chosen] = amplitude
+        vector = np.concatenate(([1.0], -full[self.columns]))
+        return np.maximum(1e-300, (self.gram @ vector) @ vector)
+
 
 class Problem(NamedTuple):
     """Everything that a likelihood needs: columns by their labels, their priors, and their products with the data."""
@@ -84,6 +93,20 @@ class Problem(NamedTuple):
     def places(self, role: Role) -> list[int]:
         """Places of the columns of one role."""
         return [k for k, label in enumerate(self.labels) if label.role is role]
+
+    def under(self, noise: Mapping[str, Noise]) -> Gaussian:
+        """All columns under a given noise, their priors left out."""
+        size = len(self.labels)
+        a, s = np.zeros((size, size)), np.zeros(size)
+        for one in self.products:
+            total = np.tensordot(1.0 / noises.variances(noise[one.channel.name], *one.known), one.gram, axes=1)
+            a[np.ix_(one.columns, one.columns)] += total[1:, 1:]
+            s[one.columns] += total[1:, 0]
+        return Gaussian(a, s)
+
+    def sizes(self, chosen: Indices, noise: Mapping[str, Noise]) -> Sizes:
+        """Of the chosen columns, under a given noise."""
+        return self.under(noise).of(chosen).fit(self.sd[chosen], self.mean[chosen])
 
 
 class Fit(NamedTuple):
@@ -105,45 +128,24 @@ def problem(channels: Sequence[MeasuredChannel], data: Mapping[str, Array], colu
                    np.array([c.mean for c in columns]), tuple(products))
 
 
-def weighted(p: Problem, noise: Mapping[str, Noise]) -> tuple[Array, Array]:
-    """Normal equations of all columns under a given noise, priors left out: (q, q) and (q,)."""
-    size = len(p.labels)
-    normal, right = np.zeros((size, size)), np.zeros(size)
-    for one in p.products:
-        channel = one.channel
-        strength = noises.variances(noise[channel.name], channel.prior, channel.cut, channel.grid.step_s)
-        total = np.tensordot(1.0 / strength, one.gram, axes=1)
-        normal[np.ix_(one.columns, one.columns)] += total[1:, 1:]
-        right[one.columns] += total[1:, 0]
-    return normal, right
-
-
-def solved(p: Problem, chosen: Indices, noise: Mapping[str, Noise]) -> tuple[Array, Array]:
-    """Amplitudes (k,) and covariance (k, k) of the chosen columns under a given noise."""
-    normal, right = weighted(p, noise)
-    return _solve(normal, right, p, chosen)[:2]
-
-
 def fitted(p: Problem, chosen: Indices, noise: Mapping[str, Noise], rounds: int = MAX_ROUNDS) -> Fit:
     """Most probable amplitudes and noise together: each in turn until nothing is gained, at most `rounds` times.
 
     A drift and a constant can stand for each other, so that the way from one to the other is slow.
     """
     now = dict(noise)
-    amplitude, covariance, occam = _solve(*weighted(p, now), p, chosen)
-    before = -np.inf
+    sizes, before = p.sizes(chosen, now), -np.inf
     for _ in range(rounds):
         for one in p.products:
-            channel = one.channel
-            now[channel.name] = noises.fit(_power(one, chosen, amplitude), now[channel.name], channel.prior,
-                                           channel.cut, channel.grid.step_s)
-        amplitude, covariance, occam = _solve(*weighted(p, now), p, chosen)
-        value = _value(p, chosen, amplitude, now)
+            name = one.channel.name
+            now[name] = noises.fit(one.power(chosen, sizes.b), now[name], *one.known)
+        sizes = p.sizes(chosen, now)
+        value = _value(p, chosen, sizes.b, now)
         if value - before < SETTLED:
             break
         before = value
-    value = _value(p, chosen, amplitude, now)
-    return Fit(amplitude, covariance, value, value + occam, now)
+    value = _value(p, chosen, sizes.b, now)
+    return Fit(sizes.b, sizes.cov, value, value + float(sizes.log_occam), now)
 
 
 def best_fitted(p: Problem, chosen: Indices, noise: Mapping[str, Noise], channels: Sequence[MeasuredChannel]) -> Fit:
@@ -166,8 +168,7 @@ def first_noise(p: Problem, chosen: Indices, noise: Mapping[str, Noise],
 
 def adapted(p: Problem, chosen: Indices, amplitude: Array, noise: Mapping[str, Noise]) -> dict[str, Noise]:
     """A noise with each band's own factor as the residual of chosen columns says."""
-    return {one.channel.name: noises.with_bands(_power(one, chosen, amplitude), noise[one.channel.name],
-                                                one.channel.prior, one.channel.cut, one.channel.grid.step_s)
+    return {one.channel.name: noises.with_bands(one.power(chosen, amplitude), noise[one.channel.name], *one.known)
             for one in p.products}
 
 
@@ -182,31 +183,6 @@ def calm(noise: Mapping[str, Noise], channels: Sequence[MeasuredChannel]) -> dic
     return found
 
 
-def _solve(normal: Array, right: Array, p: Problem, chosen: Indices) -> tuple[Array, Array, float]:
-    """Amplitudes (k,), their covariance (k, k), and the logarithm of how much of the prior the data leave of them:
-    -1/2 log det(1 + S A S), S the priors' s.d. and A the information (Laplace; MacKay, Information Theory, Inference
-    and Learning Algorithms, 2003, ch. 28)."""
-    part = normal[np.ix_(chosen, chosen)]
-    trust = 1.0 / p.sd[chosen] ** 2
-    stiff = part + np.diag(trust)
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(stiff), 1e-12))
-    stiff = stiff * scale[:, None] * scale + 1e-10 * np.eye(len(chosen))
-    covariance = np.linalg.inv(stiff) * scale[:, None] * scale
-    bound = p.sd[chosen] < np.inf
-    left = covariance[np.ix_(bound, bound)] / p.sd[chosen][bound, None] / p.sd[chosen][bound]
-    occam = 0.5 * float(np.linalg.slogdet(left)[1]) if bound.any() else 0.0
-    return covariance @ (right[chosen] + trust * p.mean[chosen]), covariance, occam
-
-
-def _power(one: Products, chosen: Indices, amplitude: Array) -> Array:
-    """Residual power by band."""
-    full = np.zeros(int(one.columns.max(initial=-1)) + 1 if len(one.columns) else 0)
-    inside = chosen < len(full)
-    full[chosen[inside]] = amplitude[inside]
-    vector = np.concatenate(([1.0], -full[one.columns]))
-    return np.maximum(1e-300, (one.gram @ vector) @ vector)
-
-
 def taken_off(banded: Mapping[str, Array], columns: Sequence[Column], amplitude: Array) -> dict[str, Array]:
     """What columns with their amplitudes leave of banded coefficients, (m,) by channel."""
     left = {name: values.copy() for name, values in banded.items()}
@@ -218,22 +194,16 @@ def taken_off(banded: Mapping[str, Array], columns: Sequence[Column], amplitude:
 
 def power_left(p: Problem, channel: str, chosen: Indices, amplitude: Array) -> float:
     """Sum of squares that the chosen columns with their amplitudes leave of one channel."""
-    one = next(one for one in p.products if one.channel.name == channel)
-    return float(np.sum(_power(one, chosen, amplitude)))
+    return next(float(np.sum(one.power(chosen, amplitude))) for one in p.products if one.channel.name == channel)
 
 
 def _value(p: Problem, chosen: Indices, amplitude: Array, noise: Mapping[str, Noise]) -> float:
-    total = p.log_weight - 0.5 * float(np.sum(((amplitude - p.mean[chosen]) / p.sd[chosen]) ** 2))
-    for one in p.products:
-        channel = one.channel
-        total += noises.log_likelihood(_power(one, chosen, amplitude), noise[channel.name], channel.prior, channel.cut,
-                                       channel.grid.step_s)
-    return total
+    of_sizes = p.log_weight - 0.5 * float(np.sum(((amplitude - p.mean[chosen]) / p.sd[chosen]) ** 2))
+    return of_sizes + sum(noises.log_likelihood(one.power(chosen, amplitude), noise[one.channel.name], *one.known)
+                          for one in p.products)
 
 
-def projected(p: Problem, fixed: Indices, noise: Mapping[str, Noise]) -> tuple[Array, Array]:
-    """Normal equations of all columns once the `fixed` ones are fitted (Schur complement): (q, q) and (q,)."""
-    normal, right = weighted(p, noise)
-    amplitude, covariance, _ = _solve(normal, right, p, fixed)
-    cross = normal[:, fixed]
-    return normal - cross @ covariance @ cross.T, right - cross @ amplitude
+def projected(p: Problem, fixed: Indices, noise: Mapping[str, Noise]) -> Gaussian:
+    """All columns once the `fixed` ones are fitted."""
+    every = p.under(noise)
+    return every.beyond(every.A[:, fixed], every.of(fixed).fit(p.sd[fixed], p.mean[fixed]))

@@ -5,11 +5,11 @@ Rows y (n,), divided by the s.d. that the noise has by the look of the replicate
     y = X b + s (t u + e),    b ~ N(0, diag(S^2)),    e ~ N(0, 1) by row,    u ~ N(0, 1) by setting
 
 s is what that s.d. is wrong by; t what all rows of one setting share, for a setting is never set twice alike. Under a
-given s and t all is Gaussian and b is integrated in closed form (O'Hagan and Forster, Kendall's Advanced Theory of
-Statistics 2B, 2004, ch. 11). Both are integrated on a grid: s^2 by a scaled inverse chi-square of `DOF` about 1, and
-t by `SHARED`. Where tables are judged together, rows without replicates have a factor of their own on their s.d.
-(`ALONE`): what the others know of s says little of them. That intervals grow where settings differ by more than their
-rows do, and that they have the tails of Student's t where rows are few, comes out of that by itself.
+given s and t all is Gaussian and b is integrated in closed form (`gaussian.py`, (6)). Both are integrated on a grid:
+s^2 by a scaled inverse chi-square of `DOF` about 1, and t by `SHARED`. Where tables are judged together, rows without
+replicates have a factor of their own on their s.d. (`ALONE`): what the others know of s says little of them. That
+intervals grow where settings differ by more than their rows do, and that they have the tails of Student's t where rows
+are few, comes out of that by itself.
 """
 from __future__ import annotations
 
@@ -20,6 +20,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.special import logsumexp
+
+from .gaussian import Gaussian
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -34,10 +36,10 @@ STRENGTHS = np.exp(np.linspace(np.log(0.02), np.log(50.0), 60))      # s: a grid
 
 
 class Rows(NamedTuple):
-    """`grams`: products of data (row and column 0) and columns (T, 1 + p, 1 + p) for each t, and each factor of rows
-    without replicates; `log_det`: (T,); `shared`: (T,) t."""
+    """`products`: of columns (T, p, p) and data for each t, and each factor of rows without replicates; `log_det`:
+    (T,); `shared`: (T,) t."""
 
-    grams: Array
+    products: Gaussian
     log_det: Array
     log_prior: Array                # of s, t and factors, (T, strengths)
     shared: Array
@@ -81,28 +83,23 @@ def rows_of(y: Array, columns: Array, setting: IntArray, rounding: Array, least:
     squares = STRENGTHS ** 2
     log_s = np.where(squares >= least, -DOF * np.log(STRENGTHS) - 0.5 * DOF * usual ** 2 / squares, -np.inf)
     log_prior = log_s - logsumexp(log_s) + np.array(log_p)[:, None]
-    return Rows(np.stack(grams), np.array(log_det), log_prior, np.array(shared), len(y))
+    every = np.stack(grams)         # row and column 0 are the data
+    products = Gaussian(every[:, 1:, 1:], every[:, 1:, 0], every[:, 0, 0])
+    return Rows(products, np.array(log_det), log_prior, np.array(shared), len(y))
 
 
 def posterior(rows: Rows, chosen: IntArray, sd: Array, sizes: bool = True) -> Posterior:
     """Of the model with the chosen columns (k,), whose sizes have the prior s.d. `sd` (k,)."""
-    squares = STRENGTHS ** 2
-    scaled = rows.grams[np.ix_(np.arange(len(rows.grams)), chosen + 1, chosen + 1)] * sd[:, None] * sd
-    right = rows.grams[:, 0, chosen + 1] * sd
-    own, turn = np.linalg.eigh(scaled)                              # (T, k), (T, k, k)
-    own = np.maximum(own, 0.0)
-    along = np.einsum("tij,ti->tj", turn, right)
-    left = rows.grams[:, 0, 0, None] - np.sum(along[:, None] ** 2 / (own[:, None] + squares[:, None]), axis=2)
-    value = (-rows.n * np.log(STRENGTHS) - 0.5 * np.sum(np.log1p(own[:, None] / squares[:, None]), axis=2)
-             - 0.5 * np.maximum(left, 0.0) / squares - 0.5 * rows.log_det[:, None] + rows.log_prior)
+    squares, along = STRENGTHS ** 2, rows.products.of(chosen).along_axes(sd)
+    value = (along.log_evidence(squares) - rows.n * np.log(STRENGTHS) - 0.5 * rows.log_det[:, None]
+             + rows.log_prior)                                      # (T, strengths)
     total = float(logsumexp(value))
     if not sizes:
         return Posterior(total, np.zeros(0), np.zeros((0, 0)), 0.0)
     weight = np.exp(value - total)                                  # (T, strengths)
-    means = np.einsum("tij,tsj->tsi", turn, along[:, None] / (own[:, None] + squares[:, None])) * sd
+    means, variances = along.sizes(squares)
     mean = np.einsum("ts,tsi->i", weight, means)
-    spread = np.einsum("ts,tsj->tj", weight, squares[:, None] / (own[:, None] + squares[:, None]))
-    within = np.einsum("tij,tj,tkj->ik", turn, spread, turn) * sd[:, None] * sd
+    within = np.einsum("tij,tj,tkj->ik", along.axes, np.einsum("ts,tsj->tj", weight, variances), along.axes)
     away = means - mean
     between = np.einsum("ts,tsi,tsj->ij", weight, away, away)
     return Posterior(total, mean, within + between, float(weight[rows.shared > 0.0].sum()))

@@ -218,26 +218,13 @@ def _best_spans(residual: WhitenedResidual, group: Alike, time_s: Array, score: 
     for k, one in enumerate(group.ones):
         exact = sum(whole[k] @ whole[k].T for whole in rows) - taken[k] @ taken[k].T
         own = np.interp(edges_s, exact_s, np.diag(exact))
-        across = exact[begin, end] if between == 1 else _inner(exact_s, exact, edges_s[begin], edges_s[end])
+        half = np.array([np.interp(edges_s, exact_s, row) for row in exact])        # both ways: straight between times
+        across = np.array([np.interp(edges_s, exact_s, row) for row in half.T])[end, begin]
         at_edges = np.interp(edges_s, time_s, score[k])
         found.append(_likeliest(one, at_edges[begin] - at_edges[end], own[begin] + own[end] - 2.0 * across, len(begin),
                                 lambda best: {"onset_s": float(edges_s[begin[best]]),
                                               "until_s": float(edges_s[end[best]])}))
     return found
-
-
-def _inner(times_s: Array, exact: Array, begin_s: Array, end_s: Array) -> Array:
-    """Inner products (times, times) straight between their times. Not scipy.interpolate's, which takes a tenth of a
-    second to load."""
-    (row, below), (column, left) = _place(times_s, begin_s), _place(times_s, end_s)
-    return np.asarray(exact[row, column] * (1.0 - below) * (1.0 - left) + exact[row, column + 1] * (1.0 - below) * left
-                      + exact[row + 1, column] * below * (1.0 - left) + exact[row + 1, column + 1] * below * left)
-
-
-def _place(times_s: Array, at_s: Array) -> tuple[npt.NDArray[np.int64], Array]:
-    """The time before each, and how far it is on the way to the next one."""
-    before = np.clip(np.searchsorted(times_s, at_s, side="right") - 1, 0, len(times_s) - 2)
-    return before, (at_s - times_s[before]) / (times_s[before + 1] - times_s[before])
 
 
 def _scores(residual: WhitenedResidual, group: Alike, grows: bool) -> tuple[Array, Array]:

@@ -16,36 +16,21 @@ better of the two is what it is held against.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from control.diagnosis.judgement.evidence import Column
+from control.diagnosis.judgement.gaussian import Array
 from control.diagnosis.judgement.noise import Noise
 
 from .hypothesis import Hypothesis
 from .search import Search
 from .whitened import WhitenedResidual
 
-Array = npt.NDArray[np.float64]
-
 BLOCK_S = 30.0              # of a block: longer than one event lasts (a restart, a turn, a hand on the machine) ...
 FEWEST, MOST = 8, 64        # ... of so many
 BLOCK_DOF = 5.0             # noise of one stretch is known to be what it is elsewhere to some 30 % of its s.d.
 LEAST_ENERGY = 1e-9         # of a column, in a block: in one with less it does nothing
-
-
-class Blocks(NamedTuple):
-    """Products of whitened series, summed by block (b,). residual : what the model without the trace leaves; trace :
-    what its columns cannot follow of it; held : what they can, by moving what has a prior. samples : how many."""
-
-    residual_residual: Array
-    trace_residual: Array
-    trace_trace: Array
-    held_residual: Array
-    held_held: Array
-    samples: Array
 
 
 def even_gain(search: Search, others: Hypothesis, noise: dict[str, Noise], trace: Column,
@@ -59,7 +44,13 @@ def even_gain(search: Search, others: Hypothesis, noise: dict[str, Noise], trace
     base = [*search.columns.of_hypothesis(others), *more]
     residual = WhitenedResidual(model.channels, model.banded_residual(others), base, noise)
     own, held = residual.split(trace)
-    sums = []
+    if not own.any() and not held.any():
+        return 0.0
+    size = float(own @ residual.left) / float(own @ own)
+    # Each prior is one more reading, of its mean, with its s.d. as noise.
+    off, spared = residual.left[residual.priors], own[residual.priors]
+    moved, stands = size * float(off @ spared) - 0.5 * size ** 2 * float(spared @ spared), 0.0
+    scores, energies = list[Array](), list[Array]()
     for channel in model.channels:
         r, t, h = (residual.series(channel, rows) for rows in (residual.left, own, held))
         lasts_s = channel.grid.step_s * len(r)
@@ -67,26 +58,14 @@ def even_gain(search: Search, others: Hypothesis, noise: dict[str, Noise], trace
         if channel.settled:         # no row knows of the one before
             blocks = len(r)
         edges = np.linspace(0, len(r), blocks + 1).astype(int)[:-1]
-        sums.append([np.add.reduceat(product, edges) for product in (
-            r * r, t * r, t * t, h * r, h * h, np.ones(len(r)))])
-    by_block = Blocks(*(np.concatenate(one) for one in zip(*sums, strict=True)))
-    if not by_block.trace_trace.any() and not by_block.held_held.any():
-        return 0.0
-    # Each prior is one more reading, of its mean, with its s.d. as noise.
-    off, spared = residual.left[residual.priors], own[residual.priors]
-    return _gain(by_block, float(off @ spared), float(spared @ spared))
-
-
-def _gain(by_block: Blocks, score_of_priors: float, energy_of_priors: float) -> float:
-    """Of the products by block and those of the priors: the gain of the best size over the better of two fits without
-    it: what has a prior moves in its place, or stands where the trace leaves it."""
-    b = by_block
-    size = (float(b.trace_residual.sum()) + score_of_priors) / (float(b.trace_trace.sum()) + energy_of_priors)
-    left = b.residual_residual - 2.0 * size * b.trace_residual + size ** 2 * b.trace_trace
-    stands = b.residual_residual + 2.0 * size * b.held_residual + size ** 2 * b.held_held
-    of_priors = size * (score_of_priors - 0.5 * size * energy_of_priors)
-    moved = _student(b.residual_residual, left, b.samples) + of_priors
-    return min(moved, _student(stands, left, b.samples)) / _unevenness(b, size)
+        left = r - size * t
+        within, without, stood, score, energy, count = (np.add.reduceat(product, edges) for product in (
+            left ** 2, r ** 2, (r + size * h) ** 2, t * left, t ** 2, np.ones(len(r))))
+        moved += _student(without, within, count)
+        stands += _student(stood, within, count)
+        scores.append(score)
+        energies.append(energy)
+    return min(moved, stands) / _unevenness(np.concatenate(scores), np.concatenate(energies))
 
 
 def _student(without: Array, within: Array, count: Array) -> float:
@@ -94,10 +73,8 @@ def _student(without: Array, within: Array, count: Array) -> float:
     return 0.5 * float(np.sum((BLOCK_DOF + count) * (np.log(BLOCK_DOF + without) - np.log(BLOCK_DOF + within))))
 
 
-def _unevenness(b: Blocks, size: float) -> float:
-    """Block-robust over model variance of a trace's score, along with it; 1 where the blocks agree better."""
-    known = b.trace_trace > LEAST_ENERGY * max(float(b.trace_trace.sum()), 1e-300)
-    if not known.any():
-        return 1.0
-    within = (b.trace_residual - size * b.trace_trace)[known] ** 2 / b.trace_trace[known]
-    return max(1.0, float(within.mean()))
+def _unevenness(score: Array, energy: Array) -> float:
+    """Block-robust over model variance of a trace's score by block (b,), along with it, from its energy there (b,); 1
+    where the blocks agree better."""
+    known = energy > LEAST_ENERGY * max(float(energy.sum()), 1e-300)
+    return max(1.0, float(np.mean(score[known] ** 2 / energy[known]))) if known.any() else 1.0

@@ -222,7 +222,7 @@ class Columns:
                 continue
             nothing = {c.name: np.zeros(len(c.cut.order)) for c in self.model.channels}
             p = problem(self.model.channels, nothing, [*fixed, slope, *wobbles])
-            normal, _ = projected(p, np.arange(len(fixed)), self.model.noise)
+            normal = projected(p, np.arange(len(fixed)), self.model.noise).A
             own = normal[len(fixed), len(fixed)]
             for k, wobble in enumerate(wobbles):
                 at = len(fixed) + 1 + k

@@ -27,7 +27,7 @@ from .hypothesis import EffectInstance, Hypothesis, schedule
 from .model import GroupModel
 from .smooth import DOWNSTREAM, MIN_RANGE, RANGES
 from .stages import RunData
-from .whitened import WhitenedResidual, gain_of, gains_of_single, without
+from .whitened import WhitenedResidual
 
 Array = npt.NDArray[np.float64]
 
@@ -46,6 +46,7 @@ TURNS_SHARE = 1e-3          # of the fastest command: below, the shaft is comman
 WORKS_SHARE = 0.1           # of the rows: fewer that turn do not say between what a variable moves
 SLOWER_THAN_HZ = 2.5        # forms are chosen by what is slower: the variables are means over a second and a half
 LEAST_KEPT = 64             # coefficients: of a short log all
+LEAST_LEVEL = 1e-3          # information on a level that the hypothesis must leave, for it to be fitted along
 
 
 def quantities(model: GroupModel) -> list[Acts]:
@@ -174,16 +175,16 @@ def scan(residual: WhitenedResidual, acted: ActedOn, entries: Sequence[FormGroup
     is."""
     found: list[FormCandidate] = []
     for entry in entries:
-        normal, right = residual.kept_products(acted.channel, entry.kept)
-        if entry.level:
-            normal, right = without(normal, right, len(right) - 1)
-        normal, right = normal[:-1, :-1], right[:-1]
+        left = residual.kept_beyond(acted.channel, entry.kept)
+        if entry.level and left.A[-1, -1] > LEAST_LEVEL:
+            left = left.beyond(left.A[:, -1:], left.of(np.array([-1])).fit(np.array([np.inf])))
+        left = left.of(np.arange(len(left.s) - 1))
         single = [k for k, mix in enumerate(entry.mixes) if mix.shape[1] == 1]
-        gains = dict(zip(single, gains_of_single(normal, right, np.hstack([entry.mixes[k] for k in single])).tolist(),
+        gains = dict(zip(single, left.gains_of_single(np.hstack([entry.mixes[k] for k in single])).tolist(),
                          strict=True)) if single else {}
         best: dict[tuple[tuple[str, ...], bool], FormCandidate] = {}
         for k, (form, mix) in enumerate(zip(entry.forms, entry.mixes, strict=True)):
-            gain = gains[k] if k in gains else gain_of(normal, right, mix)
+            gain = gains[k] if k in gains else left.gain_of(mix)
             one = FormCandidate(acted.acts, form, gain, gain - form.price)
             place = (form.over, form.kind.leaps)
             if place not in best or one.score > best[place].score:

@@ -5,14 +5,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from control.diagnosis.judgement.evidence import Column, problem, solved
+from control.diagnosis.judgement.evidence import Column, problem
+from control.diagnosis.judgement.gaussian import Array
 from control.diagnosis.judgement.noise import Noise, coefficients, segments
 
 from .channels import ChannelSeries
-
-Array = npt.NDArray[np.float64]
 
 BLOCKS = 8
 HELD_OUT = (1, 4, 6)            # of BLOCKS, counted from 0
@@ -46,7 +44,7 @@ def amplitudes(blocks: HeldOut, columns: Sequence[tuple[Column, Array]], left: A
     name, cut = blocks.whole.name, blocks.fitted.cut
     there = [c._replace(coefficients={name: coefficients(series, cut)}) for c, series in columns]
     p = problem([blocks.fitted], {name: coefficients(left, cut)}, there)
-    return solved(p, np.arange(len(there)), noise)[0]
+    return p.sizes(np.arange(len(there)), noise).b
 
 
 def errors_of(blocks: HeldOut, before: Array, after: Array) -> tuple[str, str, Array, Array]:

@@ -56,5 +56,5 @@ def separation(manoeuvre: Experiment[Columns], machine: Machine, part: EffectIns
     own = min((c for c in wanted if c.part.id == part.id), key=lambda c: abs(c.part.size - part.size))
     other = next(c for c in wanted if c.part.id == rival_id)
     p, before = search.columns.compressed((), [search.columns.of_candidate((), c.part) for c in (other, own)])
-    normal, _ = projected(p, np.arange(before + 1), search.model.noise)
-    return float(abs(part.size) * np.sqrt(max(0.0, normal[-1, -1])))
+    left = projected(p, np.arange(before + 1), search.model.noise).A[-1, -1]
+    return float(abs(part.size) * np.sqrt(max(0.0, left)))

@@ -10,7 +10,6 @@ from collections.abc import Collection
 from typing import Literal, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from control.diagnosis.effects import ROWS
 from control.diagnosis.judgement.checks import (
@@ -22,15 +21,14 @@ from control.diagnosis.judgement.checks import (
     line_s,
     times_louder,
 )
-from control.diagnosis.judgement.evidence import problem, solved, taken_off
+from control.diagnosis.judgement.evidence import problem, taken_off
+from control.diagnosis.judgement.gaussian import Array
 from control.diagnosis.judgement.noise import Noise, coefficients, series_of, strengths
 
 from .channels import QUICK_S, ChannelSeries
 from .selection import GroupResult
 from .smooth import DOWNSTREAM
 from .stages import RunData
-
-Array = npt.NDArray[np.float64]
 
 LIKE = 0.4                  # of the variance left, for an effect to be called the nearest
 OWN = {"shaft": "shaft_rpm", "gate": "opening_mm"}      # of a drive's channel, the variable that its command is
@@ -120,8 +118,8 @@ def _rest(one: GroupResult) -> dict[str, Array]:
     columns, parts = one.search.columns, one.found.parts
     base, banded = columns.of_hypothesis(parts), columns.model.banded_residual(parts)
     base = [*base, *(column for term in one.terms for column in term.columns)]
-    amplitude, _ = solved(problem(columns.model.channels, banded, base), np.arange(len(base)), one.found.noise)
-    return taken_off(banded, base, amplitude)
+    sizes = problem(columns.model.channels, banded, base).sizes(np.arange(len(base)), one.found.noise)
+    return taken_off(banded, base, sizes.b)
 
 
 def _nearest(one: GroupResult, channel: ChannelSeries, left: Array) -> str:

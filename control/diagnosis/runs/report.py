@@ -130,8 +130,7 @@ def _open(one: GroupResult) -> _Open:
     named = {p.id for p in now.parts}
     kept = [c for c in search.candidates if c.part.id not in named]
     p, before = search.columns.compressed(now.parts, [search.columns.of_candidate(now.parts, c.part) for c in kept])
-    normal, _ = projected(p, np.arange(before), now.noise)
-    return _Open(search, kept, np.diag(normal)[before:].tolist())
+    return _Open(search, kept, np.diag(projected(p, np.arange(before), now.noise).A)[before:].tolist())
 
 
 def _not_shown(left: _Open) -> list[NotShown]:

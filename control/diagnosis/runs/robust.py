@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import median_filter, uniform_filter1d
 
-from control.diagnosis.judgement.evidence import Column, problem, solved, taken_off
+from control.diagnosis.judgement.evidence import Column, problem, taken_off
 from control.diagnosis.judgement.noise import coefficients, series_of
 from control.machine.compiled import remembered_run
 
@@ -83,8 +83,8 @@ def draw_in(columns: Columns, parts: Hypothesis, more: Sequence[Column]) -> None
     every = [*columns.of_hypothesis(parts), *more]
     left = model.residual(parts)
     data = {c.name: coefficients(left[c.name] + model.drawn_in[c.name], c.cut) for c in model.channels}
-    amplitude, _ = solved(problem(model.channels, data, every), np.arange(len(every)), model.noise)
-    rest = taken_off(data, every, amplitude)
+    sizes = problem(model.channels, data, every).sizes(np.arange(len(every)), model.noise)
+    rest = taken_off(data, every, sizes.b)
     for channel in model.channels:
         series = series_of(rest[channel.name], channel.cut)
         model.drawn_in[channel.name] = _excess(series, channel, _at_ease(channel, model.data))

@@ -21,6 +21,7 @@ from control.diagnosis.judgement.evidence import (
     fitted,
     projected,
 )
+from control.diagnosis.judgement.gaussian import Gaussian
 from control.diagnosis.judgement.noise import Noise
 from control.diagnosis.judgement.prior import log_of_size, sd_of_size
 from control.machine.effect import OPENING_RANGE
@@ -106,13 +107,13 @@ class Search:
         fixed = np.arange(before)
         null = best_fitted(p, fixed, noise, self.model.channels)
         starts = [null.noise, adapted(p, fixed, null.amplitude, calm(null.noise, self.model.channels))]
-        normals = [projected(p, fixed, start) for start in starts]
+        beyond = [projected(p, fixed, start) for start in starts]
         best: dict[tuple[str, int | None, float | None], ScoreTest] = {}
         for k, c in enumerate(tried):
             self.model.ask()
             found = ScoreTest(c.part, -np.inf, -np.inf)
-            for start, (normal, right) in zip(starts, normals, strict=True):
-                found = max(found, _added(p, before + k, c, null, start, normal, right), key=lambda f: f.evidence)
+            for start, left in zip(starts, beyond, strict=True):
+                found = max(found, _added(p, before + k, c, null, start, left), key=lambda f: f.evidence)
             name = (c.part.id, c.part.member, c.part.onset_s)
             if name not in best or found.evidence > best[name].evidence:
                 best[name] = found
@@ -190,8 +191,7 @@ class Search:
         places = p.places(Role.SLOPE)
         if len(places) < 2:
             return 0.0
-        normal, _ = projected(p, np.arange(p.labels.index(p.labels[places[0]])), noise)
-        part = normal[np.ix_(places, places)]
+        part = projected(p, np.arange(p.labels.index(p.labels[places[0]])), noise).of(np.array(places)).A
         scale = np.sqrt(np.maximum(np.diag(part), 1e-300))
         return float((np.abs(part) / scale[:, None] / scale - np.eye(len(places))).max())
 
@@ -326,15 +326,14 @@ def excited(candidate: Candidate, data: RunData, machine: Machine) -> bool:
         np.ptp(np.percentile(opening, (1.0, 99.0))) >= of_nominal(machine, OPENING_RANGE) * MOVES_MM)
 
 
-def _added(p: Problem, at: int, c: Candidate, null: Fit, start: dict[str, Noise], normal: Array,
-           right: Array) -> ScoreTest:
+def _added(p: Problem, at: int, c: Candidate, null: Fit, start: dict[str, Noise], left: Gaussian) -> ScoreTest:
     """One candidate column along with the fixed ones, its noise fitted from `start` where the gain may matter."""
-    stiff, before = normal[at, at], len(null.amplitude)
+    stiff, right, before = left.A[at, at], left.s[at], len(null.amplitude)
     if stiff <= 0.0:
         return ScoreTest(c.part, -np.inf, -np.inf)
     whole = ROWS[c.part.id].threshold           # half a threshold's column is not what half a threshold does
-    size = c.part.size if whole else float(np.clip(right[at] / stiff, c.low, c.high))
-    gain = 2.0 * right[at] * size - stiff * size * size
+    size = c.part.size if whole else float(np.clip(right / stiff, c.low, c.high))
+    gain = 2.0 * right * size - stiff * size * size
     sd = p.sd.copy()
     sd[at] = sd_of_size(size, p.sd[at])
     spread = 0.5 * float(np.log1p(stiff * sd[at] ** 2)) - log_of_size(size, p.sd[at])

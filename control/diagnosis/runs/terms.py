@@ -44,7 +44,7 @@ from .held_out import amplitudes, errors_of, held_out
 from .hypothesis import EffectInstance
 from .search import FittedHypothesis, Search
 from .stages import RunData
-from .whitened import WhitenedResidual, gain_of
+from .whitened import WhitenedResidual
 
 Array = npt.NDArray[np.float64]
 Eight = tuple[float, float, float, float, float, float, float, float]
@@ -201,7 +201,7 @@ def _settled(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> Tri
 
     def gain(form: TriedForm) -> float:
         series = np.concatenate((acted.of(form.rows(variables.by_name)), constant))
-        return gain_of(*residual.products(acted.channel, series), np.eye(len(series)))
+        return residual.beyond(acted.channel, series).gain_of(np.eye(len(series)))
     best = gain(form)
     for fineness in FINENESS if kind.leaps else FINENESS[:3]:
         for name in kind.movable:

@@ -1,10 +1,8 @@
 """What a hypothesis leaves of a group's channels, whitened, against which columns, forms and times are held.
 
-Each cosine coefficient stands over the s.d. of its noise, and each prior is one more row, of its mean. An orthonormal
-basis of all that the hypothesis can take up is projected off: what is left of the data is orthogonal to it, and of a
-further series only what is orthogonal to it counts (Frisch, Waugh and Lovell). With b the product of a whitened series
-with what is left and A its own energy less that in the basis, its best size is b / A, its gain b^2 / A in twice the
-log-likelihood.
+The rows of `judgement/gaussian.py`: each cosine coefficient stands over the s.d. of its noise, and each prior is one
+more row, of its mean. An orthonormal basis of all that the hypothesis can take up is projected off: what is left of the
+data is orthogonal to it, and of a further series only what is orthogonal to it counts.
 """
 from __future__ import annotations
 
@@ -14,15 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.judgement.evidence import Column
+from control.diagnosis.judgement.gaussian import Gaussian
 from control.diagnosis.judgement.noise import Noise, coefficients, series_of, strengths
 
 from .channels import ChannelSeries
 
 Array = npt.NDArray[np.float64]
-
-LEAST_ENERGY = 1e-6         # whitened: a series of less does nothing
-LEAST_OWN = 1e-3            # whitened energy of a level that the hypothesis must leave to it
-STIFF = 1e-4                # of a form's own energy: two amplitudes that are told apart worse share what they gain
 
 
 class WhitenedResidual:
@@ -76,41 +71,16 @@ class WhitenedResidual:
         white = coefficients(series, channel.cut) * self._scale[channel.name]
         return white, white @ self._basis[self._place[channel.name]]
 
-    def products(self, channel: ChannelSeries, series: Array) -> tuple[Array, Array]:
-        """Normal equations of series (k, m) of one channel once the hypothesis is fitted: (k, k) and (k,)."""
+    def beyond(self, channel: ChannelSeries, series: Array) -> Gaussian:
+        """Series (k, m) of one channel once the hypothesis is fitted."""
         white, taken = self.white(channel, series)
-        return white @ white.T - taken @ taken.T, white @ self.left[self._place[channel.name]]
+        return Gaussian(white @ white.T - taken @ taken.T, white @ self.left[self._place[channel.name]])
 
-    def kept_products(self, channel: ChannelSeries, kept: npt.NDArray[np.float32]) -> tuple[Array, Array]:
+    def kept_beyond(self, channel: ChannelSeries, kept: npt.NDArray[np.float32]) -> Gaussian:
         """The same of the slowest cosine coefficients (k, kept), in single precision: good enough to choose by."""
         count = kept.shape[1]
         place = slice(self._place[channel.name].start, self._place[channel.name].start + count)
         white = kept * self._scale[channel.name][:count].astype(np.float32)
         taken = white @ self._basis[place].astype(np.float32)
-        normal = white @ white.T - taken @ taken.T
-        return normal.astype(np.float64), (white @ self.left[place].astype(np.float32)).astype(np.float64)
-
-
-def without(normal: Array, right: Array, k: int) -> tuple[Array, Array]:
-    """Normal equations once column k is fitted, where the hypothesis leaves anything of it."""
-    if normal[k, k] <= LEAST_OWN:
-        return normal, right
-    row = normal[k] / normal[k, k]
-    return normal - np.outer(row, normal[k]), right - row * right[k]
-
-
-def gains_of_single(normal: Array, right: Array, mixes: Array) -> Array:
-    """Gains of forms of one amplitude each: mixes (k, n) -> (n,)."""
-    energy = np.einsum("kn,kn->n", mixes, normal @ mixes)
-    return np.where(energy > LEAST_ENERGY, (right @ mixes) ** 2 / np.maximum(energy, LEAST_ENERGY), 0.0)
-
-
-def gain_of(normal: Array, right: Array, mix: Array) -> float:
-    """Gain in twice the log-likelihood of the best amplitudes of mixed columns: mix (k, p)."""
-    part, side = mix.T @ normal @ mix, mix.T @ right
-    own = np.diag(part)
-    if np.any(own <= LEAST_ENERGY):
-        return 0.0
-    scale = np.sqrt(own)
-    stiff = part / scale[:, None] / scale + STIFF * np.eye(len(side))
-    return float(np.linalg.solve(stiff, side / scale) @ (side / scale))
+        a, s = white @ white.T - taken @ taken.T, white @ self.left[place].astype(np.float32)
+        return Gaussian(a.astype(np.float64), s.astype(np.float64))

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
-from .evidence import Array
+from control.diagnosis.judgement.gaussian import Array, gain
 
 USUAL = 50.0                # logs between two changes of one effect: a season has some 50, a repair or none
 SLOPES = 2.0                # of a level's s.d. prior: what a line changes by over the season
@@ -58,11 +58,6 @@ class Partition(NamedTuple):
 def share_of(times_d: Array) -> Array:
     """Times in days as shares of the season, 0 at the first and 1 at the last."""
     return np.asarray((times_d - times_d.min()) / max(float(np.ptp(times_d)), 1e-9), np.float64)
-
-
-def log_bayes(score: Array, information: Array, sd: Array | float) -> Array:
-    """Log marginal likelihood of one term with a prior N(0, sd^2) against none."""
-    return np.asarray(0.5 * score ** 2 / (information + sd ** -2.0) - 0.5 * np.log1p(information * sd ** 2))
 
 
 def partition(times_d: Array, sizes: Array, variance: Array, level_sd: float, curve: Array, scatter: float
@@ -116,8 +111,8 @@ def _stretches(times_d: Array, sizes: Array, variance: Array, level_sd: float) -
     outside = np.arange(count + 1)[None, :] <= np.arange(count)[:, None]
     w, wt, wtt, wy, wty, wyy, logs = np.where(outside, 0.0, sums[:, None, :] - sums[:, :-1, None])     # (n, n + 1)
     gone = -0.5 * (wyy + logs)
-    stands = gone + log_bayes(wy, w, level_sd)
+    stands = gone + gain(w, wy, level_sd)
     middle = np.divide(wt, w, out=np.zeros_like(wt), where=w > 0.0)
     spread, score = np.maximum(wtt - wt * middle, 0.0), wty - middle * wy
-    line = stands + log_bayes(score, spread, SLOPES * level_sd)
+    line = stands + gain(spread, score, SLOPES * level_sd)
     return np.where(outside, -np.inf, np.stack([gone, stands, line]))

@@ -123,10 +123,10 @@ def fitted(logs: Sequence[OneLog]) -> SeasonFit:
     for number, cause in enumerate(causes):
         here = slice(post.begins[number], post.begins[number + 1])
         if cause.course is not None:
-            courses_.append(_course(every, cause, post.mean[here], post.cov[here, here], post))
+            courses_.append(_course(every, cause, post.terms.b[here], post.terms.cov[here, here], post))
         else:
-            shared.append(Shared(cause.factor, cause.level, every.names[cause.effect], float(post.mean[here][0]),
-                                 Z90 * float(post.cov[here, here][0, 0]) ** 0.5, float(expit(cause.log_odds)),
+            shared.append(Shared(cause.factor, cause.level, every.names[cause.effect], float(post.terms.b[here][0]),
+                                 Z90 * float(post.terms.cov[here, here][0, 0]) ** 0.5, float(expit(cause.log_odds)),
                                  len(cause.at), cause.alternatives))
     levels = levels_of(every)
     return SeasonFit(tuple(sorted(courses_, key=lambda one: (one.machine, one.effect))), tuple(shared),
@@ -137,8 +137,8 @@ def _course(logs: Logs, cause: EffectAtLevel, mean: Array, cov: Array, post: Sol
     """Each log's own size: what all other terms leave, at their means, with this one left in."""
     assert cause.course is not None
     at, times_d = cause.at, logs.times_d[cause.at]
-    variance = 1.0 / post.normal[at, cause.effect, cause.effect]        # the scatter in it
-    sizes = cause.columns[at] @ mean + post.left[at, cause.effect] * variance
+    variance = 1.0 / post.left.A[at, cause.effect, cause.effect]        # the scatter in it
+    sizes = cause.columns[at] @ mean + post.left.s[at, cause.effect] * variance
     pieces = tuple(_pieces(cause.course.stretches, times_d, cause.columns[at], mean, cov, variance))
     whole = cause.columns[at].mean(axis=0)
     return Course(cause.level, logs.names[cause.effect], float(expit(cause.log_odds)), tuple(times_d.tolist()),

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.effects import ROWS
-from control.diagnosis.judgement.evidence import Column, Role, calm, fitted, solved, weighted
+from control.diagnosis.judgement.evidence import Column, Role, calm, fitted
 from control.diagnosis.result import Diagnosis
 from control.diagnosis.runs.cost import field_cost
 from control.diagnosis.runs.diagnose import judged_run
@@ -86,20 +86,19 @@ def _form(one: GroupResult) -> QuadraticForm | None:
     columns, model = one.search.columns, one.search.model
     model.move({})              # nominal values as the file has them: what they may be off is projected out
     straight = [c.part for c in one.search.candidates if ROWS[c.part.id].probe is not None and c.part.onset_s is None]
-    parts = {_name(part.id, part.member): part for part in straight}
+    parts = {part.id + (f"#{part.member}" if part.member else ""): part for part in straight}
     if not parts:
         return None
     others = [part for part in one.found.parts if part.onset_s is not None or ROWS[part.id].probe is None]
     p, before = columns.compressed((), [columns.of_candidate((), part) for part in (*parts.values(), *others)])
     noise = fitted(p, np.arange(len(p.labels)), calm(one.found.noise, model.channels)).noise
-    normal, right = weighted(p, noise)
-    amplitude, covariance = solved(p, np.arange(before), noise)
-    here = slice(before, before + len(parts))
-    cross = normal[here, :before]
-    left = normal[here, here] - cross @ covariance @ cross.T
+    every, base = p.under(noise), np.arange(before)
+    here, sizes = np.arange(before, before + len(parts)), p.sizes(base, noise)
+    cross = every.A[here, :before]
+    left = every.of(here).beyond(cross, sizes)
     own = [k for k, column in enumerate(columns.fixed()) if _of_the_machine(column)]
-    pulls = cross @ covariance[:, own] / p.sd[own]
-    return QuadraticForm(tuple(parts), _rows(left), tuple((right[here] - cross @ amplitude).tolist()),
+    pulls = cross @ sizes.cov[:, own] / p.sd[own]
+    return QuadraticForm(tuple(parts), _rows(left.A), tuple(left.s.tolist()),
                          _named([columns.fixed()[k] for k in own]), _rows(pulls))
 
 
@@ -119,10 +118,6 @@ def _rows(of: Array) -> tuple[tuple[float, ...], ...]:
 def _of_the_machine(column: Column) -> bool:
     """Whether what is open there is the machine's and its sensors', not the log's (the level in the hopper is)."""
     return column.label.role is not Role.READING or "scale" not in column.coefficients
-
-
-def _name(effect_id: str, member: int | None) -> str:
-    return effect_id if member is None else f"{effect_id}#{member}"
 
 
 def _percent(effect_id: str, machine: Machine, data: RunData) -> float | None:

@@ -11,11 +11,10 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from .evidence import Array, QuadraticForm
+from control.diagnosis.judgement.gaussian import Array, Gaussian, Indices
 
-Ints = npt.NDArray[np.int64]
+from .evidence import QuadraticForm
 
 NOTHING = 1e-9              # of a form's largest eigenvalue: less says nothing
 LEAST_OWN = 1e-3            # of a log's variance, that is not the machine's tolerances
@@ -37,12 +36,11 @@ class Logs(NamedTuple):
     logs: tuple[OneLog, ...]
     times_d: Array              # (n,)
     machines: tuple[str, ...]
-    machine: Ints               # (n,) into machines
+    machine: Indices               # (n,) into machines
     names: tuple[str, ...]      # (q,) effects
-    normal: Array               # (n, q + t, q + t)
-    right: Array                # (n, q + t)
+    every: Gaussian             # (n, q + t, q + t) and (n, q + t)
 
-    def of(self, machine: int) -> Ints:
+    def of(self, machine: int) -> Indices:
         return np.flatnonzero(self.machine == machine)
 
 
@@ -62,7 +60,8 @@ def stacked(logs: Sequence[OneLog]) -> Logs:
             normal[np.ix_([j], here, here)] += part
             right[j, here] += score
     return Logs(tuple(every), np.array([log.time_d for log in every]), tuple(machines),
-                np.array([machines.index(log.machine) for log in every], np.int64), tuple(names), normal, right)
+                np.array([machines.index(log.machine) for log in every], np.int64), tuple(names),
+                Gaussian(normal, right))
 
 
 def _taken_apart(form: QuadraticForm) -> tuple[Array, Array]:
@@ -81,18 +80,9 @@ def _taken_apart(form: QuadraticForm) -> tuple[Array, Array]:
     return both.T @ weighted, weighted.T @ (seen @ np.array(form.right) / root)
 
 
-def with_scatter(normal: Array, right: Array, variance: Array) -> tuple[Array, Array, float]:
-    """Forms (n, w, w), (n, w) in which each size also scatters by `variance` (n, w) of its own from log to log, and
-    what that is worth by itself (log marginal likelihood)."""
+def with_scatter(every: Gaussian, variance: Array) -> tuple[Gaussian, float]:
+    """The logs' products (n, w, w) and (n, w) where each size also scatters by `variance` (n, w) of its own from log to
+    log, and what that is worth by itself (log marginal likelihood)."""
     here = np.flatnonzero(np.any(variance > 0.0, axis=0))
-    if not len(here):
-        return normal, right, 0.0
-    sd = np.sqrt(variance[:, here])
-    inner = sd[:, :, None] * normal[:, here][:, :, here] * sd[:, None, :]
-    k = np.arange(len(here))
-    inner[:, k, k] += 1.0
-    cross = sd[:, :, None] * normal[:, here]                            # (n, a, w)
-    solved = np.linalg.solve(inner, np.concatenate([cross, (sd * right[:, here])[:, :, None]], axis=2))
-    across = np.swapaxes(cross, 1, 2)
-    worth = 0.5 * float(np.sum(sd * right[:, here] * solved[:, :, -1]) - np.sum(np.linalg.slogdet(inner)[1]))
-    return normal - across @ solved[:, :, :-1], right - (across @ solved[:, :, -1:])[:, :, 0], worth
+    own = every.of(here).fit(np.sqrt(variance[:, here]))
+    return every.beyond(every.A[:, :, here], own), float(np.sum(own.gain))

@@ -5,22 +5,18 @@ The size of effect e in log j is a sum over the levels that the log has, along w
     x_je = machine_me(t) + operator_oe + product_pe + field_fe + fleet_e + scatter_je
 
 and log j knows x_j through a Gaussian likelihood whose precision is known (`forms.py`). That is a linear mixed model
-with known variances within logs (Searle, Casella and McCulloch, Variance Components, 1992, ch. 6; Gelman and Hill,
-Data Analysis Using Regression and Multilevel/Hierarchical Models, 2007, ch. 11 to 13). Every level is a random effect
-about the machine file, none is the reference: the commonest operator is examined as any other. A level's prior is
-that of an effect that is mostly absent: 0, or with a small probability N(0, tau^2) (spike and slab; Mitchell and
-Beauchamp, Journal of the American Statistical Association 83, 1988, 1023); tau is shared by the levels of a factor
-and is that of a short grid under which all of them are likeliest. What a scale reads wrong is a machine's, or all
-machines': no operator, product or field is asked for it. Given which levels are there, all else is linear
-and Gaussian: with z the logs' share in each term, L = z' normal z the information and s = z' right the score,
-
-    cov = (L + diag(tau^-2))^-1,    mean = cov s,    log ML = s' cov s / 2 - log|1 + T L| / 2
-
+with known variances within logs (Searle, Casella and McCulloch, Variance Components, 1992, ch. 6; Gelman and Hill, Data
+Analysis Using Regression and Multilevel/Hierarchical Models, 2007, ch. 11 to 13). Every level is a random effect about
+the machine file, none is the reference: the commonest operator is examined as any other. A level's prior is that of an
+effect that is mostly absent: 0, or with a small probability N(0, tau^2) (spike and slab; Mitchell and Beauchamp,
+Journal of the American Statistical Association 83, 1988, 1023); tau is shared by the levels of a factor and is that of
+a short grid under which all of them are likeliest. What a scale reads wrong is a machine's, or all machines': no
+operator, product or field is asked for it. Given which levels are there, all else is linear and Gaussian
+(`judgement/gaussian.py`): with z the logs' share in each term, z'A z is the information and z's the score of the terms
 (best linear unbiased prediction; Robinson, Statistical Science 6, 1991, 15). Sizes are so drawn towards 0 as far as
 their logs are silent, and every interval holds what the other terms leave open. The tolerances of each machine are
-terms too, of variance 1, once for all its logs. Which levels are there is searched greedily, then each is left out
-and asked again until nothing moves. Time: the course of a machine is cut by `changes.py`, the other terms at their
-means.
+terms too, of variance 1, once for all its logs. Which levels are there is searched greedily, then each is left out and
+asked again until nothing moves. Time: the course of a machine is cut by `changes.py`, the other terms at their means.
 
 What cannot be told apart: with a cause left out, every effect at its place, and every other level with its effect (or,
 where it cannot have that, with those that it can), is put there in turn. Their marginal likelihoods give the set of
@@ -37,12 +33,12 @@ import numpy as np
 from scipy.special import expit, logsumexp
 
 from control.diagnosis.effects import ROWS, EffectRow
+from control.diagnosis.judgement.gaussian import Array, Gaussian, Indices, Sizes, gain
 from control.diagnosis.judgement.prior import FORM_SHARE
 from control.machine.machine import CATALOGUE
 
-from .changes import SLOPES, Partition, log_bayes, partition, share_of
-from .evidence import Array
-from .forms import Ints, Logs, with_scatter
+from .changes import SLOPES, Partition, partition, share_of
+from .forms import Logs, with_scatter
 
 PRIOR = 1e-3                # that one level does one effect: of the some thousand pairs of a season about one does
 SURE = 0.95                 # probability from which on a level is reported; of thousands of pairs noise gives 0.1
@@ -82,22 +78,21 @@ class EffectAtLevel(NamedTuple):
     sd: Array
     scatter: Array
     course: Partition | None = None         # of a machine's: over the logs `at`
-    at: Ints = np.zeros(0, np.int64)
+    at: Indices = np.zeros(0, np.int64)
     log_odds: float = 0.0
     alternatives: tuple[Alternative, ...] = ()
 
 
 class Solved(NamedTuple):
-    """The terms' posterior. begins: where each cause's terms begin. left: (n, q) score of what the terms leave.
+    """The terms' posterior. left: the logs (n, q, q), their score (n, q) of what the terms leave. begins: where each
+    cause's terms begin.
 
     crossed: by machine (its logs, its terms, (logs, q, terms) information that its logs share with the terms)."""
 
-    normal: Array
-    mean: Array
-    cov: Array
+    terms: Sizes
+    left: Gaussian
     begins: tuple[int, ...]
-    left: Array
-    crossed: tuple[tuple[Ints, Ints, Array], ...]
+    crossed: tuple[tuple[Indices, Indices, Array], ...]
     worth: float                # log of marginal likelihood and prior of all causes, against none
 
 
@@ -107,7 +102,7 @@ class Scattered(NamedTuple):
 
     left: Array
     information: Array
-    crossed: tuple[tuple[Ints, Ints, Array], ...]
+    crossed: tuple[tuple[Indices, Indices, Array], ...]
     cov: Array
     worth: float
 
@@ -134,7 +129,7 @@ class Levels(NamedTuple):
     keys: tuple[tuple[str, str], ...]
     has: Array
 
-    def of(self, factor: str) -> Ints:
+    def of(self, factor: str) -> Indices:
         return np.array([k for k, one in enumerate(self.keys) if one[0] == factor], np.int64)
 
 
@@ -149,9 +144,8 @@ def levels_of(logs: Logs) -> Levels:
 
 
 def solved(logs: Logs, causes: Sequence[EffectAtLevel]) -> Solved:
-    width, count = logs.normal.shape[1], len(logs.names)
-    normal, right, worth = with_scatter(logs.normal, logs.right, np.pad(
-        _taken(logs, causes), ((0, 0), (0, width - count))))
+    count, open_columns = len(logs.names), logs.every.s.shape[1] - len(logs.names)
+    (normal, right, _), worth = with_scatter(logs.every, np.pad(_taken(logs, causes), ((0, 0), (0, open_columns))))
     columns = [(cause.effect, cause.columns[:, k], cause.sd[k]) for cause in causes for k in range(len(cause.sd))]
     begins = tuple(int(one) for one in np.cumsum([0, *(len(cause.sd) for cause in causes)]))
     effect = np.array([one[0] for one in columns], np.int64)
@@ -174,25 +168,23 @@ def solved(logs: Logs, causes: Sequence[EffectAtLevel]) -> Solved:
         information[np.ix_(terms, terms)] += np.einsum("nk,nkl->kl", has, cross[:, at])
         score[terms] += np.sum(has * right[here][:, at], axis=0)
         crossed.append((here, terms, cross[:, :count]))
-    cov = np.asarray(np.linalg.inv(information + np.diag(sd ** -2.0)), np.float64) if total else np.zeros((0, 0))
-    mean = cov @ score
-    left = right[:, :count].copy()
+    sizes, left = Gaussian(information, score).fit(sd), right[:, :count].copy()
     for here, terms, cross in crossed:
-        left[here] -= cross @ mean[terms]
-    worth += 0.5 * float(score @ mean + np.linalg.slogdet(cov)[1]) - float(np.sum(np.log(sd)))
+        left[here] -= cross @ sizes.b[terms]
+    worth += float(sizes.gain)
     worth += sum(np.log(PRIOR) + (0.0 if cause.course is None else cause.course.log_prior) for cause in causes)
-    return Solved(normal[:, :count, :count], mean, cov, begins, left, tuple(crossed), float(worth))
+    return Solved(sizes, Gaussian(normal[:, :count, :count], left), begins, tuple(crossed), float(worth))
 
 
 def scatters(logs: Logs, post: Solved, taken: Array) -> Array:
     """(n, q) variance of each size from log to log beyond its own error and a smooth course of its machine, by the
     method of moments (DerSimonian and Laird, Controlled Clinical Trials 7, 1986, 177); 0 where it is `taken` in."""
-    found = np.zeros_like(post.left)
-    information = np.diagonal(post.normal, axis1=1, axis2=2)
+    found = np.zeros_like(post.left.s)
+    information = np.diagonal(post.left.A, axis1=1, axis2=2)
     for machine in range(len(logs.machines)):
         here = logs.of(machine)
         for effect in np.flatnonzero(np.any(information[here] > 0.0, axis=0) & ~np.any(taken[here] > 0.0, axis=0)):
-            _, found[here, effect] = smooth(logs.times_d[here], post.left[here, effect], information[here, effect])
+            _, found[here, effect] = smooth(logs.times_d[here], post.left.s[here, effect], information[here, effect])
     return found
 
 
@@ -229,22 +221,23 @@ def slab(logs: Logs) -> Array:
 
 def scattered(post: Solved, effect: int, extra: Array) -> Scattered:
     """With extra (n,) of variance from log to log: of rank one in each log, so that nothing is stacked anew."""
-    own = post.normal[:, effect, effect]
+    own, left, before = post.left.A[:, effect, effect], post.left.s[:, effect], post.terms.cov
     crossed = tuple((here, terms, each[:, effect]) for here, terms, each in post.crossed)
     if not extra.any():
-        return Scattered(post.left[:, effect], own, crossed, post.cov, 0.0)
+        return Scattered(left, own, crossed, before, 0.0)
     weight = 1.0 / (1.0 + extra * own)
     lost = extra * weight
-    precision, score = np.linalg.inv(post.cov), np.zeros(len(post.mean))
+    precision, score = np.linalg.inv(before), np.zeros(len(before))
     for here, terms, each in crossed:
         precision[np.ix_(terms, terms)] -= each.T @ (lost[here, None] * each)
-        score[terms] -= each.T @ (lost[here] * post.left[here, effect])
+        score[terms] -= each.T @ (lost[here] * left[here])
     cov = np.linalg.inv(precision)
-    moved, left = cov @ score, post.left[:, effect].copy()
+    moved = cov @ score
+    worth = float(np.sum(gain(own, left, np.sqrt(extra)))) + 0.5 * float(
+        score @ moved + np.linalg.slogdet(cov)[1] - np.linalg.slogdet(before)[1])
+    left = left.copy()
     for here, terms, each in crossed:
         left[here] -= each @ moved[terms]
-    worth = 0.5 * float(np.sum(lost * post.left[:, effect] ** 2) - np.sum(np.log1p(extra * own)) + score @ moved
-                        + np.linalg.slogdet(cov)[1] - np.linalg.slogdet(post.cov)[1])
     return Scattered(weight * left, weight * own, tuple((here, terms, weight[here, None] * each)
                                                         for here, terms, each in crossed), cov, worth)
 
@@ -262,7 +255,7 @@ def scan(logs: Logs, post: Solved, levels: Levels, causes: Sequence[EffectAtLeve
         left = raw - np.einsum("lk,lk->l", cross @ one.cov, cross)
         information[:, effect] = np.where(left > NOTHING * raw, left, 0.0)
     score = np.where(information > 0.0, score, 0.0)
-    each = np.stack([log_bayes(score, information, sd) for sd in slab(logs)])        # (grid, levels, q)
+    each = np.stack([gain(information, score, sd) for sd in slab(logs)])        # (grid, levels, q)
     tau, bayes = np.zeros_like(score), np.zeros_like(score)
     for factor in {one for one, _ in levels.keys}:
         rows = levels.of(factor)
@@ -372,7 +365,7 @@ def _doubt(logs: Logs, levels: Levels, causes: Sequence[EffectAtLevel], row: int
     for cause in causes:
         both = has & np.any(cause.columns != 0.0, axis=1)
         if both.any() and row_of(logs.names[cause.effect]).form_over:
-            touched = np.any(logs.normal[both, cause.effect, :len(logs.names)] != 0.0, axis=0)
+            touched = np.any(logs.every.A[both, cause.effect, :len(logs.names)] != 0.0, axis=0)
             share = both.sum() / max(1, np.any(cause.columns != 0.0, axis=1).sum())
             doubt = np.maximum(doubt, touched * FORM_SHARE ** 2 * cause.log_odds * share)
     return doubt
@@ -393,10 +386,9 @@ def _cause(logs: Logs, levels: Levels, others: Sequence[EffectAtLevel], row: int
         rough = rough[:, :bends.shape[1]]
     trial = EffectAtLevel(factor, level, effect, rough, np.full(rough.shape[1], widest), np.zeros(len(has)))
     post = solved(logs, [*others, trial])
-    information = np.diagonal(post.normal, axis1=1, axis2=2)[:, effect]
+    information = post.left.A[:, effect, effect]
     at = at[information[at] > 0.0]
-    fit = rough @ post.mean[post.begins[-2]:post.begins[-1]]
-    score = post.left[:, effect] + information * fit
+    score = post.left.s[:, effect] + information * (rough @ post.terms.b[post.begins[-2]:post.begins[-1]])
     if factor == MACHINE:
         sd = _level_sd(logs, score[at], information[at], effect)
         curve, scatter = smooth(logs.times_d[at], score[at], information[at])
@@ -405,7 +397,7 @@ def _cause(logs: Logs, levels: Levels, others: Sequence[EffectAtLevel], row: int
         spread = np.zeros(len(has))
         spread[at] = course.scatter
         return EffectAtLevel(factor, level, effect, columns, sds, spread, course, at, odds)
-    only = np.ones_like(post.left)
+    only = np.ones_like(post.left.s)
     only[:, effect] = 0.0
     sd = _level_sd(logs, np.array([has @ score]), np.array([has @ information]), effect)
     machines = np.isin(logs.machine, logs.machine[at])
@@ -415,10 +407,10 @@ def _cause(logs: Logs, levels: Levels, others: Sequence[EffectAtLevel], row: int
 
 def _level_sd(logs: Logs, score: Array, information: Array, effect: int) -> float:
     """Of the grid, what makes the sizes of a level likeliest, each log by itself: a course may go through zero."""
-    return max(map(float, slab(logs)[:, effect]), key=lambda sd: float(np.sum(log_bayes(score, information, sd))))
+    return max(map(float, slab(logs)[:, effect]), key=lambda sd: float(np.sum(gain(information, score, sd))))
 
 
-def _of_stretches(times_d: Array, at: Ints, course: Partition, sd: float) -> tuple[Array, Array]:
+def _of_stretches(times_d: Array, at: Indices, course: Partition, sd: float) -> tuple[Array, Array]:
     """(n, k) and (k,): the level of each stretch that is not gone, and its slope over the season."""
     columns, sds = list[Array](), list[float]()
     shares = share_of(times_d[at])
@@ -466,11 +458,9 @@ def _gain(post: Solved, extra: Array, columns: Array, sd: Array, effect: int) ->
     """Log marginal likelihood of an effect with given terms against none: of the terms, of its scatter; its sizes."""
     one = scattered(post, effect, extra)
     cross = one.shared_with(columns)
-    inner = columns.T @ (columns * one.information[:, None]) - cross @ one.cov @ cross.T + np.diag(sd ** -2.0)
-    score = columns.T @ one.left
-    size = np.linalg.solve(inner, score)
-    linear = 0.5 * score @ size - 0.5 * (np.linalg.slogdet(inner)[1] + 2.0 * np.sum(np.log(sd)))
-    return float(linear), one.worth, np.asarray(size, np.float64)
+    information = columns.T @ (columns * one.information[:, None]) - cross @ one.cov @ cross.T
+    sizes = Gaussian(information, columns.T @ one.left).fit(sd)
+    return float(sizes.gain), one.worth, sizes.b
 
 
 Tried = tuple[float, float, float, Alternative]         # log likelihood at the cause's level, at its own; log prior

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from control.diagnosis.judgement.gaussian import Gaussian
 from control.diagnosis.judgement.prior import UNKNOWN, log_of_size, sd_of_size
 from control.diagnosis.judgement.rows import Posterior, Rows, mixed, posterior, rows_of
 
@@ -184,7 +185,10 @@ def scored(table: _SideBySide, effects: Sequence[TableEffect], unknowns: Sequenc
     chosen = [effects[k] for k in model.effects]
     index = _columns_of(table, model)
     strange = 0 if model.unknown is None else unknowns[model.unknown].columns.shape[1]
-    guess = _guess(table.rows, index, len(index) - table.tolerances)
+    least = table.rows.products.of(index)           # sizes by least squares, the tolerances held by their priors
+    trust = RIDGE * np.maximum(np.diag(least.A[0]), 1e-12)
+    trust[len(index) - table.tolerances:] = 1.0
+    guess = Gaussian(least.A[0], least.s[0]).fit(1.0 / np.sqrt(trust)).b
     log_odds = 0.0
     sd = np.ones(len(index))
     at = len(chosen)
@@ -205,16 +209,6 @@ def scored(table: _SideBySide, effects: Sequence[TableEffect], unknowns: Sequenc
     sd[len(chosen):at] = NO_FREEDOM
     found = mixed(free, posterior(table.rows, index, sd, sizes), FREE)
     return found.log_evidence + log_odds, found
-
-
-def _guess(rows: Rows, index: IntArray, free: int) -> Array:
-    """Sizes by least squares, the tolerances held by their priors, (k,)."""
-    normal = rows.grams[0][np.ix_(index + 1, index + 1)].copy()
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-12))
-    scale[free:] = 1.0
-    normal = normal * scale[:, None] * scale
-    normal[np.diag_indices_from(normal)] += np.where(np.arange(len(index)) < free, RIDGE, 1.0)
-    return np.asarray(np.linalg.solve(normal, rows.grams[0][0, index + 1] * scale) * scale)
 
 
 def refined(problem: TableProblem, effects: Sequence[TableEffect], unknowns: Sequence[Unknown], model: Model,
