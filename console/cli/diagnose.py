@@ -102,23 +102,10 @@ def _outputs(as_json: Path | None, report: Path | None, adopt: Path | None) -> l
 
 
 def _is_run(data: list[Path]) -> bool:
-    """A run log of any program; else a bench table."""
-    from control.calibration.bench_table import KNOWN, recognise
-    from drivers.files.any_log import FOREIGN
-    from drivers.files.foreign import is_run_log
-    from drivers.files.header_names import our_names
-    from drivers.files.imports.words import NO_TIME, TIME, folded, says
-    from drivers.files.table import NoHeader, header_of
-    if data[0].is_dir() or data[0].suffix.lower() in FOREIGN:
-        return True
-    try:
-        names = header_of(data[0])
-    except NoHeader:
-        return True                             # the import asks what its columns are
-    if is_run_log(names):
-        return True
-    tells_time = any(says(folded(name), TIME) and not says(folded(name), NO_TIME) for name in names)
-    return tells_time and recognise(our_names(names, KNOWN, {}).names) is None
+    """A run log of any program, by the import where its columns have no names; else a bench table."""
+    from drivers.files.opened import Opened
+    file = Opened(data[0])
+    return not file.is_table or not file.names or file.holds == "log"
 
 
 def _columns(path: Path, machine: Machine) -> tuple[dict[str, Any], list[str]]:

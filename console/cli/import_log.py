@@ -156,13 +156,13 @@ def _written(out: Path) -> tuple[Path, ...]:
 
 def _is_copy(files: list[Path], mapping: Path | None, out: Path) -> bool:
     """Whether a run log is only to be kept in the other form: text as Parquet, or Parquet of ours as text."""
-    from drivers.files.any_log import is_foreign
     from drivers.files.log_store import SUFFIXES, is_store
+    from drivers.files.opened import Opened
     if mapping is not None or len(files) != 1 or not files[0].exists():
         return False
     if is_store(files[0]):
         return True
-    return out.suffix.lower() in SUFFIXES and not is_foreign(files[0])
+    return out.suffix.lower() in SUFFIXES and not Opened(files[0]).foreign
 
 
 def _copy(source: Path, out: Path, force: bool) -> None:

@@ -62,31 +62,16 @@ def need_ending(option: str, path: Path | None, *endings: str) -> None:
 
 def refuse_run_log(table: Path, command: str) -> None:
     """A run log where a bench table is asked for. Raises CommandError."""
-    from drivers.files.foreign import is_run_log
-    from drivers.files.imports.trouble import TableError
-    from drivers.files.table import header_of
-    try:
-        names = header_of(table)
-    except TableError:
-        return                              # the reader says what is wrong with it
-    if is_run_log(names):
+    from drivers.files.opened import Opened
+    if Opened(table).holds == "log":
         raise CommandError(f"{table}: this is a run log (topdress diagnose reads it, topdress calibrate wheel and "
                            f"heads too): allowed for {command} is a bench table")
 
 
 def refuse_bench_table(log: Path, command: str) -> None:
     """A bench table where a run log is asked for. Raises CommandError."""
-    from control.calibration.bench_table import KNOWN, recognise
-    from drivers.files.foreign import is_run_log
-    from drivers.files.header_names import our_names
-    from drivers.files.imports.trouble import TableError
-    from drivers.files.table import header_of
-    if not log.is_file() or log.suffix.lower() not in (".csv", ".tsv", ".txt"):
-        return
-    try:
-        names = header_of(log)
-    except TableError:
-        return
-    if (kind := recognise(our_names(names, KNOWN, {}).names)) is not None and not is_run_log(names):
-        raise CommandError(f"{log}: this is a bench table ({kind}; topdress diagnose reads it, calibrate lag and catch "
-                           f"fit it): allowed for {command} is a run log")
+    from drivers.files.opened import Opened
+    file = Opened(log)
+    if file.is_table and file.holds == "table":
+        raise CommandError(f"{log}: this is a bench table ({file.bench}; topdress diagnose reads it, calibrate lag "
+                           f"and catch fit it): allowed for {command} is a run log")

@@ -60,11 +60,14 @@ def map_files(
     force: Force = False,
 ) -> None:
     """Read a prescription and convert it, or export what a run log applied."""
+    from drivers.files.opened import Opened
     from drivers.files.prescriptions.words import RateChoice
+    from drivers.files.what_it_is import TABLES
     refuse_other([source], MAP)
     if out is not None and out.resolve() in (source.resolve(), source.resolve().parent):
         raise CommandError(f"--out {out}: allowed is another place than IN's")
-    is_log = source.exists() and _is_log(source)
+    holds = Opened(source).holds
+    is_log = holds in ("log", "table") or (not holds and source.suffix.lower() in TABLES)
     if out is not None:
         refuse_collisions(_read(source, is_log, machine), [_output(out)], force)
     if is_log:
@@ -77,20 +80,10 @@ def map_files(
     _convert(source, out, choice, rule, as_json)
 
 
-def _is_log(source: Path) -> bool:
-    """What was applied, not what is to be: a run log, or another program's points or task that was worked."""
-    from drivers.files.point_files import TABLES, holds_points
-    from drivers.files.prescriptions.csv_zones import holds_polygons
-    from drivers.files.prescriptions.lattice import is_map_of_points
-    if source.suffix.lower() in TABLES and not source.is_dir():
-        return not holds_polygons(source) and not is_map_of_points(source)
-    return holds_points(source) and not is_map_of_points(source)
-
-
 def _read(source: Path, is_log: bool, machine: str | None) -> tuple[Path, ...]:
     from drivers.files.archives import files_of
-    from drivers.files.point_files import TABLES
-    own = log_files(source) if is_log and source.suffix.lower() in TABLES else files_of(source)
+    from drivers.files.opened import Opened
+    own = log_files(source) if is_log and Opened(source).is_table else files_of(source)
     return (*own, *(() if machine is None else (machine_file(machine),)))
 
 
@@ -178,15 +171,14 @@ def _tell(read: Imported, as_json: bool) -> None:
 
 def _export(source: Path, out: Path | None, *, machine: str | None, product: str | None, nitrogen: float | None,
             every_s: float, polygons: bool, as_json: bool) -> None:
-    from drivers.files.any_log import is_foreign, open_log
+    from drivers.files.any_log import open_log
     from drivers.files.exports.as_applied import SpreadProduct, as_applied
     from drivers.files.exports.columns import summary
     from drivers.files.exports.write import write_as_applied
-    from drivers.files.read_log import read_log
     given = None
     if product is not None or nitrogen is not None:
         given = SpreadProduct(product or "product", nitrogen or 0.0)
-    log = open_log(source) if is_foreign(source) else read_log(source)
+    log = open_log(source)
     loaded = machine_of(machine) if machine else None
     applied = as_applied(log, loaded, given, every_s)
     if out is not None and out.suffix.lower() == ".html":

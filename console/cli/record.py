@@ -73,11 +73,10 @@ def _priced(one: Pass, prices: dict[str, float]) -> bool:
 def _pass(log: Path, machine: Machine | None, nitrogen: float | None, prices: dict[str, float],
           currency: str | None) -> Pass:
     from console.reports.job_about import about_of
-    from drivers.files.any_log import is_foreign, open_log
+    from drivers.files.any_log import open_log
     from drivers.files.exports.as_applied import SpreadProduct, as_applied
     from drivers.files.exports.farm_record import Pass
-    from drivers.files.read_log import read_log
-    opened = open_log(log) if is_foreign(log) else read_log(log)
+    opened = open_log(log)
     about = about_of(opened)
     who = about.who
     given = None if nitrogen is None else SpreadProduct(who.product or "product", nitrogen)

@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from drivers.files.config import Loaded
 
 MOST_FILES = 200
-HEADER_BYTES = 8_192
 PROGRAM = ("-P", "-m", "console.services.diagnosis_job")
 
 
@@ -237,28 +236,25 @@ def _source(path: Path) -> DiagnosisSource:
     if kind is None:
         raise ValueError(f"{path}: neither a run log (column time_s), a bench table nor a log that import reads")
     changed = day_clock.said_of_file(status.st_mtime)
-    return DiagnosisSource(str(path), path.name, kind, changed, _size(status.st_size), bytes=status.st_size)
+    size = status.st_size
+    said = f"{size / 1e6:.1f} MB" if size >= 100_000 else f"{size / 1e3:.1f} kB"
+    return DiagnosisSource(str(path), path.name, kind, changed, said, bytes=size)
 
 
 def _kind(path: Path) -> str | None:
-    """By the columns: run, that of a bench table, or None."""
+    """Run, that of a bench table, or None: what the import may read."""
     from drivers.files.log_store import is_store
     if is_store(path):
         return "run"
     if path.suffix.lower() != ".csv":
         return None
-    with path.open("rb") as file:
-        header = file.read(HEADER_BYTES).decode("utf-8-sig", errors="replace")
-    lines = [line for line in header.splitlines() if line.strip() and not line.startswith("#")]
-    names = tuple(name.strip().strip('"') for name in (lines[0] if lines else "").replace(";", ",").split(","))
-    if "time_s" in names:
-        return "run"
-    from control.calibration.bench_table import recognise  # takes a second: only where there is such a file
-    return recognise(names)
-
-
-def _size(count: int) -> str:
-    return f"{count / 1e6:.1f} MB" if count >= 100_000 else f"{count / 1e3:.1f} kB"
+    from drivers.files.imports.trouble import TableError
+    from drivers.files.opened import Opened  # takes a second: only where there is such a file
+    file = Opened(path)
+    try:
+        return "run" if not file.foreign else file.bench if file.holds == "table" else None
+    except TableError:
+        return None
 
 
 def _as_planted(found: DiagnosisView) -> str:

@@ -82,11 +82,11 @@ def compared_before_and_after(order: DiagnosisOrder, tell: Tell) -> None:
     from console.reports.figure import NoPictures
     from control.diagnosis.runs.compared import compared
     from control.machine.history import undone
+    from drivers.files.any_log import open_log
     from drivers.files.atomic import write_atomically
-    from drivers.files.read_log import read_rows
     after = machine_of(order)
     tell(0.0, "reading")
-    found = compared(dict(read_rows(Path(order.data)).columns), undone(after), after,
+    found = compared(dict(open_log(Path(order.data)).columns), undone(after), after,
                      lambda share, word: tell(0.8 * share, word))
     logs, old = [(order.data, found)], f"{order.machine}, before its last change"
     tell(0.85, "report")
@@ -139,8 +139,8 @@ def _diagnosed(order: DiagnosisOrder, machine: Machine, data: Path, name: str, n
     tools: dict[str, Any]
     if order.kind == "run":
         from control.diagnosis.runs.diagnose import diagnose_run
-        from drivers.files.read_log import read_rows
-        log = read_rows(data)
+        from drivers.files.any_log import open_log
+        log = open_log(data)
         columns = dict(log.columns)
         found = diagnose_run(columns, machine, path=str(data), progress=lambda share, word: tell(0.85 * share, word))
         said = dict.fromkeys((*notes, *map(str, log.findings), *found.findings))

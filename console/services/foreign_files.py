@@ -5,9 +5,10 @@ from pathlib import Path, PurePosixPath
 
 from console.app.pages.diagnosis.service import OpenQuestions
 from drivers.files.atomic import free_path
+from drivers.files.what_it_is import FOREIGN, TABLES
 
-LISTED = frozenset({".csv", ".tsv", ".xlsx", ".xlsm", ".xls", ".xlsb", ".ods", ".geojson", ".shp", ".parquet", ".pq"})
-READ = LISTED | {".txt", ".log", ".dat", ".json", ".xml", ".zip"}       # may be logs, and often are something else
+READ = TABLES | FOREIGN
+LISTED = READ - {".txt", ".log", ".dat", ".json", ".xml", ".zip"}       # may be logs, and often are something else
 TASK, TASK_FOLDER = "taskdata.xml", "taskdata"
 IMPORT_FILE = ".import.yaml"
 YAML = (".yaml", ".yml")

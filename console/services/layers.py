@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 OUTLET_M = 2.0                # behind the antenna, where the machine of the frame is not given
 STALE_FIX_M = 30.0            # a fix may be some seconds older than the place: no sign of another plane
 WIDTH_M = 2.4
-HARVESTS = ("yield", "ertrag", "产量", "crop_flow", "grain")     # the first that a column is named by is shown
 
 
 class MapLayers:
@@ -141,8 +140,8 @@ def _width_of(log: RunLog, otherwise_m: float) -> float:
 def _harvest(log: RunLog) -> tuple[str, Harvest] | None:
     """The column of what was harvested, where there is one."""
     from drivers.files.imports.header import named
-    from drivers.files.imports.words import folded
-    for word in HARVESTS:
+    from drivers.files.imports.words import HARVEST, folded
+    for word in HARVEST:
         for name, values in log.columns.items():
             if word in folded(name) and values.dtype != object and log.has(name):
                 label, unit = named(name.removeprefix("x_"))

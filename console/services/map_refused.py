@@ -7,10 +7,10 @@ from pathlib import Path
 
 from console.locale import N_, _
 from drivers.files.prescriptions.words import NotAMap
-from drivers.files.what_it_is import KINDS, TABLES, what_is
+from drivers.files.what_it_is import KINDS, OF_TABLES, what_is
 from drivers.plain_text import Reason, Refused
 
-MAP_KINDS = (*TABLES, "geotiff", "gpkg", "kml", "kmz")
+MAP_KINDS = (*OF_TABLES, "geotiff", "gpkg", "kml", "kmz")
 _KINDS = {
     "picture": N_("this is a picture"), "pdf": N_("this is a PDF document"), "html": N_("this is a web page"),
     "sqlite": N_("this is an SQLite database"), "gpx": N_("this is a GPX track"),

@@ -87,10 +87,9 @@ def may_be_map(path: Path) -> bool:
     except (OSError, zipfile.BadZipFile):
         return False
     if ending == ".csv":
-        from drivers.files.prescriptions.csv_zones import holds_polygons
-        from drivers.files.prescriptions.lattice import is_map_of_points
+        from drivers.files.opened import Opened
         try:
-            return holds_polygons(path) or is_map_of_points(path)
+            return Opened(path).holds == "map"
         except (OSError, ValueError):
             return False
     return '"FeatureCollection"' in head or '"Feature"' in head

@@ -8,13 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from control.log_row import COLUMNS
-from drivers.files.foreign import our_names
 from drivers.files.imports.trouble import TableError
 from drivers.files.log_store import is_store
+from drivers.files.opened import Opened
 from drivers.files.read_log import RunLog, log_of, read_rows
 from drivers.files.run_meta import RunMeta
-from drivers.files.table import Columns, NoHeader, header_of
+from drivers.files.table import Columns
+from drivers.files.what_it_is import what_is
 
 OWN, OF_FOLDER = ".import.yaml", "import.yaml"
 
@@ -32,21 +32,20 @@ if TYPE_CHECKING:
     from drivers.files.imports.mapping import ImportFile
     from drivers.files.imports.raw import RawTable
 
-FOREIGN = frozenset({".geojson", ".json", ".shp", ".zip", ".xml", ".parquet", ".pq"})
 TEXTS = frozenset({".csv", ".txt", ".tsv"})
-OTHERS = {b"PK\x03\x04": "a zip or an Excel workbook", b"PAR1": "a Parquet file", b"\x1f\x8b": "a gzip file"}
-KNOWN_SHARE = 0.5               # of the columns; fewer are another program's log, which the import reads better
+NO_TEXTS = ("zip", "kmz", "excel", "office", "parquet", "gzip")
 
 
 def open_log(path: Path, without: Collection[str] = ()) -> RunLog:
     """`without`: columns that need not be read. Raises TableError (the open questions too, where the import is not
     sure of all), OSError."""
     _not_by_another_name(path)
-    if not is_foreign(path):
+    file = Opened(path)
+    if not file.foreign:
         try:
             return read_rows(path, without)
         except TableError:
-            if is_store(path) or "time_s" in [name.strip().lower() for name in header_of(path)]:
+            if is_store(path) or "time_s" in [name.strip().lower() for name in file.names]:
                 raise                       # our own; of another's with names as ours the import knows more
     raw, mapping, said_by = raw_and_mapping(path)
     from drivers.files.imports.log_file import run_log
@@ -93,33 +92,5 @@ def raw_and_mapping(path: Path, data: bytes | None = None) -> tuple[RawTable, Im
 
 def _not_by_another_name(path: Path) -> None:
     """Raises TableError where a text's suffix stands on what is none."""
-    if path.is_file() and path.suffix.lower() in TEXTS:
-        with path.open("rb") as file:
-            begin = file.read(4)
-        for magic, what in OTHERS.items():
-            if begin.startswith(magic):
-                raise TableError(path, f"{what} by another name: allowed is its own suffix")
-
-
-def _commands(names: list[str]) -> bool:
-    """Whether another program's column is a command by its name (`commanded_rpm`)."""
-    from drivers.files.imports.words import COMMAND, folded, says
-    return any(says(folded(name), COMMAND) for name in names if not name.startswith("x_"))
-
-
-def is_foreign(path: Path) -> bool:
-    """Whether the import reads this rather than `read_log`. Raises TableError, OSError."""
-    if is_store(path):
-        return False
-    if path.is_dir() or path.suffix.lower() in FOREIGN:
-        return True
-    try:
-        names = header_of(path)
-    except NoHeader:
-        return True                 # the import asks what its columns are
-    plain = [name.strip().lower() for name in names]
-    ours = our_names(names).names
-    known = sum(name in COLUMNS for name in ours)
-    if "time_s" in plain:
-        return known == 1 and _commands(plain)
-    return not ({"time_s", "utc"} & set(ours) and known >= KNOWN_SHARE * len(ours) and known > 1)
+    if path.is_file() and path.suffix.lower() in TEXTS and (kind := what_is(path)).id in NO_TEXTS:
+        raise TableError(path, f"{kind.words} by another name: allowed is its own suffix")

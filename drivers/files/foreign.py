@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from control.calibration.bench_table import recognise
 from control.log_row import COLUMNS, NDRE_COLUMNS, SPEEDS
 from control.recordings.finding import Finding, many
 from control.recordings.mended import mend_values, mended
@@ -19,23 +18,12 @@ from control.recordings.times import DAY_S, SPREADSHEET_DAYS, SPREADSHEET_EPOCH_
 from drivers.files.header_names import Renamed
 from drivers.files.header_names import our_names as renamed
 from drivers.files.imports.trouble import TableError
+from drivers.files.imports.words import WHOLE_DATES, WHOLE_NAMES
 from drivers.files.table import Columns
 
-_OTHER_NAMES = {
-    "time": "time_s", "t": "time_s", "t_s": "time_s", "timestamp_s": "time_s", "seconds": "time_s",
-    "elapsed_s": "time_s",
-    "lat": "lat_deg", "latitude": "lat_deg", "latitude_deg": "lat_deg",
-    "lon": "lon_deg", "lng": "lon_deg", "long": "lon_deg", "longitude": "lon_deg", "longitude_deg": "lon_deg",
-    "heading": "heading_deg", "course": "heading_deg", "course_deg": "heading_deg",
-    "gps_speed_mps": "speed_mps", "ground_speed_mps": "speed_mps", "speed_ms": "speed_mps", "speed_m_s": "speed_mps",
-    "speed": "speed_mps", "speed_km_h": "speed_kmh", "speed_kph": "speed_kmh",
-    "speed_kmh": "speed_kmh", "time_utc": "utc", "hopper": "hopper_kg",
-}
 Times = NDArray[np.float64]
 _MOST_NUMBERS = 0.5          # of the cells of times: where more are numbers, the others are no dates
-_LOGGED = frozenset({"shaft_rpm_cmd", "opening_mm_cmd", "target_rate_kg_ha", "lat_deg", *SPEEDS})
 _KMH_COLUMN = "speed_kmh"
-_DATES = ("timestamp", "datetime", "date_time", "date time", "time_stamp")    # seconds, dates or texts of them
 
 
 class _Use(NamedTuple):
@@ -65,18 +53,10 @@ def our_names(names: tuple[str, ...]) -> Renamed:
     unit. Of several columns that tell the time one becomes `time_s`, seconds before dates."""
     plain = [name.strip().lower() for name in names]
     times = {} if {"time_s", "t_s"} & set(plain) else {
-        name: "time_s" for name in (next((name for name in _DATES if name in plain), ""),) if name}
+        name: "time_s" for name in (next((name for name in WHOLE_DATES if name in plain), ""),) if name}
     if times and {"time", "t", "seconds", "elapsed_s"} & set(plain):
         times = {}
-    return renamed(names, COLUMNS, _OTHER_NAMES | times)
-
-
-def is_run_log(names: tuple[str, ...]) -> bool:
-    """Whether a header is a log's, not a bench table's: it tells the time of each row."""
-    ours = our_names(names).names
-    if "time_s" in [name.strip().lower() for name in names]:
-        return True
-    return bool({"time_s", "utc"} & set(ours)) and (recognise(ours) is None or bool(_LOGGED & set(ours)))
+    return renamed(names, COLUMNS, WHOLE_NAMES | times)
 
 
 def needed(names: tuple[str, ...], wanted: Collection[str]) -> set[str]:

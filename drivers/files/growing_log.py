@@ -11,14 +11,16 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.files.any_log import FOREIGN, is_foreign, open_log
+from drivers.files.any_log import open_log
 from drivers.files.good_lines import GoodLines
 from drivers.files.growing_foreign import ForeignText
 from drivers.files.imports.trouble import TableError
 from drivers.files.log_store import is_store
+from drivers.files.opened import Opened
 from drivers.files.read_log import read_log
 from drivers.files.sheet_text import SUFFIXES
 from drivers.files.table import Columns
+from drivers.files.what_it_is import FOREIGN
 
 MOST_BYTES = 64 << 20           # of new lines that are read at a time
 
@@ -64,7 +66,7 @@ class GrowingLog:
     def _read(self, size: int) -> Columns | None:
         if self._foreign is None:
             try:
-                self._foreign = is_foreign(self.path)
+                self._foreign = Opened(self.path).foreign
             except TableError:
                 return None             # no header yet
         columns: Columns | None

@@ -8,7 +8,8 @@ from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
 from drivers.devices.capture import HEADER as CAPTURE
-from drivers.files.limits import DAMAGED_ZIP
+from drivers.files.limits import DAMAGED_ZIP, read_json
+from drivers.files.sheet_text import SUFFIXES as SHEETS
 from drivers.plain_text import OneLine
 
 LOOKED_BYTES = 4096
@@ -62,7 +63,10 @@ KINDS = {kind.id: kind for kind in (
              "GeoPackage and GeoTIFF"),
     FileKind("text", "a text", ""),
 )}
-TABLES = ("text", "excel", "parquet", "json", "shp", "zip", "task", "folder")
+OF_TABLES = ("text", "excel", "parquet", "json", "shp", "zip", "task", "folder")
+TABLES = frozenset({".csv", ".tsv", ".txt", ".log", ".dat", *SHEETS})
+FOREIGN = frozenset({".geojson", ".json", ".shp", ".zip", ".xml", ".parquet", ".pq"})   # logs of others, and our stores
+POINTS = (1, 11, 21)            # types of shapes: point, with height, with measure
 
 _MAGIC = (
     (b"II*\0", "geotiff"), (b"MM\0*", "geotiff"), (b"II+\0", "geotiff"), (b"MM\0+", "geotiff"),
@@ -151,3 +155,34 @@ def refuse_kind(path: Path, takes: Collection[str], reads: str) -> None:
     if kind.id not in takes:
         instead = f" ({kind.instead})" if kind.instead else ""
         raise WrongKind(f"{path}: this is {kind.words}{instead}: allowed here is {reads}")
+
+
+def holds_points(path: Path) -> bool:
+    """Whether a file that might be a map of areas holds places that were worked instead. Raises OSError."""
+    is_json = path.suffix.lower() in (".geojson", ".json") and not path.is_dir()
+    try:
+        return _points_of_geojson(path) if is_json else _points_of_files(path)
+    except ValueError:
+        return False
+
+
+def _points_of_geojson(path: Path) -> bool:
+    root = read_json(path)
+    features = root.get("features") if isinstance(root, dict) else None
+    shapes = [one.get("geometry") for one in features if isinstance(one, dict)] if isinstance(features, list) else []
+    kinds = {str(shape.get("type")) for shape in shapes if isinstance(shape, dict)}
+    return "Point" in kinds and not kinds & {"Polygon", "MultiPolygon"}
+
+
+def _points_of_files(path: Path) -> bool:
+    """A task that was worked and prescribes nothing; or shapefiles of which none has areas."""
+    from drivers.files.prescriptions.task_files import task_sets, task_tree
+    from drivers.files.shape_sets import shape_sets
+    tasks = task_sets(path)
+    if tasks:
+        roots = [task_tree(one) for one in tasks]
+        return any(root.find("TSK/TLG") is not None for root in roots) and not any(
+            root.find("TSK/TZN") is not None for root in roots)
+    heads = [one.part(".shp") or b"" for one in shape_sets(path)]
+    kinds = [int.from_bytes(head[32:36], "little") for head in heads]
+    return bool(kinds) and all(kind in POINTS for kind in kinds)

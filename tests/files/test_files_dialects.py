@@ -13,9 +13,11 @@ import pytest
 from typer.testing import CliRunner
 
 from console.cli import app
+from control.log_row import COLUMNS
 from drivers.files.bench_table import read_bench_table
-from drivers.files.foreign import is_run_log
 from drivers.files.imports.trouble import TableError
+from drivers.files.log_store import write_store
+from drivers.files.opened import Opened
 from drivers.files.read_log import read_log
 
 T = np.arange(50) * 0.1
@@ -167,9 +169,44 @@ def test_a_workbook_of_two_tables_is_a_question(tmp_path: Path) -> None:
         read_bench_table(path)
 
 
-@pytest.mark.parametrize(("names", "run"), [
-    (("time_s", "shaft_rpm", "lag_s"), True), (("Timestamp", "shaft_rpm_cmd", "shaft_rpm"), True),
-    (("timestamp", "shaft_rpm", "lag_s"), False), (("shaft_rpm", "lag_s", "date"), False),
-    (("UTC", "lat", "lon"), True)])
-def test_a_log_is_told_from_a_bench_table(names: tuple[str, ...], run: bool) -> None:
-    assert is_run_log(names) is run
+POINT = '{"type": "Feature", "properties": {PROPERTIES}, "geometry": {"type": "Point", "coordinates": [9, 5CORNER]}}'
+POINTS = '{"type": "FeatureCollection", "features": [' + ", ".join(
+    POINT.replace("CORNER", corner) for corner in ("1", "2")) + "]}"
+HELD = {        # name, text, what it holds, whether the import reads it (None: it has no columns to be asked about)
+    "ours": ("a.csv", f"{','.join(COLUMNS)}\n", "log", False),
+    "time_s": ("a.csv", "time_s,shaft_rpm,lag_s\n", "log", False),
+    "dates": ("a.csv", "Timestamp,shaft_rpm_cmd,shaft_rpm\n", "log", False),
+    "utc": ("a.csv", "UTC,lat,lon\n", "log", False),
+    "a command of another's": ("a.csv", "time_s,commanded_rpm,actual_rpm\n", "log", True),
+    "another's words": ("a.csv", "Zeit;Drehzahl Soll;Drehzahl Ist\n1;2;3\n", "log", True),
+    "no names": ("a.csv", "0,1,2\n1,2,3\n", "", True), "words": ("a.txt", "Dear all,\n", "", True),
+    "nothing": ("a.csv", "", "", None), "a time of a table": ("a.csv", "timestamp,shaft_rpm,lag_s\n", "table", False),
+    "a date of a table": ("a.csv", "shaft_rpm,lag_s,date\n", "table", True),
+    "another suffix": ("a.bench", "shaft [r/min];lag [s]\n10;0,5\n", "table", True),
+    "polygons": ("a.csv", 'WKT,rate\n"POLYGON ((1 2, 3 4, 1 4, 1 2))",5\n', "map", True),
+    "places": ("a.csv", "lat,lon,rate\n1,2,3\n", "map", True),
+    "places in time": ("a.csv", "t;lat;lon;rate\n", "log", False),
+    "points": ("a.geojson", POINTS.replace("PROPERTIES", '"rate": 1'), "map", True),
+    "points in time": ("a.json", POINTS.replace("PROPERTIES", '"rate": 1, "time": 3'), "log", True),
+    "areas": ("a.geojson", POINTS.replace("Point", "Polygon"), "map", True), "no JSON": ("a.json", "{", "map", True),
+    "a package": ("a.gpkg", "SQLite format 3", "map", True), "another's Parquet": ("a.pq", "PAR1", "log", True)}
+
+
+@pytest.mark.parametrize("case", HELD)
+def test_what_a_file_holds_is_asked_in_one_place(written: Write, tmp_path: Path, case: str) -> None:
+    name, text, holds, foreign = HELD[case]
+    file = Opened(written(text, name))
+    assert file.holds == holds
+    if foreign is None:
+        with pytest.raises(TableError, match="the file is empty"):
+            assert file.foreign
+    else:
+        assert file.foreign is foreign
+
+
+def test_stores_and_folders_are_asked_there_too(tmp_path: Path) -> None:
+    write_store(tmp_path / "a.parquet", {"time_s": T}, None)
+    assert Opened(tmp_path / "a.parquet").holds == "log" and not Opened(tmp_path / "a.parquet").foreign
+    assert Opened(tmp_path).holds == "map" and Opened(tmp_path).foreign
+    (tmp_path / "Field.txt").write_text("x")
+    assert Opened(tmp_path).holds == "field"

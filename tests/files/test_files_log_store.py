@@ -9,9 +9,10 @@ from typer.testing import CliRunner
 
 from console.cli import app
 from control.log_row import LogRow
-from drivers.files.any_log import is_foreign, open_log
+from drivers.files.any_log import open_log
 from drivers.files.imports.trouble import TableError
 from drivers.files.log_store import is_store, write_store
+from drivers.files.opened import Opened
 from drivers.files.read_log import RunLog, meta_of, read_log, read_rows
 from drivers.files.run_log import write_log
 from drivers.files.run_meta import run_meta
@@ -47,7 +48,7 @@ def test_a_log_is_read_back_equal_from_its_store(text_log: Path, tmp_path: Path)
     assert log.findings
     same(read_log(place), log)
     assert meta_of(place) == log.meta
-    assert is_store(place) and not is_foreign(place)
+    assert is_store(place) and not Opened(place).foreign
     same(open_log(place), log)
     assert pl.read_parquet(place)["hopper_kg"].null_count() == 26          # not NaN: others must see it too
 
@@ -100,7 +101,7 @@ def test_a_spoilt_store_is_refused_in_one_line(text_log: Path, tmp_path: Path, s
 
 def test_parquet_of_another_program_is_foreign(tmp_path: Path) -> None:
     pl.DataFrame({"time_s": [0.0, 1.0], "speed": [1.0, 1.1]}).write_parquet(tmp_path / "other.parquet")
-    assert not is_store(tmp_path / "other.parquet") and is_foreign(tmp_path / "other.parquet")
+    assert not is_store(tmp_path / "other.parquet") and Opened(tmp_path / "other.parquet").foreign
 
 
 def test_a_log_of_ours_comes_back_from_its_store_to_the_byte(tmp_path: Path) -> None:

@@ -20,8 +20,8 @@ from drivers.files.any_log import open_log
 from drivers.files.exports.as_applied import as_applied
 from drivers.files.exports.time_log import Logged, TimeRecord, layout, records
 from drivers.files.imports.trouble import ImportTrouble
-from drivers.files.point_files import holds_points
 from drivers.files.read_log import read_log
+from drivers.files.what_it_is import holds_points
 
 BEGIN = dt.datetime(2026, 3, 20, 8, 0, tzinfo=dt.UTC)
 TASK = '<ISO11783_TaskData VersionMajor="4" VersionMinor="3"><TSK A="TSK1">{}</TSK></ISO11783_TaskData>'

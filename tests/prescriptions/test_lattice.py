@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from console.cli import app
 from control.geodesy import TangentPlane
 from control.targets.prescription import statistics
-from drivers.files.prescriptions.lattice import NoLattice, is_map_of_points, lattice_of
+from drivers.files.prescriptions.lattice import NoLattice, lattice_of
 from drivers.files.prescriptions.read import read_prescription
 from drivers.files.prescriptions.words import RateChoice, RateQuestion
 from drivers.plain_text import Refused
@@ -202,9 +202,6 @@ def test_scattered_points_are_never_a_lattice(seed):
 def test_a_log_is_still_a_log(tmp_path):
     log = tmp_path / "log.csv"
     log.write_text("time_s,lat_deg,lon_deg,applied_rate_kg_ha\n0,34.8,113.6,200\n")
-    assert not is_map_of_points(log)
-    points = csv_of(tmp_path / "p.csv", degrees(lattice()[0]), lattice()[1])
-    assert is_map_of_points(points)
     with pytest.raises(Refused, match="a log is read by topdress import"):
         read_prescription(log)
 

@@ -14,8 +14,8 @@ from drivers.files.imports.mapping import Source
 from drivers.files.imports.raw import RawTable, units_in
 from drivers.files.imports.trouble import ImportTrouble, listed
 from drivers.files.layers import Layer, read_geojson
-from drivers.files.point_files import POINTS
 from drivers.files.shape_sets import ShapeSet, layer_of, shape_sets
+from drivers.files.what_it_is import POINTS
 
 LAT, LON = "lat_deg", "lon_deg"     # what places are called here
 

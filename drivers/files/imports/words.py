@@ -1,12 +1,14 @@
-"""What people call the columns of a machine's log, in English, German, Chinese, French and Spanish.
+"""What people call the columns of a machine's log and of a map, in English, German, Chinese, French and Spanish.
 
 A word stands for itself wherever it occurs in a name. `=word` is the whole of a part of the name (`=rate` is in
-`target_rate`, not in `acceleration`), `^word` its beginning. Names are compared in small letters, without accents.
+`target_rate`, not in `acceleration`), `^word` its beginning, `$word` the end of the name. Names are compared in small
+letters, those of logs without accents.
 """
 from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Collection, Iterable
 from functools import cache
 from typing import NamedTuple
 
@@ -109,6 +111,44 @@ EITHER_WAY = _words("=lift hubwerk raised gehoben stop aus")        # on is up, 
 ON = _words("1 on true yes working work active down ein an ja arbeit 作业 工作 是 开 spreading engaged")
 
 
+HARVEST = _words("yield ertrag 产量 crop_flow grain")     # the first that a column is named by is shown
+
+# Whole names that need no guess: a log with them is read as it stands. A unit may stand behind them.
+WHOLE_NAMES = {name: column for column, names in {
+    "time_s": "time t t_s timestamp_s seconds elapsed_s", "utc": "time_utc", "hopper_kg": "hopper",
+    "lat_deg": "lat latitude latitude_deg", "lon_deg": "lon lng long longitude longitude_deg",
+    "heading_deg": "heading course course_deg",
+    "speed_mps": "gps_speed_mps ground_speed_mps speed_ms speed_m_s speed",
+    "speed_kmh": "speed_km_h speed_kph speed_kmh"}.items() for name in names.split()}
+WHOLE_DATES = ("timestamp", "datetime", "date_time", "date time", "time_stamp")     # seconds, dates or texts of them
+
+# What one word of a map's column says that it is: the first that fits is taken. A rate is one by a word of its own,
+# unless another, or the last one, says that it is something else.
+KINDS_IN_MAPS: tuple[tuple[str, Words], ...] = (
+    ("a measurement", _words(
+        "=ec =eca =ecsh =ecdp =conductivity =cond =leitfähigkeit =ph =om =soc =cec =clay =sand =silt =elev =elevation "
+        "=alt =altitude =height =slope =aspect =ndvi =ndre =ndmi =evi =lai =yield =ertrag =rendement =moisture "
+        "=feuchte =date =time =year =day =count =pixels =x =y =lat =lon =latitude =longitude =width =speed =price "
+        "=cost =seed =seeds =seeding =planting =population =growth =infiltration =temperature =rain =erntemenge "
+        "产量 电导率 有机质 高程 坡度 水分")),
+    ("", _words("=nitrate =substrate =moderate =separate =corporate =accurate =calibrate =operate =carbonate "
+                "=elaborate =regenmenge")),
+    ("rate", _words(
+        "=rate =rates =rx =rx1 =dose =doses =dosis =dosen =dosage =dosierung =tgt =target =targetrate =tgtrate "
+        "=targetrat =tgtrat =applrate =apprate =applicationrate =appliedrate =appliedrat =vrate =vrt =vra "
+        "=prescription =prescribed =prescr =recommendation =recomm =recommended =appl =application =applied =menge "
+        "=sollmenge =zielmenge =aufwandmenge =ausbringmenge =streumenge =gabe =düngemenge =duengemenge =soll "
+        "=sollwert =setpoint =debit =débit =taux =cantidad =dosi =norma =aufwand $rate $menge $gabe "
+        "施肥量 用量 处方 推荐量 推荐施 目标量 目标施 追肥量")),
+    ("a number or a class", _words(
+        "=id =fid =oid =objectid =gid =uid =pk =key =idx =index =nr =no =num =number =nummer =numero =seq =row =col "
+        "=column =code =gridcode =zone =zones =zona =zonen =class =classes =klasse =clase =classe =cls =cluster "
+        "=category =kategorie =level =group =grp =rank =type 编号 序号 等级 类别 分区")),
+    ("a size", _words(
+        "=area =areas =flaeche =fläche =surface =superficie =acres =acre =hectare =hectares =hektar =ha =ac =m2 "
+        "=perimeter =length =leng =len =shape =total =sum =kg =mass =weight =amount =tons 面积 周长 总量")))
+
+
 @cache
 def folded(name: str) -> str:
     """Small letters without accents, parts joined by `_`: `targetRate` and `Target-Rate` are `target_rate`."""
@@ -127,6 +167,8 @@ def says(name: str, words: Words) -> bool:
             found = rest in parts
         elif start == "^":
             found = any(part.startswith(rest) for part in parts)
+        elif start == "$":
+            found = name.endswith(rest)
         else:
             found = word in name
         if found:
@@ -152,6 +194,17 @@ def subject_of(name: str, quantity: str | None) -> Subject | None:
     fitting = [subject for subject in worded if goes_with(subject.reading, quantity)]
     by_unit = [subject for subject in SUBJECTS if quantity in subject.quantities and not says(name, subject.never)]
     return next(iter([*fitting, *by_unit]), None)
+
+
+def tells_time(names: Iterable[str]) -> bool:
+    """Whether one of a table's columns, as the file names them, is of the time."""
+    return any(says(folded(name), TIME) and not says(folded(name), NO_TIME) for name in names)
+
+
+def places_without_time(names: Collection[str]) -> bool:
+    """Whether columns tell places and no time: points of a map, not of a log."""
+    subjects = {subject.reading for name in names if (subject := subject_of(folded(name), None)) is not None}
+    return {"lat_deg", "lon_deg"} <= subjects and not tells_time(names)
 
 
 def goes_with(column: str, quantity: str) -> bool:

@@ -22,12 +22,10 @@ from drivers.files.imports.numbers import numbers
 from drivers.files.imports.raw import RawTable
 from drivers.files.imports.read import read_raw
 from drivers.files.imports.trouble import TableError
-from drivers.files.imports.words import NO_TIME, TIME, folded, says, subject_of
-from drivers.files.point_files import TABLES
+from drivers.files.imports.words import folded, places_without_time, subject_of
 from drivers.files.prescriptions.features import Feature, imported
 from drivers.files.prescriptions.words import Imported, NotAMap, PrescriptionError, RateChoice, not_degrees
 from drivers.files.stated_units import StatedUnit
-from drivers.files.table import header_of
 from drivers.plain_text import Reason
 
 LEAST_POINTS = 4
@@ -60,22 +58,6 @@ class NoLattice(ValueError):
     def __init__(self, text: str, **values: object) -> None:
         self.reason = Reason(text, values)
         super().__init__(str(self.reason))
-
-
-def places_without_time(names: tuple[str, ...] | list[str]) -> bool:
-    """Whether columns tell places and no time: points of a map, not of a log."""
-    plain = [folded(name) for name in names]
-    subjects = {subject.reading for name in plain if (subject := subject_of(name, None)) is not None}
-    return {"lat_deg", "lon_deg"} <= subjects and not any(says(name, TIME) and not says(name, NO_TIME)
-                                                          for name in plain)
-
-
-def is_map_of_points(path: Path) -> bool:
-    """Whether a file of points tells places and no time; of a table the header says so. Raises OSError."""
-    try:
-        return places_without_time(header_of(path) if path.suffix.lower() in TABLES else read_raw(path).names)
-    except TableError:
-        return False
 
 
 def read_lattice(path: Path, choice: RateChoice, title: str = "") -> Imported:

@@ -11,10 +11,10 @@ from drivers.files.archives import chosen, files_at
 from drivers.files.imports.trouble import listed
 from drivers.files.limits import check_file
 from drivers.files.outlines import check_zones
-from drivers.files.point_files import TABLES, holds_points
 from drivers.files.prescriptions.task_files import find_task_files
 from drivers.files.prescriptions.words import Imported, NoPolygons, NotAMap, PrescriptionError, RateChoice, RateQuestion
 from drivers.files.shape_sets import ShapeSet, layer_of, shape_sets
+from drivers.files.what_it_is import TABLES, holds_points
 
 EVEN = ("raster", "points")     # formats of even cells: none over another
 SHAPES, RASTERS = (".gpkg", ".kml", ".kmz"), (".tif", ".tiff")
@@ -48,11 +48,12 @@ def _read(path: Path, choice: RateChoice) -> Imported:
         from drivers.files.prescriptions.raster import read_raster
         return read_raster(path, choice)
     if suffix in TABLES:
+        from drivers.files.opened import Opened
         from drivers.files.prescriptions.csv_zones import holds_polygons, read_csv_zones
-        from drivers.files.prescriptions.lattice import is_map_of_points, read_lattice
+        from drivers.files.prescriptions.lattice import read_lattice
         if holds_polygons(path):
             return read_csv_zones(path, choice)
-        if suffix == ".csv" or is_map_of_points(path):
+        if suffix == ".csv" or Opened(path).holds == "map":
             return read_lattice(path, choice)
     return _of_several(path, choice)
 

@@ -1,0 +1,109 @@
+"""What a file holds, asked in one place by every door: a log, a bench table, a map or a field."""
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+from control.calibration.bench_table import KNOWN, recognise
+from control.log_row import COLUMNS, SPEEDS
+from drivers.files.foreign import our_names
+from drivers.files.header_names import our_names as renamed
+from drivers.files.imports.trouble import TableError
+from drivers.files.imports.words import COMMAND, folded, places_without_time, says, tells_time
+from drivers.files.log_store import SUFFIXES as PARQUET
+from drivers.files.log_store import is_store
+from drivers.files.table import NoHeader, header_of
+from drivers.files.what_it_is import FOREIGN, holds_points, what_is
+
+KNOWN_SHARE = 0.5               # of the columns; fewer are another program's log, which the import reads better
+_LOGGED = frozenset({"shaft_rpm_cmd", "opening_mm_cmd", "target_rate_kg_ha", "lat_deg", *SPEEDS})
+_AREAS = frozenset({".gpkg", ".kml", ".kmz", ".tif", ".tiff"})
+
+Held = Literal["log", "table", "map", "field", ""]
+
+
+class Opened:
+    """A file as it is asked about. Nothing of it is read before; each answer is found once."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self._suffix = path, path.suffix.lower()
+
+    @property
+    def is_table(self) -> bool:
+        """Rows and columns, whatever its suffix: a text or a workbook."""
+        return not (self.path.is_dir() or self._suffix in FOREIGN or self._suffix in _AREAS)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Of a table's columns, as they stand; none where its first line holds numbers only. Raises TableError."""
+        try:
+            return header_of(self.path)
+        except NoHeader:
+            return ()
+
+    @property
+    def bench(self) -> str | None:
+        """The kind of bench table that the columns make; None: none, or several. Raises TableError."""
+        return recognise(renamed(self.names, KNOWN, {}).names)
+
+    @property
+    def foreign(self) -> bool:
+        """Whether the import reads this rather than `read_log`: a log of ours is never guessed. Raises TableError,
+        OSError."""
+        if is_store(self.path):
+            return False
+        if not self.is_table or not self.names:     # the import asks what its columns are
+            return True
+        plain, ours = _plain(self.names), our_names(self.names).names
+        known = sum(name in COLUMNS for name in ours)
+        if "time_s" in plain:
+            commanded = any(says(folded(name), COMMAND) for name in plain if not name.startswith("x_"))
+            return known == 1 and commanded             # another's `commanded_rpm` next to its readings
+        return not ({"time_s", "utc"} & set(ours) and known >= KNOWN_SHARE * len(ours) and known > 1)
+
+    @cached_property
+    def holds(self) -> Held:
+        """Empty: a table whose columns do not say. A file of areas is a map, whoever takes their outlines for a field.
+        Raises OSError."""
+        if self.is_table:
+            return self._by_columns()
+        if self._suffix in PARQUET:
+            return "log"
+        if self._suffix in _AREAS:
+            return "map"
+        if what_is(self.path).id == "aog":
+            return "field"
+        return "log" if holds_points(self.path) and not self._points_of_map() else "map"
+
+    def _by_columns(self) -> Held:
+        from drivers.files.prescriptions.csv_zones import holds_polygons
+        if holds_polygons(self.path):
+            return "map"
+        try:
+            if is_run_log(self.names):
+                return "log"
+            if self.bench is not None:
+                return "table"
+        except TableError:
+            return ""                   # the reader says what is wrong with it
+        return "log" if tells_time(self.names) else "map" if places_without_time(self.names) else ""
+
+    def _points_of_map(self) -> bool:
+        from drivers.files.imports.read import read_raw
+        try:
+            return places_without_time(read_raw(self.path).names)
+        except TableError:
+            return False
+
+
+def is_run_log(names: tuple[str, ...]) -> bool:
+    """Whether a header is a log's, not a bench table's: it tells the time of each row."""
+    ours = set(our_names(names).names)
+    if "time_s" in _plain(names):
+        return True
+    return bool({"time_s", "utc"} & ours) and (recognise(ours) is None or bool(_LOGGED & ours))
+
+
+def _plain(names: tuple[str, ...]) -> list[str]:
+    return [name.strip().lower() for name in names]
