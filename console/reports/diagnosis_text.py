@@ -109,16 +109,7 @@ def _cause(cause: Cause) -> list[str]:
     rivals = [f"{said.name_of(rival)} ({share:.2f})" for rival, share in said.others(cause)]
     if rivals:
         lines.append(f"    could also be: {', '.join(rivals)}")
-    cost = cause.field_cost
-    costs = []
-    if cost.rate_error_percent:
-        costs.append(f"rate {cost.rate_error_percent:+.1f} %")
-    if cost.place_error_m:
-        costs.append(f"place {cost.place_error_m:+.2f} m")
-    if costs:
-        lines.append(f"    costs in the field: {', '.join(costs)}")
-    lines.append(f"    do: {cause.advice}")
-    return lines
+    return [*lines, f"    in the field: {said.cost(cause.field_cost)}", f"    do: {cause.advice}"]
 
 
 def _not_shown(found: Diagnosis) -> list[str]:

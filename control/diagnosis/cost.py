@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from control.diagnosis.effects import Costs
+from control.diagnosis.result import FieldCost
 from control.experiments.levels import USUAL_MPS
 from control.machine.flow import FlowInput, FlowState, flow_step
 from control.machine.machine import Machine
@@ -16,6 +18,8 @@ from control.machine.scale import ScaleInput, scale_reads
 from control.machine.speed import SpeedInput, speed_start, speed_step
 
 STEP_S = 1.0                # over which the mass that the scale reads is taken
+METRES_OF_A_PERCENT = 10.0  # causes are listed by consequence: 0.1 m of place counts as 1 % of rate
+WITHOUT_MODEL = {Costs.CROP: FieldCost(None, None), Costs.NEITHER: FieldCost(0.0, 0.0)}     # heads: the crop's matter
 
 
 class OperatingPoint(NamedTuple):
@@ -71,3 +75,8 @@ def rate_error_percent(nominal: Machine, wanted: Sequence[OperatingPoint], chang
     """
     asked = dose(nominal, wanted)
     return 100.0 * (dose(changed, applied) / asked - 1.0) if asked > 0.0 else None
+
+
+def consequence(cost: FieldCost) -> float:
+    """By which causes are put in order, % of the dose; what is not known counts nothing."""
+    return abs(cost.rate_error_percent or 0.0) + METRES_OF_A_PERCENT * abs(cost.place_error_m or 0.0)

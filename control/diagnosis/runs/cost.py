@@ -4,7 +4,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from control.diagnosis.cost import OperatingPoint, rate_error_percent
+from control.diagnosis.cost import WITHOUT_MODEL, OperatingPoint, rate_error_percent
 from control.diagnosis.effects import ROWS, Costs, Needs
 from control.diagnosis.result import FieldCost
 from control.experiments.levels import USUAL_MPS
@@ -31,10 +31,8 @@ def field_cost(part: EffectInstance, machine: Machine, data: RunData) -> FieldCo
     speed, those of the scale as if the flow followed it.
     """
     costs = ROWS[part.id].costs
-    if costs is Costs.CROP:
-        return FieldCost(None, None)
-    if costs is Costs.NEITHER:
-        return FieldCost(0.0, 0.0)
+    if costs in WITHOUT_MODEL:
+        return WITHOUT_MODEL[costs]
     if costs is Costs.PLACE:
         late_s = _late_s(part, machine, data)
         return FieldCost(0.0, None if late_s is None else round(late_s * _mean_speed(data), 3))

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtrc, expit
 
+from control.diagnosis.cost import consequence
 from control.diagnosis.effects import (
     CANOPY_HEAD_FOULED,
     FLOW_GAIN,
@@ -200,7 +201,7 @@ def report(data: RunData, machine: Machine, judged: Sequence[GroupResult], read_
     return Diagnosis(
         data=Data(path, "run", data.rows, data.duration_s, machine.id, machine.stages), channels=tuple(rows),
         verdict=verdict,
-        causes=tuple(sorted(causes, key=_consequence, reverse=True)),
+        causes=tuple(sorted(causes, key=lambda cause: consequence(cause.field_cost), reverse=True)),
         not_shown=(*absent, *_never_shown({c.id for c in causes} | {a.id for a in absent}, machine)),
         unexplained=tuple(unexplained), next_run=next_run(causes, machine) if verdict == "ambiguous" else None,
         gain=tuple(gains), extended_machine=None, findings=findings,
@@ -244,11 +245,6 @@ def _cannot_tell(channel: str, absent: Sequence[NotShown], named: Collection[str
     least = "at any size" if size.value is None else f"below {size.value:.2g} {size.unit}"
     return (f"{channel}: this log is too short, or moves too little, to say that nothing is wrong: {one.id} {least} "
             "would not show")
-
-
-def _consequence(cause: Cause) -> float:
-    """By which causes are put in order: per cent of the dose, a decimetre of place for as much as one of them."""
-    return abs(cause.field_cost.rate_error_percent or 0.0) + 10.0 * abs(cause.field_cost.place_error_m or 0.0)
 
 
 def _never_shown(there: set[str], machine: Machine) -> list[NotShown]:

@@ -1,8 +1,8 @@
 """What an effect costs in the field: rate error and place error at the machine's set-points."""
 from __future__ import annotations
 
-from control.diagnosis.cost import OperatingPoint, rate_error_percent
-from control.diagnosis.effects import ROWS, Costs
+from control.diagnosis.cost import WITHOUT_MODEL, OperatingPoint, rate_error_percent
+from control.diagnosis.effects import ROWS
 from control.diagnosis.result import FieldCost
 from control.experiments.levels import USUAL_MPS
 from control.machine.fall import start_drop_s
@@ -18,10 +18,9 @@ def field_cost(machine: Machine, effect: SizedEffect, speed_mps: float | None) -
     The flow trim is taken as on for an effect of the scale: the machine then follows a wrong scale. A lag taken off
     distances at a wrong speed is a wrong lag. What the heads' effects cost depends on the crop and is left open (None).
     """
-    if ROWS[effect.candidate.id].costs is Costs.CROP:
-        return FieldCost(None, None)
-    if ROWS[effect.candidate.id].costs is Costs.NEITHER:
-        return FieldCost(0.0, 0.0)
+    costs = ROWS[effect.candidate.id].costs
+    if costs in WITHOUT_MODEL:
+        return WITHOUT_MODEL[costs]
     changed = with_effects(machine, (effect,))
     speed = speed_mps if speed_mps is not None else USUAL_MPS
     points = (OperatingPoint(machine.set_points.shaft_rpm, machine.set_points.opening_mm, machine.flow.full_kg, speed),)

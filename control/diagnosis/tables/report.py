@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from control.calibration.bench_table import LAGS, BenchTable
+from control.diagnosis.cost import consequence
 from control.diagnosis.effects import (
     LAG_COARSE_CLOCK,
     LAG_OFFSET,
@@ -32,7 +33,6 @@ from .problem import TableProblem
 from .verdict import Judgement, NamedEffect
 
 CONSTANT_TIMES = (SHAFT_DEAD_TIME.id, LAG_OFFSET.id)     # the same in every row, as steps of a coarse clock may make it
-METRES_OF_A_PERCENT = 10.0      # causes are listed by consequence: 0.1 m of place counts as 1 % of rate
 CONTRAST_P = 0.01               # below it labels are said to differ
 OUTSTANDING = 2.0               # a setting that scatters so many times the usual is pointed out
 MAX_SHOWN_ROWS, MAX_SHOWN_SETTINGS = 5, 3
@@ -47,11 +47,7 @@ def causes_of(problem: TableProblem, tables: Sequence[BenchTable], judgement: Ju
     if clocks:
         causes.append(_clock_cause(problem, min(clocks, key=lambda clock: clock.p), speed))
 
-    def consequence(cause: Cause) -> float:
-        return (abs(cause.field_cost.rate_error_percent or 0.0)
-                + METRES_OF_A_PERCENT * abs(cause.field_cost.place_error_m or 0.0))
-
-    return tuple(sorted(causes, key=consequence, reverse=True))
+    return tuple(sorted(causes, key=lambda cause: consequence(cause.field_cost), reverse=True))
 
 
 def verdict_of(judgement: Judgement, causes: Sequence[Cause]) -> Verdict:
