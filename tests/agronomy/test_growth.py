@@ -17,13 +17,12 @@ from control.agronomy.days import days_above_base
 from control.agronomy.growth import Growth, GrowthStage, GrowthWindow, growth_of
 from control.log_row import LogRow
 from control.orders import Do, Order
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.closed_loop import simulated_run
 from drivers.files.config import load, save
 from drivers.files.kinds import JOB
 from drivers.files.setup import load_setup
 from drivers.files.weather import WeatherError, growing_days, read_weather
 from tests.app.made_up.job import facts_of
+from tests.control_loop.closed import SETUP, Closed
 
 FEEKES = GrowthWindow(scale="feekes", first=4, last=6)
 
@@ -48,13 +47,9 @@ def test_windows_that_are_none(wrong):
 
 
 def ticks(growth: GrowthStage | None):
-    setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
-    job = with_simulated_field(setup.job.model_copy(update={
-        "growth": growth, "simulated": setup.job.simulated.model_copy(update={"begin_m": 30.0})}), setup.machine)
-    crop = setup.crop.model_copy(update={"growth_window": FEEKES})
-    loop = control_loop(setup.machine, crop, setup.rule, job)
-    plant = simulated_machine(setup.machine, job, 1, 0.05)
-    return [step.tick for step in simulated_run(plant, loop, 25.0, [(0.2, Order(Do.READY)), (3.0, Order(Do.START))])]
+    crop = SETUP.crop.model_copy(update={"growth_window": FEEKES})
+    closed = Closed(sim={"begin_m": 30.0}, known={"crop": crop}, growth=growth)
+    return [step.tick for step in closed.through(25.0, [(0.2, Order(Do.READY)), (3.0, Order(Do.START))])]
 
 
 def test_a_start_beyond_the_window_is_said_and_works():

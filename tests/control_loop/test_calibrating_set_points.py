@@ -1,61 +1,41 @@
 """Set-points of a calibrating run: obeyed while the button is down and the machine stands, and by nothing else."""
 from __future__ import annotations
 
-import datetime as dt
 from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from control.field.job import Simulated
-from control.orders import Do, Order, State
+from control.loop.tick import Tick
+from control.orders import Answer, Do, Order, State
 from control.readings import DriveCommand, GnssFix, Measurements, Reading
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.closed_loop import Measuring
-from drivers.files.setup import load_setup
+from control.simulation.assembly import control_loop
+from tests.control_loop.closed import SETUP, STEP_S, Change, Closed
 
-STANDS = ({"at_s": 0.0, "speed_kmh": 0.0},)
+STANDS, MOVES = (({"at_s": 0.0, "speed_kmh": kmh},) for kmh in (0.0, 4.0))
 
 
-class Bench:
+class Bench(Closed):
     """A standing machine, its loop, and somebody who holds the button down while `held`."""
 
-    def __init__(self, speed_changes: Any = STANDS) -> None:
-        setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
-        values = setup.job.simulated.model_dump() | {"speed_changes": speed_changes}
-        job = with_simulated_field(setup.job.model_copy(update={"simulated": Simulated.model_validate(values)}),
-                                   setup.machine)
-        self.plant = simulated_machine(setup.machine, job, 1, 0.05)
-        self.loop = control_loop(setup.machine, setup.crop, setup.rule, job)
-        self._measuring = Measuring(6)
-        self._command, self._enabled = None, False
-        self.held = False
-        self.now_s = 0.0
-        self.events: list[str] = []
+    held = False
 
-    def order(self, do: Do, value: Any = None) -> Any:
-        return self.loop.order(Order(do, value))
-
-    def run(self, seconds: float) -> Any:
-        tick = None
-        for k in range(round(seconds / 0.05)):
+    def run(self, seconds: float, change: Change = lambda m: m) -> Tick:
+        for k in range(round(seconds / STEP_S)):
             if self.held and k % 4 == 0:
                 self.order(Do.CALIBRATE)
-            tick = self.loop.tick(self._measuring.take(
-                self.plant.step(self._command or DriveCommand(0.0, 25.0), self._enabled)))
-            self._command, self._enabled = tick.command, tick.enabled
-            self.events += tick.row.events.split(";") if tick.row.events else []
-        return tick
+            self.tick(change)
+        return self.ticks[-1]
 
-    def press(self) -> Any:
+    def press(self) -> Answer:
         self.held = True
         return self.order(Do.CALIBRATE)
 
 
 @pytest.fixture
 def bench() -> Any:
-    made = Bench()
+    made = Bench(sim={"speed_changes": STANDS})
     made.run(1.0)
     made.order(Do.READY)
     made.run(0.2)
@@ -75,7 +55,8 @@ def test_set_points_reach_the_drives_and_nothing_trims_them(bench: Any) -> None:
     assert bench.plant.truth.opening_mm == pytest.approx(18.0, abs=0.3)
     assert tick.bench.elapsed_s == pytest.approx(8.5, abs=0.1)
     assert tick.bench.left_s == pytest.approx(111.5, abs=0.1)
-    assert [e.split()[0] for e in bench.events] == ["ready", "calibrate", "calibrate_shaft", "calibrate_opening"]
+    events = ";".join(filter(None, (tick.row.events for tick in bench.ticks))).split(";")
+    assert [e.split()[0] for e in events] == ["ready", "calibrate", "calibrate_shaft", "calibrate_opening"]
 
 
 def test_the_shaft_stops_within_half_a_second_of_letting_go(bench: Any) -> None:
@@ -122,7 +103,7 @@ def test_what_is_no_set_point_is_refused(bench: Any, value: Any) -> None:
 
 @pytest.mark.parametrize("state", [State.OFF, State.READY, State.WORKING, State.HELD])
 def test_in_no_other_state_is_a_set_point_taken(state: State) -> None:
-    bench = Bench(speed_changes=({"at_s": 0.0, "speed_kmh": 4.0},))
+    bench = Bench(sim={"speed_changes": MOVES})
     bench.run(3.0)
     for do in {State.OFF: (), State.READY: (Do.READY,), State.WORKING: (Do.READY, Do.START),
                State.HELD: (Do.READY, Do.START, Do.HOLD)}[state]:
@@ -133,7 +114,7 @@ def test_in_no_other_state_is_a_set_point_taken(state: State) -> None:
 
 
 def test_a_machine_that_moves_is_not_calibrated(bench: Any) -> None:
-    moving = Bench(speed_changes=({"at_s": 0.0, "speed_kmh": 4.0},))
+    moving = Bench(sim={"speed_changes": MOVES})
     moving.run(3.0)
     moving.order(Do.READY)
     moving.run(0.2)
@@ -149,7 +130,6 @@ def test_work_after_calibrating_is_as_without(bench: Any) -> None:
     assert bench.loop._drive_trim.shaft_share == bench.loop._drive_trim.gate_mm == 0.0
 
 
-SETUP = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
 STEPS = st.lists(st.one_of(
     st.tuples(st.just(Do.CALIBRATE), st.sampled_from([None, 1.0, 120.0, 500.0])),
     st.tuples(st.sampled_from([Do.CALIBRATE_SHAFT, Do.CALIBRATE_OPENING]),

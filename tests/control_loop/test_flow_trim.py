@@ -19,12 +19,13 @@ from control.machine.elements import Array
 from control.metering.flow_trim import FlowTrim
 from control.metering.trims import DriveTrim, TrimLimits
 from control.readings import Reading
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.closed_loop import Record, simulated_run
+from control.simulation.assembly import control_loop
+from control.simulation.closed_loop import Record
 from control.simulation.errors import errors, landing, needs
 from control.simulation.tractor import field_path
 from control.targets.hold_mean import HORIZON_M, LEAST_FACTOR, MOST_FACTOR, MOST_OWED, HoldMean
 from drivers.files.setup import load_setup
+from tests.control_loop.closed import SETUP, Closed
 
 DT_S, RPM, G_REV = 0.1, 70.0, 121.0         # 5.5 g a millimetre at 22 mm: 0.14 kg/s; ordered 0.09 in the field
 
@@ -144,19 +145,14 @@ FIELD_HA = PASSES * LENGTH_M * 2.4 / 10_000.0
 
 def worked(mean_kg_ha: float | None, seed: int, **canopy: float) -> tuple[float, dict[str, np.ndarray], Totals]:
     """What came to lie on a small field, mean in kg/ha; the run's columns, and what the operator is told."""
-    setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
-    ground = setup.job.simulated.canopy.model_copy(update=canopy)
-    sim = setup.job.simulated.model_copy(update={"passes": PASSES, "pass_length_m": LENGTH_M, "canopy": ground})
-    job = with_simulated_field(setup.job.model_copy(update={
-        "simulated": sim, "target": setup.job.target.model_copy(update={"hold_mean_kg_ha": mean_kg_ha})}),
-        setup.machine)
-    plant = simulated_machine(setup.machine, job, seed, 0.05)
-    loop = control_loop(setup.machine, setup.crop, setup.rule, job)
+    ground = SETUP.job.simulated.canopy.model_dump() | canopy
+    closed = Closed(sim={"passes": PASSES, "pass_length_m": LENGTH_M, "canopy": ground}, seed=seed,
+                    target=SETUP.job.target.model_copy(update={"hold_mean_kg_ha": mean_kg_ha}))
     record = Record()
-    for step in simulated_run(plant, loop, field_path(sim, 2.4, 0.0).length_m / 1.25 + 5.0):
+    for step in closed.through(field_path(closed.job.simulated, 2.4, 0.0).length_m / 1.25 + 5.0):
         record.add(step)
     columns = record.columns()
-    return float((columns["flow_kg_s"] * 0.05).sum()) / FIELD_HA, columns, loop.totals
+    return float((columns["flow_kg_s"] * 0.05).sum()) / FIELD_HA, columns, closed.loop.totals
 
 
 @pytest.mark.parametrize(("mean_kg_ha", "seed"), [

@@ -16,7 +16,7 @@ from control.agronomy.crop import Crop
 from control.field.job import Canopy, Job, Wanted
 from control.geodesy import TangentPlane
 from control.loop import Tick
-from control.orders import Do, Order, TargetSource
+from control.orders import Do, TargetSource
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.canopy import AcrossWidth, CanopyField
 from control.simulation.closed_loop import Record, simulated_run
@@ -27,6 +27,7 @@ from control.targets.prescription import Fallbacks, Prescription
 from control.targets.profile import Stretches, Target, TargetChange
 from control.targets.rate_map import GridMap, frame_m
 from drivers.files.setup import Setup, load_setup
+from tests.control_loop.closed import Closed
 
 CELL_M = 3.0            # as a resampled drone's map has
 SEEN_OFF = 0.06         # the drone's camera reads this much less than the heads do
@@ -302,8 +303,6 @@ def test_silent_heads_are_an_alarm_and_the_map_goes_on():
 
 
 def test_it_is_ordered_only_where_there_is_a_map_and_needs_a_place():
-    setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
-    loop = control_loop(setup.machine, setup.crop, setup.rule, setup.job)
-    assert loop.order(Order(Do.SOURCE, "map_and_canopy")).why == "source_not_ready"
+    assert Closed().order(Do.SOURCE, "map_and_canopy").why == "source_not_ready"
     with pytest.raises(ValidationError, match="source map_and_canopy needs the key map"):
         Job(target=Wanted(source=BOTH))

@@ -1,62 +1,22 @@
 """What orders do to the loop, and what it refuses."""
 from __future__ import annotations
 
-import datetime as dt
 from typing import Any
 
 import pytest
 
-from control.field.job import Simulated
 from control.geodesy import TangentPlane
 from control.loop.events import EVENT_CHARACTERS, MOST_WAITING, ROW_CHARACTERS, Events
 from control.orders import Do, Order
-from control.readings import DriveCommand, GnssFix, Measurements, Reading
+from control.readings import GnssFix, Measurements, Reading
 from control.sensing import Sensing
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.closed_loop import Measuring
-from drivers.files.setup import load_setup
-
-
-class Machine:
-    """A simulated machine and its loop, ticked by hand; `seen` rows and the truth of each tick are kept."""
-
-    def __init__(self, sim: dict[str, Any]) -> None:
-        setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
-        values = setup.job.simulated.model_dump() | sim
-        job = with_simulated_field(setup.job.model_copy(update={"simulated": Simulated.model_validate(values)}),
-                                   setup.machine)
-        self.crop = setup.crop
-        self.plant = simulated_machine(setup.machine, job, 1, 0.05)
-        self.loop = control_loop(setup.machine, setup.crop, setup.rule, job)
-        self._measuring = Measuring(6)
-        self._command, self._enabled = None, False
-        self.ticks: list[Any] = []
-        self.truths: list[Any] = []
-
-    def order(self, do: Do, value: Any = None) -> Any:
-        return self.loop.order(Order(do, value))
-
-    def run(self, seconds: float) -> Any:
-        for _ in range(round(seconds / 0.05)):
-            sensed = self.plant.step(self._command or DriveCommand(0.0, 25.0), self._enabled)
-            tick = self.loop.tick(self._measuring.take(sensed))
-            self._command, self._enabled = tick.command, tick.enabled
-            self.ticks.append(tick)
-            self.truths.append(self.plant.truth)
-        return self.ticks[-1]
-
-    def start(self) -> Any:
-        self.run(0.1)
-        assert self.order(Do.READY).accepted
-        self.run(0.1)
-        assert self.order(Do.START).accepted
-        return self
+from tests.control_loop.closed import SETUP, Closed
 
 
 @pytest.fixture
 def machine() -> Any:
     """`machine(begin_m=..., speed_kmh=..., ...)`: fields of the job's simulated part."""
-    return lambda **sim: Machine({"begin_m": 30.0, **sim})
+    return lambda **sim: Closed(sim={"begin_m": 30.0, **sim})
 
 
 @pytest.mark.parametrize(("do", "value", "why"), [
@@ -81,7 +41,7 @@ def test_the_operator_may_choose_the_fallback_rate(machine: Any) -> None:
     m.run(8.0)
     assert m.order(Do.SOURCE, "fallback").accepted
     row = m.run(4.0).row
-    assert (row.target_source, row.target_rate_kg_ha) == ("fallback", m.crop.fallback_rate_kg_ha)
+    assert (row.target_source, row.target_rate_kg_ha) == ("fallback", SETUP.crop.fallback_rate_kg_ha)
     assert m.order(Do.SOURCE, "canopy").accepted
     assert m.run(4.0).row.target_source == "canopy"
 
@@ -201,7 +161,7 @@ def test_totals_come_from_the_totaliser(machine: Any) -> None:
     assert (tick.area_ha, tick.applied_kg) == (totals.area_ha, totals.applied_kg)
     released = sum(t.flow_kg_s * 0.05 for t in m.truths)
     assert totals.applied_kg == pytest.approx(released, rel=0.02)
-    assert totals.applied_n_kg == pytest.approx(totals.applied_kg * m.crop.product_n_fraction)
+    assert totals.applied_n_kg == pytest.approx(totals.applied_kg * SETUP.crop.product_n_fraction)
     assert totals.mean_rate_kg_ha == pytest.approx(totals.applied_kg / totals.area_ha)
     assert totals.cuc_percent > 50.0
 

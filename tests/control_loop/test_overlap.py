@@ -15,7 +15,7 @@ from control.field.coverage import Coverage
 from control.field.job import Ground, Job, Simulated, Wanted
 from control.loop import ControlLoop
 from control.orders import Do, Order, TargetSource
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
+from control.simulation.assembly import control_loop
 from control.simulation.closed_loop import Record, simulated_run
 from control.simulation.errors import landing
 from control.simulation.plant import Plant
@@ -25,6 +25,7 @@ from control.targets.overlap import Overlap, without_short
 from drivers.files.config import load
 from drivers.files.kinds import CROP
 from drivers.files.setup import Setup, load_setup
+from tests.control_loop.closed import Closed
 
 WIDTH_M = 2.4
 FIELD_M = ((-30.0, -30.0), (60.0, -30.0), (60.0, 90.0), (-30.0, 90.0))
@@ -173,14 +174,9 @@ def field_crop():
 
 def run(crop, seconds, orders=()):
     """Rows of a run on the shipped day with another crop; the operator begins at once."""
-    setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
-    job = with_simulated_field(setup.job.model_copy(update={
-        "simulated": setup.job.simulated.model_copy(update={"begin_m": 30.0})}), setup.machine)
-    rule = prepare(crop, 100)
     begin = [(0.2, Order(Do.READY)), (2.0, Order(Do.START))]
-    plant = simulated_machine(setup.machine, job, 1, 0.05)
-    loop = control_loop(setup.machine, crop, rule, job)
-    return [step.tick for step in simulated_run(plant, loop, seconds, [*begin, *orders])]
+    closed = Closed(sim={"begin_m": 30.0}, known={"crop": crop, "rule": prepare(crop, 100)})
+    return [step.tick for step in closed.through(seconds, [*begin, *orders])]
 
 
 def test_both_strips_count_without_a_new_start(field_crop):
@@ -200,8 +196,7 @@ def test_both_strips_count_without_a_new_start(field_crop):
 
 
 def test_what_is_no_ndvi_is_refused_and_changes_nothing(field_crop):
-    setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
-    loop = control_loop(setup.machine, field_crop, prepare(field_crop, 100), setup.job)
+    loop = Closed(known={"crop": field_crop, "rule": prepare(field_crop, 100)}).loop
     for value in ("nrich 0", "nrich 1.2", "rich 0.6", 0.6, None):
         answer = loop.order(Order(Do.STRIP, value))
         assert not answer.accepted and answer.why == "strip_out_of_range"

@@ -13,17 +13,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from control.field.job import Job, Wanted
+from control.field.job import Wanted
 from control.geodesy import TangentPlane, apart_m
-from control.orders import Do, Order, TargetSource
-from control.readings import Doubted, DriveCommand, GnssFix, Measurements, Reading
+from control.loop.tick import Tick
+from control.orders import Do, TargetSource
+from control.readings import Doubted, GnssFix, Measurements, Reading
 from control.sensing import Sensing
 from control.sensing.position_gate import PositionGate
 from control.sensing.walk_watch import WINDOWS_S
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.closed_loop import Measuring
+from control.simulation.assembly import with_simulated_field
 from drivers.files.prescriptions.for_job import map_of_job
 from drivers.files.setup import load_setup
+from tests.control_loop.closed import Closed
 
 PLANE = TangentPlane(34.28, 119.88)
 WORKED_S = 20.0
@@ -42,31 +43,24 @@ class Work:
 
     def __init__(self, change: Change, seconds: float = 5.0, source: TargetSource = TargetSource.MANUAL,
                  pass_length_m: float = 300.0) -> None:
-        setup = load_setup("huanghai", "map_demo" if source is TargetSource.MAP else "demo", dt.date(2014, 3, 7))
-        job: Job = setup.job
-        if source is TargetSource.MANUAL:
-            job = job.model_copy(update={
-                "target": Wanted(source=source, manual_rate_kg_ha=300.0),
-                "simulated": job.simulated.model_copy(update={"pass_length_m": pass_length_m})})
-        job = with_simulated_field(job, setup.machine)
-        plant = simulated_machine(setup.machine, job, 1, 0.05)
-        self.loop = control_loop(setup.machine, setup.crop, setup.rule, job,
-                                 prescription=map_of_job(job, setup.folder))
-        self.loop.order(Order(Do.READY))
-        measuring, sensed = Measuring(6), plant.step(DriveCommand(0.0, 25.0), False)
-        self.ticks: list[Any] = []
+        if source is TargetSource.MAP:
+            setup = load_setup("huanghai", "map_demo", dt.date(2014, 3, 7))
+            closed = Closed(setup, loop={"prescription": map_of_job(with_simulated_field(setup.job, setup.machine),
+                                                                    setup.folder)})
+        else:
+            closed = Closed(sim={"pass_length_m": pass_length_m}, target=Wanted(source=source, manual_rate_kg_ha=300.0))
+        closed.order(Do.READY)
+        closed.run(4.05)
+        assert closed.order(Do.START).accepted
+        closed.run(WORKED_S + seconds - 4.05,
+                   lambda m: change(m.time_s - WORKED_S, m) if m.time_s >= WORKED_S else m)
+        self.loop, self.ticks = closed.loop, list[Tick]()
         self.off_m: list[float] = []                # of the outlet's place from its true one
-        for k in range(round((WORKED_S + seconds) / 0.05)):
-            m = measuring.take(sensed)
-            after = m.time_s - WORKED_S
-            tick = self.loop.tick(change(after, m) if after >= 0.0 else m)
-            if k == 80:
-                assert self.loop.order(Order(Do.START)).accepted
-            if after >= 0.0:
-                assert plant.truth is not None and tick.place_m is not None
+        for tick, truth in zip(closed.ticks, closed.truths, strict=True):
+            if truth.time_s >= WORKED_S:
+                assert tick.place_m is not None
                 self.ticks.append(tick)
-                self.off_m.append(apart_m(tick.place_m, (plant.truth.east_m, plant.truth.north_m)))
-            sensed = plant.step(tick.command, tick.enabled)
+                self.off_m.append(apart_m(tick.place_m, (truth.east_m, truth.north_m)))
 
     @property
     def events(self) -> list[str]:

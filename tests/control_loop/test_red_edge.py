@@ -1,8 +1,6 @@
 """NDRE as the index of dense canopies: heads and rule must speak of the same one, and the log says which it was."""
 from __future__ import annotations
 
-import datetime as dt
-
 import numpy as np
 import pytest
 from pydantic import ValidationError
@@ -16,16 +14,14 @@ from console.worker.options import Options
 from control.agronomy.crop import Crop
 from control.agronomy.noa import prepare
 from control.log_row import HEAD_COLUMNS, NDRE_COLUMNS, LogRow
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.canopy import ndre_of
-from control.simulation.closed_loop import simulated_run
 from drivers.cab_config import HeadsConfig
 from drivers.files.config import load, save
 from drivers.files.kinds import CROP, JOB
 from drivers.files.read_log import read_log
 from drivers.files.run_log import write_log
 from drivers.files.run_meta import run_meta
-from drivers.files.setup import load_setup
+from tests.control_loop.closed import SETUP, Closed
 
 CURVE = {"a_t_ha": 0.9, "b_days": 400.0, "base_temp_c": 4.4, "source": "made up for this test"}
 
@@ -39,17 +35,11 @@ def dense(huanghai: Crop) -> Crop:
 @pytest.fixture(scope="module")
 def worked():
     """A run on a dense canopy, heads that read NDRE."""
-    setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
-    sim = setup.job.simulated.model_copy(update={
-        "begin_m": 30.0, "heads_index": "ndre",
-        "canopy": setup.job.simulated.canopy.model_copy(update={"mean_ndvi": 0.86, "cv_percent": 4.0})})
-    job = with_simulated_field(setup.job.model_copy(update={"simulated": sim}), setup.machine)
-    crop = dense(setup.crop)
+    crop = dense(SETUP.crop)
     rule = prepare(crop)
-    plant = simulated_machine(setup.machine, job, 1, 0.05)
-    loop = control_loop(setup.machine, crop, rule, job)
-    rows = [step.tick.row for step in simulated_run(plant, loop, 40.0)]
-    return setup, crop, rule, job, rows
+    canopy = SETUP.job.simulated.canopy.model_dump() | {"mean_ndvi": 0.86, "cv_percent": 4.0}
+    closed = Closed(sim={"begin_m": 30.0, "heads_index": "ndre", "canopy": canopy}, known={"crop": crop, "rule": rule})
+    return SETUP, crop, rule, closed.job, [step.tick.row for step in closed.through(40.0)]
 
 
 def test_dense_canopies_differ_by_red_edge_long_after_ndvi():
@@ -81,13 +71,9 @@ def test_a_log_of_red_edge_is_run_again(worked, tmp_path):
 
 
 def test_another_index_than_the_rules_is_as_none():
-    setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
-    crop = dense(setup.crop)
-    job = with_simulated_field(setup.job.model_copy(update={
-        "simulated": setup.job.simulated.model_copy(update={"begin_m": 30.0})}), setup.machine)
-    loop = control_loop(setup.machine, crop, prepare(crop), job)
-    plant = simulated_machine(setup.machine, job, 1, 0.05)
-    last = [step.tick for step in simulated_run(plant, loop, 15.0)][-1]
+    crop = dense(SETUP.crop)
+    closed = Closed(sim={"begin_m": 30.0}, known={"crop": crop, "rule": prepare(crop)})
+    last = closed.through(15.0)[-1].tick
     assert last.row.target_source == "fallback" and "heads_few" in (last.row.alarms or "")
 
 
@@ -100,8 +86,7 @@ def test_a_strip_is_measured_in_the_index_that_there_is():
 
 @pytest.fixture
 def files(tmp_path):
-    setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
-    save(tmp_path / "crop.yaml", dense(setup.crop), CROP)
+    save(tmp_path / "crop.yaml", dense(SETUP.crop), CROP)
     save(tmp_path / "job.yaml", load("demo", JOB).model.model_copy(update={"crop": "crop.yaml"}), JOB)
     cab = "format: topdress-cab/1\nheads:\n  protocol: {protocol}\n  ports: [COM1]\n{more}"
     (tmp_path / "greenseeker.yaml").write_text(cab.format(protocol="greenseeker", more=""))

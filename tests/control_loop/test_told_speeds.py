@@ -1,8 +1,6 @@
 """Speeds told by the tractor are in the log, so that a rerun has them; the job's planned speed may differ by pass."""
 from __future__ import annotations
 
-import datetime as dt
-
 import numpy as np
 import pytest
 from pydantic import ValidationError
@@ -11,13 +9,12 @@ from console.services.rerun import rerun
 from control.field.job import Ground, Job
 from control.field.planned_speed import pass_number, planned_mps
 from control.readings import SpeedPlan, announced_of, announced_text
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.closed_loop import simulated_run
 from drivers.files.read_log import read_log
 from drivers.files.replay import measurements
 from drivers.files.run_log import write_log
 from drivers.files.run_meta import run_meta
-from drivers.files.setup import load_setup
+from drivers.files.setup import Setup
+from tests.control_loop.closed import SETUP, Closed
 
 FIELD = Ground(boundary_m=((0, 0), (24, 0), (24, 100), (0, 100)))
 
@@ -43,18 +40,13 @@ def test_what_is_no_told_speed(text):
 
 def test_a_rerun_of_the_log_meters_as_the_run_did(tmp_path):
     """A tractor that tells its plan, and brakes: without the column the rerun forecasts otherwise."""
-    setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
     changes = [{"at_s": 25.0, "speed_kmh": 3.0}, {"at_s": 32.0, "speed_kmh": 5.5}]
-    sim = type(setup.job.simulated).model_validate(setup.job.simulated.model_dump() | {
-        "begin_m": 30.0, "speed_told": "plan", "speed_changes": changes})
-    job = with_simulated_field(setup.job.model_copy(update={"simulated": sim}), setup.machine)
-    plant = simulated_machine(setup.machine, job, 1, 0.05)
-    loop = control_loop(setup.machine, setup.crop, setup.rule, job)
-    rows = [step.tick.row for step in simulated_run(plant, loop, 45.0)]
-    log = read_log(write_log(tmp_path / "run.csv", run_meta(setup.machine, setup.crop, job), rows))
+    closed = Closed(sim={"begin_m": 30.0, "speed_told": "plan", "speed_changes": changes})
+    rows = [step.tick.row for step in closed.through(45.0)]
+    log = read_log(write_log(tmp_path / "run.csv", run_meta(SETUP.machine, SETUP.crop, closed.job), rows))
     announced = [m.speed_told for m in measurements(log)]
     assert all(one is not None for one in announced[1:]) and len({one.points for one in announced[1:]}) > 50
-    replace = type(setup)(setup.machine, setup.crop, setup.rule, job, {}, tmp_path, None)
+    replace = Setup(SETUP.machine, SETUP.crop, SETUP.rule, closed.job, {}, tmp_path, None)
     with_it = off(rows, log, replace)
     assert with_it < 0.1
     log.columns["speed_told"] = np.full(len(log), "", object)
@@ -97,14 +89,8 @@ def test_the_planned_speed_of_the_pass():
 
 
 def test_the_loop_is_told_the_speed_of_its_pass():
-    setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
-    sim = setup.job.simulated.model_copy(update={"begin_m": 30.0})
-    job = with_simulated_field(setup.job.model_copy(update={"simulated": sim, "planned_speed_kmh": (4.5, 6.0)}),
-                               setup.machine)
-    plant = simulated_machine(setup.machine, job, 1, 0.05)
-    loop = control_loop(setup.machine, setup.crop, setup.rule, job)
-    asked = []
-    inner = loop._forecaster.update
-    loop._forecaster.update = lambda *a: (asked.append(a[-1]), inner(*a))[1]
-    list(simulated_run(plant, loop, 10.0))
+    closed, asked = Closed(sim={"begin_m": 30.0}, planned_speed_kmh=(4.5, 6.0)), []
+    inner = closed.loop._forecaster.update
+    closed.loop._forecaster.update = lambda *a: (asked.append(a[-1]), inner(*a))[1]
+    closed.through(10.0)
     assert asked[-1].points == ((0.0, 4.5 / 3.6),)

@@ -9,15 +9,15 @@ import pytest
 
 from control.geodesy import TangentPlane
 from control.loop.map_near import NEAR_M
-from control.orders import Do, Order, TargetSource
-from control.readings import DriveCommand
+from control.loop.tick import Tick
+from control.orders import Do, TargetSource
 from control.safety import read_refusal
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.closed_loop import Measuring
+from control.simulation.assembly import with_simulated_field
 from control.targets.map_profile import MapProfile
 from control.targets.prescription import Fallbacks, MapData, Prescription, Zone, on_plane
 from control.targets.rate_map import GridMap, ZoneMap, frame_deg
 from drivers.files.setup import load_setup
+from tests.control_loop.closed import Change, Closed
 
 OUTSIDE = Fallbacks(default_kg_ha=180.0, outside_kg_ha=157.0)
 PLANE = TangentPlane(34.28, 119.88)
@@ -29,33 +29,23 @@ def square(south_m: float, west_m: float, size_m: float = 400.0) -> MapData:
     return MapData(zones=(Zone(250.0, (np.array([PLANE.to_deg(*corner) for corner in corners]),)),), fallbacks=OUTSIDE)
 
 
-class Work:
-    """The simulated machine, which starts at the field's south-western corner and works northwards."""
+class Work(Closed):
+    """The simulated machine, which starts at the field's south-western corner and works northwards; `seen`: by GNSS."""
 
     def __init__(self, data: MapData, with_field: bool = False, seen: bool = True) -> None:
         setup = load_setup("huanghai", "map_demo", dt.date(2026, 4, 1))
         job = with_simulated_field(setup.job, setup.machine)
-        self.plant = simulated_machine(setup.machine, job, 1, 0.05)
         field = job.field.model_copy(update={} if with_field else {"boundary_m": ()})
-        self.loop = control_loop(setup.machine, setup.crop, setup.rule, job.model_copy(update={"field": field}),
-                                 prescription=MapProfile(on_plane(data, PLANE), PLANE))
-        self.measuring = Measuring(6)
-        self.sensed = self.plant.step(DriveCommand(0.0, 25.0), False)
+        super().__init__(setup, known={"job": job.model_copy(update={"field": field})},
+                         loop={"prescription": MapProfile(on_plane(data, PLANE), PLANE)})
         self.seen = seen
         self.run(1.0)
         assert self.order(Do.READY).accepted
         self.run(1.0)
 
-    def order(self, do, value=None):
-        return self.loop.order(Order(do, value))
-
-    def run(self, seconds):
-        self.rows, begun_kg = [], self.loop.totals.applied_kg
-        for _ in range(round(seconds / 0.05)):
-            m = self.measuring.take(self.sensed)
-            tick = self.loop.tick(m if self.seen else m._replace(gnss=None))
-            self.rows.append(tick)
-            self.sensed = self.plant.step(tick.command, tick.enabled)
+    def run(self, seconds: float, change: Change | None = None) -> Tick:
+        begun_kg = self.loop.totals.applied_kg
+        tick = super().run(seconds, lambda m: m if self.seen else m._replace(gnss=None))
         self.kg = self.loop.totals.applied_kg - begun_kg
         return tick
 

@@ -26,6 +26,7 @@ from control.diagnosis.season.evidence import evidence
 from control.diagnosis.season.owner import machines
 from control.machine.machine import Machine
 from drivers.files.log_store import write_store
+from drivers.files.read_log import read_rows
 
 MACHINE = Machine().model_dump(mode="json")
 
@@ -76,6 +77,21 @@ def client() -> Any:
         yield one
 
 
+@pytest.fixture
+def diagnosed(tmp_path: Path, client: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """All logs of a fleet into `out` of this test, asked of what stands in the place of `record`."""
+    def work(logs: list[str], asked: Asked, about: Any = None, tell: Any = quiet, retry: bool = False) -> Any:
+        monkeypatch.setattr(fleet, "record", asked.answer)
+        wanted = fleet.Asked(MACHINE, about or {}, "s", retry=retry)
+        return fleet.diagnosed(client, logs, wanted, tmp_path / "out", tell)
+    return work
+
+
+@pytest.fixture
+def logs(tmp_path: Path) -> list[str]:
+    return [str(wheel_log(tmp_path / "in" / f"{k}.csv", seed=k)) for k in range(6)]
+
+
 def test_a_record_tells_machine_time_and_sizes_with_their_errors(tmp_path: Path) -> None:
     said = record(str(wheel_log(tmp_path / "seeder 7" / "a.csv", 2.0)), {}, MACHINE,
                   {"operator": "Li", "time": "2026-04-01T08:00:00+08:00"})
@@ -94,7 +110,6 @@ def test_sums_of_forms_are_the_joint_likelihood_of_the_logs(tmp_path: Path) -> N
     """The size by many short logs is that of their mean, with an error by the square root smaller."""
     sizes, errors = [], []
     for seed in range(8):
-        from drivers.files.read_log import read_rows
         log = read_rows(wheel_log(tmp_path / f"{seed}.csv", 1.0, seed=seed))
         form = evidence(log.columns, Machine()).forms[0]
         at = form.names.index("speed.wheel_radius")
@@ -106,7 +121,6 @@ def test_sums_of_forms_are_the_joint_likelihood_of_the_logs(tmp_path: Path) -> N
 
 def test_a_log_tells_how_far_its_machines_tolerances_pull(tmp_path: Path) -> None:
     """A wheel off by its tolerance moves the log's score as said."""
-    from drivers.files.read_log import read_rows
     machine = Machine()
     off = [evidence(read_rows(wheel_log(tmp_path / f"{k}.csv", k * machine.tolerance.wheel_percent)).columns,
                     machine).forms[0] for k in (0, 1)]
@@ -116,7 +130,6 @@ def test_a_log_tells_how_far_its_machines_tolerances_pull(tmp_path: Path) -> Non
 
 
 def test_a_log_counts_for_as_much_whatever_it_has_to_tell(tmp_path: Path) -> None:
-    from drivers.files.read_log import read_rows
     told = [evidence(read_rows(wheel_log(tmp_path / f"{k}.csv", percent)).columns, Machine()).forms[0]
             for k, percent in enumerate((0.0, 0.5))]
     at = told[0].names.index("speed.wheel_radius")
@@ -168,23 +181,20 @@ def test_which_logs_are_meant(tmp_path: Path) -> None:
         fleet.logs_at([str(tmp_path / "nowhere")], tmp_path / "out")
 
 
-def test_each_log_is_diagnosed_once_and_broken_ones_are_listed(tmp_path: Path, client: Any,
-                                                               monkeypatch: pytest.MonkeyPatch) -> None:
-    logs = [str(wheel_log(tmp_path / "in" / f"{k}.csv", seed=k)) for k in range(3)]
-    logs.append(str(tmp_path / "in" / "twin.csv"))
+def test_each_log_is_diagnosed_once_and_broken_ones_are_listed(tmp_path: Path, logs: list[str],
+                                                               diagnosed: Any) -> None:
+    logs = [*logs[:3], str(tmp_path / "in" / "twin.csv")]
     Path(logs[3]).write_bytes(Path(logs[0]).read_bytes())
     asked = Asked(tmp_path / "asked", logs[2])
-    monkeypatch.setattr(fleet, "record", asked.answer)
-    out = tmp_path / "out"
-    found = fleet.diagnosed(client, logs, fleet.Asked(MACHINE, {}, "s"), out, quiet)
+    found = diagnosed(logs, asked)
     assert sorted(asked.so_far) == sorted(logs[:3]) and found.known == 0
     assert len(found.records) == 2 and found.broken == ((logs[2], "spoilt"),) and found.twins == 1
-    again = fleet.diagnosed(client, logs, fleet.Asked(MACHINE, {}, "s"), out, quiet)
+    again = diagnosed(logs, asked)
     assert len(asked.so_far) == 3 and again.known == 3 and again.broken == found.broken
     wheel_log(Path(logs[1]), seed=9)
-    fleet.diagnosed(client, logs, fleet.Asked(MACHINE, {}, "s"), out, quiet)
+    diagnosed(logs, asked)
     assert asked.so_far[3:] == [logs[1]]
-    fleet.diagnosed(client, logs, fleet.Asked(MACHINE, {logs[0]: {"operator": "Li"}}, "s"), out, quiet)
+    diagnosed(logs, asked, {logs[0]: {"operator": "Li"}})
     assert asked.so_far[4:] == [logs[0]]               # what is known of it is part of it
 
 
@@ -202,34 +212,28 @@ def test_few_tasks_wait_in_the_cluster(client: Any, monkeypatch: pytest.MonkeyPa
     assert sorted(seen) == [(k, k, "") for k in range(20)]
 
 
-def test_what_is_done_before_a_cancel_is_kept(tmp_path: Path, client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    logs = [str(wheel_log(tmp_path / "in" / f"{k}.csv", seed=k)) for k in range(6)]
-    asked = Asked(tmp_path / "asked")
-    monkeypatch.setattr(fleet, "record", asked.answer)
-
+def test_what_is_done_before_a_cancel_is_kept(tmp_path: Path, logs: list[str], diagnosed: Any) -> None:
     def tell(done: int, of: int, what: str) -> None:
         if what == "diagnosing" and done == 2:
             raise KeyboardInterrupt
+    asked = Asked(tmp_path / "asked")
     with pytest.raises(KeyboardInterrupt):
-        fleet.diagnosed(client, logs, fleet.Asked(MACHINE, {}, "s"), tmp_path / "out", tell)
+        diagnosed(logs, asked, tell=tell)
     kept = [json.loads(one.read_text())["path"] for one in (tmp_path / "out" / "logs").glob("*.json")]
     assert len(kept) == 2
-    found = fleet.diagnosed(client, logs, fleet.Asked(MACHINE, {}, "s"), tmp_path / "out", quiet)
+    found = diagnosed(logs, asked)
     assert found.known == 2 and len(found.records) == 6
     assert all(asked.so_far.count(log) == 1 for log in kept)     # others may have been begun when it was cancelled
 
 
-def test_a_record_that_cannot_be_read_is_made_again(tmp_path: Path, client: Any,
-                                                    monkeypatch: pytest.MonkeyPatch) -> None:
-    logs = [str(wheel_log(tmp_path / "in" / f"{k}.csv", seed=k)) for k in range(3)]
+def test_a_record_that_cannot_be_read_is_made_again(tmp_path: Path, logs: list[str], diagnosed: Any) -> None:
     asked = Asked(tmp_path / "asked")
-    monkeypatch.setattr(fleet, "record", asked.answer)
-    fleet.diagnosed(client, logs, fleet.Asked(MACHINE, {}, "s"), tmp_path / "out", quiet)
+    diagnosed(logs[:3], asked)
     first, second, _ = sorted((tmp_path / "out" / "logs").glob("*.json"))
     first.write_text("")
     second.write_text('{"format": "of long ago"}')
     (tmp_path / "out" / "seen.json").write_text('{"a": 3}')
-    found = fleet.diagnosed(client, logs, fleet.Asked(MACHINE, {}, "s"), tmp_path / "out", quiet)
+    found = diagnosed(logs[:3], asked)
     assert len(asked.so_far) == 5 and len(found.records) == 3 and found.known == 1
 
 
@@ -243,22 +247,15 @@ class Written(Asked):
         return super().answer(where + "", options, machine, about) | {"path": where}
 
 
-def test_a_log_that_is_written_while_it_is_read_is_read_again(tmp_path: Path, client: Any,
-                                                              monkeypatch: pytest.MonkeyPatch) -> None:
-    logs = [str(wheel_log(tmp_path / "in" / f"{k}.csv", seed=k)) for k in range(2)]
-    monkeypatch.setattr(fleet, "record", Written(tmp_path / "asked", logs[0]).answer)
-    found = fleet.diagnosed(client, logs, fleet.Asked(MACHINE, {}, "s"), tmp_path / "out", quiet)
+def test_a_log_that_is_written_while_it_is_read_is_read_again(tmp_path: Path, logs: list[str], diagnosed: Any) -> None:
+    found = diagnosed(logs[:2], Written(tmp_path / "asked", logs[0]))
     assert len(found.records) == 1 and found.broken[0][0] == logs[0] and "written while" in found.broken[0][1]
     asked = Asked(tmp_path / "again")
-    monkeypatch.setattr(fleet, "record", asked.answer)
-    assert len(fleet.diagnosed(client, logs, fleet.Asked(MACHINE, {}, "s"), tmp_path / "out", quiet).records) == 2
+    assert len(diagnosed(logs[:2], asked).records) == 2
     assert asked.so_far == [logs[0]]
 
 
-def test_a_full_disk_ends_it_and_keeps_what_is_done(tmp_path: Path, client: Any,
-                                                    monkeypatch: pytest.MonkeyPatch) -> None:
-    logs = [str(wheel_log(tmp_path / "in" / f"{k}.csv", seed=k)) for k in range(4)]
-    monkeypatch.setattr(fleet, "record", Asked(tmp_path / "asked").answer)
+def test_a_full_disk_ends_it_and_keeps_what_is_done(tmp_path: Path, logs: list[str], diagnosed: Any) -> None:
     write, room = fleet.write_atomically, [2]
 
     def written(path: Path, content: str) -> None:
@@ -266,11 +263,11 @@ def test_a_full_disk_ends_it_and_keeps_what_is_done(tmp_path: Path, client: Any,
         if room[0] < 0:
             raise OSError(28, "No space left on device", str(path))
         write(path, content)
-    monkeypatch.setattr(fleet, "write_atomically", written)
-    with pytest.raises(OSError, match="No space left"):
-        fleet.diagnosed(client, logs, fleet.Asked(MACHINE, {}, "s"), tmp_path / "out", quiet)
-    monkeypatch.setattr(fleet, "write_atomically", write)
-    found = fleet.diagnosed(client, logs, fleet.Asked(MACHINE, {}, "s"), tmp_path / "out", quiet)
+    with pytest.MonkeyPatch.context() as full:
+        full.setattr(fleet, "write_atomically", written)
+        with pytest.raises(OSError, match="No space left"):
+            diagnosed(logs[:4], Asked(tmp_path / "asked"))
+    found = diagnosed(logs[:4], Asked(tmp_path / "asked"))
     assert found.known == 2 and len(found.records) == 4
 
 
@@ -474,22 +471,16 @@ class AtFault(Asked):
         return {**said, "error": "Input/output error", "lasting": False} if where == self.spoilt else said
 
 
-def test_a_workers_fault_is_never_kept_and_a_logs_own_is_tried_again_when_asked(
-        tmp_path: Path, client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    logs = [str(wheel_log(tmp_path / "in" / f"{k}.csv", seed=k)) for k in range(3)]
-    out, wanted = tmp_path / "out", fleet.Asked(MACHINE, {}, "s")
-    fault = AtFault(tmp_path / "asked", logs[0])
-    monkeypatch.setattr(fleet, "record", fault.answer)
-    found = fleet.diagnosed(client, logs, wanted, out, quiet)
+def test_a_workers_fault_is_never_kept_and_a_logs_own_is_tried_again_when_asked(tmp_path: Path, logs: list[str],
+                                                                                diagnosed: Any) -> None:
+    fault, spoilt, whole = AtFault(tmp_path / "asked", logs[0]), Asked(tmp_path / "again", logs[0]), Asked(
+        tmp_path / "retried")
+    found = diagnosed(logs[:3], fault)
     assert found.broken == ((logs[0], "Input/output error"),) and fault.so_far.count(logs[0]) == 2
-    spoilt = Asked(tmp_path / "again", logs[0])
-    monkeypatch.setattr(fleet, "record", spoilt.answer)
-    assert fleet.diagnosed(client, logs, wanted, out, quiet).broken == ((logs[0], "spoilt"),)
-    fleet.diagnosed(client, logs, wanted, out, quiet)
+    assert diagnosed(logs[:3], spoilt).broken == ((logs[0], "spoilt"),)
+    diagnosed(logs[:3], spoilt)
     assert spoilt.so_far == [logs[0]]                   # of itself, and then no more
-    whole = Asked(tmp_path / "retried")
-    monkeypatch.setattr(fleet, "record", whole.answer)
-    assert len(fleet.diagnosed(client, logs, fleet.Asked(MACHINE, {}, "s", retry=True), out, quiet).records) == 3
+    assert len(diagnosed(logs[:3], whole, retry=True).records) == 3
     assert whole.so_far == [logs[0]]
 
 

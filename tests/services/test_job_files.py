@@ -43,16 +43,17 @@ def launcher(tmp_path):
 
 
 @pytest.fixture
-def desk(launcher, tmp_path):
+def starts(monkeypatch):
+    """What a worker is started with; none is."""
+    done = []
+    monkeypatch.setattr(Launcher, "start", lambda self, resumed=None: done.append((self.config, self.seed, resumed)))
+    monkeypatch.setattr("console.link.Link", lambda where, name: where)
+    return done
+
+
+@pytest.fixture
+def desk(launcher, tmp_path, starts):
     return JobFiles(launcher, tmp_path)
-
-
-def started(desk):
-    """As after Enter at the question whether to start with it."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Launcher, "start", lambda self, resumed=None: None)
-        patch.setattr("console.link.Link", lambda where, name: where)
-        asyncio.run(desk.restart())
 
 
 def test_a_start_that_fails_leaves_the_files_of_before(desk, launcher):
@@ -87,7 +88,7 @@ def test_the_strip_goes_into_a_new_job_file_that_is_used_next(desk, launcher, tm
 
 def test_a_map_beside_the_job_is_found_from_the_new_file_too(desk, launcher):
     desk.take("job", str(shipped("jobs")["map_demo"]))
-    started(desk)
+    asyncio.run(desk.restart())
     new = load(Path(desk.take_strip(StripValue("nrich", 0.7))), JOB).model
     assert Path(new.target.map).is_absolute() and Path(new.target.map).exists()
 
@@ -96,9 +97,9 @@ def test_another_crop_and_machine(desk, launcher):
     before = desk.facts().crop_file
     desk.take("crop", str(shipped("crops")["osu_winter_wheat_2006"]))
     assert desk.facts().crop_file == before, "what runs is what is said"
-    started(desk)
+    asyncio.run(desk.restart())
     desk.take("machine", str(shipped("machines")["bench"]))
-    started(desk)
+    asyncio.run(desk.restart())
     facts = desk.facts()
     assert facts.crop_file == str(shipped("crops")["osu_winter_wheat_2006"])
     assert facts.machine_file == str(shipped("machines")["bench"]) and len(launcher.config) == 2
@@ -137,25 +138,22 @@ def test_a_shipped_file_by_its_name_is_the_same_file(tmp_path):
     assert others_than(("demo",), (str(shipped("jobs")["demo"]),)) == ()
 
 
-async def test_begin_anew_is_not_asked_again(desk, launcher, monkeypatch):
+async def test_begin_anew_is_not_asked_again(desk, launcher, starts):
     launcher.logs.mkdir(exist_ok=True)
     saved = dt.datetime.now(dt.UTC).isoformat()
     resume.write(resume.snapshot_path(launcher.logs / "a.csv"),
                  Snapshot("a.csv", began_utc=saved, saved_utc=saved, sums=Sums(area_ha=1.2), config=("demo",), seed=7))
-    started = []
-    monkeypatch.setattr(Launcher, "start", lambda self, resumed=None: started.append((self.config, self.seed, resumed)))
-    monkeypatch.setattr("console.link.Link", lambda where, name: where)
     offer = desk.offer()
     await desk.resume(offer)
-    assert started == [(("demo",), 7, Path(offer.path))]
+    assert starts == [(("demo",), 7, Path(offer.path))]
     await desk.anew(offer)
-    assert started[-1][2] is None and desk.offer() is None
+    assert starts[-1][2] is None and desk.offer() is None
 
 
 @pytest.mark.parametrize(("box", "far", "anew", "named"), [
     ((0.0, 60.0), False, False, True), ((0.0, 60.0), False, True, False), ((0.0, 60.0), True, False, False),
     ((-60.0, 20.0), False, False, False)])
-async def test_a_start_with_another_file_goes_on_with_what_was_left_on_its_field(desk, launcher, tmp_path, monkeypatch,
+async def test_a_start_with_another_file_goes_on_with_what_was_left_on_its_field(desk, launcher, tmp_path, starts,
                                                                                  box, far, anew, named):
     """Anew: that job is ended, and asked about no more. What lies elsewhere is no concern of it."""
     demo = load(shipped("jobs")["demo"], JOB).model
@@ -167,13 +165,11 @@ async def test_a_start_with_another_file_goes_on_with_what_was_left_on_its_field
     resume.write(path, Snapshot("a.csv", saved_utc=dt.datetime.now(dt.UTC).isoformat(), simulated=True, job="Mine",
                                 sums=Sums(area_ha=0.12), origin_deg=(34.28, 119.88), ground=Raster(
                                     west, 0.0, 0.25, np.ones((80, round((east - west) / 0.25)), dtype=np.bool_))))
-    started = []
-    monkeypatch.setattr(Launcher, "start", lambda self, resumed=None: started.append((self.config, resumed)))
-    monkeypatch.setattr("console.link.Link", lambda where, name: where)
     desk.take("job", str(tmp_path / "other.yaml"))
     assert (desk.offer() is None) is far
     await desk.restart(anew)
-    assert started == [((str(tmp_path / "other.yaml"),), path if named else None)]
+    assert [(config, resumed) for config, _, resumed in starts] == [
+        ((str(tmp_path / "other.yaml"),), path if named else None)]
     assert resume.read(path).finished is anew and (desk.offer() is None) is (far or anew)
 
 
@@ -234,10 +230,10 @@ def test_a_prescription_is_looked_at_and_then_taken_in_kilograms_of_ours(desk, l
     stick.unlink()                                          # the stick is pulled
     assert desk.facts().setup.job.target.source == "canopy", "until the worker starts again with it"
     desk.drop()
-    started(desk)
+    asyncio.run(desk.restart())
     assert desk.facts().setup.job.target.source == "canopy", "not taken"
     desk.take("job", str(next((tmp_path / "jobs").iterdir())))
-    started(desk)
+    asyncio.run(desk.restart())
     facts = desk.facts()
     assert facts.setup.job.target.source == "map" and facts.map_trouble == "" and facts.map_check is not None
 
@@ -251,7 +247,7 @@ def test_a_map_takes_the_place_of_a_held_mean_and_stays_under_the_heads(desk, tm
         save(tmp_path / "job.yaml", job, JOB)
         shutil.copy(shipped("jobs")["map_demo"].with_suffix(".geojson"), tmp_path / "old.geojson")
         desk.take("job", str(tmp_path / "job.yaml"))
-        started(desk)
+        asyncio.run(desk.restart())
         new = load(Path(desk.take_map(desk.preview(str(tmp_path / "old.geojson"), MapReading()))), JOB).model
         assert (new.target.source, new.target.hold_mean_kg_ha) == (source, None)
 
@@ -281,7 +277,7 @@ def test_maps_are_found_on_a_stick_and_not_searched_for_without_end(tmp_path):
 
 def test_names_go_into_a_new_job_and_come_back(desk, launcher):
     desk.take_names(JobNames("Li Ming", "East farm", "division 2", "urea 46-0-0", "Ann"))
-    started(desk)
+    asyncio.run(desk.restart())
     assert desk.facts().names == JobNames("Li Ming", "East farm", "division 2", "urea 46-0-0", "Ann")
     with pytest.raises(ValueError, match="client"):
         desk.take_names(JobNames("x" * 200))

@@ -8,6 +8,7 @@ import sys
 import tempfile
 import time
 import types
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +18,11 @@ import pytest
 from console.services import live_check
 from console.services.live_check import followed
 from console.services.live_checker import LiveChecker
+from control.diagnosis.live import watch
 from control.diagnosis.result import Departure
 from drivers.files import growing_log
 from drivers.files.growing_log import GrowingLog
+from drivers.files.imports import text
 from drivers.files.log_store import write_store
 
 FOUND = Departure("flow", "flow.gain", -4.0, 600.0)
@@ -79,76 +82,95 @@ def test_the_real_one_ends_with_its_stdin(tmp_path: Path) -> None:
     assert child.wait(60) == 0
 
 
-def rows(begin: int, end: int) -> str:
-    return "".join(f"{0.1 * k:.1f},{1.3:.4f},{1.31:.4f}\n" for k in range(begin, end))
-
-
-def test_a_growing_log_gives_whole_new_rows_only(tmp_path: Path) -> None:
-    path = tmp_path / "run.csv"
-    growing = GrowingLog(path)
-    assert growing.more() is None
-    path.write_text("time_s,speed_mps,wheel_speed_mps\n" + rows(0, 5) + "0.5,1.2")
-    assert growing.more()["time_s"].tolist() == [0.0, 0.1, 0.2, 0.3, 0.4]     # type: ignore[index]
-    assert growing.more() is None
-    with path.open("a") as file:
-        file.write("00,1.25\n" + rows(6, 8))
-    more = growing.more()
-    assert more is not None and more["time_s"].tolist() == [0.5, 0.6, 0.7] and more["speed_mps"][0] == 1.2
-    path.write_text("time_s,speed_mps,wheel_speed_mps\n0.0,1.0,1.0\n")        # another log in its place
-    assert growing.more()["time_s"].tolist() == [0.0]                        # type: ignore[index]
+@pytest.fixture
+def looks(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[float], Departure | None]], None]:
+    """Looks that find nothing, or at a time what a function says of it; they cost nothing."""
+    def find(found: Callable[[float], Departure | None]) -> None:
+        def look(self: watch.LiveCheck) -> Departure | None:
+            self._looked_s = self.now_s
+            return found(self.now_s)
+        monkeypatch.setattr(watch.LiveCheck, "look", look)
+    find(lambda now_s: None)
+    return find
 
 
 HEADER = "time_s,speed_mps,wheel_speed_mps\n"
 
 
-def test_another_log_in_its_place_is_read_from_its_beginning_however_long_it_is(tmp_path: Path) -> None:
-    path, other = tmp_path / "run.csv", tmp_path / "other.csv"
-    path.write_text(HEADER + rows(100, 110))
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "run.csv"
+
+
+def grow(path: Path, text: str) -> None:
+    with path.open("a") as file:
+        file.write(text)
+
+
+def times(growing: GrowingLog) -> list[float]:
+    """Of the new rows; none: []."""
+    more = growing.more()
+    return [] if more is None else more["time_s"].tolist()
+
+
+def rows(begin: int, end: int) -> str:
+    return "".join(f"{0.1 * k:.1f},{1.3:.4f},{1.31:.4f}\n" for k in range(begin, end))
+
+
+def test_a_growing_log_gives_whole_new_rows_only(path: Path) -> None:
     growing = GrowingLog(path)
+    assert growing.more() is None
+    path.write_text(HEADER + rows(0, 5) + "0.5,1.2")
+    assert times(growing) == [0.0, 0.1, 0.2, 0.3, 0.4]
+    assert growing.more() is None
+    grow(path, "00,1.25\n" + rows(6, 8))
+    more = growing.more()
+    assert more is not None and more["time_s"].tolist() == [0.5, 0.6, 0.7] and more["speed_mps"][0] == 1.2
+    path.write_text(HEADER + "0.0,1.0,1.0\n")                               # another log in its place
+    assert times(growing) == [0.0]
+
+
+def test_another_log_in_its_place_is_read_from_its_beginning_however_long_it_is(path: Path, tmp_path: Path) -> None:
+    path.write_text(HEADER + rows(100, 110))
+    growing, other = GrowingLog(path), tmp_path / "other.csv"
     growing.more()
     other.write_text(HEADER + rows(0, 40))
     other.replace(path)                                                       # rotated: longer than what was read
-    assert growing.more()["time_s"].tolist() == pytest.approx([0.1 * k for k in range(40)])     # type: ignore[index]
+    assert times(growing) == pytest.approx([0.1 * k for k in range(40)])
 
 
-def test_times_that_go_back_are_not_passed_over(tmp_path: Path) -> None:
-    path = tmp_path / "run.csv"
+def test_times_that_go_back_are_not_passed_over(path: Path) -> None:
     path.write_text(HEADER + rows(100, 110))
     growing = GrowingLog(path)
     growing.more()
-    with path.open("a") as file:
-        file.write(rows(0, 5))
-    assert len(growing.more()["time_s"]) == 5                                # type: ignore[index, arg-type]
+    grow(path, rows(0, 5))
+    assert len(times(growing)) == 5
 
 
-def test_a_full_disk_is_nothing_to_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "run.csv"
+def test_a_full_disk_is_nothing_to_it(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path.write_text(HEADER + rows(0, 10))
-    growing = GrowingLog(path)
 
     def full(*_: object, **__: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
     with monkeypatch.context() as patched:
         patched.setattr(tempfile, "TemporaryDirectory", full)
-        assert len(growing.more()["time_s"]) == 10                           # type: ignore[index, arg-type]
+        assert len(times(GrowingLog(path))) == 10
 
 
-def test_a_new_log_is_checked_from_its_beginning(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from control.diagnosis.live import watch
-    monkeypatch.setattr(watch.LiveCheck, "look", lambda self: setattr(self, "_looked_s", self.now_s))
-    path, other = tmp_path / "run.csv", tmp_path / "other.csv"
+@pytest.mark.usefixtures("looks")
+def test_a_new_log_is_checked_from_its_beginning(path: Path, tmp_path: Path) -> None:
+    other, replaced = tmp_path / "other.csv", list[bool]()
     path.write_text(HEADER + rows(0, 6000))
     other.write_text(HEADER + rows(0, 4000))
-    replaced: list[bool] = []
 
     def wait() -> bool:
         if not replaced:
             other.replace(path)
         replaced.append(True)
         return len(replaced) < 3
-    looks = [look.at_s for look in followed(path, "huanghai", wait)]
-    assert len([at_s for at_s in looks if at_s < 400.0]) == 6               # three of each log
-    assert looks[-1] < 400.0
+    looked = [look.at_s for look in followed(path, "huanghai", wait)]
+    assert len([at_s for at_s in looked if at_s < 400.0]) == 6               # three of each log
+    assert looked[-1] < 400.0
 
 
 def test_a_clock_that_jumps_far_ahead_costs_nothing() -> None:
@@ -157,59 +179,49 @@ def test_a_clock_that_jumps_far_ahead_costs_nothing() -> None:
     assert len(pieces) == 5 and sum(len(piece["time_s"]) for piece in pieces) == len(time_s)
 
 
-def test_logs_of_other_programs_and_stores_are_followed_too(tmp_path: Path) -> None:
-    foreign = tmp_path / "foreign.csv"
+def test_logs_of_other_programs_and_stores_are_followed_too(path: Path, tmp_path: Path) -> None:
     head = (Path(__file__).parents[2] / "docs/examples/import/tractor.csv").read_bytes().splitlines(keepends=True)
-    foreign.write_bytes(b"".join(head[:101]))
-    growing = GrowingLog(foreign)
-    first = growing.more()
-    foreign.write_bytes(b"".join(head[:201]))
-    more = growing.more()
-    assert first is not None and more is not None and len(first["time_s"]) + len(more["time_s"]) == 200
+    path.write_bytes(b"".join(head[:101]))
+    growing = GrowingLog(path)
+    first = times(growing)
+    path.write_bytes(b"".join(head[:201]))
+    more = times(growing)
+    assert first and more and len(first) + len(more) == 200
     write_store(tmp_path / "run.parquet", {"time_s": np.arange(3.0)}, None)
-    assert GrowingLog(tmp_path / "run.parquet").more()["time_s"].tolist() == [0.0, 1.0, 2.0]    # type: ignore[index]
+    assert times(GrowingLog(tmp_path / "run.parquet")) == [0.0, 1.0, 2.0]
 
 
-def test_rows_at_once_are_gone_through_as_they_would_have_come(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from control.diagnosis.live import watch
-    monkeypatch.setattr(watch.LiveCheck, "look", lambda self: setattr(self, "_looked_s", self.now_s))
-    path = tmp_path / "run.csv"
-    path.write_text("time_s,speed_mps,wheel_speed_mps\n" + rows(0, 6000))
-    looks = [look.at_s for look in followed(path, "huanghai", lambda: False)]
-    assert len(looks) == 10 and looks[0] == pytest.approx(300.0, abs=30.1)
+@pytest.mark.usefixtures("looks")
+def test_rows_at_once_are_gone_through_as_they_would_have_come(path: Path) -> None:
+    path.write_text(HEADER + rows(0, 6000))
+    looked = [look.at_s for look in followed(path, "huanghai", lambda: False)]
+    assert len(looked) == 10 and looked[0] == pytest.approx(300.0, abs=30.1)
     assert live_check.machine_of_log(path, None).id == "huanghai"
 
 
 def test_what_departed_before_it_was_started_is_not_said_as_if_it_did_now(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+        path: Path, looks: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """A console that is started again goes through the rows of the morning: only what stands now is said."""
-    from control.diagnosis.live import watch
-
-    def look(self: watch.LiveCheck) -> Departure | None:
-        self._looked_s = self.now_s
-        return FOUND if self.now_s < 500.0 else None
-    monkeypatch.setattr(watch.LiveCheck, "look", look)
+    looks(lambda now_s: FOUND if now_s < 500.0 else None)
     monkeypatch.setattr(live_check, "lower_priority", lambda: None)
     monkeypatch.setattr(live_check.threading, "Thread", lambda **_: types.SimpleNamespace(start=lambda: None))
 
     def end(_: float) -> None:
         raise OSError("enough")
     monkeypatch.setattr(live_check.time, "sleep", end)
-    path = tmp_path / "run.csv"
-    path.write_text("time_s,speed_mps,wheel_speed_mps\n" + rows(0, 6300))
+    path.write_text(HEADER + rows(0, 6300))
     live_check.main([str(path), "huanghai"])
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [line.get("departure", "ended") for line in lines] == [None, "ended"]
 
 
-def test_a_log_that_is_read_in_parts_is_behind_until_the_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_log_that_is_read_in_parts_is_behind_until_the_last(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(growing_log, "MOST_BYTES", 2000)
-    path = tmp_path / "run.csv"
-    path.write_text("time_s,speed_mps,wheel_speed_mps\n" + rows(0, 200))
+    path.write_text(HEADER + rows(0, 200))
     growing, behind, count = GrowingLog(path), [], 0
-    while (more := growing.more()) is not None:
+    while more := times(growing):
         behind.append(growing.behind)
-        count += len(more["time_s"])
+        count += len(more)
     assert count == 200 and behind[0] and not behind[-1]
 
 
@@ -222,74 +234,62 @@ def foreign(count: int, begin: int = 0) -> str:
 FOREIGN_HEAD = "Time;Ground speed [km/h];Shaft speed set [1/min];Shaft speed actual [1/min]\n"
 
 
-def test_of_a_foreign_log_only_the_new_lines_are_brought_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_of_a_foreign_log_only_the_new_lines_are_brought_in(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """At 20 Hz in steps of 5 s: rows as of the whole, each line read a few times and not at each look."""
-    from drivers.files.imports import text
-    path, read_bytes = tmp_path / "other.csv", [0]
-    before = text.read_text
+    read_bytes, before = [0], text.read_text
 
     def counted(where: Path, said: Any) -> Any:
         read_bytes[0] += where.stat().st_size
         return before(where, said)
     monkeypatch.setattr(text, "read_text", counted)
     path.write_text(FOREIGN_HEAD)
-    growing, times = GrowingLog(path), list[float]()
+    growing, found = GrowingLog(path), list[float]()
     assert growing.more() is None                       # a header alone: it is waited for rows
     for step in range(24):
-        with path.open("a") as file:
-            file.write(foreign(100, 100 * step))
-        more = growing.more()
-        times += [] if more is None else more["time_s"].tolist()
-    assert times == pytest.approx([0.05 * k for k in range(2400)])
+        grow(path, foreign(100, 100 * step))
+        found += times(growing)
+    assert found == pytest.approx([0.05 * k for k in range(2400)])
     assert read_bytes[0] < 6.0 * path.stat().st_size
 
 
 @pytest.mark.parametrize("kind", ["own", "foreign"])
 @pytest.mark.parametrize("bad", ["\0\0\x01\xff;,;\"\n", "0.45,abc,,,\n", ";;;;;;;;;;;;;\n"])
-def test_a_damaged_line_is_left_out_and_counted(tmp_path: Path, kind: str, bad: str) -> None:
-    path = tmp_path / "run.csv"
-    head = HEADER if kind == "own" else FOREIGN_HEAD
-
+def test_a_damaged_line_is_left_out_and_counted(path: Path, kind: str, bad: str) -> None:
     def some(begin: int, end: int) -> str:
         return rows(begin, end) if kind == "own" else foreign(end - begin, begin)
-    path.write_text(head + some(0, 200))
+    path.write_text((HEADER if kind == "own" else FOREIGN_HEAD) + some(0, 200))
     growing = GrowingLog(path)
-    seen = len(growing.more()["time_s"])                                     # type: ignore[index, arg-type]
+    seen = len(times(growing))
     with path.open("ab") as file:
         file.write(some(200, 240).encode() + bad.encode("latin-1") + some(240, 300).encode())
-    more = growing.more()
-    seen += 0 if more is None else len(more["time_s"])
+    seen += len(times(growing))
     assert seen >= 299 and growing.damaged <= 1                              # the reader itself may pass over one
-    with path.open("a") as file:
-        file.write(some(300, 320))
-    assert len(growing.more()["time_s"]) == 20                               # type: ignore[index, arg-type]
+    grow(path, some(300, 320))
+    assert len(times(growing)) == 20
 
 
-def test_a_log_that_no_longer_grows_is_said_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from control.diagnosis.live import watch
-    monkeypatch.setattr(watch.LiveCheck, "look", lambda self: setattr(self, "_looked_s", self.now_s))
-    path, said, waits = tmp_path / "run.csv", list[str](), [0]
+@pytest.mark.usefixtures("looks")
+def test_a_log_that_no_longer_grows_is_said_once(path: Path) -> None:
+    said, waits = list[str](), [0]
     path.write_text(HEADER + rows(0, 100))
 
     def wait() -> bool:
         waits[0] += 1
         if waits[0] == 30:
-            with path.open("a") as file:
-                file.write(rows(100, 110))
+            grow(path, rows(100, 110))
         return waits[0] < 40
     list(followed(path, "huanghai", wait, said.append))
     assert [one.split(": ", 1)[1] for one in said] == ["no new row for 60 s: it no longer grows; still watched",
                                                        "it grows again"]
 
 
-def test_a_foreign_log_is_followed_by_its_import_file(tmp_path: Path) -> None:
-    path = tmp_path / "a.csv"
-    (tmp_path / "import.yaml").write_text("format: topdress-import/1\ntime: {column: t, counts: s}\ncolumns:\n"
-                                          "  shaft_rpm_cmd: {from: S, unit: 1/min}\n"
-                                          "  shaft_rpm: {from: I, unit: 1/min}\n")
-    path.write_text("t;S;I\n" + "".join(f"{0.5 * k};{60 + k % 7};{60 + k % 5}\n" for k in range(100)))
+def test_a_foreign_log_is_followed_by_its_import_file(path: Path) -> None:
+    path.with_name("import.yaml").write_text("format: topdress-import/1\ntime: {column: t, counts: s}\ncolumns:\n"
+                                             "  shaft_rpm_cmd: {from: S, unit: 1/min}\n"
+                                             "  shaft_rpm: {from: I, unit: 1/min}\n")
+    lines = [f"{0.5 * k};{60 + k % 7};{60 + k % 5}\n" for k in range(120)]
+    path.write_text("t;S;I\n" + "".join(lines[:100]))
     growing = GrowingLog(path)
     assert len(growing.more()["shaft_rpm"]) == 100                           # type: ignore[index, arg-type]
-    with path.open("a") as file:
-        file.write("".join(f"{0.5 * k};{60 + k % 7};{60 + k % 5}\n" for k in range(100, 120)))
-    assert growing.more()["time_s"].tolist() == [0.5 * k for k in range(100, 120)]     # type: ignore[index]
+    grow(path, "".join(lines[100:]))
+    assert times(growing) == [0.5 * k for k in range(100, 120)]
