@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from console.cli.outputs import Force, Output, marked, refuse_collisions
+from console.cli.outputs import Force, marked, refuse_collisions
 from console.cli.plain_errors import CommandError
 from drivers import day_clock
 
@@ -27,7 +27,8 @@ def check(
 ) -> None:
     """Check configuration files of any kind; one plain line for each thing that is wrong."""
     if write_schemas is not None:
-        refuse_collisions(map(Path, files or ()), _outputs(write_schemas), force)
+        outputs = [marked(write_schemas / f"{name}.json", b'"$schema"') for name in kinds_by_name()]
+        refuse_collisions(map(Path, files or ()), outputs, force)
     if schema is not None:
         typer.echo(schema_text(schema), nl=False)
     if write_schemas is not None:
@@ -53,10 +54,6 @@ def schema_text(name: str) -> str:
     if short not in kinds:
         raise CommandError(f"--schema {name}: allowed is one of {', '.join(kinds)}")
     return json.dumps(schema(kinds[short]), indent=1, ensure_ascii=False) + "\n"
-
-
-def _outputs(folder: Path) -> list[Output]:
-    return [marked(folder / f"{name}.json", b'"$schema"') for name in kinds_by_name()]
 
 
 def write_all(folder: Path) -> None:

@@ -11,7 +11,7 @@ from console.reports.figure import need_matplotlib
 from console.reports.html import Picture, escape, facts, figure, folded, items, page, paragraph, section, table
 from console.reports.numbers import decimals_of, fixed, number, p_value, percent, span_of, with_interval
 from console.reports.page_style import STYLE
-from console.reports.pictures import PictureSet, pictures_of
+from console.reports.pictures import pictures_of
 from console.reports.term_words import compensation
 from console.reports.term_words import sentence as term_sentence
 from control.diagnosis.result import UNKNOWN, Cause, Diagnosis, Gain, TermFound
@@ -34,7 +34,9 @@ def diagnosis_page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
         _next_run(found) if found.verdict == "ambiguous" else "",
         section("About the data", items(found.findings) if found.findings else ""),
         section("What was found", *(_cause(cause, pictures.causes[k]) for k, cause in enumerate(found.causes))),
-        section("What no known effect explains", *(_left(found, k, pictures) for k in range(len(found.unexplained))),
+        section("What no known effect explains", *(
+            paragraph(sentences.left(one, found.data.kind)) + figure(picture)
+            for one, picture in zip(found.unexplained, pictures.left, strict=True)),
                 *(_term(term, picture) for term, picture in zip(found.terms, pictures.terms, strict=False))),
         section("The drive as a whole", items([f"{sentences.whole(found.fitted)}.", sentences.whole_gain(found.fitted)])
                 if found.fitted is not None else ""),
@@ -107,10 +109,6 @@ def _shares(cause: Cause) -> str:
 def _id(effect_id: str) -> str:
     """Of an effect of the catalogue."""
     return "" if effect_id == UNKNOWN else f' <span class="id">{escape(effect_id)}</span>'
-
-
-def _left(found: Diagnosis, k: int, pictures: PictureSet) -> str:
-    return paragraph(sentences.left(found.unexplained[k], found.data.kind)) + figure(pictures.left[k])
 
 
 def _term(found: TermFound, picture: Picture | None) -> str:

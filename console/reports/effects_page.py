@@ -27,7 +27,7 @@ def markdown(catalogue: Mapping[str, Entry], machine: Machine = NOMINAL) -> str:
     """The page: a table of all ids, then each effect by stage, in the order of the catalogue."""
     lines = [HEAD + WHOSE.format(id=machine.id), "| id | what happens | size in | range | seen in |",
              "|---|---|---|---|---|"]
-    lines += [f"| [{_id(e)}](#{_anchor(e)}) | {_cell(e.effect.title)} | {_cell(unit_of(e.effect.id, machine))} | "
+    lines += [f"| [{e.effect.id}](#{_anchor(e)}) | {_cell(e.effect.title)} | {_cell(unit_of(e.effect.id, machine))} | "
               f"{_range(e, machine)} | {_cell(', '.join(e.effect.seen_in))} |" for e in catalogue.values()]
     for stage in dict.fromkeys(entry.stage for entry in catalogue.values()):
         lines += ["", f"## {STAGES.get(stage, stage)}"]
@@ -50,10 +50,6 @@ def _effect(entry: Entry, machine: Machine) -> list[str]:
             f"- What to do: {effect.advice}",
             f"- Separated from its look-alikes by: {effect.separate}",
             f"- Source: {effect.source}"]
-
-
-def _id(entry: Entry) -> str:
-    return entry.effect.id
 
 
 def _anchor(entry: Entry) -> str:

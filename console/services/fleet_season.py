@@ -67,12 +67,10 @@ def one_spelling(records: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     models: dict[str, set[str]] = {}
     for one in every:
         models.setdefault(unit[one["unit"]], set()).add(one["model"])
-    return [{**one, "unit": _of_model(unit[one["unit"]], one["model"], models),
+    named = {(name, model): f"{name} ({model})" if len(known) > 1 else name
+             for name, known in models.items() for model in known}
+    return [{**one, "unit": named[unit[one["unit"]], one["model"]],
              "shared": {name: spelt[name][level] for name, level in one["shared"].items()}} for one in every]
-
-
-def _of_model(unit: str, model: str, models: Mapping[str, set[str]]) -> str:
-    return f"{unit} ({model})" if len(models[unit]) > 1 else unit
 
 
 def _spelt(names: Iterable[str]) -> dict[str, str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import inf
 from typing import Any
 
-from console.frame import DeviceView, Frame
+from console.frame import Frame
 from console.worker.limits import COMES_S, MOVES_S, STANDS_S
 from control.orders import State
 
@@ -49,11 +49,8 @@ def _moves(frame: Frame) -> bool:
     """Whether numbers are looked at because something goes on."""
     row = frame.row
     return (row.state in AT_WORK or frame.lag_test is not None or (row.speed_used_mps or 0.0) >= STANDS_MPS
-            or (row.shaft_rpm or 0.0) >= STANDS_RPM or any(_is_tested(one) for one in frame.devices))
-
-
-def _is_tested(device: DeviceView) -> bool:
-    return device.test is not None and device.test.running
+            or (row.shaft_rpm or 0.0) >= STANDS_RPM or any(
+                one.test is not None and one.test.running for one in frame.devices))
 
 
 def _words(frame: Frame) -> tuple[Any, ...]:

@@ -49,7 +49,8 @@ def measurements(log: RunLog) -> Iterator[Measurements]:
     index = "ndre" if any(log.has(name) for name in (*NDRE_COLUMNS, "ndre")) else "ndvi"
     single = NDRE_COLUMNS if index == "ndre" else HEAD_COLUMNS
     heads = [_readings(log, name, name) for name in single if log.has(name)] or [_readings(log, index, "ndvi_1")]
-    wheel = "speed_mps" if _speed_stands_for_wheel(log) else "wheel_speed_mps"
+    stands_for_wheel = log.has("speed_mps") and not log.has("lat_deg") and not log.has("wheel_speed_mps")
+    wheel = "speed_mps" if stands_for_wheel else "wheel_speed_mps"
     sensors = [_readings(log, wheel if name == "wheel_speed_mps" else name, name) for name in SENSORS]
     switch = [None if value != value else value != 0.0 for value in log.numbers("work_switch").tolist()]
     announced: SpeedPlan | None = None
@@ -59,10 +60,6 @@ def measurements(log: RunLog) -> Iterator[Measurements]:
         announced = (announced_of(text, at_s) if text else None) or announced
         yield Measurements(at_s, fix, wheel_mps, ndvi, shaft, opening, hopper, supply, pitch, roll, work,
                            speed_told=announced, canopy_index=index, shaft_effort=efforts[0], gate_effort=efforts[1])
-
-
-def _speed_stands_for_wheel(log: RunLog) -> bool:
-    return log.has("speed_mps") and not log.has("lat_deg") and not log.has("wheel_speed_mps")
 
 
 def _readings(log: RunLog, column: str, sensor: str) -> list[Reading | None]:
@@ -92,15 +89,12 @@ def _fixes(log: RunLog) -> list[GnssFix | None]:
         if row < 0:
             fixes.append(None)
             continue
-        quality, satellites, hdop, speed_mps, heading_deg = [_known(column[row]) for column in columns]
+        quality, satellites, hdop, speed_mps, heading_deg = [
+            value if value == value else None for value in (column[row] for column in columns)]
         fixes.append(GnssFix(time_s, lats[row], lons[row], 1 if quality is None else int(quality),
                              None if satellites is None else int(satellites), hdop, speed_mps, heading_deg,
                              utcs[row] or None))
     return fixes
-
-
-def _known(value: float) -> float | None:
-    return value if value == value else None
 
 
 def _changes(values: Floats) -> Flags:

@@ -104,7 +104,8 @@ def _of_texts(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGue
     if not texts.len() or texts.str.contains(_A_NUMBER).all():
         return None
     if _reads(texts, None):
-        return TimeGuess(Times(column=name, zone=None if _has_offset(texts) else zone), "reads as ISO 8601")
+        offset = read_texts(texts, None, None).kind == "utc"
+        return TimeGuess(Times(column=name, zone=None if offset else zone), "reads as ISO 8601")
     if dated and not raw.frame[dated[0]].dtype.is_temporal():
         found_day = _with_day(raw.frame[dated[0]].head(_SAMPLE), raw.frame[name].head(_SAMPLE), name, zone)
         if found_day is not None:
@@ -175,10 +176,6 @@ def _reads(texts: pl.Series, form: str | None) -> bool:
         return texts.len() > 0 and float(us.is_between(_EARLIEST_US, _LATEST_US).sum()) >= _READS * texts.len()
     except TableError:
         return False
-
-
-def _has_offset(texts: pl.Series) -> bool:
-    return read_texts(texts, None, None).kind == "utc"
 
 
 def _of_numbers(raw: RawTable, name: str) -> TimeGuess | None:

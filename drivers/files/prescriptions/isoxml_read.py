@@ -48,7 +48,8 @@ def read_isoxml(files: TaskSet, path: Path, choice: RateChoice) -> Imported:
     root = task_tree(files)
     layer, ids = _picked(root, files.label, choice)
     where = PlaceInFile(files.label).at("task {task}", task=layer.id)
-    values = {_code(zone, where): _value(zone, layer, where) for zone in layer.task.findall("TZN")}
+    values = {_number(zone.get("A", ""), 10, where.at("zone code")): _value(zone, layer, where)
+              for zone in layer.task.findall("TZN")}
     unit, factor, offset, findings = _meaning(root, layer, where, choice)
     rates = {code: None if value is None else (value + offset) * factor for code, value in values.items()}
     for code, rate in rates.items():
@@ -296,10 +297,6 @@ def _template(layer: _TaskLayer, grid: Element, where: PlaceInFile) -> list[tupl
                 return order
     raise PrescriptionError(where, "grid of type 2 names zone {zone}: allowed is a zone with this layer's data",
                             zone=code)
-
-
-def _code(zone: Element, where: PlaceInFile) -> int:
-    return _number(zone.get("A", ""), 10, where.at("zone code"))
 
 
 def _listed(rates: dict[int, float | None]) -> str:

@@ -96,7 +96,7 @@ def projection_of(text: str) -> TransverseMercator | None:
     Raises ValueError: the name of the coordinates and what is wrong with them.
     """
     try:
-        node = _parsed(text)
+        node = _node([match.groups() for match in _TOKEN.finditer(text)], 0)[0]
     except (ValueError, IndexError):
         raise ValueError("unknown coordinates: not well-known text") from None
     if node.key == "GEOGCS":
@@ -131,11 +131,6 @@ def _check_spheroid(geographic: _Node, name: str) -> float:
     if abs(axis - SEMI_MAJOR_M) > 0.5 or not low <= inverse <= high:
         raise ValueError(f"{name}: datum {datum.name} on spheroid {spheroid.name} may lie 100 m off WGS84")
     return 1.0 / inverse
-
-
-def _parsed(text: str) -> _Node:
-    """Raises ValueError, IndexError."""
-    return _node([match.groups() for match in _TOKEN.finditer(text)], 0)[0]
 
 
 def _node(tokens: list[tuple[str | None, ...]], at: int) -> tuple[_Node, int]:

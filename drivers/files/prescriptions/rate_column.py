@@ -65,7 +65,8 @@ def rate_column(path: Path, numbered: Sequence[tuple[int, Mapping[str, Any]]], c
     Raises RateQuestion where the file does not say which column it is, PrescriptionError where none can be.
     """
     names = list(dict.fromkeys(name for _, row in numbered for name in row))
-    side_units = together(side_units, unit_columns(_texts(numbered, names)))
+    texts = {name: {cell for _, row in numbered if isinstance(cell := row.get(name), str)} for name in names}
+    side_units = together(side_units, unit_columns(texts))
     if choice.index is not None:
         return _chosen(path, numbered, names, choice, choice.column or _index_of(path, names, choice.index), side_units)
     if choice.column is not None:
@@ -121,11 +122,6 @@ def _best(rates: Sequence[_NumberColumn]) -> _NumberColumn | None:
     wanted = [one for one in rates if one not in no_target and wanted_or_done(one.name) == "wanted"]
     left = wanted if len(wanted) == 1 and len(no_target) == len(rates) - 1 else rates
     return left[0] if len(left) == 1 else None
-
-
-def _texts(numbered: Sequence[tuple[int, Mapping[str, Any]]], names: Sequence[str]) -> dict[str, set[str]]:
-    """The different texts of each column."""
-    return {name: {cell for _, row in numbered if isinstance(cell := row.get(name), str)} for name in names}
 
 
 def _cells(numbered: Sequence[tuple[int, Mapping[str, Any]]], name: str) -> tuple[Cell, ...] | None:
