@@ -173,31 +173,27 @@ def sheet(path: Path, cells: bytes) -> Path:
     return zipped(path, [("xl/worksheets/sheet1.xml", b"<worksheet><sheetData>" + cells + b"</sheetData></worksheet>")])
 
 
-@pytest.mark.parametrize("cells", [
-    b'<row r="1"><c r="A1"/></row><row r="1048576"><c r="XFD1048576"/></row>',
-    b'<row><c r="A1"/></row><row><c r="XFD1048576"/></row>', b'<row r="4000000"><c r="Z4000000"/></row>'])
-def test_a_sheet_of_two_cells_far_apart_is_not_made(tmp_path: Path, cells: bytes) -> None:
-    """Its reader would make every cell between them, and end the program when it cannot."""
+FAR = b'<row r="1"><c r="A1"/></row><row r="1048576"><c r="XFD1048576"/></row>'
+CELLS = {               # its reader would make every cell between two, and end the program when it cannot
+    "far apart": FAR, "far apart, rows without a place": b'<row><c r="A1"/></row><row><c r="XFD1048576"/></row>',
+    "far down": b'<row r="4000000"><c r="Z4000000"/></row>',
+    "no references": b"<row>" + b"<c/>" * 16_000 + b"</row>" + b"<row><c/></row>" * 2_000,
+    "prefixed": b"<x:row>" + b"<x:c/>" * 16_000 + b"</x:row>" + b"<x:row><x:c/></x:row>" * 2_000,
+    "a row of two pieces": b"<row>" + b"<c/>" * 3_000 + b" " * (5 << 20) + b"<c/>" * 3_000 + b"</row>" + (
+        b"<row/>" * 3_000)}
+
+
+@pytest.mark.parametrize("cells", CELLS)
+def test_a_sheet_of_many_cells_is_not_made(tmp_path: Path, cells: str) -> None:
     for read in (read_raw, read_bench_table):
         with pytest.raises(ValueError, match=r"sheet1\.xml: [0-9]+ cells: allowed up to 16777216 cells"):
-            read(sheet(tmp_path / "x.xlsx", cells))
-
-
-@pytest.mark.parametrize("cells", [
-    b"<row>" + b"<c/>" * 16_000 + b"</row>" + b"<row><c/></row>" * 2_000,
-    b"<x:row>" + b"<x:c/>" * 16_000 + b"</x:row>" + b"<x:row><x:c/></x:row>" * 2_000,
-    b"<row>" + b"<c/>" * 3_000 + b" " * (5 << 20) + b"<c/>" * 3_000 + b"</row>" + b"<row/>" * 3_000],
-    ids=["no references", "prefixed", "a row of two pieces"])
-def test_cells_without_a_place_are_counted(tmp_path: Path, cells: bytes) -> None:
-    with pytest.raises(ValueError, match="cells: allowed up to 16777216 cells"):
-        read_raw(sheet(tmp_path / "x.xlsx", cells))
+            read(sheet(tmp_path / "x.xlsx", CELLS[cells]))
 
 
 def test_a_sheet_under_any_name_is_looked_through(tmp_path: Path) -> None:
     """A workbook says itself where its sheets are."""
-    far = b'<worksheet><row r="1"><c r="A1"/></row><row r="1048576"><c r="XFD1048576"/></row></worksheet>'
     with pytest.raises(ValueError, match="elsewhere: 17179869184 cells"):
-        read_raw(zipped(tmp_path / "x.xlsx", [("elsewhere", far)]))
+        read_raw(zipped(tmp_path / "x.xlsx", [("elsewhere", b"<worksheet>" + FAR + b"</worksheet>")]))
 
 
 @pytest.mark.parametrize("more", [b"", b" "], ids=["as much", "one byte more"])
