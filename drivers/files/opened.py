@@ -58,8 +58,8 @@ class Opened:
         plain, ours = _plain(self.names), our_names(self.names).names
         known = sum(name in COLUMNS for name in ours)
         if "time_s" in plain:
-            commanded = any(says(folded(name), COMMAND) for name in plain if not name.startswith("x_"))
-            return known == 1 and commanded             # another's `commanded_rpm` next to its readings
+            return known == 1 and any(          # another's `commanded_rpm` next to its readings
+                says(folded(name), COMMAND) for name in plain if not name.startswith("x_"))
         return not ({"time_s", "utc"} & set(ours) and known >= KNOWN_SHARE * len(ours) and known > 1)
 
     @cached_property
