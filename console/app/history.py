@@ -7,6 +7,7 @@ from itertools import islice
 from typing import NamedTuple
 
 from console.app.series import LogSeries, Pyramid
+from console.app.view import applied_kg_ha
 from console.app.worked import Spot, Worked, spot_of
 from console.frame import Frame
 
@@ -24,7 +25,7 @@ class Point(NamedTuple):
 
 
 def point_of(frame: Frame) -> Point:
-    return Point(frame.row.time_s, frame.row.target_rate_kg_ha, frame.row.applied_rate_kg_ha)
+    return Point(frame.row.time_s, frame.row.target_rate_kg_ha, applied_kg_ha(frame.row))
 
 
 class History:

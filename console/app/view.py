@@ -12,9 +12,10 @@ from console.app import words
 from console.app.units import Units
 from console.frame import Frame
 from console.locale import _
-from control.log_row import HEAD_COLUMNS, NDRE_COLUMNS
+from control.log_row import HEAD_COLUMNS, NDRE_COLUMNS, LogRow
 from control.orders import Alarm, Severity
 from control.safety import ALARMS
+from control.safety.limits import SafetyLimits
 
 STALE_S = 1.0                 # older than this is greyed
 RATE_FLOOR_KG_HA = 50.0       # rate errors are relative to the target, but never to less than this
@@ -24,6 +25,7 @@ LAG_NOTE = "lag_out_of_range"
 # Of the ground ahead, and of the flow that is owed: reported while working only, else nothing is owed.
 WORK_NOTES = ("already_spread", "on_headland", "zero_", "limited_")
 ERROR_SPAN = 0.30             # the error bar's end
+STANDS_RPM = SafetyLimits().shaft_stands_rpm
 
 
 class Shown(NamedTuple):
@@ -120,6 +122,14 @@ def rate_error(target_kg_ha: float | None, applied_kg_ha: float | None) -> float
     if target_kg_ha is None or applied_kg_ha is None:
         return None
     return (applied_kg_ha - target_kg_ha) / max(target_kg_ha, RATE_FLOOR_KG_HA)
+
+
+def applied_kg_ha(row: LogRow) -> float | None:
+    """What leaves the outlets: nothing where the machine does not work and its shaft reads no more than the noise of a
+    standing one."""
+    if row.applied_rate_kg_ha is None or row.state in (None, "working") or (row.shaft_rpm or 0.0) >= STANDS_RPM:
+        return row.applied_rate_kg_ha
+    return 0.0
 
 
 def signed_percent(percent: float) -> str:
@@ -238,7 +248,7 @@ def _rates(frame: Frame, old: bool, units: Units) -> RatesView:
         level = "red" if abs(error) > ERROR_RED else "amber"
     nudge = "" if not row.nudge_percent else f"{row.nudge_percent:+.0f} %"
     return RatesView(Shown(units.rate.text(row.target_rate_kg_ha), old),
-                     Shown(units.rate.text(row.applied_rate_kg_ha), old), units.rate.name, nudge,
+                     Shown(units.rate.text(applied_kg_ha(row)), old), units.rate.name, nudge,
                      Shown("--" if error is None else signed_percent(100 * error), old),
                      None if error is None else round(max(-1.0, min(1.0, error / ERROR_SPAN)), 2), level,
                      why_other_rate(frame))

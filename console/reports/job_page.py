@@ -34,8 +34,8 @@ def job_page(applied: AsApplied, software: str, about: About = NOBODY) -> str:
         ("applied", f"{fixed(t.applied_kg, 2)} kg, mean {number(applied.mean_kg_ha, 4)} kg/ha"),
         *(() if t.stopped_kg < 0.005 else (("released while stopped", f"{fixed(t.stopped_kg, 2)} kg of it, in "
             f"{len(applied.stopped)} entries of the log"),)),
-        ("target", f"{fixed(t.target_kg, 2)} kg; applied {_signed(t.error_percent)} % against it"
-                   if t.error_percent is not None else "none logged"),
+        ("target", f"{fixed(t.target_kg, 2)} kg; the {fixed(t.applied_kg - t.stopped_kg, 2)} kg spread at work are "
+                   f"{_signed(t.error_percent)} % against it" if t.error_percent is not None else "none logged"),
         *(() if applied.cut is None else (("above the crop's limit", f"{fixed(applied.cut.area_ha, 4)} ha wanted up to "
             f"{number(applied.cut.highest_kg_ha, 4)} kg/ha; the limit of {number(applied.cut.limit_kg_ha, 4)} was "
             f"applied there, {fixed(applied.cut.less_kg, 2)} kg less than wanted"),)),

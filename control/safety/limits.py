@@ -69,7 +69,7 @@ class SafetyLimits:
     trimmed_percent: float = 5.0            # the scale moves the flow by more: said
     hopper_empty_kg: float = 0.5
     hopper_low_kg: float = 30.0
-    hopper_clear_kg: float = 1.0            # the low alarm goes this far above its limit
+    hopper_clear_kg: float = 1.0            # empty and low go this far above their limit
     hopper_confirm_s: float = 1.0           # empty and low must last this long
     # calibrating
     calibrate_speed_mps: float = 0.1        # to begin: wheel and GNSS below

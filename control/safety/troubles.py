@@ -48,7 +48,8 @@ def troubles(m: Memory, now_s: float, s: Situation, *, seen: Senses, motion: Mot
         _working(found, now_s, s, seen, motion, limits)
         _rate(found, now_s, s, rate, limits)
         _follow(found, now_s, s, follow, limits)
-        _scale(found, now_s, s.scale, seen, hopper, limits)
+        _scale(found, s.scale, limits)
+    _hopper_empty(found, m, now_s, seen, hopper, limits)
     return found
 
 
@@ -169,11 +170,16 @@ def _follow(found: dict[str, Details], now_s: float, s: Situation, follow: Follo
         found["gate_off"] = gate
 
 
-def _scale(found: dict[str, Details], now_s: float, says: ScaleSays, seen: Senses, hopper: HopperWatch,
-           limits: SafetyLimits) -> None:
-    """What the scale says of the flow, and that nothing is left."""
-    if lasted(hopper.empty_since_s, now_s, limits.hopper_confirm_s):
+def _hopper_empty(found: dict[str, Details], m: Memory, now_s: float, seen: Senses, hopper: HopperWatch,
+                  limits: SafetyLimits) -> None:
+    """Found at work, it is there until the hopper is filled: holding fills none."""
+    asked = m.state is State.WORKING or any(one.alarm.id == "hopper_empty" for one in m.live)
+    if asked and lasted(hopper.empty_since_s, now_s, limits.hopper_confirm_s):
         found["hopper_empty"] = (("hopper_kg", round(seen.hopper_kg or 0.0, 1)),)
+
+
+def _scale(found: dict[str, Details], says: ScaleSays, limits: SafetyLimits) -> None:
+    """What the scale says of the flow."""
     if says.share is not None:
         found["flow_missing" if says.share < 1.0 else "flow_above"] = (("percent", _rounded(100.0 * says.share)),)
     if says.outlets:

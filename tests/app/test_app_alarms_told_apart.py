@@ -77,6 +77,15 @@ async def test_a_fault_takes_half_the_screen_with_its_remedy(app, source, shown,
         assert "STOP" in shown(app)[-1]
 
 
+async def test_a_fault_leaves_the_device_that_is_at_fault_in_sight(app, source, shown, turned):
+    """Twelve rows of the alarm at 80 x 24 left none for the board."""
+    source.newest = frame_with(source.newest, state="fault", why="shaft_silent")
+    async with app.run_test(size=(80, 24)) as pilot:
+        await turned(app, pilot, "devices")
+        text = "\n".join(shown(app))
+        assert "The metering shaft does not answer." in text and " board " in text
+
+
 @pytest.mark.parametrize("theme", themes.THEMES, ids=lambda theme: theme.name)
 def test_no_two_of_work_caution_choice_stop_and_alarm_look_the_same(theme):
     v = theme.variables

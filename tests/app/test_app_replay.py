@@ -14,6 +14,7 @@ from console.app.app import TopdressApp
 from console.app.pages.replay.service import LogFile, ReplayJob, WhatIf
 from console.app.replay_source import FASTEST, SLOWEST, ReplaySource
 from console.app.services import Services
+from console.app.units import METRIC
 from console.app.widgets.field_map import FieldMap
 from console.app.widgets.rates import Rates
 from console.app.widgets.trend import Trend
@@ -194,6 +195,8 @@ async def test_what_if_shows_the_recomputed_frames_at_the_same_place_and_back(fr
         assert replay_source.at_s == pytest.approx(12.0)
         assert app.page.query_one("#rates", Rates).view.target.text == "123"
         assert any("what if: speed first" in row for row in shown(app))
+        assert any("off the target by" in row and f"instead of {METRIC.mass.full(frames[-1].applied_kg)}" in row
+                   for row in shown(app)), "what it would have changed"
         await pilot.press("q", "1", "enter", "3", "enter")
         await until(pilot, lambda: len(asked) == 2 and app.replay_page.computing is None)
         assert asked[1] == WhatIf(strategy="speed_first", crop="durum"), "changes add up"

@@ -1,10 +1,13 @@
 """The trend of the Run page is read off at a time, by keys and by a tap; small graphs stand under the tiles."""
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from console.app.app import TopdressApp
-from console.app.history import Point
+from console.app.history import Point, point_of
+from console.app.view import applied_kg_ha
 from console.app.widgets.tile_graphs import TileGraphs, graph
 from console.app.widgets.trend import Trend, TrendView
 from tests.app.gallery import StillSource
@@ -124,3 +127,10 @@ async def test_held_the_target_is_no_dots_and_the_applied_rate_is(app, size):
     solid = [row for row in rows if set(row) & set("▀▄█")]
     assert dotted == [rows[-1]] and solid and rows[-1] not in solid, rows
     assert "▄▄▄ target" in drawn[0].text and "⠤⠤⠤ applied" in drawn[0].text, "the legend is drawn as the lines are"
+
+
+@pytest.mark.parametrize(("state", "rpm", "kg_ha"), [("held", 1.4, 0.0), ("off", 0.3, 0.0), ("held", 6.0, 4.2),
+                                                     ("working", 1.4, 4.2), (None, 0.0, 4.2)])
+def test_the_noise_of_a_standing_shaft_is_no_rate_but_a_turning_one_is(frames, state, rpm, kg_ha):
+    row = frames[-1].row._replace(state=state, shaft_rpm=rpm, applied_rate_kg_ha=4.2)
+    assert applied_kg_ha(row) == kg_ha == point_of(replace(frames[-1], row=row)).applied_kg_ha

@@ -41,3 +41,22 @@ def test_what_is_only_asked_lets_the_work_go_on(working):
 @pytest.mark.parametrize("value", [0.0, -5.0, True, "much", None, float("nan")])
 def test_odd_refills_are_refused(working, value):
     assert working().order(Do.REFILL, value).why == "refill_kg"
+
+
+def test_an_empty_hopper_stays_empty_while_it_is_held_and_the_scale_rustles(working):
+    """It read "cause gone" from the moment that the machine was held."""
+    run = working()
+    for _again in range(15):
+        run.tick(0.1, hopper_kg=0.3)
+    assert run.verdict.state is State.HELD
+    for kg in (0.6, 0.4, 0.7, 0.3) * 10:
+        run.tick(0.1, hopper_kg=kg)
+    alarm, = (one for one in run.verdict.alarms if one.id == "hopper_empty")
+    assert alarm.gone_s is None
+    run.order(Do.ACKNOWLEDGE)
+    for _again in range(30):
+        run.tick(0.1, hopper_kg=0.4)
+    assert "hopper_empty" in run.alarm_ids(), "an acknowledged one, too"
+    for _again in range(30):
+        run.tick(0.1, hopper_kg=200.0)
+    assert "hopper_empty" not in run.alarm_ids()

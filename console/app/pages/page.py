@@ -160,7 +160,8 @@ class Page(Screen[None]):
         """State, alarms, keys; a subclass adds its numbers."""
         self.query_one("#status", StatusLine).show(view.status)
         self.query_one("#alarms", AlarmBar).show(view.alarms)
-        self.set_class(bool(view.alarms.fault and view.alarms.lines), "-fault")
+        in_full = self.where == RUN or self.size.height >= TALL_ROWS       # else it hides what is at fault: the board
+        self.set_class(bool(view.alarms.fault and view.alarms.lines) and in_full, "-fault")
         self._room_for_alarms(view.alarms)
         small = self.query_one("#small", Small)
         if small.display:

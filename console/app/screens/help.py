@@ -13,7 +13,23 @@ from textual.widgets import Input, Static
 
 from console.app.action import Action
 from console.app.widgets.panel import Part, fit
-from console.locale import _
+from console.locale import N_, _
+
+# Words of the pages that no bag and no tractor has; a line each.
+WORDS = (
+    N_("look-ahead: a change of the rate is ordered before its place, by as far as granules take to the ground."),
+    N_("scale trim: 1.02 says that by the hopper scale 2 % more flows than by the machine file; it is allowed for."),
+    N_("nudge: so many percent more or less than the target, until it is taken away."),
+    N_("fallback: the crop file's rate, where neither canopy nor map says one."),
+    N_("headland: no work there; nothing is owed."),
+    N_("set: what the shaft or the gate was commanded; the number above it is what it reads."),
+    N_("max, under speed: faster, the heads see the crop too late for the granules."),
+    N_("NDVI: how green and dense the canopy is, 0 bare soil to 1."),
+    N_("CV: how uneven, in percent of the mean. C_uc: how even, 100 % is the same everywhere."),
+    N_("N-rich strip: a strip that got enough nitrogen; the rule compares the field with it."),
+    N_("adopt: write what was found into the machine file, so that the console allows for it."),
+    N_("what if: the log computed once more, as it would have been with another strategy, crop or machine."),
+)
 
 
 class HelpScreen(ModalScreen[None]):
@@ -29,6 +45,8 @@ class HelpScreen(ModalScreen[None]):
             yield Static(_("Keys of this screen"), classes="dialog-title", markup=False)
             yield Input("", placeholder=_("/ searches"), id="help-search", classes="name-input", compact=True)
             yield Static(self._keys(), id="help-keys")
+            yield Static(_("Words"), classes="dialog-title", markup=False)
+            yield Static("\n".join(map(_, WORDS)), id="help-words", markup=False)
             yield Static(_("Signs"), classes="dialog-title", markup=False)
             yield Static("\n".join((
                 _("Orange, ✖, ALARM: flow is stopped or about to be; acknowledge it.  Blue, !, CAUTION: work goes on."),

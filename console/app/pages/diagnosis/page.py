@@ -183,7 +183,7 @@ class DiagnosisScreen(Page):
             views = self.views()
             at = views.index(self.see) + 1 if self.see in views else 1
             wanted = [("dia_view", f"{_('next view')} {at}/{len(views)}", len(views) > 1, False),
-                      ("dia_adopt", "", bool(found.adoptable), found.found.verdict in ("named", "unexplained")),
+                      ("dia_adopt", "", bool(found.adoptable), found.found.verdict == "named"),
                       *([("dia_compare", "", True, True)] if self.adopted else []),
                       ("dia_back", "", bool(self.adopted), False),
                       ("dia_report", "", True, False), ("dia_data", "", True, False)]

@@ -18,13 +18,34 @@ from console.app.pages.replay.keys import ACTIONS
 from console.app.pages.replay.replay_bar import ReplayBar, ReplayView
 from console.app.pages.replay.service import LogFiles, ReplayJob, WhatIf
 from console.app.replay_source import ReplaySource
-from console.app.view import RunView, duration
+from console.app.units import Units
+from console.app.view import RunView, duration, rate_error
 from console.app.worked import Worked
 from console.frame import Frame
 from console.locale import _
 from console.worker.resume_alarms import AlarmBook, AlarmRecord
 
 _NO_LOG = ReplayView("", False, "", "--", "--", 0.0, "", False, 0, "")
+
+
+def changed_words(before: Sequence[Frame], after: Sequence[Frame], units: Units) -> str:
+    """What a what-if would have changed: kg in all, and how far the rate is off the target at work, in the mean."""
+    kg, was_kg = (frames[-1].applied_kg for frames in (after, before))
+    sign = "+" if kg >= was_kg else "-"
+    said = _("{more} ({kg} instead of {before})").format(
+        more=sign + units.mass.full(abs(kg - was_kg)), kg=units.mass.full(kg), before=units.mass.full(was_kg))
+    now, was = (_mean_error(frames) for frames in (after, before))
+    if now is None or was is None:
+        return said
+    off = _("off the target by {now} % instead of {before} %").format(now=f"{now:.1f}", before=f"{was:.1f}")
+    return f"{said}, {off}"
+
+
+def _mean_error(frames: Sequence[Frame]) -> float | None:
+    """Percent, of the rows of work."""
+    found = [abs(error) for frame in frames if frame.row.state in (None, "working")
+             and (error := rate_error(frame.row.target_rate_kg_ha, frame.row.applied_rate_kg_ha)) is not None]
+    return 100.0 * sum(found) / len(found) if found else None
 
 
 class ReplayScreen(PanelScreen):
@@ -38,7 +59,7 @@ class ReplayScreen(PanelScreen):
         self.chosen = WhatIf()
         self.computing: Worker[None] | None = None
         self._history = LogHistory(())
-        self._share = 0.0
+        self._share, self._changed = 0.0, ""
         if job is not None:
             self.open(job)
 
@@ -108,7 +129,7 @@ class ReplayScreen(PanelScreen):
         self.query_one("#replay-bar", ReplayBar).show(ReplayView(
             self.job.name, source.playing and not source.at_end, f"{source.speed:g}x", duration(source.at_s),
             duration(source.end_s), round(share, 3), self.mode_words(), self.chosen != WhatIf(),
-            len(self.job.findings), busy, self._alarm_shares))
+            len(self.job.findings), busy, self._alarm_shares, self._changed if self.chosen != WhatIf() else ""))
 
     def mode_words(self) -> str:
         if self.chosen == WhatIf():
@@ -174,6 +195,7 @@ class ReplayScreen(PanelScreen):
                 self.app.notice(str(error))
                 return
             self.chosen = wanted
+            self._changed = changed_words(self._recorded, frames, self.app.units)
             self._note_alarms()
 
         def failed(why: str) -> None:

@@ -1,7 +1,7 @@
 """Where in the log the replay stands, how fast it runs, and whether it is the log or a what-if. A click seeks."""
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 from rich.cells import cell_len
 from textual import events
@@ -10,6 +10,9 @@ from textual.message import Message
 
 from console.app.widgets.panel import Panel, Part, fit, line, spread
 from console.locale import _
+
+if TYPE_CHECKING:
+    from console.app.app import TopdressApp
 
 
 class ReplayView(NamedTuple):
@@ -24,6 +27,7 @@ class ReplayView(NamedTuple):
     findings: int
     busy: str
     alarm_shares: tuple[float, ...] = ()
+    changed: str = ""         # what a what-if would have changed; in the place of the log's name
 
 
 class ReplayBar(Panel[ReplayView]):
@@ -42,16 +46,17 @@ class ReplayBar(Panel[ReplayView]):
     def lines(self, view: ReplayView, width: int, height: int) -> list[Content]:
         symbol, word = ("▸", _("playing")) if view.playing else ("▮▮", _("paused"))
         left: list[Part] = [(f" {symbol} {word} ", "bold"), (f" {view.speed} ", "bold $primary"),
-                            (f" {view.mode} ", "bold reverse" if view.other else "$muted"), f" {view.name}"]
+                            (f" {view.mode} ", "bold reverse" if view.other else "$muted"),
+                            f" {view.changed or view.name}"]
         return [spread(left, self._end(view), width), self._time_line(view, width)]
 
-    @staticmethod
-    def _end(view: ReplayView) -> list[Part]:
+    def _end(self, view: ReplayView) -> list[Part]:
         """What is computed has the right end alone: a click on it cancels."""
         if view.busy:
             return [(f" {view.busy} ", "bold reverse")]
         if view.findings:
-            return [(f" V: {_('findings')} {view.findings} ", "bold $on-alarm-amber on $alarm-amber")]
+            key = cast("TopdressApp", self.app).shown_key("findings")
+            return [(f" {key}: {_('findings')} {view.findings} ", "bold $on-alarm-amber on $alarm-amber")]
         return []
 
     def _end_cells(self, view: ReplayView) -> int:

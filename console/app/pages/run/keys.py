@@ -1,7 +1,7 @@
 """Keys of the Run page and what they do: orders to the machine; what changes the dose asks first."""
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from console.app import words
@@ -45,7 +45,14 @@ def _give_new(page: RunScreen, do: Do, value: str | float, now: str | float) -> 
 def strategy(page: RunScreen) -> None:
     frame = page.app.arrival.frame
     choices = [Choice(one.value, words.strategy_word(one.value)) for one in STRATEGIES]
-    _ask_choice(page, _("Strategy"), choices, (frame.row.strategy if frame else None) or "", Do.STRATEGY)
+    units, row = page.app.units, frame.row if frame else None
+    text = "\n".join((
+        _("opening first: the gate makes the rate, the shaft keeps its speed while it can (now {shaft})").format(
+            shaft=units.shaft.full(row.shaft_rpm_cmd if row else None)),
+        _("speed first: the shaft makes the rate, the gate keeps its width while it can (now {opening})").format(
+            opening=units.opening.full(row.opening_mm_cmd if row else None))))
+    page.app.ask(ChoiceDialog(_("Strategy"), choices, now := (row.strategy if row else None) or "", text),
+                 lambda value: _give_new(page, Do.STRATEGY, value, now))
 
 
 def source(page: RunScreen) -> None:
@@ -59,11 +66,8 @@ def source(page: RunScreen) -> None:
         lacks |= {} if TargetSource.POINT in has else {TargetSource.POINT: _("this job has no plants")}
     choices = [Choice(one.value, words.source_word(one.value), lacks.get(one, ""))
                for one in TargetSource if one not in (TargetSource.NONE, TargetSource.INDEX_MAP)]
-    _ask_choice(page, _("Target from"), choices, ordered_source(frame), Do.SOURCE)
-
-
-def _ask_choice(page: RunScreen, title: str, choices: Sequence[Choice], now: str, do: Do) -> None:
-    page.app.ask(ChoiceDialog(title, choices, now), lambda value: _give_new(page, do, value, now))
+    page.app.ask(ChoiceDialog(_("Target from"), choices, now := ordered_source(frame)),
+                 lambda value: _give_new(page, Do.SOURCE, value, now))
 
 
 def manual_rate(page: RunScreen) -> None:
@@ -103,16 +107,20 @@ def look_ahead(page: RunScreen) -> None:
     frame = page.app.arrival.frame
     on = frame.look_ahead if frame else True
     title = _("Switch the look-ahead off?") if on else _("Switch the look-ahead on?")
-    page.app.confirm(title, _("Without it every rate change lands late by the lag distance."),
-                     lambda: page.app.give(Do.LOOK_AHEAD, not on))
+    lag_m = frame.row.lag_m if frame else None
+    page.app.confirm(title, _("Granules take their time to the ground. With it a change of the rate is ordered {lag} "
+                              "earlier and lands in its place; without it, it lands {lag} late.").format(
+        lag=page.app.units.fine_distance.full(lag_m)), lambda: page.app.give(Do.LOOK_AHEAD, not on))
 
 
 def flow_trim(page: RunScreen) -> None:
     frame = page.app.arrival.frame
     on = frame.flow_trim_on if frame else True
-    title = _("Switch the scale trim off?") if on else _("Switch the scale trim on?")
-    page.app.confirm(title, _("With it the hopper scale slowly corrects how much flows per revolution."),
-                     lambda: page.app.give(Do.FLOW_TRIM, not on))
+    title = _("Stop correcting the flow by the hopper scale?") if on else _("Correct the flow by the hopper scale?")
+    trim = frame.row.flow_trim if frame else None
+    page.app.confirm(title, _("By what the scale loses, {percent} % more flows now than the machine file says. On, the "
+                              "gate is set by that; off, by the machine file alone.").format(
+        percent="--" if trim is None else f"{100.0 * (trim - 1.0):+.1f}"), lambda: page.app.give(Do.FLOW_TRIM, not on))
 
 
 def allow(page: RunScreen) -> None:
