@@ -243,10 +243,7 @@ def _source(path: Path) -> DiagnosisSource:
 
 def _kind(path: Path) -> str | None:
     """Run, that of a bench table, or None: what the import may read."""
-    from drivers.files.log_store import is_store
-    if is_store(path):
-        return "run"
-    if path.suffix.lower() != ".csv":
+    if path.suffix.lower() not in (".csv", ".parquet", ".pq"):
         return None
     from drivers.files.imports.trouble import TableError
     from drivers.files.opened import Opened  # takes a second: only where there is such a file

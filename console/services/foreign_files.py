@@ -1,7 +1,7 @@
 """Files of other machines and programs: which these are, and how one becomes a run log of the user's own folder."""
 from __future__ import annotations
 
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 from console.app.pages.diagnosis.service import OpenQuestions
 from drivers.files.atomic import free_path
@@ -24,15 +24,14 @@ def is_listed(path: Path) -> bool:
 
 def _holds_points(path: Path) -> bool:
     """A folder or a zip with the log of a task that was worked."""
-    from drivers.files.archives import files_at
+    from drivers.files.archives import files_at, holds_time_log
     from drivers.plain_text import Refused
     if not (path.suffix.lower() == ".zip" or path.name.lower() == TASK_FOLDER) or not path.exists():
         return False
     try:
-        names = [PurePosixPath(name).name.lower() for name in files_at(path).names()]
+        return holds_time_log(files_at(path))
     except (Refused, OSError):
         return False
-    return any(name.startswith("tlg") and name.endswith(".bin") for name in names)
 
 
 def may_be_brought_in(path: Path) -> bool:

@@ -86,6 +86,12 @@ def files_at(path: Path) -> Files:
     return Zip(path) if path.suffix.lower() == ".zip" and path.is_file() else Folder(path)
 
 
+def holds_time_log(files: Files) -> bool:
+    """Whether a task that was worked is in it."""
+    names = (PurePosixPath(name).name.lower() for name in files.names())
+    return any(name.startswith("tlg") and name.endswith(".bin") for name in names)
+
+
 def parent(name: str) -> str:
     """The folder of a name, with its slash; empty: the top."""
     folder = PurePosixPath(name).parent.as_posix()

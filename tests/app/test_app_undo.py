@@ -20,10 +20,10 @@ from control.agronomy.strips import Strips, StripValue
 from control.log_row import LogRow
 from control.orders import Answer, Do, Order, TargetSource
 from control.safety import Allowances
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.closed_loop import simulated_run
 from drivers.files.setup import load_setup
 from tests.app.harness import feed, settled
+from tests.control_loop.closed import Closed
 
 SIZE = (120, 40)
 CHANGES = {
@@ -43,10 +43,9 @@ class Bench:
     """The shipped machine with sections, ticking; `frame` is what its worker would tell."""
 
     def __init__(self) -> None:
-        setup = load_setup("huanghai_sections", "sections_demo", dt.date(2014, 3, 7))
-        job = with_simulated_field(setup.job, setup.machine)
-        self.loop = control_loop(setup.machine, setup.crop, setup.rule, job)
-        self.steps = simulated_run(simulated_machine(setup.machine, job, 1, 0.05), self.loop, 600.0)
+        closed = Closed(load_setup("huanghai_sections", "sections_demo", dt.date(2014, 3, 7)))
+        self.loop = closed.loop
+        self.steps = simulated_run(closed.plant, closed.loop, 600.0)
 
     def frame(self) -> Frame:
         tick = list(islice(self.steps, 3))[-1].tick

@@ -1,7 +1,6 @@
 """What the scale teaches: how soon, how sure, and nothing that is not so."""
 from __future__ import annotations
 
-import datetime as dt
 from collections.abc import Callable
 from dataclasses import replace
 from math import exp, pi, sin, sqrt
@@ -19,12 +18,10 @@ from control.machine.elements import Array
 from control.metering.flow_trim import FlowTrim
 from control.metering.trims import DriveTrim, TrimLimits
 from control.readings import Reading
-from control.simulation.assembly import control_loop
 from control.simulation.closed_loop import Record
 from control.simulation.errors import errors, landing, needs
 from control.simulation.tractor import field_path
 from control.targets.hold_mean import HORIZON_M, LEAST_FACTOR, MOST_FACTOR, MOST_OWED, HoldMean
-from drivers.files.setup import load_setup
 from tests.control_loop.closed import SETUP, Closed
 
 DT_S, RPM, G_REV = 0.1, 70.0, 121.0         # 5.5 g a millimetre at 22 mm: 0.14 kg/s; ordered 0.09 in the field
@@ -230,9 +227,7 @@ def test_before_work_begins_nothing_is_learned_and_by_another_source_nothing_cha
 
 
 def test_a_job_that_goes_on_knows_what_it_owes():
-    setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
-    job = setup.job.model_copy(update={"target": Wanted(hold_mean_kg_ha=200.0)})
-    loop = control_loop(setup.machine, setup.crop, setup.rule, job)
+    loop = Closed(target=Wanted(hold_mean_kg_ha=200.0)).loop
     assert loop._ahead.hold is not None
     from control.field.coverage import Coverage
     loop.go_on(Sums(area_ha=0.024, kg=0.024 * 150.0), Coverage(2.4, 0.4).raster(), None)

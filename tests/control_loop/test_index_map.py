@@ -17,7 +17,7 @@ from control.field.job import Canopy, Job, Wanted
 from control.geodesy import TangentPlane
 from control.loop import Tick
 from control.orders import Do, TargetSource
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
+from control.simulation.assembly import control_loop, simulated_machine
 from control.simulation.canopy import AcrossWidth, CanopyField
 from control.simulation.closed_loop import Record, simulated_run
 from control.targets.index_map import MOST_OFF, IndexMap
@@ -27,7 +27,7 @@ from control.targets.prescription import Fallbacks, Prescription
 from control.targets.profile import Stretches, Target, TargetChange
 from control.targets.rate_map import GridMap, frame_m
 from drivers.files.setup import Setup, load_setup
-from tests.control_loop.closed import Closed
+from tests.control_loop.closed import SETUP, Closed
 
 CELL_M = 3.0            # as a resampled drone's map has
 SEEN_OFF = 0.06         # the drone's camera reads this much less than the heads do
@@ -51,21 +51,19 @@ def of_canopy(at: Callable[..., np.ndarray], off: float) -> GridMap:
 
 def driven(with_map: bool, heads: str) -> Run:
     """heads: silent_later, never."""
-    setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
-    job = with_simulated_field(setup.job, setup.machine)
-    plant = simulated_machine(setup.machine, job, 1, 0.05)
-    plane = TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg)
-    field = plant._canopy._field
+    setup, ground = SETUP, SETUP.job.field
+    field = Closed().plant._canopy._field
     off = SEEN_OFF if heads == "silent_later" else 0.0
-    under = IndexMap(of_canopy(field.many_at, off), plane, setup.machine.geometry.working_width_m) if with_map else None
-    loop = control_loop(setup.machine, setup.crop, setup.rule, job, index_map=under)
-    inner: Any = loop.tick
+    under = IndexMap(of_canopy(field.many_at, off), TangentPlane(ground.origin_lat_deg, ground.origin_lon_deg),
+                     setup.machine.geometry.working_width_m) if with_map else None
+    closed = Closed(loop={"index_map": under})
+    inner: Any = closed.loop.tick
 
     def deaf(m: Any, *rest: Any) -> Tick:
         silent = heads == "never" or m.time_s > SILENT_S
         return inner(m._replace(ndvi=(None,) * len(m.ndvi)) if silent else m, *rest)
-    loop.tick = deaf                                                                        # type: ignore[method-assign]
-    steps = list(simulated_run(plant, loop, 95.0))
+    closed.loop.tick = deaf                                                                 # type: ignore[method-assign]
+    steps = closed.through(95.0)
     half = 0.5 * setup.machine.geometry.working_width_m
     aside = np.linspace(-half, half, 7)
     wanted = [setup.rule.decide(float(np.mean(field.many_at(s.truth.east_m + aside, s.truth.north_m + 0.0 * aside)))

@@ -13,8 +13,6 @@ from control.field.job import Wanted
 from control.geodesy import TangentPlane
 from control.machine.machine import Machine
 from control.orders import Do, Order, TargetSource
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.closed_loop import simulated_run
 from drivers.files.exports.as_applied import AsApplied, ExportError, SpreadProduct, as_applied
 from drivers.files.exports.columns import COLUMNS
 from drivers.files.exports.write import write_as_applied
@@ -22,6 +20,7 @@ from drivers.files.read_log import RunLog, read_log
 from drivers.files.run_log import write_log
 from drivers.files.run_meta import run_meta
 from drivers.files.setup import load_setup
+from tests.control_loop.closed import Closed
 
 PLANE = TangentPlane(34.28, 119.88)
 SPEED_MPS, WIDTH_M, DROP_S = 1.25, 2.4, 1.8288 - 0.0083 * 70.0 - 1.69e-3 * 0.0083 * 70.0 ** 2
@@ -182,14 +181,11 @@ SECTION_WIDTH_M = 2.4
 def by_section(tmp_path_factory: pytest.TempPathFactory):
     """40 s on a pass; from 25 s on the middle section is closed by hand."""
     setup = load_setup("huanghai_sections", "demo", dt.date(2014, 3, 7))
-    target = Wanted(source=TargetSource.MANUAL, manual_rate_kg_ha=300.0)
-    job = with_simulated_field(setup.job.model_copy(update={"target": target}), setup.machine)
-    loop = control_loop(setup.machine, setup.crop, setup.rule, job)
-    orders = [(1.0, Order(Do.READY)), (5.0, Order(Do.START)), (25.0, Order(Do.SECTION, "2 off"))]
-    steps = list(simulated_run(simulated_machine(setup.machine, job, 1, 0.05), loop, 40.0, orders))
+    closed = Closed(setup, target=Wanted(source=TargetSource.MANUAL, manual_rate_kg_ha=300.0))
+    steps = closed.through(40.0, [(1.0, Order(Do.READY)), (5.0, Order(Do.START)), (25.0, Order(Do.SECTION, "2 off"))])
     path = tmp_path_factory.mktemp("log") / "run.csv"
-    log = read_log(write_log(path, run_meta(setup.machine, setup.crop, job), [step.tick.row for step in steps]))
-    return as_applied(log), loop.totals, steps
+    log = read_log(write_log(path, run_meta(setup.machine, setup.crop, closed.job), [step.tick.row for step in steps]))
+    return as_applied(log), closed.loop.totals, steps
 
 
 def test_totals_of_the_log_are_the_loops(by_section):

@@ -2,9 +2,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
-from drivers.files.archives import files_at
+from drivers.files.archives import files_at, holds_time_log
 from drivers.files.imports.mapping import Source, SourceKind
 from drivers.files.imports.raw import RawTable, units_in
 from drivers.files.imports.text import read_text
@@ -84,9 +84,9 @@ def _with_stated(raw: RawTable) -> RawTable:
 def _kind(path: Path) -> SourceKind:
     """Of a folder or a zip: a task that was worked before points, points before a task that was not."""
     if path.is_dir() or path.suffix.lower() == ".zip":
-        names = [PurePosixPath(name).name.lower() for name in files_at(path).names()]
-        worked = any(name.startswith("tlg") and name.endswith(".bin") for name in names)
-        return "shapefile" if not worked and any(name.endswith(".shp") for name in names) else "isoxml"
+        files = files_at(path)
+        shapes = any(name.lower().endswith(".shp") for name in files.names())
+        return "shapefile" if shapes and not holds_time_log(files) else "isoxml"
     return _SUFFIXES.get(path.suffix.lower(), "text")
 
 
