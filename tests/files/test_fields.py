@@ -83,14 +83,18 @@ def test_into_a_job_and_out_again(topdress: Callable[..., Result], tmp_path: Pat
     assert topdress("check", tmp_path / "job.yaml").exit_code == 0
 
 
-def test_what_is_not_one_field_is_asked(topdress: Callable[..., Result], tmp_path: Path) -> None:
+@pytest.mark.parametrize("shapes", [
+    (shapely.box(9.0, 52.0, 9.01, 52.01), shapely.box(9.02, 52.0, 9.03, 52.01)),
+    (shapely.Polygon([(9.0, 52.0), (9.024, 52.02), (9.0244, 52.0), (9.0, 52.02)]),      # crosses itself
+     shapely.box(9.01, 52.0, 9.012, 52.005))], ids=["apart", "crossed"])
+def test_what_is_not_one_field_is_asked(topdress: Callable[..., Result], tmp_path: Path,
+                                        shapes: tuple[shapely.Polygon, shapely.Polygon]) -> None:
     path = tmp_path / "two.geojson"
-    shapes = [shapely.box(9.0, 52.0, 9.01, 52.01), shapely.box(9.02, 52.0, 9.03, 52.01)]
     path.write_text('{"type": "FeatureCollection", "features": [' + ", ".join(
         f'{{"type": "Feature", "properties": {{"name": "{name}"}}, "geometry": {shapely.to_geojson(shape)}}}'
         for name, shape in zip(("West", "East"), shapes, strict=True)) + "]}")
     asked = topdress("field", path)
-    assert asked.exit_code == 2 and "2 fields: allowed with --name is one of West (76." in asked.output
+    assert asked.exit_code == 2 and "2 fields: allowed with --name is one of West (" in asked.output
     assert topdress("field", path, "--name", "East").exit_code == 0
     write_shapes(FIELD, tmp_path / "lines.geojson")
     lines = topdress("field", tmp_path / "lines.geojson", "--out", tmp_path / "job.yaml")

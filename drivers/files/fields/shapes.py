@@ -62,12 +62,20 @@ def _field(path: Path, polygons: Sequence[tuple[str, Any]],
         return "", None, (), []
     title, outer = max(polygons, key=lambda one: one[1].area)
     others = [shape for _, shape in polygons if shape is not outer]
-    if any(shapely.intersection(outer, shape).area < INSIDE * shape.area for shape in others):
+    if not all(_inside(outer, shape) for shape in others):
         _asked(path, polygons, name)
     holes = [ring for ring in outer.interiors] + [shape.exterior for shape in others]
     findings = [Finding("holes", f"{len(others)} polygon that lies in the field taken for ground that is not worked")] \
         if others else []
     return title, _ring(outer.exterior), tuple(map(_ring, holes)), findings
+
+
+def _inside(outer: Any, shape: Any) -> bool:
+    """Not where outlines cross themselves so that no common ground can be had."""
+    try:
+        return bool(shapely.intersection(outer, shape).area >= INSIDE * shape.area)
+    except shapely.errors.GEOSException:
+        return False
 
 
 def _asked(path: Path, polygons: Sequence[tuple[str, Any]], name: str | None) -> list[tuple[str, Any]]:
