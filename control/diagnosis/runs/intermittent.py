@@ -115,8 +115,8 @@ def _without_dips(s: TwoSpeeds, where: Sequence[Array]) -> tuple[TwoSpeeds, Read
     missing = np.where(dips | rises, usual - ratio, 0.0)[moving]
     share = 100.0 * float(missing.mean()) / usual
     missed = EffectInstance(effects.SPEED_MISSED_PULSES.id, share)
-    evidence = max(_more_often(*(_pulses(_lasting(one, rows), pulse_rows) for one in (dips, rises)))
-                   for rows in (1, LONG_DIP))
+    evidence = max(_more_often(*(_pulses(binary_opening(one, np.ones(rows, bool)), pulse_rows)
+                                 for one in (dips, rises))) for rows in (1, LONG_DIP))
     odds = evidence - float(np.log(2.0)) + prior_odds(missed)          # two ways to count them
     followed = [_follows(dips[moving], values[moving], pulse_rows) for values in where]
     if followed:        # some of what follows a variable comes for a while: so may pulses that are missing
@@ -177,11 +177,6 @@ def _usual(ratio: Array) -> tuple[float, float]:
     middle = float(np.median(ranked[at:at + count + 1]))
     above = ranked[ranked > middle] - middle
     return middle, ROBUST_SD * float(np.median(above)) if len(above) else 0.0
-
-
-def _lasting(on: BoolArray, rows: int) -> BoolArray:
-    """Spells of at least so many rows."""
-    return np.asarray(binary_opening(on, np.ones(rows, bool)))
 
 
 def _starts(on: BoolArray) -> int:

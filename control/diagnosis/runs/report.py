@@ -263,9 +263,9 @@ def _unexplained(one: GroupResult, rest: Sequence[Remains], rows: Sequence[Chann
     if named:
         return []                       # the names are then suspected instead
     prior = {c.name: c.prior.fast_sd for c in one.search.model.channels}
-    return [Unexplained(r.channel, r.variable, _structure_share(by_name[r.channel]), by_name[r.channel].rmse,
-                         prior[r.channel] if r.why == "loud" else by_name[r.channel].noise_floor,
-                         by_name[r.channel].unit, None, r.hint, None, r.period_s) for r in rest]
+    return [Unexplained(r.channel, r.variable, max(0.0, 1.0 - (c.noise_floor / max(c.rmse, 1e-300)) ** 2), c.rmse,
+                        prior[r.channel] if r.why == "loud" else c.noise_floor, c.unit, None, r.hint, None, r.period_s)
+            for r in rest for c in (by_name[r.channel],)]
 
 
 def _tables(one: GroupResult, data: RunData) -> list[TableFit]:
@@ -289,11 +289,6 @@ def _apart(terms: Sequence[TermFound]) -> tuple[TermFound, ...]:
         name = free_id(one.term["id"], [other.term["id"] for other in found])
         found.append(replace(one, term={**one.term, "id": name}))
     return tuple(found)
-
-
-def _structure_share(channel: Channel) -> float:
-    """Of a channel's mean square error, what is above its noise."""
-    return max(0.0, 1.0 - (channel.noise_floor / max(channel.rmse, 1e-300)) ** 2)
 
 
 def _read_off_cause(seen: ReadOff, machine: Machine, data: RunData) -> Cause:

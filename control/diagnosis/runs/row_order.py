@@ -81,7 +81,8 @@ def order_of(log: Clean, machine: Machine) -> Move | None:
     if not alone and _slow_gate_gain(as_it_is, seen, machine) > by_way[best]["gate"]:
         return None
     scales = [_residuals(_channels(_moved(some, way), machine), nominal, ("scale",)) for way in WAYS[best]]
-    rough = [_roughness(one.get("scale", np.zeros(2))) for one in scales]
+    # Rough is what a flow leaves that comes too early or late; a level adds nothing.
+    rough = [float(np.mean(np.square(np.diff(one.get("scale", np.zeros(2)))))) for one in scales]
     return WAYS[best][int(np.argmin(rough))]
 
 
@@ -140,8 +141,3 @@ def _gain(before: Array, after: Array) -> float:
         return 0.0
     was, now = (float(np.mean(np.minimum(squares, far))) for squares in (before, after))
     return 0.5 * min(len(before), len(after)) * float(np.log(was / now))
-
-
-def _roughness(residual: Array) -> float:
-    """Mean square from bin to bin: what a flow that comes too early or late leaves; a level adds nothing."""
-    return float(np.mean(np.square(np.diff(residual))))

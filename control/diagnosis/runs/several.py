@@ -17,7 +17,7 @@ from control.diagnosis.extend import extend
 from control.diagnosis.given import columns_of, machine_of
 from control.diagnosis.judgement.checks import LEVEL
 from control.diagnosis.judgement.evidence import Z90
-from control.diagnosis.result import Cause, Diagnosis, Size
+from control.diagnosis.result import Diagnosis, Size
 from control.log_row import COMMANDS_HELD, FILE_BEGINS
 from control.machine.machine import Machine
 
@@ -128,18 +128,14 @@ def of_a_kind(each: Sequence[Diagnosis], beyond: Sequence[Diagnosis]) -> tuple[O
     """The effects that every log has all along, where the size of one of them differs between logs, so that a log shows
     it even beyond what they share; none else."""
     left = {(cause.id, cause.member) for one in beyond for cause in one.causes}
-    steady = [{(cause.id, cause.member): cause for cause in one.causes if _is_sized(cause)} for one in each]
+    steady = [{(cause.id, cause.member): cause for cause in one.causes if cause.onset_s is None and not cause.rivals
+               and None not in (cause.size.value, cause.size.low, cause.size.high)} for one in each]
     found = []
     for key in steady[0]:
         if all(key in one for one in steady):
             sizes = tuple(one[key].size for one in steady)
             found.append(OfAKind(*key, sizes, _alike_p(sizes)))
     return tuple(found) if any(one.p < LEVEL and (one.id, one.member) in left for one in found) else ()
-
-
-def _is_sized(cause: Cause) -> bool:
-    size = cause.size
-    return cause.onset_s is None and not cause.rivals and None not in (size.value, size.low, size.high)
 
 
 def _alike_p(sizes: Sequence[Size]) -> float:
@@ -159,7 +155,7 @@ def joined(logs: Sequence[Mapping[str, npt.NDArray[Any]]], names: Sequence[str],
     """
     if len(logs) < 2:
         raise ValueError(f"{len(logs)} log: allowed two or more")
-    held = [_is_held(log) for log in logs]
+    held = [any(COMMANDS_HELD in str(text).split(";") for text in log.get("events", ())) for log in logs]
     if len(set(held)) > 1:
         raise ValueError(f"{names[held.index(True)]} holds settled answers, {names[held.index(False)]} does not: "
                          "allowed logs of one kind together")
@@ -194,7 +190,3 @@ def _with_start(events: npt.NDArray[Any], since: npt.NDArray[np.float64], name: 
     mark = f"{FILE_BEGINS}{name.replace(';', ' ')}"
     found[first] = f"{was};{mark}" if isinstance(was, str) and was else mark
     return found
-
-
-def _is_held(log: Mapping[str, npt.NDArray[Any]]) -> bool:
-    return any(COMMANDS_HELD in str(text).split(";") for text in log.get("events", ()))

@@ -11,7 +11,7 @@ logs are likeliest.
 """
 from __future__ import annotations
 
-from collections.abc import Iterator
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -63,14 +63,9 @@ def share_of(times_d: Array) -> Array:
 def partition(times_d: Array, sizes: Array, variance: Array, level_sd: float, curve: Array, scatter: float
               ) -> Partition:
     """Of sizes (n,) with their variances. curve: (n,) smooth sizes; scatter: variance about it."""
-    return max((_summed(times_d, sizes, variance, level_sd, extra) for extra in _scatters(curve, scatter)),
-               key=lambda one: one.log_likelihood)
-
-
-def _scatters(curve: Array, scatter: float) -> Iterator[Array]:
-    constants = [share ** 2 * scatter for share in SCATTERS] if scatter > 0.0 else [0.0]
-    shares = SHARES if scatter > 0.0 else (0.0,)
-    return (constant + (share * curve) ** 2 for constant in constants for share in shares)
+    tried = product(SCATTERS, SHARES) if scatter > 0.0 else [(0.0, 0.0)]
+    return max((_summed(times_d, sizes, variance, level_sd, constant ** 2 * scatter + (share * curve) ** 2)
+                for constant, share in tried), key=lambda one: one.log_likelihood)
 
 
 def _summed(times_d: Array, sizes: Array, variance: Array, level_sd: float, extra: Array) -> Partition:

@@ -96,7 +96,8 @@ def _form(one: GroupResult) -> QuadraticForm | None:
     here, sizes = np.arange(before, before + len(parts)), p.sizes(base, noise)
     cross = every.A[here, :before]
     left = every.of(here).beyond(cross, sizes)
-    own = [k for k, column in enumerate(columns.fixed()) if _of_the_machine(column)]
+    own = [k for k, column in enumerate(columns.fixed())        # the machine's, not the log's own level
+           if column.label.role is not Role.READING or "scale" not in column.coefficients]
     pulls = cross @ sizes.cov[:, own] / p.sd[own]
     return QuadraticForm(tuple(parts), _rows(left.A), tuple(left.s.tolist()),
                          _named([columns.fixed()[k] for k in own]), _rows(pulls))
@@ -113,11 +114,6 @@ def _named(of: Sequence[Column]) -> tuple[str, ...]:
 
 def _rows(of: Array) -> tuple[tuple[float, ...], ...]:
     return tuple(map(tuple, of.tolist()))
-
-
-def _of_the_machine(column: Column) -> bool:
-    """Whether what is open there is the machine's and its sensors', not the log's (the level in the hopper is)."""
-    return column.label.role is not Role.READING or "scale" not in column.coefficients
 
 
 def _percent(effect_id: str, machine: Machine, data: RunData) -> float | None:

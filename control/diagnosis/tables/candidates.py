@@ -117,7 +117,7 @@ def unknowns_of(problem: TableProblem, effects: list[TableEffect]) -> list[Unkno
     known, found = _spanned(effects), []
     for index, piece in enumerate(problem.pieces):
         inside = problem.piece == index
-        usual = _usual_signal(effects, inside)
+        usual = max([1.0, *(one.usual * float(np.sqrt(np.mean(one.column[inside] ** 2))) for one in effects)])
         shapes = _shapes(problem, piece, inside, known)
         for name, several in shapes.items():
             odds = log(UNKNOWN / len(problem.pieces) / len(shapes) / len(several))
@@ -139,12 +139,6 @@ def _only_variable(piece: TablePiece) -> str:
     """By what its settings differ; "" where that is more than one thing."""
     names = [name for name in piece.variables if name != "replicate"]
     return names[0] if len(names) == 1 and len(set(piece.group.tolist())) == 1 else ""
-
-
-def _usual_signal(effects: list[TableEffect], inside: BoolArray) -> float:
-    """Root mean square of the largest usual effect in these rows, in units of the noise."""
-    sizes = [one.usual * float(np.sqrt(np.mean(one.column[inside] ** 2))) for one in effects]
-    return max([1.0, *sizes])
 
 
 def _shapes(problem: TableProblem, piece: TablePiece, inside: BoolArray, known: list[Array]) -> dict[str, list[Array]]:

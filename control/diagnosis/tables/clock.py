@@ -89,7 +89,9 @@ def coarse_clock(times_s: Array, fitted_s: Array, digit_s: float, seed: int) -> 
     p = _p_value(highest, fitted_s, scatter, steps, mean, sd, seed)
     step = _coarsest(times_s, float(steps[::-1][first_best(z[::-1])]), coarsest)       # of equal ones the coarsest
     step, half = _refined(times_s, step)
-    return CoarseClock(step, step - half, step + half, p, _heaping(times_s, step), _smallest(steps, mean, sd))
+    shown = steps[ndtr((mean - 1.0) / sd) < LEVEL / len(steps)]     # whose full heaping would have stood out of as many
+    return CoarseClock(step, step - half, step + half, p, _heaping(times_s, step),
+                       float(shown[0]) if len(shown) else None)
 
 
 def _few_values(times: Array, digit_s: float) -> CoarseClock | None:
@@ -182,9 +184,3 @@ def _refined(times: Array, step: float) -> tuple[float, float]:
     dof = int(keep.sum()) - 1
     sd = float(np.sqrt(np.sum((times[keep] - whole[keep] * step) ** 2) / dof))
     return step, float(stdtrit(dof, 0.95) * max(sd, 1e-6) / np.sqrt(np.sum(whole[keep] ** 2)))
-
-
-def _smallest(steps: Array, mean: Array, sd: Array) -> float | None:
-    """The finest step whose full heaping would have stood out of as many as are tried."""
-    shown = np.flatnonzero(ndtr((mean - 1.0) / sd) < LEVEL / len(steps))
-    return float(steps[shown[0]]) if len(shown) else None

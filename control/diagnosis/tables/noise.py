@@ -64,7 +64,9 @@ def _with(piece: TablePiece, setting: IntArray, nominal: Array, spread: Array) -
         sd, dof = float(np.sqrt(np.sum(inside ** 2) / pure_dof)), pure_dof
         log_spread = float(np.sum((np.log(spread) * (counts[setting] - 1) / counts[setting])[repeated]))
     else:
-        sd, dof = _sd_about_smooth(piece, winsorised), len(winsorised)
+        smooth, rank = smoothed(piece, winsorised)
+        dof = len(winsorised)
+        sd = float(np.sqrt(np.sum((winsorised - smooth) ** 2) / max(1, dof - rank)))
         log_spread = float(np.sum(np.log(spread)))
     sd = max(sd, rounding, 1e-9)
     min_variance = min(1.0, rounding / sd) ** 2
@@ -97,12 +99,6 @@ def _winsorised(relative: Array, medians: Array, setting: IntArray, counts: IntA
     winsorised = relative.copy()
     winsorised[outliers] = medians[setting[outliers]] + np.sign(away[outliers]) * limit[outliers]
     return winsorised, outliers
-
-
-def _sd_about_smooth(piece: TablePiece, relative: Array) -> float:
-    """S.d. about a low polynomial in every varying setting, labels apart; at most a third of the rows are spent."""
-    smooth, rank = smoothed(piece, relative)
-    return float(np.sqrt(np.sum((relative - smooth) ** 2) / max(1, len(relative) - rank)))
 
 
 def smoothed(piece: TablePiece, values: Array) -> tuple[Array, int]:

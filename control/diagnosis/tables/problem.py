@@ -113,11 +113,13 @@ def problem_of(pieces: Sequence[TablePiece], machine: Machine, seed: int = 0) ->
         together, shared = _together(pieces, candidates, scopes, group, index)
         scopes += together
         candidates += shared
+    stated = judged[0].piece.noise_sd if len(judged) == 1 else None
     return TableProblem(
         tuple(pieces), machine, np.concatenate([one.noise.winsorised for one in judged]),
         np.concatenate([one.nominal for one in judged]), np.concatenate([one.noise.sd for one in judged]), index, group,
         names, tuple(scopes), setting, tuple(candidates),
-        _tolerances(pieces), rounding, _usual_noise(judged),
+        _tolerances(pieces), rounding,
+        1.0 if stated is None else float(stated / np.median(judged[0].noise.sd)),
         tuple(one.noise for one in judged),
         tuple(k for k, one in enumerate(judged) if len(judged) > 1 and not one.noise.by_replicates),
         tuple(one.clock for one in judged))
@@ -193,12 +195,6 @@ def _together(pieces: Sequence[TablePiece], candidates: Sequence[TableCandidate]
             found.append(scope)
         shared.append(candidate._replace(scope=len(scopes) + found.index(scope)))
     return found, shared
-
-
-def _usual_noise(judged: Sequence[_JudgedPiece]) -> float:
-    """What the machine file says of the noise of the only piece, in units of its sd; 1 where it says nothing."""
-    stated = judged[0].piece.noise_sd if len(judged) == 1 else None
-    return 1.0 if stated is None else float(stated / np.median(judged[0].noise.sd))
 
 
 def _tolerances(pieces: Sequence[TablePiece]) -> Array:

@@ -62,16 +62,12 @@ def _cause(problem: TableProblem, one: NamedEffect, speed: float | None) -> Caus
     rivals = tuple(Rival(r.id, r.probability) for r in one.rivals)
     probability = one.probability
     if candidate.id in CONSTANT_TIMES and any(clock is not None and clock.undecided for clock in problem.clocks):
-        probability, rivals = _halved(probability, rivals, LAG_COARSE_CLOCK.id)
+        probability *= 0.5          # nothing known tells a clock from all that is said: it gets half
+        rivals = (Rival(LAG_COARSE_CLOCK.id, 0.5), *(Rival(r.id, 0.5 * r.probability) for r in rivals))
     interval = Size(size, size - Z90 * one.se, size + Z90 * one.se, unit_of(candidate.id, problem.machine))
     return Cause(candidate.id, interval, None, probability, rivals, candidate.member,
                  CATALOGUE[candidate.id].effect.advice, field_cost(problem.machine, one.effect, speed),
                  scope=None if candidate.scope is None else problem.scope_name(candidate.scope))
-
-
-def _halved(probability: float, rivals: tuple[Rival, ...], other: str) -> tuple[float, tuple[Rival, ...]]:
-    """Nothing known tells the other from all that is said: it gets half."""
-    return 0.5 * probability, (Rival(other, 0.5), *(Rival(r.id, 0.5 * r.probability) for r in rivals))
 
 
 def _clock_cause(problem: TableProblem, clock: CoarseClock, speed: float | None) -> Cause:
@@ -165,15 +161,19 @@ def findings_of(problem: TableProblem, tables: Sequence[BenchTable], judgement: 
         out += _noise_sentences(problem, index, piece)
     out += _label_sentences(problem)
     out += sentences(across(tables, problem.machine), retellings)
-    out += [_clock_sentence(piece.name, clock) for piece, clock in zip(problem.pieces, problem.clocks, strict=True)
-            if clock is not None and clock.shown]
+    out += [f"{piece.name}: the times heap on multiples of {clock.step_s:.4f} s (mean cosine {clock.heaping:.2f}): one "
+            f"time may be off by {clock.step_s / 2.0:.3f} s, the mean of many at a setting is not"
+            for piece, clock in zip(problem.pieces, problem.clocks, strict=True) if clock is not None and clock.shown]
     out += [f"{candidate.id} {size:+.3g} holds in the rows of {problem.scope_name(candidate.scope)} only"
             for candidate, size in judgement.effects if candidate.scope is not None]
     out += _settings_sentences(problem, judgement)
     if judgement.named and not judgement.unexplained and judgement.unknown >= LISTED:
         out.append(f"something that no effect describes may be there as well (probability {judgement.unknown:.2f})")
     if judgement.unexplained and judgement.nearest is not None:
-        out.append(_nearest_sentence(judgement.nearest.id, problem.machine))
+        near = judgement.nearest.id
+        low, high = bounds(near, problem.machine)
+        out.append(f"nearest effect: {near}, but its size would have to lie outside {low:g} to {high:g} "
+                   f"{unit_of(near, problem.machine)}" + (", or be negative" if ROWS[near].only_adds else ""))
     if ids & {PLACE_LEVER_ARM.id, PLACE_LATENCY.id}:
         out.append(f"a constant extra lag ({LAG_OFFSET.id}) looks like {PLACE_LATENCY.id} in a place table; a lag "
                    "table tells them apart")
@@ -186,13 +186,6 @@ def _not_judged_sentences(table: BenchTable) -> list[str]:
     """Measured columns without a number."""
     return [f"{f'{table.path} {name}'.strip()}: not judged: no row has a number" for name in LAGS
             if table.kind == "lag" and name in table.columns and not np.isfinite(table.columns[name]).any()]
-
-
-def _nearest_sentence(nearest: str, machine: Machine) -> str:
-    """The effect that comes nearest to what is unexplained, and why it is not named."""
-    low, high = bounds(nearest, machine)
-    return (f"nearest effect: {nearest}, but its size would have to lie outside {low:g} to {high:g} "
-            f"{unit_of(nearest, machine)}" + (", or be negative" if ROWS[nearest].only_adds else ""))
 
 
 def _noise_sentences(problem: TableProblem, index: int, piece: TablePiece) -> list[str]:
@@ -223,11 +216,6 @@ def _label_sentences(problem: TableProblem) -> list[str]:
         out.append(f"{piece.name}: {piece.label_column} {other} {word} {one} beyond the model: {difference:+.3g} "
                    f"{piece.unit} ({difference - half:+.3g} to {difference + half:+.3g}), p {p:.2g}")
     return out
-
-
-def _clock_sentence(name: str, clock: CoarseClock) -> str:
-    return (f"{name}: the times heap on multiples of {clock.step_s:.4f} s (mean cosine {clock.heaping:.2f}): one time "
-            f"may be off by {clock.step_s / 2.0:.3f} s, the mean of many at a setting is not")
 
 
 def _settings_sentences(problem: TableProblem, judgement: Judgement) -> list[str]:

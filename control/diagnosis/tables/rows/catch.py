@@ -56,7 +56,8 @@ def pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
                        {"flow": nominal * machine.tolerance.flow_percent / 100.0, "opening_mm": predict(wide) - nominal,
                         **_each_outlet(nominal, outlet, machine)},
                        {FLOW_FILL_FALLOFF.id: _falloffs(nominal, rpm, rpm, machine.flow.full_rpm),
-                        FLOW_PULSATION.id: _twice_as_quick(nominal, angle)},
+                        FLOW_PULSATION.id: np.column_stack([        # of another shape: a second harmonic too
+                            nominal * _pulse(2.0 * angle, begins) for begins in (0.0, pi / 2.0)])},
                        {FLOW_FILL_FALLOFF.id: -100.0 * _falloffs(np.ones(1), np.full(1, machine.flow.full_rpm), rpm,
                                                                  machine.flow.full_rpm)[0]}),)
 
@@ -103,8 +104,3 @@ def _begins(mass: Array, nominal: Array, angle: Array) -> float:
     columns = [np.ones(int(known.sum())), _pulse(angle, 0.0)[known], _pulse(angle, pi / 2.0)[known]]
     fit, *_ = np.linalg.lstsq(np.column_stack(columns) * nominal[known, None], mass[known], rcond=None)
     return float(np.arctan2(fit[2], fit[1]))
-
-
-def _twice_as_quick(nominal: Array, angle: Array) -> Array:
-    """A pulsation of another shape has a second harmonic too, (n, 2)."""
-    return np.column_stack([nominal * _pulse(2.0 * angle, begins) for begins in (0.0, pi / 2.0)])
