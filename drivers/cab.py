@@ -8,7 +8,7 @@ from typing import Any, Protocol
 from control.readings import DoseOrder, DriveCommand, GnssFix, Measurements, Reading, SpeedPlan, ValvesSeen
 from drivers.cab_config import MODULE_STOPS_S, BoardConfig, CabConfig, GnssConfig, HeadsConfig, RateModuleConfig
 from drivers.cab_line import DatagramLine, DeviceLine
-from drivers.datagrams import Datagrams, open_datagrams, open_line
+from drivers.datagrams import Datagrams, UdpPort, open_line
 from drivers.device_status import DeviceStatus
 from drivers.devices.agopengps import AgOpenGpsDecoder
 from drivers.devices.canopy_heads import HeadDecoder
@@ -47,7 +47,7 @@ class Cab:
     """
 
     def __init__(self, config: CabConfig, clock: Clock, opener: Opener = open_line,
-                 datagram_opener: DatagramOpener = open_datagrams) -> None:
+                 datagram_opener: DatagramOpener = UdpPort) -> None:
         self.refused_commands = 0
         self.dropped_doses = 0
         self._dose_waits: tuple[float, DoseOrder] | None = None

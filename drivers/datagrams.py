@@ -263,11 +263,6 @@ def datagram_pair(name: str, clock: Clock) -> tuple[MemoryDatagrams, MemoryDatag
     return one, two
 
 
-def open_datagrams(url: str, clock: Clock) -> Datagrams:
-    """A UDP port. Raises ValueError where the URL cannot be read."""
-    return UdpPort(url, clock)
-
-
 def open_line(url: str, baud: int, clock: Clock) -> Port:
     """Any port of a cab file: what `open_port` opens, or `udp://`. Raises ValueError as they do."""
     return UdpPort(url, clock) if url.startswith("udp://") else open_port(url, baud, clock)

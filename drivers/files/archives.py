@@ -22,11 +22,8 @@ class Folder:
     path: Path
     deep: bool = True           # False: the folder's own files only
 
-    def names(self) -> list[str]:
-        return self._names
-
     @cached_property
-    def _names(self) -> list[str]:
+    def names(self) -> list[str]:
         found = []
         for folder, folders, files in os.walk(self.path):
             place = Path(folder).relative_to(self.path)
@@ -52,9 +49,6 @@ class Zip:
 
     path: Path
 
-    def names(self) -> list[str]:
-        return self._names
-
     @cached_property
     def _archive(self) -> zipfile.ZipFile:
         try:
@@ -63,7 +57,7 @@ class Zip:
             raise Refused(self.path, "not readable as a zip: {why}", why=error) from None
 
     @cached_property
-    def _names(self) -> list[str]:
+    def names(self) -> list[str]:
         found = [info.filename for info in self._archive.infolist() if info.filename and not info.is_dir()]
         return sorted(name for name in found if _counts(name))
 
@@ -88,7 +82,7 @@ def files_at(path: Path) -> Files:
 
 def holds_time_log(files: Files) -> bool:
     """Whether a task that was worked is in it."""
-    names = (PurePosixPath(name).name.lower() for name in files.names())
+    names = (PurePosixPath(name).name.lower() for name in files.names)
     return any(name.startswith("tlg") and name.endswith(".bin") for name in names)
 
 
@@ -116,7 +110,7 @@ def files_of(path: Path) -> tuple[Path, ...]:
     of a shapefile."""
     folder = path if path.is_dir() else path.parent
     if path.is_dir() or path.suffix.lower() == ".xml":
-        names = Folder(folder, deep=path.is_dir()).names()
+        names = Folder(folder, deep=path.is_dir()).names
         return tuple(folder / name for name in names if Path(name).suffix.lower() in OF_MAPS)
     if path.suffix.lower() == ".shp":
         return tuple(file for file in folder.glob("*") if file.name.casefold().startswith(path.stem.casefold()))

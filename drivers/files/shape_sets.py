@@ -50,7 +50,7 @@ class ShapeSet:
     def part(self, ending: str) -> bytes | None:
         """The file of this set with that ending, either case. Raises Refused, OSError."""
         wanted = self.name[:-len(".shp")].casefold() + ending
-        for name in self.files.names():
+        for name in self.files.names:
             if name.casefold() == wanted:
                 return self.files.read(name)
         return None
@@ -107,7 +107,7 @@ def shape_sets(path: Path) -> list[ShapeSet]:
     if path.suffix.lower() == ".shp" and not path.is_dir():
         return [ShapeSet(Folder(path.parent, deep=False), path.name, str(path))]
     files = files_at(path)
-    return [ShapeSet(files, name, files.label(name)) for name in files.names() if name.lower().endswith(".shp")]
+    return [ShapeSet(files, name, files.label(name)) for name in files.names if name.lower().endswith(".shp")]
 
 
 def layer_of(shapes: ShapeSet, encoding: str | None = None) -> Layer:

@@ -79,7 +79,7 @@ def side_units(files: Files, name: str, columns: Collection[str]) -> dict[str, S
     plain = name.casefold()
     stem = plain.removesuffix(PurePosixPath(plain).suffix)
     found: dict[str, StatedUnit] = {}
-    for there in files.names():
+    for there in files.names:
         if there.casefold() in {start + ending for start in (stem, plain) for ending in SIDES}:
             data = files.read(there)
             if len(data) > SIDE.most:

@@ -44,8 +44,3 @@ class ListeningPort(ThreadedPort):
         except TimeoutError:
             raise TimeoutError("no client yet") from None
         return SocketStream(connection)
-
-
-def listen_port(host: str, number: int, clock: Clock) -> ListeningPort:
-    """A port on which one client at a time may connect; number 0 takes a free one, found in its `number`."""
-    return ListeningPort(host, number, clock)

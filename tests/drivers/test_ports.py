@@ -17,7 +17,7 @@ from drivers.cab import Cab, CabConfig
 from drivers.datagrams import UdpPort
 from drivers.ports import MAX_BUFFERED_BYTES, MAX_QUEUED_WRITES, SerialStream, ThreadedPort, memory_pair, open_port
 from drivers.virtual.faults import FaultyPort, PortFaults
-from drivers.virtual.listen import listen_port
+from drivers.virtual.listen import ListeningPort
 from drivers.virtual.machine import VirtualMachine
 
 
@@ -64,7 +64,7 @@ def test_memory_pair_closed_or_flooded(clock):
 
 @pytest.fixture
 def server(clock):
-    port = listen_port("127.0.0.1", 0, clock)
+    port = ListeningPort("127.0.0.1", 0, clock)
     yield port
     port.close()
 
@@ -104,7 +104,7 @@ def test_socket_latency_is_milliseconds(server, port):
 
 
 def test_reconnects_when_the_device_comes_back_and_never_sends_late(opened, clock):
-    server = listen_port("127.0.0.1", 0, clock)
+    server = ListeningPort("127.0.0.1", 0, clock)
     number = server.number
     port = opened(open_port(f"socket://127.0.0.1:{number}", 115200, clock))
     wait_for(lambda: port.state().connected and server.state().connected)
@@ -112,7 +112,7 @@ def test_reconnects_when_the_device_comes_back_and_never_sends_late(opened, cloc
     wait_for(lambda: not port.state().connected)
     assert port.state().last_error
     port.write(b"stale set-point")
-    server = opened(listen_port("127.0.0.1", number, clock))
+    server = opened(ListeningPort("127.0.0.1", number, clock))
     wait_for(lambda: port.state().connected)
     port.write(b"fresh")
     assert read_all(server, 5) == b"fresh"

@@ -13,7 +13,7 @@ from drivers.devices.board_frames import CommandFrame, encode_command
 from drivers.devices.gnss import GnssDecoder
 from drivers.virtual.board import VirtualBoard
 from drivers.virtual.encoders import gnss_sentences
-from drivers.virtual.listen import listen_port
+from drivers.virtual.listen import ListeningPort
 from drivers.virtual.machine import VirtualMachine, virtual_cab
 
 RUN = DriveCommand(60.0, 30.0)
@@ -166,7 +166,7 @@ def test_the_same_ends_on_tcp(clock, fake_plant):
     import time
 
     from drivers.cab import Cab, CabConfig
-    ends = [listen_port("127.0.0.1", 0, clock) for _ in range(3)]
+    ends = [ListeningPort("127.0.0.1", 0, clock) for _ in range(3)]
     machine = VirtualMachine(fake_plant, ends[0], [ends[1]], ends[2], clock(), multiplexed=True)
     cab = Cab(CabConfig.model_validate({
         "gnss": {"port": ends[0].name}, "heads": {"ports": [ends[1].name], "multiplexed": True},

@@ -85,7 +85,7 @@ def _kind(path: Path) -> SourceKind:
     """Of a folder or a zip: a task that was worked before points, points before a task that was not."""
     if path.is_dir() or path.suffix.lower() == ".zip":
         files = files_at(path)
-        shapes = any(name.lower().endswith(".shp") for name in files.names())
+        shapes = any(name.lower().endswith(".shp") for name in files.names)
         return "shapefile" if shapes and not holds_time_log(files) else "isoxml"
     return _SUFFIXES.get(path.suffix.lower(), "text")
 

@@ -105,5 +105,5 @@ def _packed(path: Path) -> str:
     """The zips in a zip."""
     if path.suffix.lower() != ".zip":
         return ""
-    packed = [name for name in files_at(path).names() if name.lower().endswith(".zip")]
+    packed = [name for name in files_at(path).names if name.lower().endswith(".zip")]
     return listed(packed)

@@ -28,7 +28,7 @@ class TaskSet:
     @cached_property
     def _by_name(self) -> dict[str, str]:
         """Names in small letters, the first of equal ones."""
-        return {name.casefold(): name for name in reversed(self.files.names())}
+        return {name.casefold(): name for name in reversed(self.files.names)}
 
 
 def task_sets(path: Path) -> list[TaskSet]:
@@ -39,7 +39,7 @@ def task_sets(path: Path) -> list[TaskSet]:
     if not path.is_dir() and path.suffix.lower() != ".zip":
         return []
     files = files_at(path)
-    return [TaskSet(files, parent(name), files.label(name)) for name in files.names()
+    return [TaskSet(files, parent(name), files.label(name)) for name in files.names
             if PurePosixPath(name).name.lower() == "taskdata.xml"]
 
 
