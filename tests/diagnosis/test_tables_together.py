@@ -9,6 +9,7 @@ from control.calibration.bench_table import BenchTable
 from control.diagnosis.result import Diagnosis
 from control.diagnosis.tables.across import across, sentence
 from control.diagnosis.tables.duplicate_rows import without_duplicates
+from tests.diagnosis.planted import check
 from tests.diagnosis.tables import MACHINE, diagnosed, of_the_papers, paper
 
 RPM = np.repeat(np.arange(10.0, 71.0, 10.0), 4)
@@ -74,9 +75,7 @@ def test_a_correction_made_at_the_written_speed_does_not_grow_with_the_true_one(
                                 "speed_mps": np.full(len(RPM), 1.2)}, path="d.csv")
     missed = BenchTable("place", {"shaft_rpm": RPM, "speed_mps": np.full(len(RPM), 1.2), "miss_m": 0.2 * 1.2 * lag
                                   + 0.02 * rng.standard_normal(len(RPM))}, path="m.csv")
-    found = diagnosed(driven, missed)
-    assert [cause.id for cause in found.causes] == ["lag.speed_scale"]
-    assert found.causes[0].size.value == pytest.approx(20.0, abs=1.5)
+    check(diagnosed(driven, missed), names=["lag.speed_scale"], sizes={"lag.speed_scale": pytest.approx(20.0, abs=1.5)})
 
 
 # --- One quantity is named once, however many tables tell it and in whatever unit ------------------------------------
