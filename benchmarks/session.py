@@ -141,7 +141,7 @@ class Seat:
 
 
 class Session(NamedTuple):
-    """keys: with which it is begun."""
+    """keys: with which it is started."""
 
     play: Callable[[Seat], Awaitable[Ground]]
     machine: dict[str, Any]
