@@ -29,6 +29,7 @@ from control.diagnosis.effects import (
 )
 from control.diagnosis.extend import free_id
 from control.diagnosis.runs.drives import Drive
+from control.diagnosis.runs.hypothesis import EffectInstance, Hypothesis
 from control.diagnosis.runs.smooth import DOWNSTREAM, MIN_RANGE, RANGES
 from control.machine.form import ANGLES
 from control.machine.forms import Form
@@ -160,26 +161,48 @@ def fitted(on_log: OnLog, channels: Sequence[str], machine: Machine, runs: int) 
 
 # -- the curve of a drive ----------------------------------------------------------------------------------------------
 
+def curves_of(on_log: OnLog) -> list[Hypothesis]:
+    """Curves of a drive in open loop, fitted along with its lag and dead time, from few numbers to all, as effects that
+    may be there: what makes one curve together is hardly seen one by one."""
+    if on_log.data.shaft is None:
+        return []
+    sets = [names for names in _sets(on_log) if KNEE not in names]
+    was, found = effect_sizes(on_log.machine), []
+    if any(SHAFT_DEAD_ZONE.id in names for names in sets):
+        for names, (_, file) in _fits(on_log, on_log.machine, sets).items():
+            now = effect_sizes(file)
+            found += [tuple(EffectInstance(name, now.get(name, 0.0) - was.get(name, 0.0)) for name in names
+                            if name not in MOVES)]
+    return found
+
+
 def _curve(on_log: OnLog, machine: Machine, best: BlockErrors, usual: dict[str, float]) -> tuple[Machine,
                                                                                                  BlockErrors] | None:
     """The simplest set of the drive's own numbers within one standard error of the best; None where none is surely
     better than a file without."""
-    tried: list[tuple[Machine, BlockErrors]] = [(machine, best)]
-    of_names: dict[frozenset[str], tuple[float, Machine]] = {frozenset(): (np.inf, machine)}
-    for names in _sets(on_log):
-        smaller = max((one for one in of_names if one < set(names)), key=lambda one: (len(one), -of_names[one][0]))
-        new = [name for name in names if name not in smaller]
-        files = []
-        for share in ZONES if SHAFT_DEAD_ZONE.id in new else ZONES[:1]:
-            file = _started(of_names[smaller][1], on_log.data.shaft, new, share)
-            file = fitted(on_log, ("shaft",), file, RUNS)
-            files.append((float(np.sum(errors(on_log, file, ("shaft",))["shaft"] ** 2)), file))
-        of_names[frozenset(names)] = least_squares = min(files, key=lambda one: one[0])
-        file = least_squares[1]
-        tried.append((file, held(on_log, file, ("shaft",), numbers_of(file, on_log.machine), usual)))
+    tried = [(machine, best), *((file, held(on_log, file, ("shaft",), numbers_of(file, on_log.machine), usual))
+                                for _, file in _fits(on_log, machine, _sets(on_log)).values())]
     least = min(tried, key=lambda one: float(one[1].blocks["shaft"].mean()))
     chosen = next(one for one in tried if not surely(gained(least[1], one[1], usual)))
     return None if chosen[0] is machine else chosen
+
+
+def _fits(on_log: OnLog, machine: Machine, sets: Sequence[tuple[str, ...]]
+          ) -> dict[tuple[str, ...], tuple[float, Machine]]:
+    """Of each set of a drive's own numbers, from few to all: the sum of squares that a file with them leaves, and the
+    file. Each starts from the best smaller one."""
+    found: dict[tuple[str, ...], tuple[float, Machine]] = {}
+    for names in sets:
+        _, _, smaller = max(((len(one), -left, one) for one, (left, _) in found.items() if set(one) < set(names)),
+                            default=(0, 0.0, ()))
+        new = [name for name in names if name not in smaller]
+        files = []
+        for share in ZONES if SHAFT_DEAD_ZONE.id in new else ZONES[:1]:
+            file = _started(found[smaller][1] if smaller else machine, on_log.data.shaft, new, share)
+            file = fitted(on_log, ("shaft",), file, RUNS)
+            files.append((float(np.sum(errors(on_log, file, ("shaft",))["shaft"] ** 2)), file))
+        found[names] = min(files, key=lambda one: one[0])
+    return found
 
 
 def _started(machine: Machine, drive: Drive | None, names: Sequence[str], share: float) -> Machine:

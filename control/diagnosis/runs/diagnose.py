@@ -1,8 +1,9 @@
 """Diagnosis of a run log, from columns to verdict."""
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy.typing as npt
 from control.diagnosis.given import columns_of, machine_of
 from control.diagnosis.prediction.borne_out import borne_out
 from control.diagnosis.prediction.on_log import OnLog
+from control.diagnosis.prediction.rival import curves_of
 from control.diagnosis.result import Diagnosis
 from control.machine.machine import Machine
 from control.recordings.values import readable
@@ -18,6 +20,7 @@ from control.recordings.values import readable
 from .channels import ChannelSeries, channels, without_narrowband
 from .findings import between_rows, hardly_read, on_the_whole, turned_back, units_doubted, unsure_drives
 from .guard import Cancelled, attempt, is_finite, named
+from .hypothesis import Hypothesis
 from .intermittent import ReadOff, without_spells
 from .log import Clean, gate
 from .model import GROUPS
@@ -147,7 +150,8 @@ def judged_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, pat
         seen = without[0]
         findings += without[1]
     step(0.1, "model")
-    groups = _judged(seen, machine, data, step, each, findings)
+    on_log = cache(lambda: OnLog(log, data, machine))
+    groups = _judged(seen, machine, data, cache(lambda: curves_of(on_log())), step, each, findings)
     findings += attempt("the drives over every row", lambda: on_the_whole(log, groups, machine), findings) or []
     findings += between_rows(log, {part.id for one in groups for part in one.found.parts})
     step(0.9, "result")
@@ -157,7 +161,7 @@ def judged_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, pat
         with np.errstate(all="ignore"):
             found = report(data, machine, groups, read_off, path, tuple(findings))
     said, ids = found, {one.part.id for one in read_off}
-    held = attempt("what its file predicts", lambda: borne_out(OnLog(log, data, machine), said, ids), findings)
+    held = attempt("what its file predicts", lambda: borne_out(on_log(), said, ids), findings)
     found = held if held is not None and is_finite(held) else replace(said, findings=tuple(findings))
     return JudgedRun(_with_rates(found, columns) if not found.channels else found, data, tuple(groups))
 
@@ -221,8 +225,9 @@ def _without_spells(data: RunData, machine: Machine, failed: list[str]) -> tuple
     return attempt("missing pulses and bridges", lambda: without_spells(data, machine), failed) or (data, ())
 
 
-def _judged(seen: Mapping[str, ChannelSeries], machine: Machine, data: RunData, step: Callable[[float, str], None],
-            each: Each, findings: list[str]) -> list[GroupResult]:
+def _judged(seen: Mapping[str, ChannelSeries], machine: Machine, data: RunData,
+            curves: Callable[[], Sequence[Hypothesis]], step: Callable[[float, str], None], each: Each,
+            findings: list[str]) -> list[GroupResult]:
     """Each group of channels judged: they share nothing but the log."""
     groups = {word: [seen[c] for c in names if c in seen] for word, names in GROUPS.items()}
     words = [word for word, members in groups.items() if members]
@@ -234,6 +239,6 @@ def _judged(seen: Mapping[str, ChannelSeries], machine: Machine, data: RunData, 
             step(0.1 + 0.8 * sum(k / (k + HALF_WAY) for k in runs.values()) / len(words), word)
 
         what = named(one.name for one in groups[word])
-        return attempt(what, lambda: judge_group(Search(groups[word], machine, data, ask)), findings)
+        return attempt(what, lambda: judge_group(Search(groups[word], machine, data, ask, curves)), findings)
 
     return [one for one in each(judge, words) if one is not None]

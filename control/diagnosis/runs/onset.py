@@ -19,7 +19,6 @@ from .hypothesis import EffectInstance, Hypothesis, replaced
 from .intermittent import prior_odds
 from .model import HALT_S, GroupModel
 from .search import Candidate, FittedHypothesis, Search, log_likelihood
-from .stages import RunData
 
 Array = npt.NDArray[np.float64]
 
@@ -157,25 +156,24 @@ def as_started(part: EffectInstance) -> EffectInstance:
     return part._replace(id=effects.FLOW_BLOCKED_OUTLET.id, size=-part.size) if lost else part
 
 
-def refined(search: Search, found: FittedHypothesis, data: RunData) -> FittedHypothesis:
-    """Onsets and ends moved to where they fit best, in ever smaller steps down to a row: an edge that is a row off is
-    explained by nothing else."""
-    first_s, last_s = float(data.time_s[0]) + END_S, float(data.time_s[-1]) - END_S
-    row_s = min(channel.grid.step_s for channel in search.model.channels)
+def refined(search: Search, found: FittedHypothesis) -> FittedHypothesis:
+    """A hypothesis whose last part begins within the log: onsets and ends moved to where they fit best, in ever smaller
+    steps down to a row. An edge that is a row off is explained by nothing else."""
+    model = search.model
+    first_s, last_s = float(model.data.time_s[0]) + END_S, float(model.data.time_s[-1]) - END_S
+    row_s = min(channel.grid.step_s for channel in model.channels)
 
     def near(now: FittedHypothesis, rows: float) -> Iterator[FittedHypothesis]:
         for k, part in enumerate(now.parts):
             if part.onset_s is None or CATALOGUE[part.id].effect.onset_only:
                 continue
-            for moved in (*_moved(part, -rows * row_s), *_moved(part, rows * row_s)):
-                times = [t for t in (moved.onset_s, moved.until_s) if t is not None]
-                if times == sorted(set(times)) and times[0] >= first_s and times[-1] <= last_s:
-                    yield search.refit(replaced(now.parts, k, moved), now.noise)
+            for by_s in (-rows * row_s, rows * row_s):
+                ends = () if part.until_s is None else (part._replace(until_s=part.until_s + by_s),)
+                for moved in (part._replace(onset_s=part.onset_s + by_s), *ends):
+                    times = [t for t in (moved.onset_s, moved.until_s) if t is not None]
+                    if times == sorted(set(times)) and times[0] >= first_s and times[-1] <= last_s:
+                        yield search.refit(replaced(now.parts, k, moved), now.noise)
+    last = found.parts[-1]
+    if last.onset_s is None or CATALOGUE[last.id].effect.onset_only:
+        return found
     return climbed(found, log_likelihood, near, STEPS_ROWS, again=False)
-
-
-def _moved(part: EffectInstance, by_s: float) -> list[EffectInstance]:
-    """The part with its beginning moved, and with its end moved where it has one."""
-    assert part.onset_s is not None
-    found = [part._replace(onset_s=part.onset_s + by_s)]
-    return found if part.until_s is None else [*found, part._replace(until_s=part.until_s + by_s)]

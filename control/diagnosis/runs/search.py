@@ -82,10 +82,15 @@ def log_likelihood(one: FittedHypothesis) -> float:
 
 
 class Search:
-    """A group's model, the columns made of it, and the candidates that are tried on it."""
+    """A group's model, the columns made of it, and the candidates that are tried on it.
+
+    curves : what gives hypotheses of several effects at once.
+    """
 
     def __init__(self, channels: Sequence[ChannelSeries], machine: Machine, data: RunData,
-                 ask: Callable[[], None] = lambda: None) -> None:
+                 ask: Callable[[], None] = lambda: None,
+                 curves: Callable[[], Sequence[Hypothesis]] = tuple) -> None:
+        self.curves = curves
         self.model = GroupModel(channels, machine, data, ask)
         self.columns = Columns(self.model)
         refilled = data.hopper is not None and bool(data.hopper.jumps)
@@ -94,27 +99,26 @@ class Search:
                            if excited(c, data, machine)]
         self._all_over: set[str] = set()        # thresholds that were looked for all over
 
-    def scan(self, parts: Hypothesis, noise: dict[str, Noise],
-             only: Sequence[Candidate] | None = None) -> list[ScoreTest]:
-        """Every candidate added to a refitted hypothesis, best first, one entry per effect, member and onset.
+    def scan(self, parts: Hypothesis, noise: dict[str, Noise]) -> list[ScoreTest]:
+        """Every candidate added to a refitted hypothesis, best first, one entry per effect and member.
 
         The score test: one step from the hypothesis along the candidate's column; where that gains something the noise
         is fitted along.
         """
-        tried = [c for c in (self.candidates if only is None else only)
-                 if not any(p.id == c.part.id and p.member == c.part.member for p in parts)]
+        tried = [c for c in self.candidates if not any(
+            p.id == c.part.id and p.member == c.part.member for p in parts)]
         p, before = self.columns.compressed(parts, [self.columns.of_candidate(parts, c.part) for c in tried])
         fixed = np.arange(before)
         null = best_fitted(p, fixed, noise, self.model.channels)
         starts = [null.noise, adapted(p, fixed, null.amplitude, calm(null.noise, self.model.channels))]
         beyond = [projected(p, fixed, start) for start in starts]
-        best: dict[tuple[str, int | None, float | None], ScoreTest] = {}
+        best: dict[tuple[str, int | None], ScoreTest] = {}
         for k, c in enumerate(tried):
             self.model.ask()
             found = ScoreTest(c.part, -np.inf, -np.inf)
             for start, left in zip(starts, beyond, strict=True):
                 found = max(found, _added(p, before + k, c, null, start, left), key=lambda f: f.evidence)
-            name = (c.part.id, c.part.member, c.part.onset_s)
+            name = (c.part.id, c.part.member)
             if name not in best or found.evidence > best[name].evidence:
                 best[name] = found
         return sorted(best.values(), key=lambda f: -f.evidence)

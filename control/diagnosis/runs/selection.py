@@ -1,13 +1,27 @@
 """Which set of effects one group of channels shows: the models visited on the way, and their posterior odds.
 
+A model M is a set of parts, refitted through the machine model (`search.py`), with
+
+    L      the log-likelihood at its best fit
+    O      the Occam factor: log evidence less L (sizes, tolerances and freedom of form integrated; times averaged)
+    pi_k   the log prior odds of its part k, the price of its times taken off
+
+    S(M) = L + O + sum_k pi_k                           score of a model: its log posterior, but for a constant
+    D(M, M') = g + (O - O') + (pi_k - pi'_j)            log odds of M over M', which has part j in place of part k
+
+L - L' counts as far as it holds by blocks of time as well: g is the smaller of the two (`coarsening.even_gain`), and no
+more than M' has where its nominal value is moved as far as the part moves it: the prediction is then the same.
+Without a part in its place (pi'_j = 0) D is what part k is worth. A posterior sums over what may stand in a part's
+place: the part itself, each rival, something unknown, and nothing, with weights 1, exp(-D(M, rival)), exp(unknown),
+exp(-worth) (`report.py`; Madigan and Raftery, JASA 89, 1994, 1535).
+
 Forward steps add the best effect, lateral steps put another in a member's place or give it another course in time,
-backward steps drop what the others make superfluous (Miller 2002, Subset Selection in Regression, ch. 3). Every model
-is refitted through the machine model and has one score: its log evidence plus its log prior odds. What could stand in
-a member's place is then weighed against it by the same score (Madigan and Raftery, JASA 89, 1994, 1535).
+backward steps drop what the others make superfluous (Miller 2002, Subset Selection in Regression, ch. 3).
 """
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import count
 from typing import NamedTuple
 
 import numpy as np
@@ -53,6 +67,19 @@ class RivalOf(NamedTuple):
     behind: float               # by so much of the log score
 
 
+class WeighedModel(NamedTuple):
+    """A model with what each of its parts is worth, and what could stand in each one's place, the likeliest first."""
+
+    fit: FittedHypothesis
+    worths: tuple[float, ...] = ()
+    rivals: tuple[tuple[RivalOf, ...], ...] = ()
+
+    @property
+    def is_said(self) -> bool:
+        """Whether each part is likelier than nothing."""
+        return all(worth > SAID for worth in self.worths)
+
+
 class GroupResult(NamedTuple):
     """What one group of channels shows."""
 
@@ -78,7 +105,7 @@ class Scores:
 
     def prior(self, part: EffectInstance) -> float:
         """Log prior odds of a part, the price of its times taken off."""
-        course = course_of(part.onset_s, part.until_s, part.grows)
+        course = _course(part)
         if CATALOGUE[part.id].effect.onset_only:
             course = "steady"           # when a drive stopped is its size
         row = ROWS[part.id].on(self.search.model.machine)
@@ -91,7 +118,7 @@ class Scores:
         """Keep what the times of beginning cost."""
         for one in found:
             part = as_started(one.part)
-            self._spent[(part.id, part.member, course_of(part.onset_s, part.until_s, part.grows))] = max(0.0, one.spent)
+            self._spent[(part.id, part.member, _course(part))] = max(0.0, one.spent)
 
     def refit(self, parts: Hypothesis, now: FittedHypothesis) -> FittedHypothesis:
         """A model refitted from the noise of another, kept while the nominal values stand."""
@@ -108,24 +135,21 @@ class Scores:
         self._kept.clear()
 
     def worth(self, one: FittedHypothesis, k: int, other: FittedHypothesis, j: int | None = None) -> float:
-        """Log posterior odds of a model against another that differs from it in one part: k of the one, j of the other,
-        None where it has nothing in its place. As far as it is evidence, what one of them fits better is held against
-        the other, not each against nothing."""
+        """D: log posterior odds of a model against another that differs from it in one part: k of the one, j of the
+        other, None where it has nothing in its place."""
+        columns = self.search.columns
         gain = one.log_likelihood - other.log_likelihood
-        integrated = one.log_evidence - one.log_likelihood - (other.log_evidence - other.log_likelihood)
+        occam = one.log_evidence - one.log_likelihood - (other.log_evidence - other.log_likelihood)
         if gain > 0.0 or j is not None:
-            even = min(abs(gain), self._even(*((one, other) if gain > 0.0 else (other, one))))
+            more, less = (one, other) if gain > 0.0 else (other, one)
+            even = even_gain(self.search, less.parts, more.noise, columns.between(more.parts, less.parts),
+                             columns.of_stops(more.parts))          # where a gate stopped is open in both
+            even = min(abs(gain), even)
             gain = even if j is None else float(np.sign(gain)) * max(0.0, even)
         if j is not None:
             gain = max(gain, -self._most(other.parts[j], other.parts))
-        odds = min(gain, self._most(one.parts[k], one.parts)) + integrated + self.prior(one.parts[k])
-        return odds if j is None else odds - self.prior(other.parts[j])
-
-    def _even(self, better: FittedHypothesis, worse: FittedHypothesis) -> float:
-        """What one model gains over another, block by block; where a gate stopped is open in both."""
-        columns = self.search.columns
-        trace = columns.between(better.parts, worse.parts)
-        return even_gain(self.search, worse.parts, better.noise, trace, columns.of_stops(better.parts))
+        gain = min(gain, self._most(one.parts[k], one.parts))
+        return gain + occam + self.prior(one.parts[k]) - (0.0 if j is None else self.prior(other.parts[j]))
 
     def _most(self, part: EffectInstance, parts: Hypothesis) -> float:
         """What a part of a hypothesis can gain over its nominal value."""
@@ -144,7 +168,7 @@ class Scores:
         return 0.5 * ((moved + part.size) ** 2 - moved ** 2) / tolerance ** 2
 
     def score(self, found: FittedHypothesis) -> float:
-        """Log evidence and log prior odds of a whole model."""
+        """S: log evidence and log prior odds of a whole model."""
         return found.log_evidence + sum(self.prior(part) for part in found.parts)
 
     def rough(self, one: ScoreTest) -> float:
@@ -157,22 +181,20 @@ def judge_group(search: Search) -> GroupResult:
     null = _nothing(search)
     board = Scores(search)
     first = search.scan((), null.noise)
-    current = null
-    worths: tuple[float, ...] = ()
-    rivals: tuple[tuple[RivalOf, ...], ...] = ()
+    now = WeighedModel(null)
     for _ in range(MAX_CAUSES):
-        proposed = _proposed(board, current)
-        better = _together(board, current, _forward(board, current, proposed), proposed)
+        proposed = _proposed(board, now.fit)
+        better = _together(board, now.fit, _forward(board, now.fit, proposed), proposed)
         if better is None:
             break
-        current, worths, rivals = _reviewed(board, _settled(board, better))
-        if _is_split(search, current.parts):
-            current, worths, rivals = _reviewed(board, _settled(board, current))
-        if not current.parts:
+        now = _reviewed(board, _settled(board, better))
+        if _is_split(search, now.fit.parts):
+            now = _reviewed(board, _settled(board, now.fit))
+        if not now.fit.parts:
             break
     null = search.refit(())
-    beyond = beyond_names(search, current, null, worths, sum(board.prior(part) for part in current.parts))
-    worths, rivals = tuple(worths[k] for k in beyond.kept), tuple(rivals[k] for k in beyond.kept)
+    beyond = beyond_names(search, now.fit, null, now.worths, sum(board.prior(part) for part in now.fit.parts))
+    worths, rivals = tuple(now.worths[k] for k in beyond.kept), tuple(now.rivals[k] for k in beyond.kept)
     return GroupResult(search, null, beyond.now, worths, rivals, tuple(first), beyond.terms, beyond.unknown)
 
 
@@ -222,7 +244,7 @@ def _forward(board: Scores, now: FittedHypothesis, proposed: Sequence[EffectInst
     best = max(refits, key=lambda one: board.worth(one, len(now.parts), now), default=None)
     if best is None:
         return None
-    best = _refined(board, best)
+    best = refined(board.search, best)
     return best if board.worth(best, len(now.parts), now) > SAID else None
 
 
@@ -240,18 +262,10 @@ def _together(board: Scores, now: FittedHypothesis, better: FittedHypothesis | N
     return max(ahead, key=board.score, default=better)
 
 
-def _refined(board: Scores, found: FittedHypothesis) -> FittedHypothesis:
-    """A model whose last part begins within the log, its times moved to where they fit best."""
-    last = found.parts[-1]
-    if last.onset_s is None or CATALOGUE[last.id].effect.onset_only:
-        return found
-    return refined(board.search, found, board.search.model.data)
-
-
 def _proposed(board: Scores, now: FittedHypothesis) -> list[EffectInstance]:
     """The best parts to add by their scans, of every course in time."""
     search = board.search
-    found = _one_of_each(search.scan(now.parts, now.noise))
+    found = search.scan(now.parts, now.noise)
     stopped = [f for f in found if CATALOGUE[f.part.id].effect.onset_only
                and still_disobeys(search.model, now.parts, f.part)]
     steady = [f for f in found if not CATALOGUE[f.part.id].effect.onset_only][:REFITTED]
@@ -269,11 +283,8 @@ def _near(board: Scores, now: FittedHypothesis, scanned: list[ScoreTest]) -> lis
     """Those of a scan that may be the likeliest: near the best of their course in time by their rough odds, as far as a
     refit bears these out: where a slope leads nowhere, the next one may be what is there. Courses are not held against
     each other before a refit: a scan fits the noise of steady effects only."""
-    courses: dict[str, list[ScoreTest]] = {}
-    for one in scanned:
-        courses.setdefault(course_of(one.part.onset_s, one.part.until_s, one.part.grows), []).append(one)
     found = []
-    for several in courses.values():
+    for several in _by_course(scanned):
         best = -np.inf
         for one in sorted(several, key=board.rough, reverse=True):
             rough = board.rough(one)
@@ -298,58 +309,51 @@ def _begin(board: Scores, now: FittedHypothesis) -> list[ScoreTest]:
     tried = [c for c in search.candidates if (c.part.id, c.part.member) not in taken]
     found = changes(search.columns, now.parts, now.noise, tried, switches + 2 <= MAX_SWITCHES)
     board.take(found)
+    return [one for several in _by_course(found) for one in several[:REFITTED]]
+
+
+def _by_course(found: Sequence[ScoreTest]) -> list[list[ScoreTest]]:
     courses: dict[str, list[ScoreTest]] = {}
     for one in found:
-        courses.setdefault(course_of(one.part.onset_s, one.part.until_s, one.part.grows), []).append(one)
-    return [one for several in courses.values() for one in several[:REFITTED]]
+        courses.setdefault(_course(one.part), []).append(one)
+    return list(courses.values())
 
 
-def _one_of_each(found: list[ScoreTest]) -> list[ScoreTest]:
-    best: dict[tuple[str, int | None], ScoreTest] = {}
-    for f in found:
-        best.setdefault((f.part.id, f.part.member), f)
-    return list(best.values())
+def _course(part: EffectInstance) -> str:
+    return course_of(part.onset_s, part.until_s, part.grows)
 
 
-def _reviewed(board: Scores, now: FittedHypothesis
-              ) -> tuple[FittedHypothesis, tuple[float, ...], tuple[tuple[RivalOf, ...], ...]]:
+def _reviewed(board: Scores, fit: FittedHypothesis) -> WeighedModel:
     """The model with each part against what could stand in its place and against nothing, until none is better; of the
     models on the way whose parts are all likelier than nothing, the likeliest. A rival that is ahead of it where only
     even evidence counts, and behind where all does, is as likely as it is."""
-    visited: list[tuple[FittedHypothesis, tuple[float, ...], tuple[tuple[RivalOf, ...], ...]]] = []
-    for _ in range(REVIEWS):
-        worths, rivals = _rivals(board, now)
-        if not worths or min(worths) > SAID:
-            visited.append((now, worths, rivals))
-        ahead = [(several[0].behind if several else np.inf, k) for k, several in enumerate(rivals)]
-        if not worths:
+    visited: list[WeighedModel] = []
+    order = list(ROWS)          # where no log tells two effects apart, the catalogue's first stands for both
+    for left in count(REVIEWS, -1):
+        now = _weighed(board, fit)
+        parts = now.fit.parts
+        if now.is_said:
+            visited.append(now)
+        if not parts or (visited and left <= 0):
             break
-        best = [own - min(0.0, behind) for own, (behind, _) in zip(worths, ahead, strict=True)]     # in each place
-        if min(best) <= SAID:
-            now = board.refit(without(now.parts, int(np.argmin(best))), now)
-            continue
-        behind, k = min(ahead)
-        if behind > EVEN or (behind > -EVEN and not _listed_before(rivals[k][0].part, now.parts[k])):
+        behind = [several[0].behind if several else np.inf for several in now.rivals]
+        in_place = np.array(now.worths) - np.minimum(0.0, behind)       # the best in each place over nothing
+        k = int(np.argmin(behind))
+        ends = left <= 0 or behind[k] > EVEN or (behind[k] > -EVEN and order.index(
+            now.rivals[k][0].part.id) > order.index(parts[k].id))
+        if in_place.min() <= SAID or (ends and not visited):
+            fit = board.refit(without(parts, int(np.argmin(in_place))), fit)
+        elif ends:
             break
-        now = board.refit(replaced(now.parts, k, rivals[k][0].part), now)
-    while not visited:
-        worths, rivals = _rivals(board, now)
-        if not worths or min(worths) > SAID:
-            visited.append((now, worths, rivals))
         else:
-            now = board.refit(without(now.parts, int(np.argmin(worths))), now)
-    now, worths, rivals = max(reversed(visited), key=lambda one: board.score(one[0]))
-    return now, worths, tuple(tuple(one._replace(behind=max(0.0, one.behind)) for one in several
-                                    if one.part.id != part.id) for part, several in zip(now.parts, rivals, strict=True))
+            fit = board.refit(replaced(parts, k, now.rivals[k][0].part), fit)
+    best = max(reversed(visited), key=lambda one: board.score(one.fit))
+    return best._replace(rivals=tuple(tuple(one._replace(behind=max(0.0, one.behind)) for one in several
+                                            if one.part.id != part.id)
+                                      for part, several in zip(best.fit.parts, best.rivals, strict=True)))
 
 
-def _listed_before(one: EffectInstance, other: EffectInstance) -> bool:
-    """Which of two effects stands for both where no log tells them apart: the catalogue's first."""
-    order = list(ROWS)
-    return order.index(one.id) < order.index(other.id)
-
-
-def _rivals(board: Scores, now: FittedHypothesis) -> tuple[tuple[float, ...], tuple[tuple[RivalOf, ...], ...]]:
+def _weighed(board: Scores, now: FittedHypothesis) -> WeighedModel:
     """What each part is worth, and what could stand in its place within the window. How far one model is ahead of
     another is had directly, and by what each is worth over nothing: either counts even evidence alone and is a lower
     bound, so that the higher one holds."""
@@ -357,34 +361,32 @@ def _rivals(board: Scores, now: FittedHypothesis) -> tuple[tuple[float, ...], tu
     rivals: list[tuple[RivalOf, ...]] = []
     for k, part in enumerate(now.parts):
         alone = board.refit(without(now.parts, k), now)
-        own = board.worth(now, k, alone)
-        found = []
+        own, place, found = board.worth(now, k, alone), len(alone.parts), []
         for rival in _in_its_place(board, alone, part):
             tried = board.refit((*alone.parts, rival), alone)
             if tried.collinearity < MAX_COLLINEARITY:
-                place = len(alone.parts)
-                over_nothing = own - board.worth(tried, place, alone)
                 higher = max if now.log_likelihood > tried.log_likelihood else min
-                found.append(RivalOf(tried.parts[-1], higher(board.worth(now, k, tried, place), over_nothing)))
+                found.append(RivalOf(tried.parts[-1], higher(board.worth(now, k, tried, place),
+                                                             own - board.worth(tried, place, alone))))
         worths.append(own)
         best = {one.part.id: one for one in sorted(found, key=lambda r: -r.behind) if one.behind < WINDOW
                 and (one.part.id != part.id or one.behind < -EVEN)}
         rivals.append(tuple(sorted(best.values(), key=lambda r: r.behind)))
-    return tuple(worths), tuple(rivals)
+    return WeighedModel(now, tuple(worths), tuple(rivals))
 
 
 def _in_its_place(board: Scores, alone: FittedHypothesis, part: EffectInstance) -> list[EffectInstance]:
     """What could stand in a part's place: steady, or in a course of its own; of the part itself its other courses."""
     search = board.search
-    scanned = _one_of_each(search.scan(alone.parts, alone.noise))
+    scanned = search.scan(alone.parts, alone.noise)
     if not CATALOGUE[part.id].effect.onset_only:
         scanned += _begin(board, alone)
     others = [f for f in scanned if not CATALOGUE[f.part.id].effect.onset_only
               and as_started(f.part)._replace(size=0.0) != part._replace(size=0.0)]
     near = [as_started(f.part) for f in sorted(_near(board, alone, others), key=board.rough)[-MAX_RIVALS:]]
-    course = course_of(part.onset_s, part.until_s, part.grows)
+    course = _course(part)
     alike = [one._replace(onset_s=part.onset_s, until_s=part.until_s) for one in near if part.onset_s is not None
-             and one.id != part.id and course_of(one.onset_s, one.until_s, one.grows) == course]
+             and one.id != part.id and _course(one) == course]
     return [*near, *alike]      # the part's times are refined: at these, too
 
 
