@@ -2,11 +2,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from math import atan2, degrees, hypot
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from console.app.braille import BITS
 from console.app.camera import Pixels
 from console.app.field_picture import FieldPicture, Ring
 from console.app.laid import LaidView
@@ -17,12 +19,15 @@ from console.app.worked import KINDS, NOTHING_KG_HA, Window, Worked
 
 Image = npt.NDArray[np.uint8]           # (rows, columns), from the north-west
 Values = npt.NDArray[np.float32]
+_BITS = np.array(BITS, dtype=np.uint8)
 
-EMPTY, PASSAGE, OUTLINE = 0, 1, 2
-DONE = 3                                # DONE + step: worked ground
+EMPTY, PASSAGE = 0, 1
+DONE = 2                                # DONE + step: worked ground
 PLAN = DONE + STEPS                     # PLAN + step: planned ground
 LAID = PLAN + STEPS                     # LAID + step: ground of a laid file
-ENTRIES = LAID + STEPS
+GLOW = LAID + STEPS                     # GLOW + step: worked ground of the pass behind the machine
+ENTRIES = GLOW + STEPS
+STRAIGHT_DEG, STRAIGHT_M = 10.0, 8.0    # a pass: so long, and so straight
 
 
 class GroundPixels(NamedTuple):
@@ -67,9 +72,62 @@ def image(worked: Worked, picture: FieldPicture | None, scale: LayerScale, pixel
     nothing = _nothing(values, scale)
     seen[nothing] = PASSAGE
     _colour(seen, np.where(nothing, np.float32(np.nan), values), scale, DONE)
-    for ring in picture.rings_m if picture is not None else ():
-        _outline(seen, ring, pixels)
     return seen
+
+
+def glow(seen: Image, worked: Worked, pixels: Pixels) -> None:
+    """The worked ground that the trail covers, in its own entries."""
+    cell_m = max(pixels.metres, worked.cells_m[0])
+    east, north = (np.floor(middles / cell_m).astype(np.int64) for middles in pixels.middles())
+    trail = np.floor(worked.trail_places() / cell_m).astype(np.int64)
+    for column, row in np.unique(trail, axis=0).tolist():
+        under = np.ix_(np.flatnonzero(north == row), np.flatnonzero(east == column))
+        here = seen[under]
+        seen[under] = np.where((here >= DONE) & (here < PLAN), here + (GLOW - DONE), here)
+
+
+def next_passes(worked: Worked, pixels: Pixels) -> tuple[Ring, ...]:
+    """Where the machine drives straight: the line of each pass next to its own that nothing was spread on yet."""
+    if not worked.trail:
+        return ()
+    here = worked.trail[-1]
+    begin = next((one for one in reversed(worked.trail) if hypot(
+        here.east_m - one.east_m, here.north_m - one.north_m) >= STRAIGHT_M), None)
+    if begin is None:
+        return ()
+    east, north = here.east_m - begin.east_m, here.north_m - begin.north_m
+    turned_deg = degrees(atan2(east, north)) - here.heading_deg
+    if not abs((turned_deg + 180.0) % 360.0 - 180.0) <= STRAIGHT_DEG:
+        return ()
+    long_m = hypot(east, north)
+    east, north = east / long_m, north / long_m
+    far_m, half_m = (pixels.columns + pixels.rows) * pixels.metres, 0.5 * worked.cells_m[0]
+    found = []
+    for aside_m in (-worked.width_m, worked.width_m):
+        middle = begin.east_m + aside_m * north, begin.north_m - aside_m * east
+        spread = ground(worked, Pixels(1, 1, 2.0 * half_m, middle[0] - half_m, middle[1] + half_m)).applied_kg_ha
+        if not np.isfinite(spread).any():
+            found.append(tuple((middle[0] + way_m * east, middle[1] + way_m * north) for way_m in (-far_m, far_m)))
+    return tuple(found)
+
+
+def line_dots(lines: Iterable[Ring], pixels: Pixels) -> Image:
+    """Lines from corner to corner, as the bits of braille: of each cell of the terminal, two pixels high. A dot is half
+    a pixel."""
+    dots = np.zeros((pixels.rows // 2, pixels.columns), dtype=np.uint8)
+    for line in lines:
+        places = np.array(line, dtype=np.float64)
+        column = 2.0 * (places[:, 0] - pixels.west_m) / pixels.metres
+        row = 2.0 * (pixels.north_m - places[:, 1]) / pixels.metres
+        for begin, end in _visible(column, row, pixels):
+            c0, c1, r0, r1 = column[begin], column[end], row[begin], row[end]
+            share = np.linspace(0.0, 1.0, int(min(20_000.0, max(abs(c1 - c0), abs(r1 - r0)))) + 2)
+            c = np.floor(c0 + share * (c1 - c0)).astype(np.int64)
+            r = np.floor(r0 + share * (r1 - r0)).astype(np.int64)
+            inside = (c >= 0) & (c < 2 * pixels.columns) & (r >= 0) & (r < 4 * len(dots))
+            c, r = c[inside], r[inside]
+            np.bitwise_or.at(dots, (r // 4, c // 2), _BITS[r % 4, c % 2])
+    return dots
 
 
 def _nothing(values: Values, scale: LayerScale) -> npt.NDArray[np.bool_]:
@@ -116,23 +174,10 @@ class _PixelAxis(NamedTuple):
         return np.take(planes, self.starts, axis=axis)
 
 
-def _outline(seen: Image, ring: Ring, pixels: Pixels) -> None:
-    places = np.array((*ring, ring[0]), dtype=np.float64)
-    column = (places[:, 0] - pixels.west_m) / pixels.metres
-    row = (pixels.north_m - places[:, 1]) / pixels.metres
-    for begin, end in _visible(column, row, pixels):
-        c0, c1, r0, r1 = column[begin], column[end], row[begin], row[end]
-        share = np.linspace(0.0, 1.0, int(min(20_000.0, max(abs(c1 - c0), abs(r1 - r0)))) + 2)
-        c = np.floor(c0 + share * (c1 - c0)).astype(np.int64)
-        r = np.floor(r0 + share * (r1 - r0)).astype(np.int64)
-        inside = (c >= 0) & (c < pixels.columns) & (r >= 0) & (r < pixels.rows)
-        seen[r[inside], c[inside]] = OUTLINE
-
-
 def _visible(column: npt.NDArray[np.float64], row: npt.NDArray[np.float64], pixels: Pixels
              ) -> Iterable[tuple[int, int]]:
     """Edges whose box touches the picture, as pairs of corners."""
     low_c, high_c = np.minimum(column[:-1], column[1:]), np.maximum(column[:-1], column[1:])
     low_r, high_r = np.minimum(row[:-1], row[1:]), np.maximum(row[:-1], row[1:])
-    near = np.flatnonzero((high_c >= 0) & (low_c < pixels.columns) & (high_r >= 0) & (low_r < pixels.rows))
+    near = np.flatnonzero((high_c >= 0) & (low_c < 2 * pixels.columns) & (high_r >= 0) & (low_r < 2 * pixels.rows))
     return ((int(k), int(k) + 1) for k in near)

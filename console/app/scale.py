@@ -1,9 +1,9 @@
 """Colour scales. For rates: perceptually even, safe for colour-blind eyes, from the screen's dark to its light end.
 
-Straight lines in OKLab (B. Ottosson, 2020, "A perceptual color space for image processing") between a dark blue, a
-neutral grey-green and a light yellow: lightness rises evenly, and the hue moves along the blue - yellow axis that all
-common colour deficiencies keep. For errors: from a dark blue (too little) over a pale grey (right) to a dark orange
-(too much).
+Straight lines in OKLab (B. Ottosson, 2020, "A perceptual color space for image processing") from a dark blue over a
+full green to a light yellow: lightness rises evenly, blue to yellow is the axis that all common colour deficiencies
+keep, and the middle is a colour, not the grey that lies half-way between the ends. For errors:
+from a dark blue (too little) over a pale grey (right) to a dark orange (too much).
 """
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ Rgb = tuple[int, int, int]
 Lab = tuple[float, float, float]
 
 _LOW: Lab = (0.38, -0.015, -0.135)
+_MIDDLE: Lab = (0.62, -0.105, 0.030)
 _HIGH: Lab = (0.86, -0.020, 0.165)
 _UNDER: Lab = (0.42, -0.02, -0.16)
 _RIGHT: Lab = (0.88, 0.0, 0.0)
@@ -41,7 +42,8 @@ def _to_srgb(lab: Lab) -> Rgb:
 
 @cache
 def _colour(step: int, steps: int) -> Rgb:
-    return _to_srgb(_between(_LOW, _HIGH, step / (steps - 1)))
+    share = 2.0 * step / (steps - 1)
+    return _to_srgb(_between(_LOW, _MIDDLE, share) if share < 1.0 else _between(_MIDDLE, _HIGH, share - 1.0))
 
 
 @cache

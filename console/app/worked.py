@@ -5,6 +5,7 @@ picture of a whole day costs as much as one of a minute.
 """
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from math import ceil, hypot, isfinite
@@ -23,6 +24,7 @@ CELLS_M = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 KINDS = 3                              # applied, target, NDVI
 PLANES = 2 * KINDS + 1
 STEP_M = 0.4                           # shorter ways are not entered: standing still weighs nothing
+TRAIL = 60                             # spots of the pass behind the machine: some 30 m
 NOTHING_KG_HA = 1.0                    # less than this is passage, not application
 TURNING_RPM = 2.0                      # the lag paper's threshold of a shaft that turns
 JUMP_M = 12.0                          # places further apart are not joined
@@ -102,6 +104,7 @@ class Worked:
         self._tiles: dict[float, dict[tuple[int, int], Window]] = {cell: {} for cell in CELLS_M}
         self._new: dict[float, set[tuple[int, int]]] = {cell: set() for cell in CELLS_M}   # not yet in larger cells
         self._last: Spot | None = None
+        self.trail: deque[Spot] = deque(maxlen=TRAIL)
 
     @property
     def tiles(self) -> int:
@@ -117,6 +120,7 @@ class Worked:
         along = _filled([way for way in ways if way.joined], self.cells_m[0])
         points = np.array([way.end for way in ways if not way.joined], dtype=np.float64).reshape(-1, len(Spot._fields))
         laid = np.concatenate((along, points))
+        self.trail.extend(way.end for way in ways)
         self._widen(laid)
         middle = np.concatenate((laid[:, :2], np.full((len(laid), KINDS), np.nan)), axis=1)
         swath = self._across(laid)
@@ -129,9 +133,9 @@ class Worked:
 
     def add_earlier(self, spots: Sequence[Spot]) -> None:
         """Enter spots of an earlier time; the next ones of `add` go on from where the last ones were."""
-        last, self._last = self._last, None
+        (last, self._last), (trail, self.trail) = (self._last, None), (self.trail, deque(maxlen=TRAIL))
         self.add(spots)
-        self._last = last
+        self._last, self.trail = last, trail
 
     def window(self, cell_m: float, column: int, row: int, columns: int, rows: int) -> Window:
         """Planes (sums of applied, target, NDVI; their counts; passages) of cells column ... column + columns, row
@@ -154,6 +158,10 @@ class Worked:
     def cell_for(self, pixel_m: float) -> float:
         """The coarsest cell that is not larger than a pixel, or the finest."""
         return max((cell for cell in self.cells_m if cell <= pixel_m), default=self.cells_m[0])
+
+    def trail_places(self) -> Floats:
+        """East and north of the ground that the trail covers, a place for each of the finest cells across."""
+        return self._across(np.array(self.trail, dtype=np.float64))[:, :2] if self.trail else np.zeros((0, 2))
 
     # --- inside -------------------------------------------------------------------------------------------------
 

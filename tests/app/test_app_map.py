@@ -9,7 +9,7 @@ import pytest
 from console.app.app import TopdressApp
 from console.app.field_picture import FieldPicture, Planned
 from console.app.layers import MapLayer
-from console.app.map_image import DONE, LAID, OUTLINE, PASSAGE, PLAN, image
+from console.app.map_image import DONE, LAID, PASSAGE, PLAN, image
 from console.app.pages.map.map_pane import MapPane
 from console.app.pages.replay.service import ReplayJob
 from console.app.replay_source import ReplaySource
@@ -195,7 +195,7 @@ async def test_the_work_lies_over_a_laid_file_and_the_plan_under_it(still):
         view = pane.view
         seen = image(view.worked, view.picture, view.scale, pane.pixels(), True, view.laid)
         bare = image(view.worked, view.picture, view.scale, pane.pixels(), True)
-        done = (bare >= DONE) & (bare < PLAN) | (bare == PASSAGE) | (bare == OUTLINE)
+        done = (bare >= DONE) & (bare < PLAN) | (bare == PASSAGE)
         assert (seen[done] == bare[done]).all()
         assert (seen[~done] >= LAID).sum() > 100 and ((seen[~done] >= PLAN) & (seen[~done] < LAID)).any()
 

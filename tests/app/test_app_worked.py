@@ -13,7 +13,7 @@ from console.app.camera import MapCamera, Pixels, fit
 from console.app.field_picture import FieldPicture, Planned
 from console.app.history import History, LogHistory
 from console.app.layers import MapLayer, scale_of
-from console.app.map_image import DONE, EMPTY, OUTLINE, PASSAGE, PLAN, ground, image
+from console.app.map_image import DONE, EMPTY, GLOW, PASSAGE, PLAN, glow, ground, image, line_dots, next_passes
 from console.app.scale import STEPS
 from console.app.units import IMPERIAL, METRIC
 from console.app.worked import KINDS, Box, Spot, Worked, spot_of
@@ -150,10 +150,30 @@ def test_planned_rates_lie_under_the_work_and_the_outline_over_it():
     assert seen[11 - 2, 1 + 2] == PLAN, "100 kg/ha, the lowest"
     assert seen[11 - 2, 7 + 2] == PLAN + round(0.5 * (STEPS - 1))
     assert seen[11 - 7, 7 + 2] == EMPTY, "the plan says nothing there"
-    assert seen[12, 5 + 2] == seen[11 - 5, 0 + 2] == OUTLINE
+    assert seen[11 - 2, 0 + 2] >= PLAN, "the line hides no ground"
+    dots = line_dots(((*ring, ring[0]) for ring in PICTURE.rings_m), Pixels(14, 14, 1.0, -2.0, 12.0))
+    assert dots.shape == (7, 14) and dots[6, 5 + 2] and dots[(11 - 5) // 2, 0 + 2] and not dots[3, 5]
+    assert all(int(bits).bit_count() <= 4 for bits in dots[2:5].ravel()), "a dot wide"
     assert image(worked, PICTURE, scale, Pixels(14, 14, 1.0, -2.0, 12.0), plan=False)[9, 3] == EMPTY
     error = image(worked, PICTURE, scale_of(MapLayer.ERROR, worked, PICTURE, METRIC), Pixels(14, 14, 1.0, -2.0, 12.0))
     assert error[9, 4] == DONE + round(0.5 * (STEPS - 1)) and error[9, 3] == EMPTY
+
+
+def test_the_pass_behind_the_machine_glows_and_the_next_one_is_where_nothing_was_spread():
+    worked = Worked(width_m=2.0)
+    worked.add([Spot(3.0, float(north), 0.0, 300.0, 300.0, 0.5) for north in range(40)])
+    assert len(next_passes(worked, Pixels(20, 60, 1.0, -5.0, 50.0))) == 2, "nothing lies on either side"
+    worked.add([Spot(500.0, 500.0, 0.0, nan, nan, nan)])
+    worked.add([Spot(1.0, float(north), 180.0, 300.0, 300.0, 0.5) for north in range(70, -1, -1)])
+    pixels = Pixels(20, 60, 1.0, -5.0, 50.0)
+    line, = next_passes(worked, pixels)
+    assert [east for east, _north in line] == pytest.approx([-1.0, -1.0])
+    seen = image(worked, None, scale_of(MapLayer.APPLIED, worked, None, METRIC), pixels)
+    bare = seen.copy()
+    glow(seen, worked, pixels)
+    assert (seen[49 - 5, 5:7] == bare[49 - 5, 5:7] + GLOW - DONE).all() and (seen[:, 7:] == bare[:, 7:]).all()
+    worked.add([Spot(1.0, 0.0, 90.0, 300.0, 300.0, 0.5), Spot(2.0, 0.0, 90.0, 300.0, 300.0, 0.5)])
+    assert next_passes(worked, pixels) == (), "a turn has none"
 
 
 def test_error_goes_from_too_little_to_too_much_against_50_at_least():

@@ -1,7 +1,7 @@
-"""A map in half-blocks: every cell of the terminal is two square pixels. Only rows that changed are drawn again."""
+"""A map in half-blocks: every cell of the terminal is two square pixels. Lines lie over the colours as braille, half a
+pixel thin. Only rows that changed are drawn again."""
 from __future__ import annotations
 
-from itertools import pairwise
 from math import cos, radians, sin
 from typing import ClassVar, NamedTuple
 
@@ -13,11 +13,12 @@ from rich.style import Style
 from textual.geometry import Region
 from textual.strip import Strip
 
+from console.app.braille import BLANK
 from console.app.camera import MapCamera, Pixels
-from console.app.field_picture import FieldPicture
+from console.app.field_picture import FieldPicture, Ring
 from console.app.laid import LaidView
 from console.app.layers import LayerScale, MapLayer
-from console.app.map_image import DONE, EMPTY, ENTRIES, LAID, OUTLINE, PASSAGE, PLAN, Image, image
+from console.app.map_image import DONE, EMPTY, GLOW, LAID, PASSAGE, PLAN, glow, image, line_dots, next_passes
 from console.app.scale import STEPS, Rgb
 from console.app.terminal import few_colours
 from console.app.widgets.canvas import Canvas
@@ -27,11 +28,13 @@ from console.locale import _
 Codes = npt.NDArray[np.int32]            # (rows, columns) of the terminal
 
 _NOSES = "▴▸▾◂"
-_AHEAD = ENTRIES                         # palette: the line ahead of the machine
 _AHEAD_PIXELS = 4
-_MOST_STEPS = 4000                       # of a line that leaves the picture: no more than it has pixels
 _PAIR = 256                              # a cell's code: upper entry x _PAIR + lower entry
 _MACHINE, _CROSS = _PAIR * _PAIR, _PAIR * _PAIR + 4
+_LINE = 2 * _PAIR * _PAIR                # of line k: (k + 2) x _PAIR^2 + its dots x _PAIR + the entry behind it
+_LINES = "#*."                           # where colours are few: the outline; guidance, driven, ahead; the next pass
+_NEXT_SHARE = 0.55                       # of the outline's colour: the next pass is fainter
+_GLOW_SHARE = 0.78                       # of its own colour, the rest is the machine's
 _PLANNED_SHARE = 0.38                    # of its colour, the rest is background: planned ground is fainter than worked
 LAID_SHARE = 0.62                        # a laid file stands between the two
 LEVELS_DONE, LEVELS_PLAN, LEVELS_ERROR, LEVELS_LAID = "░▒▓█", "1234", "Ll.hH", "abcd"     # where colours are few
@@ -114,12 +117,14 @@ class FieldMap(Canvas[MapView]):
     def _cells(self, width: int, height: int) -> Codes:
         view, pixels = self.view, self.pixels()
         seen = image(view.worked, view.picture, view.scale, pixels, view.plan, view.laid)
+        glow(seen, view.worked, pixels)
         machine = pixels.at(*view.place) if view.place is not None else None
-        if machine is not None and view.heading_deg is not None:
-            _draw_ahead(seen, machine, view.heading_deg)
-        for drawn in view.lines:
-            _draw_line(seen, [pixels.at(*place) for place in drawn])
         codes = seen[0::2].astype(np.int32) * _PAIR + seen[1::2]
+        behind = np.where(seen[0::2] != EMPTY, seen[0::2], seen[1::2]).astype(np.int32)
+        outline = tuple((*ring, ring[0]) for ring in view.picture.rings_m) if view.picture is not None else ()
+        for kind, lines in ((2, next_passes(view.worked, pixels)), (0, outline), (1, (*view.lines, *self._ahead()))):
+            dots = line_dots(lines, pixels).astype(np.int32)
+            codes = np.where(dots > 0, _LINE + kind * _PAIR * _PAIR + dots * _PAIR + behind, codes)
         if view.cross is not None:
             column, row = pixels.at(*view.cross)
             if 0 <= column < width and 0 <= row < 2 * height:
@@ -127,6 +132,13 @@ class FieldMap(Canvas[MapView]):
         if machine is not None and 0 <= machine[0] < width and 0 <= machine[1] < 2 * height:
             codes[machine[1] // 2, machine[0]] = _MACHINE + round((view.heading_deg or 0.0) / 90) % 4
         return codes
+
+    def _ahead(self) -> tuple[Ring, ...]:
+        place, heading_deg = self.view.place, self.view.heading_deg
+        if place is None or heading_deg is None:
+            return ()
+        far_m, angle = _AHEAD_PIXELS * self.view.camera.metres, radians(heading_deg)
+        return ((place, (place[0] + far_m * sin(angle), place[1] + far_m * cos(angle))),)
 
     def _strip(self, codes: npt.NDArray[np.int32], width: int) -> Strip:
         begins = np.concatenate(([0], np.flatnonzero(np.diff(codes)) + 1, [width]))
@@ -153,17 +165,26 @@ class FieldMap(Canvas[MapView]):
         base = self.rich_style
         ground = rgb_of(base.bgcolor, (0, 0, 0))
         steps = [self.view.scale.colour(step / (STEPS - 1)) for step in range(STEPS)]
-        outline = self._rgb("map--outline")
-        self._palette: list[Rgb] = [ground, self._rgb("map--passage"), outline, *steps,
+        outline, machine = self._rgb("map--outline"), rgb_of(self.style("map--tractor").bgcolor, (128, 128, 128))
+        self._palette: list[Rgb] = [ground, self._rgb("map--passage"), *steps,
                                     *(mixed(step, ground, _PLANNED_SHARE) for step in steps),
                                     *(mixed(laid.colour(step / (STEPS - 1)), ground, LAID_SHARE)
-                                      for step in range(STEPS)), outline]
+                                      for step in range(STEPS)),
+                                    *(mixed(step, machine, _GLOW_SHARE) for step in steps)]
+        self._line_colours = (outline, machine, mixed(outline, ground, _NEXT_SHARE))
 
     def _rgb(self, name: str) -> Rgb:
         return rgb_of(self.style(name).color, (128, 128, 128))
 
     def _segment(self, code: int) -> Segment:
         base = self.rich_style
+        if code >= _LINE:
+            kind, rest = divmod(code - _LINE, _PAIR * _PAIR)
+            dots, behind = divmod(rest, _PAIR)
+            if few_colours(self.app):
+                return Segment(_LINES[kind], base)
+            back = None if behind == EMPTY else self._palette[behind]
+            return Segment(chr(BLANK | dots), base + _style(self._line_colours[kind], back))
         if code >= _CROSS:
             return Segment("+", self.style("map--tractor"))
         if code >= _MACHINE:
@@ -180,30 +201,11 @@ class FieldMap(Canvas[MapView]):
         return Segment("▀", base + _style(self._palette[up], self._palette[down]))
 
 
-def _draw_ahead(seen: Image, machine: tuple[int, int], heading_deg: float) -> None:
-    east, north = sin(radians(heading_deg)), cos(radians(heading_deg))
-    rows, columns = seen.shape
-    for step in range(1, _AHEAD_PIXELS + 1):
-        column, row = machine[0] + round(step * east), machine[1] - round(step * north)
-        if 0 <= column < columns and 0 <= row < rows:
-            seen[row, column] = _AHEAD
-
-
-def _draw_line(seen: Image, corners: list[tuple[int, int]]) -> None:
-    """From corner to corner, a pixel at each step of the longer way."""
-    rows, columns = seen.shape
-    for (x, y), (to_x, to_y) in pairwise(corners):
-        steps = min(_MOST_STEPS, max(abs(to_x - x), abs(to_y - y), 1))
-        for step in range(steps + 1):
-            column, row = x + round(step * (to_x - x) / steps), y + round(step * (to_y - y) / steps)
-            if 0 <= column < columns and 0 <= row < rows:
-                seen[row, column] = _AHEAD
-
-
 def _plain(entry: int, view: MapView) -> str:
     """A character for a palette entry, where colours cannot tell."""
-    if entry in (EMPTY, PASSAGE, OUTLINE, _AHEAD):
-        return {EMPTY: " ", PASSAGE: ":", OUTLINE: "#", _AHEAD: "*"}[entry]
+    if entry in (EMPTY, PASSAGE):
+        return {EMPTY: " ", PASSAGE: ":"}[entry]
+    entry -= GLOW - DONE if entry >= GLOW else 0
     first, levels = next((first, levels) for first, levels in (
         (LAID, LEVELS_LAID), (PLAN, LEVELS_PLAN), (DONE, LEVELS_DONE)) if entry >= first)
     scale = view.laid.scale if first == LAID and view.laid is not None else view.scale

@@ -249,7 +249,7 @@ class MapScreen(LogPage):
         elif self.marked:
             where, place = _("mark +"), (camera.east_m, camera.north_m)
         else:
-            where, place = _("ground under the machine"), frame.place_m if frame is not None else None
+            where, place = _("under machine"), frame.place_m if frame is not None else None
         self.query_one("#map-reading", ReadingLine).show(
             reading(where, place, max(worked.cells_m[0], camera.metres), worked, picture, self.app.units,
                     self.pane.view.laid))
