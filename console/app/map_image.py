@@ -79,11 +79,12 @@ def glow(seen: Image, worked: Worked, pixels: Pixels) -> None:
     """The worked ground that the trail covers, in its own entries."""
     cell_m = max(pixels.metres, worked.cells_m[0])
     east, north = (np.floor(middles / cell_m).astype(np.int64) for middles in pixels.middles())
-    trail = np.floor(worked.trail_places() / cell_m).astype(np.int64)
-    for column, row in np.unique(trail, axis=0).tolist():
-        under = np.ix_(np.flatnonzero(north == row), np.flatnonzero(east == column))
-        here = seen[under]
-        seen[under] = np.where((here >= DONE) & (here < PLAN), here + (GLOW - DONE), here)
+    west, south = int(east[0]), int(north[-1])
+    covered = np.zeros((int(north[0]) - south + 1, int(east[-1]) - west + 1), dtype=np.bool_)
+    column, row = (np.floor(worked.trail_places() / cell_m).astype(np.int64) - (west, south)).T
+    inside = (column >= 0) & (column < covered.shape[1]) & (row >= 0) & (row < covered.shape[0])
+    covered[row[inside], column[inside]] = True
+    seen[covered[np.ix_(north - south, east - west)] & (seen >= DONE) & (seen < PLAN)] += GLOW - DONE
 
 
 def next_passes(worked: Worked, pixels: Pixels) -> tuple[Ring, ...]:
