@@ -244,5 +244,8 @@ def test_by_chance_as_often_as_it_says() -> None:
     assert 2 <= refused <= 30           # of 1200: 12 +- 3.4, and the pairs left are an estimate
     line = np.linspace(0.0, 1.0, 600)
     assert by_chance_together(line + 0.3 * rng.standard_normal(600), rng.standard_normal(600)) > 0.01
+    turns = 1.0006 * np.repeat(np.round(rng.uniform(30.0, 70.0, 300), 1), 100)         # held, and read to a tenth
+    read = np.round(turns + 0.24 * rng.standard_normal(len(turns)), 1)
+    assert by_chance_together(read - turns, turns) > 0.01
     white = rng.standard_normal(600)
     assert by_chance_together(white, np.exp(white) + rng.standard_normal(600)) < 1e-6

@@ -23,7 +23,7 @@ from control.experiments.manoeuvres import manoeuvres
 from control.machine.machine import CATALOGUE, Machine, effect_sizes
 from drivers.files.config import load
 from drivers.files.kinds import MACHINE
-from tests.diagnosis.logs import Columns, drive_run, held, metering_run, planted_in, taken, whole_run, wrong
+from tests.diagnosis.logs import HUANGHAI, Columns, drive_run, held, metering_run, planted_in, taken, whole_run, wrong
 from tests.diagnosis.planted import check, found_as_planted, planted
 
 approx = pytest.approx
@@ -105,6 +105,8 @@ CASES = [
     planted("a droop in a log of 1 Hz, and no gain", lambda: taken(whole_run(1, 1800.0, wrong(
         {"shaft.load_droop": 6.0})), slice(None, None, 10)), names=["shaft.load_droop"],
             sizes={"shaft.load_droop": approx(6.0, abs=0.3)}),
+    planted("a dead time just beyond what its file allows is ahead of nothing", partial(
+        whole_run, 5, 600.0, wrong({"shaft.dead_time": -0.032}, HUANGHAI)), HUANGHAI, verdict="none"),
     planted("a late GNSS speed", late_gnss, exam=True, names=["speed.gnss_latency"],
             sizes={"speed.gnss_latency": approx(0.3, abs=0.05)}),
     planted("a wrong read-back shows in gate and flow at once", partial(whole_run, 6, machine=wrong(

@@ -205,9 +205,9 @@ def _against_rival(on_log: OnLog, found: Diagnosis, taken: Diagnosis, channel: s
     rival = rival_of(on_log, channel)
     if rival is None:
         return found, errors, []
-    sound = {name: size for name, size, _ in rival.sizes
-             if abs(size) <= MAX_OFFSET_SD * hidden_within(name, on_log.machine)}
-    if sound:                               # what a sound machine may do by its file's tolerances is ahead of nothing
+    within = {name: MAX_OFFSET_SD * hidden_within(name, on_log.machine) for name, _, _ in rival.sizes}
+    sound = {name: float(np.clip(size, -within[name], within[name])) for name, size, _ in rival.sizes if within[name]}
+    if sound:                   # what a sound machine may do by its file's tolerances, and as far, is ahead of nothing
         said = min(said, _said(on_log, found, channel, read_off, sound), key=lambda one: one.rms[channel])
         file = file if open_ else min(file, said, key=lambda one: one.rms[channel])
     errors = replace(errors, rival=rival.held.rms[channel], over=rival.over or _OWN.get(channel, ()))
