@@ -78,12 +78,16 @@ async def test_a_fault_takes_half_the_screen_with_its_remedy(app, source, shown,
 
 
 async def test_a_fault_leaves_the_device_that_is_at_fault_in_sight(app, source, shown, turned):
-    """Twelve rows of the alarm at 80 x 24 left none for the board."""
+    """Twelve rows of the alarm at 80 x 24 left none for what the board says."""
     source.newest = frame_with(source.newest, state="fault", why="shaft_silent")
     async with app.run_test(size=(80, 24)) as pilot:
         await turned(app, pilot, "devices")
-        text = "\n".join(shown(app))
-        assert "The metering shaft does not answer." in text and " board " in text
+        rows = shown(app)
+        assert any("The metering shaft does not answer." in row for row in rows)
+        await pilot.press("down", "down")
+        rows = shown(app)
+        for said in ("sim://board", "port ", "raw file", "last lines"):
+            assert any(said in row for row in rows), (said, "\n".join(rows))
 
 
 @pytest.mark.parametrize("theme", themes.THEMES, ids=lambda theme: theme.name)
