@@ -19,7 +19,7 @@ from .log import gate
 
 Array = npt.NDArray[np.float64]
 
-SPREAD = 1.3                # of the speeds, upper over lower quartile: alike, what goes with speed is not told
+SPREAD = 1.3                # of the speeds, upper over lower quartile: alike, nothing tells what goes with speed
 LOAD_SPREAD = 1.2           # of the material in the flutes, the same
 LEAST_BINS = 20
 
