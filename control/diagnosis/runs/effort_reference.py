@@ -10,6 +10,7 @@ from scipy.special import stdtrit
 
 from control.calibration.adopt import record, retitled, with_records
 from control.calibration.least_squares import FittedInterval, fitted
+from control.diagnosis.effects import ROWS
 from control.machine.compiled import flutes_run
 from control.machine.machine import Machine
 
@@ -55,8 +56,7 @@ def fit_effort(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, data: 
                          f"needed, with the speed or the opening, in {LEAST_BINS} half seconds at least")
     records = tuple(record(place, one, of, data, date, {}) for fit in fits for place, one, of in fit.numbers)
     return Machine.model_validate({**dict(fitted_machine), "adopted": with_records(
-        machine, records, ("effort.friction", "effort.drag", "effort.load", "effort.gate_friction",
-                           "effort.gate_drag")), "title": retitled(machine, "effort", data, date)}), tuple(fits)
+        machine, records, [one for one, row in ROWS.items() if row.stage == "effort"]), "title": retitled(machine, "effort", data, date)}), tuple(fits)
 
 
 def _fit(d: DriveEffort, machine: Machine) -> tuple[Machine, EffortFit]:
