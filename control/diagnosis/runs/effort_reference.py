@@ -55,8 +55,9 @@ def fit_effort(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, data: 
         raise ValueError(f"{data}: no drive tells how hard it works while it moves: shaft_effort or gate_effort is "
                          f"needed, with the speed or the opening, in {LEAST_BINS} half seconds at least")
     records = tuple(record(place, one, of, data, date, {}) for fit in fits for place, one, of in fit.numbers)
-    return Machine.model_validate({**dict(fitted_machine), "adopted": with_records(
-        machine, records, [one for one, row in ROWS.items() if row.stage == "effort"]), "title": retitled(machine, "effort", data, date)}), tuple(fits)
+    of_effort = [one for one, row in ROWS.items() if row.stage == "effort"]
+    return Machine.model_validate({**dict(fitted_machine), "adopted": with_records(machine, records, of_effort),
+                                   "title": retitled(machine, "effort", data, date)}), tuple(fits)
 
 
 def _fit(d: DriveEffort, machine: Machine) -> tuple[Machine, EffortFit]:
