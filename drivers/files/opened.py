@@ -11,6 +11,7 @@ from drivers.files.foreign import our_names
 from drivers.files.header_names import our_names as renamed
 from drivers.files.imports.trouble import TableError
 from drivers.files.imports.words import COMMAND, folded, places_without_time, says, tells_time
+from drivers.files.limits import check_file
 from drivers.files.log_store import SUFFIXES as PARQUET
 from drivers.files.log_store import is_store
 from drivers.files.table import NoHeader, header_of
@@ -65,7 +66,8 @@ class Opened:
     @cached_property
     def holds(self) -> Held:
         """Empty: a table whose columns do not say. A file of areas is a map, whoever takes their outlines for a field.
-        Raises OSError."""
+        Raises BeyondLimits, OSError."""
+        check_file(self.path)
         if self.is_table:
             return self._by_columns()
         if self._suffix in PARQUET:
