@@ -33,7 +33,7 @@ COMMANDS = {                    # by name: the file next to this one, and its fu
     "record": "record.record",
     "reproduce": "reproduce.reproduce", "check": "check.check", "devices": "devices.devices", "serve": "serve.serve",
     "serve-machine": "serve_machine.serve_machine"}
-CALIBRATIONS = {name: f"calibrate.{name}" for name in ("catch", "lag", "wheel", "heads", "effort")}
+CALIBRATIONS = {name: f"calibrate.{name}" for name in ("catch", "lag", "wheel", "heads")}
 
 
 def console(context: typer.Context,

@@ -20,7 +20,6 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "calibrate lag": ("topdress calibrate lag drops.csv --out mine.yaml --from-rpm 20 --to-rpm 60",
                       "topdress calibrate lag --rig COM5 --board COM4 --out drops.csv"),
     "calibrate wheel": ("topdress calibrate wheel run.csv --out mine.yaml",),
-    "calibrate effort": ("topdress calibrate effort run.csv --out mine.yaml",),
     "calibrate heads": ("topdress calibrate heads run.csv --out mine.yaml",),
     "effects": ("topdress effects", "topdress effects --json"),
     "decode": ("topdress decode gnss receiver.bin", "topdress decode board board.bin --json"),

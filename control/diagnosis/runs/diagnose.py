@@ -18,15 +18,7 @@ from control.machine.machine import Machine
 from control.recordings.values import readable
 
 from .channels import ChannelSeries, channels, without_narrowband
-from .findings import (
-    between_rows,
-    hardly_read,
-    hidden_by_load,
-    on_the_whole,
-    turned_back,
-    units_doubted,
-    unsure_drives,
-)
+from .findings import between_rows, hardly_read, on_the_whole, turned_back, units_doubted, unsure_drives
 from .guard import Cancelled, attempt, is_finite, named
 from .hypothesis import Hypothesis
 from .intermittent import ReadOff, without_spells
@@ -149,7 +141,7 @@ def judged_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, pat
     step(0.0, "data")
     log, data, read_off = series_of_log(columns, machine)
     findings = [*log.findings, *turned_back(log, machine), *unsure_drives(log, data), *hardly_read(log, data),
-                *units_doubted(data, machine), *hidden_by_load(data, machine)]
+                *units_doubted(data, machine)]
     with np.errstate(all="ignore"):         # what comes of it is looked at (`_sound`)
         seen = channels(data, machine)
     step(0.05, "channels")
