@@ -242,7 +242,8 @@ async def test_only_rows_that_changed_are_drawn_again(clock):
             drawn.append(pane.rows_drawn - before)
         redrawn = [rows for rows in drawn if rows]
         assert 35 <= len(redrawn) <= 42, "once a second"
-        assert sum(rows <= 8 for rows in redrawn) >= len(redrawn) - 5, "all else would be a new picture"
+        # New pictures: the map moves on four times, the pass to come appears and goes.
+        assert sum(rows <= 8 for rows in redrawn) >= len(redrawn) - 6
 
 
 async def test_a_map_drawn_row_by_row_looks_as_one_drawn_at_once(clock):
