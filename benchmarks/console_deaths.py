@@ -96,7 +96,8 @@ def worker_dies(folder: Path) -> Death:
         time.sleep(1.0)
         died_s = time.monotonic()
         os.kill(where.pid, signal.SIGKILL)
-        said_s = wait(lambda: console.terminal.shows("NO CONNECTION"), 5.0, "word of it on the screen", console.terminal)
+        said_s = wait(lambda: console.terminal.shows("NO CONNECTION"), 5.0, "word of it",
+                      console.terminal)
         wait(lambda: watcher.gone_at_s is not None, 5.0, "the link's end")
         assert watcher.gone_at_s is not None
         log, rows = log_says(where)
