@@ -59,10 +59,13 @@ def by_chance_together(one: Array, other: Array, level: float = 1.0) -> float:
     Fish. Aquat. Sci. 55, 1998, 2127). Ranks of both would see an order in a rounded reading: what lies a hundredth of
     a step higher comes after all others of that step, and the mean says nothing of it. level : above it the pairs are
     counted as if they were all independent, which says less than the probability is."""
-    held = np.clip(one, *np.quantile(one, (OUTER, 1.0 - OUTER))) if len(one) else one
-    a, b = held - held.mean() if len(one) else one, _ranks(other)
-    size, count = float(np.sqrt((a @ a) * (b @ b))), float(len(a))
-    if size <= 0.0 or count < FEWEST_PAIRS:
+    count = float(len(one))
+    if count < FEWEST_PAIRS:
+        return 1.0
+    held = np.clip(one, *np.quantile(one, (OUTER, 1.0 - OUTER)))
+    a, b = held - held.mean(), _ranks(other)
+    size = float(np.sqrt((a @ a) * (b @ b)))
+    if size <= 0.0:
         return 1.0
     rho = float(a @ b) / size
     if (least := _by_chance(rho, count)) > level:

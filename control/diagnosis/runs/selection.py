@@ -291,8 +291,9 @@ def _near(board: Scores, now: FittedHypothesis, scanned: list[ScoreTest]) -> lis
             if rough <= max(best, 0.0) - max(REACH, REACH_SHARE * best):
                 break
             found.append(one)
-            fitted = board.refit((*now.parts, as_started(one.part)), now)
-            best = max(best, min(rough, board.score(fitted) - board.score(now)))
+            if rough > best:        # no refit puts the best above the rough odds of what comes later
+                fitted = board.refit((*now.parts, as_started(one.part)), now)
+                best = max(best, min(rough, board.score(fitted) - board.score(now)))
     return found
 
 
