@@ -2,8 +2,8 @@
 
 Straight lines in OKLab (B. Ottosson, 2020, "A perceptual color space for image processing") from a dark blue over a
 full green to a light yellow: lightness rises evenly, blue to yellow is the axis that all common colour deficiencies
-keep, and the middle is a colour, not the grey that lies half-way between the ends. For errors:
-from a dark blue (too little) over a pale grey (right) to a dark orange (too much).
+keep, and the middle is a colour, not the grey that lies half-way between the ends. For errors: from a dark blue (too
+little) over a pale grey (right) to a dark orange (too much).
 """
 from __future__ import annotations
 

@@ -126,10 +126,11 @@ def rate_error(target_kg_ha: float | None, applied_kg_ha: float | None) -> float
 
 def applied_kg_ha(row: LogRow) -> float | None:
     """What leaves the outlets: nothing where the machine does not work and its shaft reads no more than the noise of a
-    standing one."""
-    if row.applied_rate_kg_ha is None or row.state in (None, "working") or (row.shaft_rpm or 0.0) >= STANDS_RPM:
-        return row.applied_rate_kg_ha
-    return 0.0
+    standing one. A shaft that is not read may turn."""
+    stands = row.shaft_rpm is not None and abs(row.shaft_rpm) < STANDS_RPM
+    if row.applied_rate_kg_ha is not None and stands and row.state not in (None, "working"):
+        return 0.0
+    return row.applied_rate_kg_ha
 
 
 def signed_percent(percent: float) -> str:

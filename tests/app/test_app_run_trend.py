@@ -130,7 +130,8 @@ async def test_held_the_target_is_no_dots_and_the_applied_rate_is(app, size):
 
 
 @pytest.mark.parametrize(("state", "rpm", "kg_ha"), [("held", 1.4, 0.0), ("off", 0.3, 0.0), ("held", 6.0, 4.2),
-                                                     ("working", 1.4, 4.2), (None, 0.0, 4.2)])
+                                                     ("working", 1.4, 4.2), (None, 0.0, 4.2), ("held", None, 4.2),
+                                                     ("held", -6.0, 4.2)])
 def test_the_noise_of_a_standing_shaft_is_no_rate_but_a_turning_one_is(frames, state, rpm, kg_ha):
     row = frames[-1].row._replace(state=state, shaft_rpm=rpm, applied_rate_kg_ha=4.2)
     assert applied_kg_ha(row) == kg_ha == point_of(replace(frames[-1], row=row)).applied_kg_ha

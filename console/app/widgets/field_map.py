@@ -123,8 +123,9 @@ class FieldMap(Canvas[MapView]):
         behind = np.where(seen[0::2] != EMPTY, seen[0::2], seen[1::2]).astype(np.int32)
         outline = tuple((*ring, ring[0]) for ring in view.picture.rings_m) if view.picture is not None else ()
         for kind, lines in ((2, next_passes(view.worked, pixels)), (0, outline), (1, (*view.lines, *self._ahead()))):
-            dots = line_dots(lines, pixels).astype(np.int32)
-            codes = np.where(dots > 0, _LINE + kind * _PAIR * _PAIR + dots * _PAIR + behind, codes)
+            if lines:
+                dots = line_dots(lines, pixels).astype(np.int32)
+                codes = np.where(dots > 0, _LINE + kind * _PAIR * _PAIR + dots * _PAIR + behind, codes)
         if view.cross is not None:
             column, row = pixels.at(*view.cross)
             if 0 <= column < width and 0 <= row < 2 * height:

@@ -51,8 +51,7 @@ def strategy(page: RunScreen) -> None:
             shaft=units.shaft.full(row.shaft_rpm_cmd if row else None)),
         _("speed first: the shaft makes the rate, the gate keeps its width while it can (now {opening})").format(
             opening=units.opening.full(row.opening_mm_cmd if row else None))))
-    page.app.ask(ChoiceDialog(_("Strategy"), choices, now := (row.strategy if row else None) or "", text),
-                 lambda value: _give_new(page, Do.STRATEGY, value, now))
+    _ask_choice(page, ChoiceDialog(_("Strategy"), choices, (row.strategy if row else None) or "", text), Do.STRATEGY)
 
 
 def source(page: RunScreen) -> None:
@@ -66,8 +65,11 @@ def source(page: RunScreen) -> None:
         lacks |= {} if TargetSource.POINT in has else {TargetSource.POINT: _("this job has no plants")}
     choices = [Choice(one.value, words.source_word(one.value), lacks.get(one, ""))
                for one in TargetSource if one not in (TargetSource.NONE, TargetSource.INDEX_MAP)]
-    page.app.ask(ChoiceDialog(_("Target from"), choices, now := ordered_source(frame)),
-                 lambda value: _give_new(page, Do.SOURCE, value, now))
+    _ask_choice(page, ChoiceDialog(_("Target from"), choices, ordered_source(frame)), Do.SOURCE)
+
+
+def _ask_choice(page: RunScreen, dialog: ChoiceDialog, do: Do) -> None:
+    page.app.ask(dialog, lambda value: _give_new(page, do, value, dialog.now))
 
 
 def manual_rate(page: RunScreen) -> None:
