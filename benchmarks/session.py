@@ -114,6 +114,12 @@ class Seat:
             self.app.tick()
             await (asyncio.sleep(LOOK_S) if self.slow else self.pilot.pause(0))
 
+    async def confirm(self, seconds: float) -> None:
+        """Enter, once the question has stood for a second; then so long in the field."""
+        await self.go(1.0)
+        await self.press("enter")
+        await self.go(seconds)
+
     async def work(self, seconds: float = 20.0) -> None:
         await self.go(1.0)
         await self.press("r", "s")
@@ -212,9 +218,7 @@ async def start_from_the_map(seat: Seat) -> Ground:
     await seat.go(1.0)
     await seat.press("r", "f3", "ctrl+s")
     seat.sees("begins to spread as soon as it moves")
-    await seat.go(1.0)
-    await seat.press("enter")
-    await seat.go(15.0)
+    await seat.confirm(15.0)
     seat.sees("WORKING")
     return near(await seat.got(30.0))
 
@@ -251,9 +255,7 @@ async def taken_back(seat: Seat) -> Ground:
     await seat.go(1.0)
     await seat.press("ctrl+z")
     seat.sees("nudge +0 %")
-    await seat.go(1.0)
-    await seat.press("enter")
-    await seat.go(12.0)
+    await seat.confirm(12.0)
     return near(await seat.got(40.0), 150.0)
 
 
@@ -275,9 +277,7 @@ async def typed_rate(seat: Seat) -> Ground:
     await seat.press("escape")
     await seat.go(3.0)
     await seat.press("m", "1", "8", "0", "enter")
-    await seat.go(1.0)
-    await seat.press("enter")
-    await seat.go(12.0)
+    await seat.confirm(12.0)
     return near(await seat.got(40.0), 180.0)
 
 
@@ -351,9 +351,7 @@ async def late_on_purpose(seat: Seat) -> Ground:
     await seat.work()
     await seat.press("l")
     seat.sees("late")
-    await seat.go(1.0)
-    await seat.press("enter")
-    await seat.go(3.0)
+    await seat.confirm(3.0)
     seat.sees("look-ahead", "OFF")
     return near(await seat.got(30.0))
 
@@ -363,9 +361,7 @@ async def without_the_scale(seat: Seat) -> Ground:
     """W, Enter: the scale corrects no more; the machine file's flow goes on."""
     await seat.work()
     await seat.press("w")
-    await seat.go(1.0)
-    await seat.press("enter")
-    await seat.go(3.0)
+    await seat.confirm(3.0)
     seat.sees("OFF")
     return near(await seat.got(30.0))
 
@@ -415,13 +411,9 @@ async def night_and_chinese(seat: Seat) -> Ground:
     """D, then G and Enter at work: another look, another language, the same rate."""
     await seat.work()
     await seat.press("d", "g")
-    await seat.go(1.0)
-    await seat.press("enter")
-    await seat.go(2.0)
+    await seat.confirm(2.0)
     seat.sees("作业")
-    got = near(await seat.got(20.0))
-    use(ENGLISH)
-    return got
+    return near(await seat.got(20.0))
 
 
 async def play(one: Session, size: tuple[int, int] = SIZE, slow: bool = False, picture: Path | None = None) -> Ground:
@@ -437,11 +429,14 @@ async def play(one: Session, size: tuple[int, int] = SIZE, slow: bool = False, p
                 picture.write_text(app.export_screenshot(title=one.play.__name__, simplify=True), encoding="utf-8")
             app.exit()
 
-        if slow:
-            await app.run_async(auto_pilot=in_the_cab)
-        else:
-            async with app.run_test(size=size) as pilot:
-                await in_the_cab(pilot)
+        try:
+            if slow:
+                await app.run_async(auto_pilot=in_the_cab)
+            else:
+                async with app.run_test(size=size) as pilot:
+                    await in_the_cab(pilot)
+        finally:
+            use(ENGLISH)        # of the whole process: a story may have changed it
         return got[0]
 
 

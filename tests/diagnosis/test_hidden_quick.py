@@ -117,8 +117,8 @@ def test_every_effect_that_a_run_can_show_and_every_class_is_asked(exam: Any) ->
 
 
 def test_what_no_refit_bears_out_hides_nothing(exam: Any) -> None:
-    """A scan had one late move of the gate ahead of the home error that had begun; refitted it was nothing, and no name
-    was left."""
+    """A scan had one late move of the gate ahead of a home error that began late; refitted it was nothing, and no
+    name was left."""
     assert exam.onset(1, 90412, "gate.home_error").exact
 
 
