@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 from control.agronomy.crop import Crop
+from tests.places import PAPERS
 
 CROPS = Path(__file__).parents[2] / "configs" / "crops"
 
@@ -30,13 +31,10 @@ def oklahoma(crop_data) -> Crop:
 
 @pytest.fixture
 def paper_table() -> Callable[[str], list[dict[str, str]]]:
-    """Rows of one of the papers' tables, kept beside the checkout; skips where they are not."""
+    """Rows of one of the papers' tables."""
     import csv
 
     def rows(name: str) -> list[dict[str, str]]:
-        path = Path(__file__).parents[3] / "shared" / "data" / name
-        if not path.exists():
-            pytest.skip(f"the papers' tables are not beside this checkout ({name})")
-        with path.open(encoding="utf-8", newline="") as lines:
+        with (PAPERS / name).open(encoding="utf-8", newline="") as lines:
             return list(csv.DictReader(lines))
     return rows

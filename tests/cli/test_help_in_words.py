@@ -15,6 +15,7 @@ from console.cli import app, asked, plain_output
 from console.cli.examples import EXAMPLES
 from console.cli.plain_errors import OUR_FAULT, guarded
 from console.cli.plain_help import ranges_in_words
+from tests.places import PAPERS
 
 TYPES = re.compile(r"<(str|int|float|path|list|Path)|int range|float range")
 
@@ -151,11 +152,9 @@ def test_only_the_command_that_is_asked_for_is_made_ready():
         assert asked(words, environment) is app
 
 
-# --- Every table beside the checkout goes through diagnose and calibrate: an answer or one plain line ----------------
+# --- Every table of the papers goes through diagnose and calibrate: an answer or one plain line ----------------
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
-TABLES = sorted(DATA.glob("*.csv"))
-pytestmark = pytest.mark.skipif(not TABLES, reason="the shared tables are not beside this checkout")
+TABLES = sorted(PAPERS.glob("*.csv"))
 ANSWERED = {
     "diagnose": {"decision_table2_applied", "lag_table1_distance", "lag_table2_response", "lag_table3_drop_time",
                  "lag_table4_total", "lag_table5_corrected", "lag_table6_gain"},
@@ -180,6 +179,6 @@ def test_an_answer_or_one_plain_line(table: Path, command: str, tmp_path: Path) 
 
 
 def test_a_table_that_holds_no_drop_time_is_told_so_before_its_labels(tmp_path: Path) -> None:
-    told = CliRunner().invoke(app, ["calibrate", "lag", str(DATA / "lag_table2_response.csv"), "--out",
+    told = CliRunner().invoke(app, ["calibrate", "lag", str(PAPERS / "lag_table2_response.csv"), "--out",
                                     str(tmp_path / "new.yaml")])
     assert "response_s holds no drop time" in told.stderr

@@ -25,6 +25,7 @@ from control.simulation.assembly import with_simulated_field
 from drivers.files.prescriptions.for_job import map_of_job
 from drivers.files.setup import load_setup
 from tests.control_loop.closed import Closed
+from tests.places import RECEIVERS
 
 PLANE = TangentPlane(34.28, 119.88)
 WORKED_S = 20.0
@@ -212,7 +213,6 @@ def _all_back(m: Measurements, seconds: float) -> Measurements:
 # --- A GNSS place that walks off from its own speed and course: seen, said, not used; sound receivers are not... -----
 
 ROOT = Path(__file__).parents[2]
-RECORDINGS = ROOT.parent / "shared" / "data" / "nmea"
 WALK_PLANE = TangentPlane(48.0, 11.0)
 
 
@@ -339,10 +339,9 @@ def test_a_receiver_that_tells_no_speed_is_held_to_a_quarter_of_the_way():
     assert any(sensed.walks for sensed in way.go(10.0, lambda since_s: 18.0 + 12.0 * since_s, told=False))
 
 
-@pytest.mark.skipif(not RECORDINGS.exists(), reason="the recordings of receivers are not beside the checkout")
 def test_recordings_of_receivers_are_not_accused(walks):
-    names = sorted(path.name for path in RECORDINGS.glob("*.log"))
-    accused = [name for name in names if walks.heard(walks.recorded(RECORDINGS / name)).walks]
+    names = sorted(path.name for path in RECEIVERS.glob("*.log"))
+    accused = [name for name in names if walks.heard(walks.recorded(RECEIVERS / name)).walks]
     assert len(names) >= 10
     assert set(accused) <= set(walks.COLD_STARTS), "only one whose place jumps by 33 m in its first seconds"
 

@@ -2,29 +2,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pytest
 
 from control.calibration.bench_table import BenchTable
 from control.diagnosis.result import Diagnosis
 from control.diagnosis.tables import diagnose_tables
 from control.machine.machine import Machine
 from drivers.files.bench_table import read_bench_table
+from tests.places import PAPERS
 
 Array = npt.NDArray[Any]
 Rng = np.random.Generator
 MACHINE = Machine()
 SEVENS = np.arange(10.0, 71.0, 10.0)        # shaft speeds of a lag table
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
-of_the_papers = pytest.mark.skipif(not DATA.is_dir(), reason="the papers' tables are not in ../shared/data")
 
 
 def paper(name: str) -> BenchTable:
-    return read_bench_table(DATA / f"{name}.csv")
+    return read_bench_table(PAPERS / f"{name}.csv")
 
 
 def diagnosed(*tables: BenchTable) -> Diagnosis:

@@ -12,9 +12,7 @@ from control.diagnosis.result import Cause, Diagnosis
 from control.machine.machine import Machine
 from tests.diagnosis import tables
 from tests.diagnosis.planted import Between, check
-from tests.diagnosis.tables import of_the_papers, paper
-
-pytestmark = of_the_papers
+from tests.diagnosis.tables import paper
 
 
 @cache

@@ -10,7 +10,7 @@ from control.diagnosis.result import Diagnosis
 from control.diagnosis.tables.across import across, sentence
 from control.diagnosis.tables.duplicate_rows import without_duplicates
 from tests.diagnosis.planted import check
-from tests.diagnosis.tables import MACHINE, diagnosed, of_the_papers, paper
+from tests.diagnosis.tables import MACHINE, diagnosed, paper
 
 RPM = np.repeat(np.arange(10.0, 71.0, 10.0), 4)
 TIME_S = 2.2 - 0.008 * RPM
@@ -54,7 +54,6 @@ def test_few_shared_speeds_say_nothing() -> None:
     assert across([short, table("t.csv", 0.01, 2, lag_s=TIME_S)], MACHINE) == ()
 
 
-@of_the_papers
 def test_the_papers_tables_across_each_other() -> None:
     found = diagnosed(paper("lag_table1_distance"), paper("lag_table4_total")).findings
     assert any("4.50 (90 %: 4.50 to 4.50) km/h, which holds in 10 of 10 rows; 4.25 km/h is written" in text
@@ -173,7 +172,6 @@ def test_two_causes_in_the_field_are_still_two() -> None:
     assert len(of_the_field(found)) == 2 and "lag.speed_scale" in of_the_field(found)
 
 
-@of_the_papers
 @pytest.mark.parametrize("names", [("1_distance", "4_total"), ("4_total", "6_gain"),
                                    ("1_distance", "4_total", "6_gain"),
                                    ("1_distance", "4_total", "5_corrected"), ("4_total", "5_corrected"),

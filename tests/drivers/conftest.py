@@ -8,8 +8,7 @@ from typing import NamedTuple
 import pytest
 
 from control.readings import DriveCommand, GnssFix
-
-RECORDINGS = Path(__file__).parents[3] / "shared" / "data" / "nmea"
+from tests.places import RECEIVERS
 
 
 class HandClock:
@@ -51,9 +50,7 @@ def board_line() -> Callable[[str], bytes]:
 
 @pytest.fixture(scope="session")
 def recordings() -> list[Path]:
-    if not RECORDINGS.is_dir():
-        pytest.skip(f"the shared receiver recordings are not at {RECORDINGS}")
-    return sorted(RECORDINGS.glob("*.log"))
+    return sorted(RECEIVERS.glob("*.log"))
 
 
 class FakeSensed(NamedTuple):

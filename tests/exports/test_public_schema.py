@@ -17,6 +17,7 @@ from drivers.files.exports.isoxml import write_isoxml
 from drivers.files.prescriptions.read import read_prescription
 from drivers.files.prescriptions.words import PrescriptionError, RateChoice
 from drivers.files.prescriptions.write import MOST_LEVELS, write_prescription, zones_of
+from tests.places import TASK_FILES
 
 xmlschema = pytest.importorskip("xmlschema", reason="xmlschema is not installed")
 carrier = pytest.importorskip("isoxml_writer", reason="the package that carries the public schema is not installed")
@@ -120,10 +121,7 @@ def test_any_map_is_valid(schema: Any, tmp_path: Path, rates: list[float], wide:
 
 @pytest.mark.parametrize("folder", ["fertilizer_map_1", "grid_type_1", "grid_type_2"])
 def test_real_task_files_written_again_are_valid(schema: Any, tmp_path: Path, folder: str) -> None:
-    shared = Path(__file__).resolve().parents[3] / "shared" / "data" / "isoxml" / folder
-    if not shared.is_dir():
-        pytest.skip("the shared task files are not beside this checkout")
-    data = read_prescription(shared, RateChoice(rate_from="presentation", density_kg_l=1.3)).data
+    data = read_prescription(TASK_FILES / folder, RateChoice(rate_from="presentation", density_kg_l=1.3)).data
     write_prescription(data, tmp_path / "task")
     assert wrong(schema, tmp_path / "task") == []
     assert len(zones_of(read_prescription(tmp_path / "task").data)) == len(zones_of(data))

@@ -11,8 +11,7 @@ import yaml
 from click.testing import Result
 
 from drivers.files.read_log import read_log
-
-DRIVES = Path(__file__).resolve().parents[3] / "shared" / "data" / "drives"
+from tests.places import DRIVES
 
 STAIRS = {"shaft_rpm_cmd": {"from": "motorCommand", "scale": 2.5}, "shaft_rpm": {"from": "rightSpeedRpm"}}
 LOOP = {"shaft_rpm_cmd": {"from": "targetSpeed"}, "shaft_rpm": {"from": "leftSpeed"}}
@@ -28,7 +27,6 @@ FILES = [
 ]
 
 
-@pytest.mark.skipif(not DRIVES.is_dir(), reason="the recordings of drives are not beside the checkout")
 @pytest.mark.parametrize(("name", "unsure", "rows", "by_hand"), FILES, ids=[one[0] for one in FILES])
 def test_a_recording_of_a_drive(name: str, unsure: int, rows: int, by_hand: dict[str, Any],
                                 topdress: Callable[..., Result], tmp_path: Path) -> None:

@@ -30,14 +30,7 @@ from control.papers.points import delays, microsteps
 from control.targets.point import point_lag
 from drivers.files.config import load
 from drivers.files.kinds import CROP
-
-
-@pytest.fixture(scope="module")
-def data() -> Path:
-    folder = Path(__file__).resolve().parents[3] / "shared" / "data"
-    if not folder.is_dir():
-        pytest.skip("the shared tables are not beside this checkout")
-    return folder
+from tests.places import PAPERS
 
 
 @pytest.fixture(scope="module")
@@ -50,17 +43,17 @@ def rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def test_figures_are_typed_as_the_tables_have_them(data: Path) -> None:
-    for row in rows(data / "lag_table5_corrected.csv"):
+def test_figures_are_typed_as_the_tables_have_them() -> None:
+    for row in rows(PAPERS / "lag_table5_corrected.csv"):
         assert published.CORRECTED_M[int(row["shaft_rpm"])][int(row["replicate"]) - 1] == float(row["miss_m"])
-    for row in rows(data / "lag_table3_drop_time.csv"):
+    for row in rows(PAPERS / "lag_table3_drop_time.csv"):
         assert published.DROP_S[int(row["shaft_rpm"])][int(row["replicate"]) - 1] == float(row["drop_s"])
-    for row in rows(data / "lag_table4_total.csv"):
+    for row in rows(PAPERS / "lag_table4_total.csv"):
         assert published.TOTAL_LAG_S[int(row["shaft_rpm"])][row["source"] == "detected"] == float(row["lag_s"])
-    for row in rows(data / "decision_table1_sampling.csv"):
+    for row in rows(PAPERS / "decision_table1_sampling.csv"):
         found = published.SAMPLING[float(row["frequency_hz"])][published.PLOTS.index(row["plot"])]
         assert found == (float(row["cv_percent"]), float(row["cuc_percent"]))
-    for row in rows(data / "decision_table2_applied.csv"):
+    for row in rows(PAPERS / "decision_table2_applied.csv"):
         assert published.APPLIED[row["plot"]][1:3] == (float(row["target_kg"]), float(row["applied_kg"]))
 
 

@@ -1,7 +1,5 @@
-"""Small prescriptions that several tests share, and the neighbouring data folder."""
+"""Small prescriptions that several tests share."""
 from __future__ import annotations
-
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,14 +7,6 @@ import pytest
 from control.field.boundary import Boundary
 from control.targets.prescription import Fallbacks, Prescription
 from control.targets.rate_map import GridMap, frame_m
-
-
-@pytest.fixture(scope="session")
-def isoxml_data() -> Path:
-    folder = Path(__file__).resolve().parents[3] / "shared" / "data" / "isoxml"
-    if not folder.is_dir():
-        pytest.skip("the shared task files are not beside this checkout")
-    return folder
 
 
 @pytest.fixture

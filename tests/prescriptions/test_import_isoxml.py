@@ -17,6 +17,7 @@ from drivers.files.prescriptions.read import read_prescription
 from drivers.files.prescriptions.words import Imported, PrescriptionError, RateChoice
 from drivers.files.prescriptions.write import write_prescription
 from drivers.plain_text import Refused
+from tests.places import TASK_FILES
 
 Make = Callable[..., Path]
 
@@ -75,7 +76,7 @@ def total(read: Imported) -> tuple[float, float]:
     return sum(share.area_ha for share in shares), sum(share.mass_kg for share in shares)
 
 
-# -- the shared real files -----------------------------------------------------------------------------------------
+# -- real files of other programs ---------------------------------------------------------------------------------
 
 SHARED = [
     # folder, choice, cells or zones, unit, (ha, kg), fallbacks
@@ -89,10 +90,10 @@ SHARED = [
 
 
 @pytest.mark.parametrize(("folder", "choice", "count", "unit", "ha_and_kg", "fallbacks"), SHARED)
-def test_shared_files_have_these_zones_and_totals(isoxml_data: Path, folder: str, choice: RateChoice, count: int,
+def test_shared_files_have_these_zones_and_totals(folder: str, choice: RateChoice, count: int,
                                                   unit: str, ha_and_kg: tuple[float, float],
                                                   fallbacks: Fallbacks) -> None:
-    read = read_prescription(isoxml_data / folder, choice)
+    read = read_prescription(TASK_FILES / folder, choice)
     found = len(read.data.zones) if read.data.grid is None else read.data.grid.rate_kg_ha.size
     assert (found, read.unit, read.data.fallbacks) == (count, unit, pytest.approx(fallbacks))
     assert total(read) == pytest.approx(ha_and_kg, rel=1e-4)
@@ -100,24 +101,24 @@ def test_shared_files_have_these_zones_and_totals(isoxml_data: Path, folder: str
 
 @pytest.mark.parametrize("folder", ["fertilizer_map_1", "grid_type_1", "grid_type_2"])
 @pytest.mark.parametrize("out", ["again", "again.zip"])
-def test_shared_files_written_again_read_equal(isoxml_data: Path, tmp_path: Path, folder: str, out: str) -> None:
+def test_shared_files_written_again_read_equal(tmp_path: Path, folder: str, out: str) -> None:
     choice = RateChoice(rate_from="presentation", density_kg_l=1.0)
-    read = read_prescription(isoxml_data / folder, choice)
+    read = read_prescription(TASK_FILES / folder, choice)
     write_prescription(read.data, tmp_path / out)
     assert same(read_prescription(tmp_path / out).data, read.data)
 
 
-def test_the_field_of_the_shared_grid_is_as_large_as_it_says(isoxml_data: Path) -> None:
-    read = read_prescription(isoxml_data / "grid_type_2", RateChoice(density_kg_l=1.0))
+def test_the_field_of_the_shared_grid_is_as_large_as_it_says() -> None:
+    read = read_prescription(TASK_FILES / "grid_type_2", RateChoice(density_kg_l=1.0))
     assert total(read)[0] * 10_000 == pytest.approx(17_470, abs=2)
 
 
-def test_shared_zones_as_an_independent_reader_sees_them(isoxml_data: Path, tmp_path: Path) -> None:
+def test_shared_zones_as_an_independent_reader_sees_them(tmp_path: Path) -> None:
     """Our export, opened by isoxml-py and turned into shapely polygons: areas and rates are ours."""
     pytest.importorskip("isoxml", reason="isoxml is not installed")
     from isoxml.converter.shapely_geom import ShapelyConverterV4
     from isoxml.util.isoxml_io import isoxml_from_path
-    read = read_prescription(isoxml_data / "fertilizer_map_1")
+    read = read_prescription(TASK_FILES / "fertilizer_map_1")
     write_prescription(read.data, tmp_path / "again")
     task_data, _ = isoxml_from_path(tmp_path / "again" / "TASKDATA.XML")
     zones = [zone for zone in task_data.tasks[0].treatment_zones if zone.polygons]

@@ -12,8 +12,8 @@ from console.services.calibrate import calibrate_job
 from drivers.files.bench_table import read_bench_table
 from drivers.files.config import load
 from drivers.files.kinds import MACHINE
+from tests.places import PAPERS
 
-DATA = Path(__file__).parents[2].parent / "shared" / "data"
 SETTINGS = ((30.0, 15.0), (50.0, 25.0), (70.0, 35.0), (90.0, 45.0), (90.0, 15.0), (60.0, 55.0))
 
 
@@ -97,9 +97,8 @@ def test_a_wheel_is_fitted_by_the_circumference_it_was_counted_by_and_saved(mach
         job.fit_wheel(samples[:100])
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="the papers' tables lie beside the repository")
 def test_the_papers_lag_tables_are_offered_fitted_and_saved(machine, tmp_path):
-    job = calibrate_job(machine, folder=tmp_path, tables=(DATA,))
+    job = calibrate_job(machine, folder=tmp_path, tables=(PAPERS,))
     offered = {Path(table.path).name: table for table in job.lag_tables()}
     assert {"lag_table1_distance.csv", "lag_table3_drop_time.csv", "lag_table4_total.csv"} <= set(offered)
     assert "lag_table2_response.csv" not in offered, "a response holds no drop time"
