@@ -140,6 +140,16 @@ def full(source, clock):
 
 
 @pytest.fixture
+async def pilot(request):
+    """Drives the app that the test asks for, `full` or `app`, on a terminal of its `size`, else of its file's SIZE."""
+    asked = request.fixturenames
+    app = request.getfixturevalue("full" if "full" in asked else "app")
+    size = request.getfixturevalue("size") if "size" in asked else getattr(request.module, "SIZE", (120, 40))
+    async with app.run_test(size=size) as pilot:
+        yield pilot
+
+
+@pytest.fixture
 def turned():
     return harness.turned
 

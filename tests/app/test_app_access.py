@@ -99,16 +99,15 @@ def test_colour_blind_eyes_keep_what_matters_apart(theme, eye):
             if dist(seen(v[a]), seen(v[b])) < least} == {}
 
 
-async def test_every_action_is_in_the_palette_of_its_page(full, turned):
-    async with full.run_test(size=(120, 40)) as pilot:
-        found = {"palette"}
-        for where in full.pages:
-            await turned(full, pilot, where)
-            titles = {command.title for command in full.get_system_commands(full.screen)}
-            own = {action for action in actions.at(where) if action.id != "palette"}
-            assert {*(action.label for action in own), "who is at this machine"} == titles, where
-            found |= {action.id for action in own}
-        assert found == set(actions.BY_ID)
+async def test_every_action_is_in_the_palette_of_its_page(full, turned, pilot):
+    found = {"palette"}
+    for where in full.pages:
+        await turned(full, pilot, where)
+        titles = {command.title for command in full.get_system_commands(full.screen)}
+        own = {action for action in actions.at(where) if action.id != "palette"}
+        assert {*(action.label for action in own), "who is at this machine"} == titles, where
+        found |= {action.id for action in own}
+    assert found == set(actions.BY_ID)
 
 
 @pytest.mark.exam

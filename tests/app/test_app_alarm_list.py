@@ -66,16 +66,15 @@ def test_an_entry_says_when_how_often_and_what_to_do():
     assert red.when == "first 3 s  last 3 s  once  not acknowledged" and amber.when == "first 3 s  last 3 s  once"
 
 
-async def test_the_list_shows_what_was(app, source, shown):
-    async with app.run_test(size=SIZE) as pilot:
-        feed(app, [{}], alarms=(RED,))
-        feed(app, [{}], alarms=())
-        await pilot.press("exclamation_mark")
-        assert isinstance(app.screen, AlarmList)
-        text = "\n".join(shown(app))
-        assert "The metering shaft does not answer." in text and "not acknowledged" in text and "Stop. Check" in text
-        await pilot.press("escape")
-        assert not isinstance(app.screen, AlarmList)
+async def test_the_list_shows_what_was(app, source, shown, pilot):
+    feed(app, [{}], alarms=(RED,))
+    feed(app, [{}], alarms=())
+    await pilot.press("exclamation_mark")
+    assert isinstance(app.screen, AlarmList)
+    text = "\n".join(shown(app))
+    assert "The metering shaft does not answer." in text and "not acknowledged" in text and "Stop. Check" in text
+    await pilot.press("escape")
+    assert not isinstance(app.screen, AlarmList)
 
 
 async def test_on_replay_it_is_the_logs(replay_app, replay_source, frames, shown):

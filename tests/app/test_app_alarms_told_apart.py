@@ -101,20 +101,18 @@ def test_no_two_of_work_caution_choice_stop_and_alarm_look_the_same(theme):
 
 @pytest.mark.parametrize(("size", "rows"), [((160, 50), 10), ((120, 40), 5), ((80, 24), 5), ((60, 20), 5),
                                            ((40, 10), 3)])
-async def test_the_rates_are_drawn_as_large_as_there_is_room(app, shown, size, rows):
-    async with app.run_test(size=size) as pilot:
-        await later(app, pilot)
-        heads = [row[:12].strip() for row in shown(app)[3:max(8, size[1] * 2 // 3)]]
-        drawn = [head for head in heads if head and set(head) <= set("█▀▄ ")]
-        assert len(drawn) >= rows
+async def test_the_rates_are_drawn_as_large_as_there_is_room(app, shown, size, rows, pilot):
+    await later(app, pilot)
+    heads = [row[:12].strip() for row in shown(app)[3:max(8, size[1] * 2 // 3)]]
+    drawn = [head for head in heads if head and set(head) <= set("█▀▄ ")]
+    assert len(drawn) >= rows
 
 
 @pytest.mark.parametrize("size", [(120, 40), (100, 30), (80, 24)])
-async def test_the_map_page_tells_both_rates_in_numerals(app, size):
-    async with app.run_test(size=size) as pilot:
-        await turned(app, pilot, "map")
-        text = text_of(app)
-        assert text.count("target kg/ha") == text.count("applied kg/ha") == 1
+async def test_the_map_page_tells_both_rates_in_numerals(app, size, pilot):
+    await turned(app, pilot, "map")
+    text = text_of(app)
+    assert text.count("target kg/ha") == text.count("applied kg/ha") == 1
 
 
 def test_an_amber_alarm_waits_for_nobody(frames):

@@ -29,23 +29,21 @@ async def field_known(app, pilot):
 
 # --- presets ----------------------------------------------------------------------------------------------------------
 
-async def test_a_preset_is_two_keys_and_can_be_taken_back(full, source):
-    async with full.run_test(size=SIZE) as pilot:
-        before = source.newest.row.target_source
-        await pilot.press("full_stop")
-        assert isinstance(full.screen, Confirm) and "150 kg/ha" in full.screen.heading and source.orders == []
-        await pilot.press("enter")
-        assert source.orders == [Order(Do.MANUAL_RATE, 150.0), Order(Do.SOURCE, "manual")]
-        await pilot.press("ctrl+z", "enter")
-        assert source.orders[-1] == Order(Do.SOURCE, before)
+async def test_a_preset_is_two_keys_and_can_be_taken_back(full, source, pilot):
+    before = source.newest.row.target_source
+    await pilot.press("full_stop")
+    assert isinstance(full.screen, Confirm) and "150 kg/ha" in full.screen.heading and source.orders == []
+    await pilot.press("enter")
+    assert source.orders == [Order(Do.MANUAL_RATE, 150.0), Order(Do.SOURCE, "manual")]
+    await pilot.press("ctrl+z", "enter")
+    assert source.orders[-1] == Order(Do.SOURCE, before)
 
 
-async def test_a_preset_beyond_the_limits_is_refused_with_both(full, source):
-    async with full.run_test(size=SIZE) as pilot:
-        full.limits_kg_ha = 0.0, 120.0
-        await pilot.press("slash")
-        assert full.screen is full.page and source.orders == []
-        assert "200 kg/ha" in full.notice_text and "120 kg/ha" in full.notice_text
+async def test_a_preset_beyond_the_limits_is_refused_with_both(full, source, pilot):
+    full.limits_kg_ha = 0.0, 120.0
+    await pilot.press("slash")
+    assert full.screen is full.page and source.orders == []
+    assert "200 kg/ha" in full.notice_text and "120 kg/ha" in full.notice_text
 
 
 # --- refills ----------------------------------------------------------------------------------------------------------
@@ -141,24 +139,23 @@ def test_lights_stand_on_the_side_of_the_machine(frames):
 
 
 @pytest.mark.parametrize("size", [(120, 40), (100, 30), (80, 24)])
-async def test_a_line_is_set_by_key_and_the_run_page_shows_how_far_off(full, source, shown, size, turned):
-    async with full.run_test(size=size) as pilot:
-        await field_known(full, pilot)
-        await turned(full, pilot, "map")
-        feed(full, [{"heading_deg": 0.0}], place_m=(10.0, 0.0))
-        await pilot.press("n")
-        feed(full, [{}], place_m=(10.0, 4.0))
-        await pilot.press("n")
-        assert full.guide.b is None and "too near" in full.notice_text
-        feed(full, [{}], place_m=(10.0, 60.0))
-        await pilot.press("n")
-        assert full.guide.set
-        feed(full, [{}], place_m=(10.25, 80.0))
-        await turned(full, pilot, "run")
-        assert any("0.25 m right of the line" in row for row in shown(full))
-        await turned(full, pilot, "map")
-        await pilot.press("delete")
-        assert not full.guide.set
+async def test_a_line_is_set_by_key_and_the_run_page_shows_how_far_off(full, source, shown, size, turned, pilot):
+    await field_known(full, pilot)
+    await turned(full, pilot, "map")
+    feed(full, [{"heading_deg": 0.0}], place_m=(10.0, 0.0))
+    await pilot.press("n")
+    feed(full, [{}], place_m=(10.0, 4.0))
+    await pilot.press("n")
+    assert full.guide.b is None and "too near" in full.notice_text
+    feed(full, [{}], place_m=(10.0, 60.0))
+    await pilot.press("n")
+    assert full.guide.set
+    feed(full, [{}], place_m=(10.25, 80.0))
+    await turned(full, pilot, "run")
+    assert any("0.25 m right of the line" in row for row in shown(full))
+    await turned(full, pilot, "map")
+    await pilot.press("delete")
+    assert not full.guide.set
 
 
 # --- a boundary by driving ---
@@ -197,30 +194,29 @@ def test_a_way_that_encloses_nothing_is_refused():
         driven_field(Ground(), ((34.28, 119.88), (34.281, 119.88)))
 
 
-async def test_a_boundary_is_driven_and_kept_by_key(full, source, shown, turned):
-    async with full.run_test(size=SIZE) as pilot:
-        await field_known(full, pilot)
-        await turned(full, pilot, "map")
-        await pilot.press("b", "3", "enter")
-        assert full.page.drive is not None
-        await pilot.press("b")
-        assert isinstance(full.screen, Confirm), "nothing is driven yet"
-        await pilot.press("escape")
-        for corner in driven(0.0).corners:
-            feed(full, [corner._asdict() | {"fix_quality": 4}],
-                 place_m=TangentPlane(34.28, 119.88).to_m(corner.lat_deg, corner.lon_deg))
-        await pilot.pause()
-        assert any("BOUNDARY" in row for row in shown(full))
-        await pilot.press("b")
-        assert isinstance(full.screen, ChoiceDialog) and "stop the machine first" in full.screen.choices[0].why
-        await pilot.press("1", "enter", "escape")
-        assert full.page.drive is not None, "what was driven waits for the machine to stop"
-        feed(full, [{"state": "off"}])
-        await pilot.press("b", "1", "enter")
-        await settled(full, pilot)
-        desk = full.services.job
-        assert any(one[0] == "boundary" for one in desk.asked)
-        assert isinstance(full.screen, Confirm) and full.page.where == "job"
+async def test_a_boundary_is_driven_and_kept_by_key(full, source, shown, turned, pilot):
+    await field_known(full, pilot)
+    await turned(full, pilot, "map")
+    await pilot.press("b", "3", "enter")
+    assert full.page.drive is not None
+    await pilot.press("b")
+    assert isinstance(full.screen, Confirm), "nothing is driven yet"
+    await pilot.press("escape")
+    for corner in driven(0.0).corners:
+        feed(full, [corner._asdict() | {"fix_quality": 4}],
+             place_m=TangentPlane(34.28, 119.88).to_m(corner.lat_deg, corner.lon_deg))
+    await pilot.pause()
+    assert any("BOUNDARY" in row for row in shown(full))
+    await pilot.press("b")
+    assert isinstance(full.screen, ChoiceDialog) and "stop the machine first" in full.screen.choices[0].why
+    await pilot.press("1", "enter", "escape")
+    assert full.page.drive is not None, "what was driven waits for the machine to stop"
+    feed(full, [{"state": "off"}])
+    await pilot.press("b", "1", "enter")
+    await settled(full, pilot)
+    desk = full.services.job
+    assert any(one[0] == "boundary" for one in desk.asked)
+    assert isinstance(full.screen, Confirm) and full.page.where == "job"
 
 
 # --- a map by its path ---

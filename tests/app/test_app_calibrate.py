@@ -57,74 +57,69 @@ async def hold_mouse(pilot, page, action):
     await pilot.pause()
 
 
-async def test_one_press_of_the_key_turns_nothing(app, source, clock, opened):
-    async with app.run_test(size=SIZE) as pilot:
-        page = await opened(pilot)
+@pytest.fixture
+async def page(opened, pilot):
+    return await opened(pilot)
+
+
+async def test_one_press_of_the_key_turns_nothing(source, clock, pilot, page):
+    await pilot.press("i")
+    assert source.orders == []
+    assert "Keep it pressed" in page.runner.said
+
+
+async def test_a_held_key_runs_and_half_a_second_after_the_last_repeat_it_is_released(source, clock, pilot, page):
+    await pilot.press("i")
+    clock.now_s += 0.5
+    for _repeat in range(10):
         await pilot.press("i")
-        assert source.orders == []
-        assert "Keep it pressed" in page.runner.said
-
-
-async def test_a_held_key_runs_and_half_a_second_after_the_last_repeat_it_is_released(app, source, clock, opened):
-    async with app.run_test(size=SIZE) as pilot:
-        page = await opened(pilot)
-        await pilot.press("i")
-        clock.now_s += 0.5
-        for _repeat in range(10):
-            await pilot.press("i")
-            clock.now_s += 0.05
-        assert source.orders[:3] == BEGIN
-        assert source.orders[3:] and set(source.orders[3:]) == {Order(Do.CALIBRATE)}
-        assert len(source.orders) <= 3 + 6, "no more than ten a second"
-        released_s = clock.now_s
-        while Order(Do.RELEASE) not in source.orders and clock.now_s - released_s < 0.45:
-            clock.now_s += 0.05
-            page.watch_hold()
-            await pilot.pause()
-        assert source.orders[-1] == Order(Do.RELEASE)
-
-
-async def test_the_mouse_button_runs_and_its_release_stops_at_once(app, source, clock, opened):
-    async with app.run_test(size=SIZE) as pilot:
-        page = await opened(pilot)
-        await hold_mouse(pilot, page, "cal_run")
-        assert source.orders == BEGIN
-        for _tick in range(10):
-            await later(app, pilot, 0.2)
-        assert source.orders[3:] == [Order(Do.CALIBRATE)] * 10
-        await pilot.mouse_up("#cal-chips", offset=(1, 0))
+        clock.now_s += 0.05
+    assert source.orders[:3] == BEGIN
+    assert source.orders[3:] and set(source.orders[3:]) == {Order(Do.CALIBRATE)}
+    assert len(source.orders) <= 3 + 6, "no more than ten a second"
+    released_s = clock.now_s
+    while Order(Do.RELEASE) not in source.orders and clock.now_s - released_s < 0.45:
+        clock.now_s += 0.05
+        page.watch_hold()
         await pilot.pause()
-        assert source.orders[-1] == Order(Do.RELEASE)
+    assert source.orders[-1] == Order(Do.RELEASE)
 
 
-async def test_the_button_slipping_off_stops(app, source, opened):
-    async with app.run_test(size=SIZE) as pilot:
-        page = await opened(pilot)
-        await hold_mouse(pilot, page, "cal_run")
-        await pilot.hover("#cal-sheet", offset=(3, 3))
-        assert source.orders[-1] == Order(Do.RELEASE)
+async def test_the_mouse_button_runs_and_its_release_stops_at_once(app, source, clock, pilot, page):
+    await hold_mouse(pilot, page, "cal_run")
+    assert source.orders == BEGIN
+    for _tick in range(10):
+        await later(app, pilot, 0.2)
+    assert source.orders[3:] == [Order(Do.CALIBRATE)] * 10
+    await pilot.mouse_up("#cal-chips", offset=(1, 0))
+    await pilot.pause()
+    assert source.orders[-1] == Order(Do.RELEASE)
+
+
+async def test_the_button_slipping_off_stops(source, pilot, page):
+    await hold_mouse(pilot, page, "cal_run")
+    await pilot.hover("#cal-sheet", offset=(3, 3))
+    assert source.orders[-1] == Order(Do.RELEASE)
 
 
 @pytest.mark.parametrize("how", ["page", "lock", "other calibration"])
-async def test_what_takes_the_screen_away_stops(app, source, clock, opened, how):
-    async with app.run_test(size=SIZE) as pilot:
-        page = await opened(pilot)
-        await hold_mouse(pilot, page, "cal_run")
-        if how == "page":
-            await pilot.press("f2")
-        elif how == "lock":
-            await pilot.press("f8")
-            page.watch_hold()
-        else:
-            await pilot.press("right")
-        await pilot.pause()
-        assert source.orders[-1] == Order(Do.RELEASE)
-        count = len(source.orders)
-        clock.now_s += 1.0
-        app.tick()
+async def test_what_takes_the_screen_away_stops(app, source, clock, how, pilot, page):
+    await hold_mouse(pilot, page, "cal_run")
+    if how == "page":
+        await pilot.press("f2")
+    elif how == "lock":
+        await pilot.press("f8")
         page.watch_hold()
-        await pilot.pause()
-        assert len(source.orders) == count
+    else:
+        await pilot.press("right")
+    await pilot.pause()
+    assert source.orders[-1] == Order(Do.RELEASE)
+    count = len(source.orders)
+    clock.now_s += 1.0
+    app.tick()
+    page.watch_hold()
+    await pilot.pause()
+    assert len(source.orders) == count
 
 
 async def test_a_refusal_is_said_in_words_and_not_asked_again_by_the_same_press(app, source, clock, opened, shown):
@@ -140,53 +135,45 @@ async def test_a_refusal_is_said_in_words_and_not_asked_again_by_the_same_press(
         assert len(source.orders) == 2
 
 
-async def test_an_answer_that_is_late_does_not_end_the_run(app, source, clock, opened):
-    async with app.run_test(size=SIZE) as pilot:
-        page = await opened(pilot)
-        await hold_mouse(pilot, page, "cal_run")
-        source.answer = Answer(False, "no_answer")
-        await later(app, pilot, 0.2)
-        assert source.orders[-1] == Order(Do.CALIBRATE)
+async def test_an_answer_that_is_late_does_not_end_the_run(app, source, clock, pilot, page):
+    await hold_mouse(pilot, page, "cal_run")
+    source.answer = Answer(False, "no_answer")
+    await later(app, pilot, 0.2)
+    assert source.orders[-1] == Order(Do.CALIBRATE)
 
 
-async def test_a_worker_that_is_gone_ends_the_run(app, source, clock, opened):
-    async with app.run_test(size=SIZE) as pilot:
-        page = await opened(pilot)
+async def test_a_worker_that_is_gone_ends_the_run(app, source, clock, pilot, page):
 
-        async def gone(order):
-            raise WorkerGone("gone")
+    async def gone(order):
+        raise WorkerGone("gone")
 
-        source.order = gone
-        await hold_mouse(pilot, page, "cal_run")
-        assert not page.runner.held.down(clock.now_s) and app.gone
+    source.order = gone
+    await hold_mouse(pilot, page, "cal_run")
+    assert not page.runner.held.down(clock.now_s) and app.gone
 
 
-async def test_locked_nothing_of_the_page_works(app, source, opened):
-    async with app.run_test(size=SIZE) as pilot:
-        page = await opened(pilot)
-        await pilot.press("f8")
-        chips = page.query_one("#cal-chips", Chips).view
-        assert not any(chip.on or chip.lead for chip in chips), "drawn as if they worked"
-        await pilot.press("i", "i", "i", "r", "q", "1", "enter", "q", "2", "enter", "q", "3", "enter", "b", "q", "5",
-                          "enter", "e", "right")
-        app.notice_text = ""
-        await hold_mouse(pilot, page, "cal_run")
-        await pilot.pause()
-        assert "locked" in app.notice_text
-        assert source.orders == [] and len(app.screen_stack) == 2 and page.at == 0
-        await pilot.press("space", "x")
-        assert source.orders == [Order(Do.HOLD), Order(Do.STOP)]
+async def test_locked_nothing_of_the_page_works(app, source, pilot, page):
+    await pilot.press("f8")
+    chips = page.query_one("#cal-chips", Chips).view
+    assert not any(chip.on or chip.lead for chip in chips), "drawn as if they worked"
+    await pilot.press("i", "i", "i", "r", "q", "1", "enter", "q", "2", "enter", "q", "3", "enter", "b", "q", "5",
+                      "enter", "e", "right")
+    app.notice_text = ""
+    await hold_mouse(pilot, page, "cal_run")
+    await pilot.pause()
+    assert "locked" in app.notice_text
+    assert source.orders == [] and len(app.screen_stack) == 2 and page.at == 0
+    await pilot.press("space", "x")
+    assert source.orders == [Order(Do.HOLD), Order(Do.STOP)]
 
 
-async def test_settings_are_typed_within_the_machine_s_range_and_sent_at_the_next_run(app, source, opened):
-    async with app.run_test(size=SIZE) as pilot:
-        page = await opened(pilot)
-        await pilot.press("q", "1", "enter", "1", "0", "1", "enter")
-        assert isinstance(app.screen, NumberDialog), "101 r/min is more than the machine has"
-        await pilot.press("delete", "9", "0", "enter", "q", "2", "enter", "4", "0", "enter")
-        assert source.orders == []
-        await hold_mouse(pilot, page, "cal_run")
-        assert source.orders[1:] == [Order(Do.CALIBRATE_OPENING, 40.0), Order(Do.CALIBRATE_SHAFT, 90.0)]
+async def test_settings_are_typed_within_the_machine_s_range_and_sent_at_the_next_run(app, source, pilot, page):
+    await pilot.press("q", "1", "enter", "1", "0", "1", "enter")
+    assert isinstance(app.screen, NumberDialog), "101 r/min is more than the machine has"
+    await pilot.press("delete", "9", "0", "enter", "q", "2", "enter", "4", "0", "enter")
+    assert source.orders == []
+    await hold_mouse(pilot, page, "cal_run")
+    assert source.orders[1:] == [Order(Do.CALIBRATE_OPENING, 40.0), Order(Do.CALIBRATE_SHAFT, 90.0)]
 
 
 async def caught(app, source, clock, pilot, *, frame, rpm, mm, seconds):
@@ -242,28 +229,24 @@ async def test_a_catch_test_from_settling_to_the_new_machine_file(app, source, c
         assert Order(Do.STOP) not in source.orders, "an x in a name is a letter"
 
 
-async def test_what_the_shaft_turns_at_work_is_no_catch(app, source, clock, frames, opened):
-    async with app.run_test(size=SIZE) as pilot:
-        page = await opened(pilot)
-        frame = standing(frames[-1])
-        feed(app, ({"time_s": frame.row.time_s + 0.2 * step, "shaft_rpm": 70.0 if step < 50 else 0.0,
-                    "state": "working" if step < 50 else "held"} for step in range(60)), step_s=0.2)
-        assert page.calibration.test.turned.revolutions == 0.0 and page.calibration.test.phase == "settle"
+async def test_what_the_shaft_turns_at_work_is_no_catch(app, source, clock, frames, page):
+    frame = standing(frames[-1])
+    feed(app, ({"time_s": frame.row.time_s + 0.2 * step, "shaft_rpm": 70.0 if step < 50 else 0.0,
+                "state": "working" if step < 50 else "held"} for step in range(60)), step_s=0.2)
+    assert page.calibration.test.turned.revolutions == 0.0 and page.calibration.test.phase == "settle"
 
 
-async def test_a_name_that_is_taken_is_said_in_one_line_and_nothing_counts_as_saved(app, opened, shown):
-    async with app.run_test(size=SIZE) as pilot:
-        page = await opened(pilot)
-        page.calibration.test.points = list(POINTS)
-        page.calibration.take(page.service.fit_catch(POINTS))
-        await pilot.press("e")
-        app.screen.query_one("#name-input").value = "a/b"
-        await pilot.press("enter")
-        assert isinstance(app.screen, NameDialog) and any("letters, digits" in row for row in shown(app))
-        app.screen.query_one("#name-input").value = "taken"
-        await pilot.press("enter")
-        await settled(app, pilot)
-        assert "exists already" in app.notice_text and page.calibration.saved == ""
+async def test_a_name_that_is_taken_is_said_in_one_line_and_nothing_counts_as_saved(app, shown, pilot, page):
+    page.calibration.test.points = list(POINTS)
+    page.calibration.take(page.service.fit_catch(POINTS))
+    await pilot.press("e")
+    app.screen.query_one("#name-input").value = "a/b"
+    await pilot.press("enter")
+    assert isinstance(app.screen, NameDialog) and any("letters, digits" in row for row in shown(app))
+    app.screen.query_one("#name-input").value = "taken"
+    await pilot.press("enter")
+    await settled(app, pilot)
+    assert "exists already" in app.notice_text and page.calibration.saved == ""
 
 
 async def test_escape_forgets_a_computation(app, opened):
@@ -286,15 +269,13 @@ async def test_escape_forgets_a_computation(app, opened):
         assert not page.busy and page.calibration.fitted is None
 
 
-async def test_points_can_be_taken_back_and_then_nothing_is_fitted(app, opened):
-    async with app.run_test(size=SIZE) as pilot:
-        page = await opened(pilot)
-        page.calibration.test.points = list(POINTS[:3])
-        page.calibration.take(page.service.fit_catch(POINTS[:3]))
-        await pilot.press("backspace")
-        assert len(page.calibration.test.points) == 2 and page.calibration.fitted is None
-        await pilot.press("q", "5", "enter", "e")
-        assert page.calibration.fitted is None and len(app.screen_stack) == 2
+async def test_points_can_be_taken_back_and_then_nothing_is_fitted(app, pilot, page):
+    page.calibration.test.points = list(POINTS[:3])
+    page.calibration.take(page.service.fit_catch(POINTS[:3]))
+    await pilot.press("backspace")
+    assert len(page.calibration.test.points) == 2 and page.calibration.fitted is None
+    await pilot.press("q", "5", "enter", "e")
+    assert page.calibration.fitted is None and len(app.screen_stack) == 2
 
 
 async def test_the_lag_rig_is_begun_held_and_ended(app, source, frames, clock, opened, shown):
@@ -322,20 +303,19 @@ async def test_the_lag_rig_is_begun_held_and_ended(app, source, frames, clock, o
         assert page.calibration.fitted.source == ("logs/run.lag.1.csv", None), "what was measured stays"
 
 
-async def test_without_a_rig_a_bench_table_is_fitted(app, source, opened, shown):
-    async with app.run_test(size=SIZE) as pilot:
-        page = await opened(pilot, right=1)
-        await pilot.press("b")
-        assert source.lag_tests == [] and "no lag rig" in app.notice_text
-        await pilot.press("j")
-        await settled(app, pilot)
-        assert isinstance(app.screen, ChoiceDialog)
-        await pilot.press("2", "enter")
-        await pilot.press("2", "enter")
-        await settled(app, pilot)
-        assert page.calibration.label == "field"
-        text = "\n".join(shown(app))
-        assert "slope -0.00830 s per r/min" in text and "holds from 10 to 70 r/min" in text and "lag_both.csv" in text
+async def test_without_a_rig_a_bench_table_is_fitted(app, source, opened, shown, pilot):
+    page = await opened(pilot, right=1)
+    await pilot.press("b")
+    assert source.lag_tests == [] and "no lag rig" in app.notice_text
+    await pilot.press("j")
+    await settled(app, pilot)
+    assert isinstance(app.screen, ChoiceDialog)
+    await pilot.press("2", "enter")
+    await pilot.press("2", "enter")
+    await settled(app, pilot)
+    assert page.calibration.label == "field"
+    text = "\n".join(shown(app))
+    assert "slope -0.00830 s per r/min" in text and "holds from 10 to 70 r/min" in text and "lag_both.csv" in text
 
 
 async def test_a_fouled_head_is_named_after_thirty_seconds(app, source, clock, frames, opened, shown):
@@ -386,11 +366,9 @@ async def test_every_chip_stands_whole_on_the_screen(app, opened):
                 assert page.query_one("#cal-guide", Guide).region.area > 0
 
 
-async def test_tabs_are_clickable(app, opened):
-    async with app.run_test(size=SIZE) as pilot:
-        page = await opened(pilot)
-        await pilot.click("#cal-tabs", offset=(30, 0))
-        assert page.calibration.kind == "heads"
+async def test_tabs_are_clickable(pilot, page):
+    await pilot.click("#cal-tabs", offset=(30, 0))
+    assert page.calibration.kind == "heads"
 
 
 async def test_without_files_the_page_says_so(source, clock, frames):

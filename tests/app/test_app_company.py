@@ -40,11 +40,10 @@ def several(source):
 
 @pytest.mark.parametrize("size", [(120, 40), (80, 24)])
 @pytest.mark.parametrize("where", PAGES)
-async def test_every_page_says_who_ordered_and_who_is_there(app, several, size, where):
-    async with app.run_test(size=size) as pilot:
-        await turned(app, pilot, where)
-        text = text_of(app)
-        assert "nudge +5 % by tablet Ann" in text and "at this machine: this one, lab@cab" in text
+async def test_every_page_says_who_ordered_and_who_is_there(app, several, size, where, pilot):
+    await turned(app, pilot, where)
+    text = text_of(app)
+    assert "nudge +5 % by tablet Ann" in text and "at this machine: this one, lab@cab" in text
 
 
 async def test_a_console_alone_has_no_row_more(app, source):
@@ -73,13 +72,12 @@ async def test_a_console_alone_has_no_row_more(app, source):
     ({"ordered": (Ordered("strategy", "speed_first", TABLET.name, 500.0),)}, "tablet Ann: strategy speed first"),
     ({"ordered": (Ordered("hold", "", OWN.name, 500.0),)}, ""),
 ])
-async def test_what_the_others_do_is_said_when_it_happens(app, several, changes, said):
-    async with app.run_test(size=(120, 40)) as pilot:
-        app.tick()
-        app.notice("")
-        now(several, **changes)
-        await later(app, pilot)
-        assert app.notice_text == said
+async def test_what_the_others_do_is_said_when_it_happens(app, several, changes, said, pilot):
+    app.tick()
+    app.notice("")
+    now(several, **changes)
+    await later(app, pilot)
+    assert app.notice_text == said
 
 
 async def test_who_joins_a_machine_at_work_reads_whom_it_found(several, clock):
@@ -93,16 +91,15 @@ async def test_who_joins_a_machine_at_work_reads_whom_it_found(several, clock):
             assert one in app.screen.text
 
 
-async def test_a_click_on_the_row_lists_everybody_and_the_latest_orders(app, several):
-    async with app.run_test(size=(120, 40)) as pilot:
-        await looked(app, pilot)
-        await pilot.click("#company")
-        await pilot.pause()
-        assert isinstance(app.screen, TextDialog)
-        lines = app.screen.text.splitlines()
-        assert lines[0] == "ann@cab pts/3 (this one):  console, keeps the machine working"
-        assert lines[2] == "tablet Ann:  tablet, orders, does not keep the machine working"
-        assert [line.partition(",")[0] for line in lines[-2:]] == ["nudge +5 % by tablet Ann", "START by this console"]
+async def test_a_click_on_the_row_lists_everybody_and_the_latest_orders(app, several, pilot):
+    await looked(app, pilot)
+    await pilot.click("#company")
+    await pilot.pause()
+    assert isinstance(app.screen, TextDialog)
+    lines = app.screen.text.splitlines()
+    assert lines[0] == "ann@cab pts/3 (this one):  console, keeps the machine working"
+    assert lines[2] == "tablet Ann:  tablet, orders, does not keep the machine working"
+    assert [line.partition(",")[0] for line in lines[-2:]] == ["nudge +5 % by tablet Ann", "START by this console"]
 
 
 @pytest.mark.parametrize(("attached", "said"), [

@@ -33,31 +33,32 @@ def table(page):
     return page.query_one("#device-table", DeviceTable)
 
 
-async def test_every_line_says_in_symbol_and_word_how_it_is(app, shown):
-    async with app.run_test(size=SIZE) as pilot:
-        page = await opened(app, pilot)
-        said = {line.name: (line.symbol, line.word, line.level) for line in table(page).view.lines}
-        assert said["gnss"] == ("✔", "speaks", "")
-        assert said["head_4"] == ("✖", "NO LINE", "red")
-        assert said["head_5"] == ("▯", "DISCONNECTED", "amber")
-        assert said["lag_rig"] == ("!", "SILENT", "amber")
-        rows = shown(app)
-        board = next(row for row in rows if "slave-board/1" in row and "19950" in row)
-        assert "50.0" in board and "/dev/ttyACM0" in board and board.split().index("19950") < board.split().index("4")
-        assert any("head_4" in row and "35.2 s" in row for row in rows)
+@pytest.fixture
+async def page(app, pilot):
+    return await opened(app, pilot)
 
 
-async def test_arrows_and_clicks_pick_and_the_details_follow(app, shown):
-    async with app.run_test(size=SIZE) as pilot:
-        page = await opened(app, pilot)
-        assert page.device.name == "gnss"
-        await pilot.press("up", "up")
-        assert page.device.name == "board"
-        text = "\n".join(shown(app))
-        assert "wrong check sum 3, line too long 1" in text and "$B1,20311" in text and "231804" in text
-        await pilot.click("#device-table", offset=(5, 5))
-        assert page.device.name == "head_4"
-        assert "device reports readiness to read" in "\n".join(shown(app))
+async def test_every_line_says_in_symbol_and_word_how_it_is(app, shown, page):
+    said = {line.name: (line.symbol, line.word, line.level) for line in table(page).view.lines}
+    assert said["gnss"] == ("✔", "speaks", "")
+    assert said["head_4"] == ("✖", "NO LINE", "red")
+    assert said["head_5"] == ("▯", "DISCONNECTED", "amber")
+    assert said["lag_rig"] == ("!", "SILENT", "amber")
+    rows = shown(app)
+    board = next(row for row in rows if "slave-board/1" in row and "19950" in row)
+    assert "50.0" in board and "/dev/ttyACM0" in board and board.split().index("19950") < board.split().index("4")
+    assert any("head_4" in row and "35.2 s" in row for row in rows)
+
+
+async def test_arrows_and_clicks_pick_and_the_details_follow(app, shown, pilot, page):
+    assert page.device.name == "gnss"
+    await pilot.press("up", "up")
+    assert page.device.name == "board"
+    text = "\n".join(shown(app))
+    assert "wrong check sum 3, line too long 1" in text and "$B1,20311" in text and "231804" in text
+    await pilot.click("#device-table", offset=(5, 5))
+    assert page.device.name == "head_4"
+    assert "device reports readiness to read" in "\n".join(shown(app))
 
 
 async def test_the_picked_line_is_in_sight_where_rows_are_few(app, shown):
@@ -69,37 +70,31 @@ async def test_the_picked_line_is_in_sight_where_rows_are_few(app, shown):
             assert any(row.startswith(f" > {name}") for row in shown(app))
 
 
-async def test_test_and_capture_are_ordered_of_the_picked_device(app, source):
-    async with app.run_test(size=SIZE) as pilot:
-        await opened(app, pilot)
-        await pilot.press("enter", "e", "down", "e")
-        assert source.device_orders == [("gnss", DeviceDo.TEST), ("gnss", DeviceDo.END_CAPTURE),
-                                        ("head_1", DeviceDo.CAPTURE)]
-        assert source.orders == []
+async def test_test_and_capture_are_ordered_of_the_picked_device(app, source, pilot):
+    await opened(app, pilot)
+    await pilot.press("enter", "e", "down", "e")
+    assert source.device_orders == [("gnss", DeviceDo.TEST), ("gnss", DeviceDo.END_CAPTURE),
+                                    ("head_1", DeviceDo.CAPTURE)]
+    assert source.orders == []
 
 
-async def test_letting_go_of_a_line_is_asked_once_and_taking_it_is_not(app, source):
-    async with app.run_test(size=SIZE) as pilot:
-        page = await opened(app, pilot)
-        await pilot.press("c")
-        assert isinstance(app.screen, Confirm) and source.device_orders == []
-        await pilot.press("escape", "c", "enter")
-        assert source.device_orders == [("gnss", DeviceDo.DISCONNECT)]
-        page.picked = "head_5"
-        await pilot.press("c")
-        assert source.device_orders[1:] == [("head_5", DeviceDo.CONNECT)]
+async def test_letting_go_of_a_line_is_asked_once_and_taking_it_is_not(app, source, pilot, page):
+    await pilot.press("c")
+    assert isinstance(app.screen, Confirm) and source.device_orders == []
+    await pilot.press("escape", "c", "enter")
+    assert source.device_orders == [("gnss", DeviceDo.DISCONNECT)]
+    page.picked = "head_5"
+    await pilot.press("c")
+    assert source.device_orders[1:] == [("head_5", DeviceDo.CONNECT)]
 
 
-async def test_everything_can_be_clicked(app, source):
-    async with app.run_test(size=SIZE) as pilot:
-        page = await opened(app, pilot)
-        chips = page.query_one("#device-chips", Chips)
-        for action in ("dev_down", "dev_test", "dev_capture", "dev_up"):
-            _chip, row, start, _cells = next(one for one in placed(chips.view, chips.size.width)
-                                             if one[0].action == action)
-            await pilot.click("#device-chips", offset=(start + 1, row))
-        assert source.device_orders == [("head_1", DeviceDo.TEST), ("head_1", DeviceDo.CAPTURE)]
-        assert page.device.name == "gnss"
+async def test_everything_can_be_clicked(source, pilot, page):
+    chips = page.query_one("#device-chips", Chips)
+    for action in ("dev_down", "dev_test", "dev_capture", "dev_up"):
+        _chip, row, start, _cells = next(one for one in placed(chips.view, chips.size.width) if one[0].action == action)
+        await pilot.click("#device-chips", offset=(start + 1, row))
+    assert source.device_orders == [("head_1", DeviceDo.TEST), ("head_1", DeviceDo.CAPTURE)]
+    assert page.device.name == "gnss"
 
 
 async def test_a_refusal_is_said_in_words(app, source):
@@ -110,23 +105,20 @@ async def test_a_refusal_is_said_in_words(app, source):
         assert "Not possible in state WORKING." in app.notice_text
 
 
-async def test_what_is_old_is_grey(app, clock):
-    async with app.run_test(size=SIZE) as pilot:
-        page = await opened(app, pilot)
-        assert not table(page).view.lines[0].stale and table(page).view.lines[4].stale
-        clock.now_s += 2.0
-        app.tick()
-        assert all(line.stale for line in table(page).view.lines)
+async def test_what_is_old_is_grey(app, clock, page):
+    assert not table(page).view.lines[0].stale and table(page).view.lines[4].stale
+    clock.now_s += 2.0
+    app.tick()
+    assert all(line.stale for line in table(page).view.lines)
 
 
-async def test_last_lines_are_kept_while_another_page_is_looked_at(app, source, clock, shown):
-    async with app.run_test(size=SIZE) as pilot:
-        for number in range(3):
-            first, *rest = source.newest.devices
-            feed(app, [{}], step_s=0.2, devices=(replace(first, last_raw=f"$LINE,{number}"), *rest))
-        await opened(app, pilot)
-        text = "\n".join(shown(app))
-        assert all(f"$LINE,{number}" in text for number in range(3))
+async def test_last_lines_are_kept_while_another_page_is_looked_at(app, source, clock, shown, pilot):
+    for number in range(3):
+        first, *rest = source.newest.devices
+        feed(app, [{}], step_s=0.2, devices=(replace(first, last_raw=f"$LINE,{number}"), *rest))
+    await opened(app, pilot)
+    text = "\n".join(shown(app))
+    assert all(f"$LINE,{number}" in text for number in range(3))
 
 
 def test_what_a_test_heard_in_words(frames):

@@ -37,7 +37,7 @@ def service():
 
 
 @pytest.fixture
-def desk(source, clock, service):
+def app(source, clock, service):
     return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(diagnosis=service))
 
 
@@ -66,32 +66,39 @@ async def found_shown(app, pilot):
     return page
 
 
-async def test_newest_files_are_listed_and_the_chosen_one_is_diagnosed(desk, service, shown):
-    async with desk.run_test(size=(120, 40)) as pilot:
-        page = await opened(desk, pilot)
-        text = "\n".join(shown(desk))
-        assert all(source.name in text for source in SOURCES) and "< now" in text
-        await pilot.press("down", "down", "up", "enter")
-        await settled(desk, pilot)
-        assert service.asked == ["diagnose 20260317-134500.csv None"]
-        assert page.shown is not None and page.shown.found.verdict == "ambiguous"
+@pytest.fixture
+async def page(app, pilot):
+    return await opened(app, pilot)
+
+
+@pytest.fixture
+async def answered(app, pilot):
+    """The page with the answer for the newest log."""
+    return await found_shown(app, pilot)
+
+
+async def test_newest_files_are_listed_and_the_chosen_one_is_diagnosed(app, service, shown, pilot, page):
+    text = "\n".join(shown(app))
+    assert all(source.name in text for source in SOURCES) and "< now" in text
+    await pilot.press("down", "down", "up", "enter")
+    await settled(app, pilot)
+    assert service.asked == ["diagnose 20260317-134500.csv None"]
+    assert page.shown is not None and page.shown.found.verdict == "ambiguous"
 
 
 @pytest.mark.parametrize("size", [(80, 24), (100, 30), (120, 40)])
-async def test_the_verdict_the_size_and_the_cost_are_seen_at_every_size(desk, shown, size):
-    async with desk.run_test(size=size) as pilot:
-        await found_shown(desk, pilot)
-        text = "\n".join(shown(desk))
-        assert "NOT TOLD APART" in text and "Flutes fill less at high shaft speed" in text
-        assert "12.4 % lost at 100 r/min  (9.9 to 15)" in text
-        assert "-6.1 % = -20 kg/ha" in text
-        assert "Test next: Shaft staircase" in text and "(10 min)." in text.replace("\n", " ")
+async def test_the_verdict_the_size_and_the_cost_are_seen_at_every_size(app, shown, size, answered):
+    text = "\n".join(shown(app))
+    assert "NOT TOLD APART" in text and "Flutes fill less at high shaft speed" in text
+    assert "12.4 % lost at 100 r/min  (9.9 to 15)" in text
+    assert "-6.1 % = -20 kg/ha" in text
+    assert "Test next: Shaft staircase" in text and "(10 min)." in text.replace("\n", " ")
 
 
 @pytest.mark.exam
-async def test_narrow_screens_go_through_all_views_and_wide_ones_show_them_beside(desk):
-    async with desk.run_test(size=(80, 24)) as pilot:
-        page = await found_shown(desk, pilot)
+async def test_narrow_screens_go_through_all_views_and_wide_ones_show_them_beside(app):
+    async with app.run_test(size=(80, 24)) as pilot:
+        page = await found_shown(app, pilot)
         seen = []
         for _view in range(6):
             visible = [widget.id for widget in page.query("#dia-left > *, #dia-right > *") if widget.region.area]
@@ -104,130 +111,119 @@ async def test_narrow_screens_go_through_all_views_and_wide_ones_show_them_besid
         assert visible == {"dia-causes", "dia-channels", "dia-over", "dia-time"}
 
 
-async def test_the_plots_follow_the_chosen_cause(desk):
-    async with desk.run_test(size=(120, 40)) as pilot:
-        page = await found_shown(desk, pilot)
-        assert page.query_one("#dia-over", ResidualPlot).view.title == "error of flow, g/s"
-        await pilot.press("down")
-        await settled(desk, pilot)
-        plot = page.query_one("#dia-over", ResidualPlot)
-        assert plot.view.title == "error of shaft, r/min" and plot.view.label == "supply, V"
-        redraws = plot.redraws
-        await settled(desk, pilot)
-        assert plot.redraws == redraws
+async def test_the_plots_follow_the_chosen_cause(app, pilot, answered):
+    assert answered.query_one("#dia-over", ResidualPlot).view.title == "error of flow, g/s"
+    await pilot.press("down")
+    await settled(app, pilot)
+    plot = answered.query_one("#dia-over", ResidualPlot)
+    assert plot.view.title == "error of shaft, r/min" and plot.view.label == "supply, V"
+    redraws = plot.redraws
+    await settled(app, pilot)
+    assert plot.redraws == redraws
 
 
 @pytest.mark.parametrize("size", [(120, 40), (80, 24)])
-async def test_nothing_of_an_undecided_group_is_adopted_by_enter_alone(desk, service, shown, size):
+async def test_nothing_of_an_undecided_group_is_adopted_by_enter_alone(app, service, shown, size):
     """The page says to drive the next test first: K and Enter do just that, whatever is likeliest."""
     service.found = having(service.found._replace(adoptable=("flow.fill_falloff",), offers=service.found.offers[1:]),
                            causes=service.found.found.causes[:1])
-    async with desk.run_test(size=size) as pilot:
-        await found_shown(desk, pilot)
+    async with app.run_test(size=size) as pilot:
+        await found_shown(app, pilot)
         await pilot.press("q", "1", "enter")
-        assert isinstance(desk.screen, ChoiceDialog) and desk.screen.at == 0
-        text = " ".join(" ".join(shown(desk)).replace("┃", " ").split())
+        assert isinstance(app.screen, ChoiceDialog) and app.screen.at == 0
+        text = " ".join(" ".join(shown(app)).replace("┃", " ").split())
         assert "Undecided: this data cannot tell these apart." in text
         assert "> 1 none of these: the next test is driven first" in text
         await pilot.press("enter")
-        assert service.asked[1:] == [] and desk.notice_text == "nothing is adopted: the next test decides"
+        assert service.asked[1:] == [] and app.notice_text == "nothing is adopted: the next test decides"
 
 
-async def test_one_is_picked_by_its_name_with_a_reason_and_the_undo_is_said(desk, service, shown):
-    async with desk.run_test(size=(120, 40)) as pilot:
-        page = await found_shown(desk, pilot)
-        await pilot.press("q", "1", "enter")
-        assert ["size is not known" in choice.why for choice in desk.screen.choices] == [False, False, True, True]
-        await pilot.press("3", "enter")
-        assert isinstance(desk.screen, ChoiceDialog), "a cause without a size cannot be taken up"
-        await pilot.press("2", "enter")
-        assert isinstance(desk.screen, NameDialog)
-        await pilot.press("enter")
-        assert isinstance(desk.screen, NameDialog), "why is not left empty"
-        await pilot.press(*"flutes", "space", *"worn", "enter")
-        assert isinstance(desk.screen, Confirm) and service.asked[1:] == []
-        text = desk.screen.text
-        assert "Adopted: Flutes fill less at high shaft speed, Shaft loses speed" in text
-        assert "flow.fill_falloff: 0 -> 12.4 %" in text and "The running job keeps its machine file" in text
-        await pilot.press("enter")
-        assert service.asked[1:] == ["adopt flow.fill_falloff, shaft.voltage_sag: flutes worn"]
-        said = "\n".join(shown(desk))
-        assert isinstance(desk.screen, TextDialog) and "huanghai-2026-03-18.yaml" in said
-        assert "Del on the Diagnosis page takes the last change of it back." in said
-        await pilot.press("escape")
-        assert page.adopted == "/data/machines/huanghai-2026-03-18.yaml"
+async def test_one_is_picked_by_its_name_with_a_reason_and_the_undo_is_said(app, service, shown, pilot, answered):
+    await pilot.press("q", "1", "enter")
+    assert ["size is not known" in choice.why for choice in app.screen.choices] == [False, False, True, True]
+    await pilot.press("3", "enter")
+    assert isinstance(app.screen, ChoiceDialog), "a cause without a size cannot be taken up"
+    await pilot.press("2", "enter")
+    assert isinstance(app.screen, NameDialog)
+    await pilot.press("enter")
+    assert isinstance(app.screen, NameDialog), "why is not left empty"
+    await pilot.press(*"flutes", "space", *"worn", "enter")
+    assert isinstance(app.screen, Confirm) and service.asked[1:] == []
+    text = app.screen.text
+    assert "Adopted: Flutes fill less at high shaft speed, Shaft loses speed" in text
+    assert "flow.fill_falloff: 0 -> 12.4 %" in text and "The running job keeps its machine file" in text
+    await pilot.press("enter")
+    assert service.asked[1:] == ["adopt flow.fill_falloff, shaft.voltage_sag: flutes worn"]
+    said = "\n".join(shown(app))
+    assert isinstance(app.screen, TextDialog) and "huanghai-2026-03-18.yaml" in said
+    assert "Del on the Diagnosis page takes the last change of it back." in said
+    await pilot.press("escape")
+    assert answered.adopted == "/data/machines/huanghai-2026-03-18.yaml"
 
 
-async def test_escape_after_adopting_stays_on_the_page(full, turned):
+async def test_escape_after_adopting_stays_on_the_page(full, turned, pilot):
     """It went on to the Job page, where the keys that were meant here ended the job."""
-    async with full.run_test(size=(120, 40)) as pilot:
-        await turned(full, pilot, "diagnosis")
-        full.page.write("The machine file", lambda: "/data/machines/new.yaml", machine=True)
-        await settled(full, pilot)
-        assert isinstance(full.screen, TextDialog)
-        await pilot.press("escape")
-        assert isinstance(full.screen, Confirm) and full.screen.heading == "Use it now?"
-        assert full.page.where == "diagnosis"
-        await pilot.press("escape")
-        assert full.screen is full.page and full.page.where == "diagnosis"
-        full.job_page.ask_use("/data/machines/new.yaml")
-        await pilot.pause()
-        await pilot.press("enter")
-        await pilot.pause()
-        assert full.page.where == "job" and ("take", "machine", "/data/machines/new.yaml") in full.services.job.asked
+    await turned(full, pilot, "diagnosis")
+    full.page.write("The machine file", lambda: "/data/machines/new.yaml", machine=True)
+    await settled(full, pilot)
+    assert isinstance(full.screen, TextDialog)
+    await pilot.press("escape")
+    assert isinstance(full.screen, Confirm) and full.screen.heading == "Use it now?"
+    assert full.page.where == "diagnosis"
+    await pilot.press("escape")
+    assert full.screen is full.page and full.page.where == "diagnosis"
+    full.job_page.ask_use("/data/machines/new.yaml")
+    await pilot.pause()
+    await pilot.press("enter")
+    await pilot.pause()
+    assert full.page.where == "job" and ("take", "machine", "/data/machines/new.yaml") in full.services.job.asked
 
 
-async def test_undo_stands_on_the_page_after_adopting_and_takes_that_file_back(desk, service, shown):
+async def test_undo_stands_on_the_page_after_adopting_and_takes_that_file_back(app, service, shown):
     service.found = sample_found("named")
-    async with desk.run_test(size=(120, 40)) as pilot:
-        page = await found_shown(desk, pilot)
+    async with app.run_test(size=(120, 40)) as pilot:
+        page = await found_shown(app, pilot)
         await pilot.press("q", "1", "enter")
-        assert isinstance(desk.screen, Confirm), "what is sure is asked once"
+        assert isinstance(app.screen, Confirm), "what is sure is asked once"
         await pilot.press("enter")
         assert service.asked[-1] == "adopt flow.fill_falloff"
         await pilot.press("escape", "f9")
-        await settled(desk, pilot)
-        assert "Del take back" in " ".join(" ".join(shown(desk)).split())
+        await settled(app, pilot)
+        assert "Del take back" in " ".join(" ".join(shown(app)).split())
         await pilot.press("delete", "enter")
         assert service.asked[-1] == "take back /data/machines/huanghai-2026-03-18.yaml"
         assert page.adopted == "/data/machines/bench-2026-03-19.yaml"
 
 
-async def test_what_is_sure_alone_is_adopted_where_none_is_picked(desk, service):
-    async with desk.run_test(size=(120, 40)) as pilot:
-        await found_shown(desk, pilot)
-        await pilot.press("q", "1", "enter", "enter")
-        assert isinstance(desk.screen, Confirm)
-        text = desk.screen.text
-        assert "Adopted: Shaft loses speed when the supply falls below nominal" in text
-        assert "Not adopted, undecided: Flutes fill less at high shaft speed" in text
-        await pilot.press("enter")
-        assert service.asked[1:] == ["adopt shaft.voltage_sag"]
+async def test_what_is_sure_alone_is_adopted_where_none_is_picked(app, service, pilot, answered):
+    await pilot.press("q", "1", "enter", "enter")
+    assert isinstance(app.screen, Confirm)
+    text = app.screen.text
+    assert "Adopted: Shaft loses speed when the supply falls below nominal" in text
+    assert "Not adopted, undecided: Flutes fill less at high shaft speed" in text
+    await pilot.press("enter")
+    assert service.asked[1:] == ["adopt shaft.voltage_sag"]
 
 
-async def test_tied_causes_are_equals_and_the_next_test_leads(desk, shown):
-    async with desk.run_test(size=(120, 40)) as pilot:
-        await found_shown(desk, pilot)
-        rows = shown(desk)
-        head = next(row for row in rows if "Test next: Shaft staircase" in row)
-        assert rows.index(head) < 8
-        text = " ".join(" ".join(rows).split())
-        assert "It tells apart: Flutes fill less at high shaft speed; Kilograms per revolution off by a factor" in text
-        assert "one of these 3, this data cannot tell which" in text
-        marked = [row for row in rows if row.strip().startswith("o ")]
-        assert [row.split("%")[0].split()[-1] for row in marked] == ["58", "27", "15"]
+async def test_tied_causes_are_equals_and_the_next_test_leads(app, shown, answered):
+    rows = shown(app)
+    head = next(row for row in rows if "Test next: Shaft staircase" in row)
+    assert rows.index(head) < 8
+    text = " ".join(" ".join(rows).split())
+    assert "It tells apart: Flutes fill less at high shaft speed; Kilograms per revolution off by a factor" in text
+    assert "one of these 3, this data cannot tell which" in text
+    marked = [row for row in rows if row.strip().startswith("o ")]
+    assert [row.split("%")[0].split()[-1] for row in marked] == ["58", "27", "15"]
 
 
 @pytest.mark.exam
-async def test_the_list_is_read_anew_when_another_job_is_at_work(desk, source):
-    async with desk.run_test(size=(120, 40)) as pilot:
-        page = await opened(desk, pilot)
-        assert page.sources is not None
-        source.newest = replace(source.newest, seq=source.newest.seq + 1, log_path="another.csv")
-        desk.tick()
-        assert page.sources is None or page._listing is not None
-        await settled(desk, pilot)
-        assert page.sources is not None
+async def test_the_list_is_read_anew_when_another_job_is_at_work(app, source, pilot, page):
+    assert page.sources is not None
+    source.newest = replace(source.newest, seq=source.newest.seq + 1, log_path="another.csv")
+    app.tick()
+    assert page.sources is None or page._listing is not None
+    await settled(app, pilot)
+    assert page.sources is not None
 
 
 def test_the_bar_moves_from_the_start_and_never_back_and_its_time_is_honest():
@@ -244,90 +240,83 @@ def test_the_bar_moves_from_the_start_and_never_back_and_its_time_is_honest():
 
 
 @pytest.mark.exam
-async def test_the_last_change_is_taken_back_after_a_question(desk, service, shown):
-    async with desk.run_test(size=(120, 40)) as pilot:
-        page = await found_shown(desk, pilot)
-        await pilot.press("delete")
-        assert not isinstance(desk.screen, Confirm)         # the shipped file has no history
-        page.machine = "bench"
-        await pilot.press("delete")
-        assert isinstance(desk.screen, Confirm) and "flow.gain: 0 -> 3 %" in "\n".join(shown(desk))
-        await pilot.press("escape", "delete", "enter")
-        assert service.asked[1:] == ["take back bench"]
-        assert isinstance(desk.screen, TextDialog) and "bench-2026-03-19.yaml" in "\n".join(shown(desk))
+async def test_the_last_change_is_taken_back_after_a_question(app, service, shown, pilot, answered):
+    await pilot.press("delete")
+    assert not isinstance(app.screen, Confirm)         # the shipped file has no history
+    answered.machine = "bench"
+    await pilot.press("delete")
+    assert isinstance(app.screen, Confirm) and "flow.gain: 0 -> 3 %" in "\n".join(shown(app))
+    await pilot.press("escape", "delete", "enter")
+    assert service.asked[1:] == ["take back bench"]
+    assert isinstance(app.screen, TextDialog) and "bench-2026-03-19.yaml" in "\n".join(shown(app))
 
 
-async def test_what_cannot_be_adopted_is_refused_with_its_reason(desk, service, shown):
+async def test_what_cannot_be_adopted_is_refused_with_its_reason(app, service, shown):
     service.found = sample_found("named")._replace(
         adoptable=(), offers=(), refused=("flow.gain: holds in the rows of before.csv only",))
-    async with desk.run_test(size=(120, 40)) as pilot:
-        await found_shown(desk, pilot)
+    async with app.run_test(size=(120, 40)) as pilot:
+        await found_shown(app, pilot)
         await pilot.press("q", "1", "enter")
-        assert isinstance(desk.screen, TextDialog)
-        assert "holds in the rows of before.csv only" in "\n".join(shown(desk))
+        assert isinstance(app.screen, TextDialog)
+        assert "holds in the rows of before.csv only" in "\n".join(shown(app))
         await pilot.press("enter")
         assert not any(asked.startswith("adopt") for asked in service.asked)
 
 
-async def test_the_separating_run_is_written_driven_and_both_verdicts_stand_beside(desk, service, source, shown):
-    async with desk.run_test(size=(120, 40)) as pilot:
-        page = await found_shown(desk, pilot)
-        await pilot.press("q", "7", "enter")
-        await pilot.press("escape", "q", "5", "enter")
-        assert isinstance(desk.screen, Confirm) and service.asked[1:] == ["write_run"]
-        await pilot.press("enter")
-        await settled(desk, pilot)
-        assert service.asked[-1] == "drive stairs" and page.which == 1
-        text = "\n".join(shown(desk))
-        assert "log: 20260317-134500.csv" in text and "separating run: separating.csv" in text
-        assert "NOT TOLD APART" in text and "CAUSE NAMED" in text
-        await pilot.press("right")
-        assert page.which == 0
-        assert source.orders == []                       # nothing of all this orders the machine
+async def test_the_separating_run_is_written_driven_and_both_verdicts_stand_beside(app, service, source, shown,
+                                                                                   pilot, answered):
+    await pilot.press("q", "7", "enter")
+    await pilot.press("escape", "q", "5", "enter")
+    assert isinstance(app.screen, Confirm) and service.asked[1:] == ["write_run"]
+    await pilot.press("enter")
+    await settled(app, pilot)
+    assert service.asked[-1] == "drive stairs" and answered.which == 1
+    text = "\n".join(shown(app))
+    assert "log: 20260317-134500.csv" in text and "separating run: separating.csv" in text
+    assert "NOT TOLD APART" in text and "CAUSE NAMED" in text
+    await pilot.press("right")
+    assert answered.which == 0
+    assert source.orders == []                       # nothing of all this orders the machine
 
 
-async def test_report_data_and_type_a_path(desk, service, shown):
-    async with desk.run_test(size=(120, 40)) as pilot:
-        page = await opened(desk, pilot)
-        await pilot.press("q", "2", "enter")
-        assert isinstance(desk.screen, NameDialog)
-        await pilot.press(*"no", "enter")
-        assert "neither a run log" in "\n".join(shown(desk))
-        await pilot.press("backspace", "backspace", *"/a.csv", "enter")
-        await settled(desk, pilot)
-        assert service.asked == ["diagnose a.csv None"]
-        await pilot.press("e", "escape", "q", "6", "enter", "escape")
-        assert service.asked[1:] == ["export report", "export data"] and page.shown is not None
+async def test_report_data_and_type_a_path(app, service, shown, pilot, page):
+    await pilot.press("q", "2", "enter")
+    assert isinstance(app.screen, NameDialog)
+    await pilot.press(*"no", "enter")
+    assert "neither a run log" in "\n".join(shown(app))
+    await pilot.press("backspace", "backspace", *"/a.csv", "enter")
+    await settled(app, pilot)
+    assert service.asked == ["diagnose a.csv None"]
+    await pilot.press("e", "escape", "q", "6", "enter", "escape")
+    assert service.asked[1:] == ["export report", "export data"] and page.shown is not None
 
 
 async def test_a_file_of_another_machine_asks_what_it_does_not_say(source, clock, shown):
     service = MadeUpDiagnosis(unsure=("/data/planter.xlsx: columns.opening_mm: what is 100 % in mm?",))
-    desk = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(diagnosis=service))
-    async with desk.run_test(size=(120, 40)) as pilot:
-        page = await opened(desk, pilot)
+    app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(diagnosis=service))
+    async with app.run_test(size=(120, 40)) as pilot:
+        page = await opened(app, pilot)
         await pilot.press("q", "2", "enter")
         await pilot.press(*"planter.xlsx", "enter")
-        await settled(desk, pilot)
-        text = "\n".join(shown(desk))
-        assert isinstance(desk.screen, TextDialog) and "what is 100 % in mm?" in text
+        await settled(app, pilot)
+        text = "\n".join(shown(app))
+        assert isinstance(app.screen, TextDialog) and "what is 100 % in mm?" in text
         assert "/data/planter.import.yaml" in text and page.shown is None
         await pilot.press("escape")
-        await settled(desk, pilot)
+        await settled(app, pilot)
         assert page.said == "not brought in: the import file has open questions"
         assert page.sources == SOURCES                  # read anew: the import file is there now
         service.unsure = ()
         await pilot.press("q", "2", "enter")
         await pilot.press(*"planter.xlsx", "enter")
-        await settled(desk, pilot)
+        await settled(app, pilot)
         assert page.shown is not None and page.said == ""
 
 
-async def test_another_machine_file_may_be_held_against(desk, service):
-    async with desk.run_test(size=(120, 40)) as pilot:
-        await opened(desk, pilot)
-        await pilot.press("q", "3", "enter", "2", "enter", "enter")
-        await settled(desk, pilot)
-        assert service.asked == ["diagnose 20260318-061200.csv bench"]
+async def test_another_machine_file_may_be_held_against(app, service, pilot, page):
+    await pilot.press("q", "3", "enter", "2", "enter", "enter")
+    await settled(app, pilot)
+    assert service.asked == ["diagnose 20260318-061200.csv bench"]
 
 
 class Slow(MadeUpDiagnosis):
@@ -380,50 +369,47 @@ async def test_leaving_the_console_ends_the_work(source, clock):
     assert service.ended.wait(30.0)
 
 
-async def test_an_error_is_said_in_one_line_and_stays(desk, service, shown):
+async def test_an_error_is_said_in_one_line_and_stays(app, service, shown):
     service.refuse = "run.csv: no usable time column\nand a trace"
-    async with desk.run_test(size=(80, 24)) as pilot:
-        page = await found_shown(desk, pilot)
+    async with app.run_test(size=(80, 24)) as pilot:
+        page = await found_shown(app, pilot)
         assert page.shown is None and page.said == "run.csv: no usable time column"
-        assert any("! run.csv: no usable time column" in row for row in shown(desk))
+        assert any("! run.csv: no usable time column" in row for row in shown(app))
 
 
-async def test_the_mouse_chooses_and_begins(desk, service):
-    async with desk.run_test(size=(120, 40)) as pilot:
-        page = await opened(desk, pilot)
-        await pilot.click("#dia-sources", offset=(10, 4))
-        assert page.at == 2 and service.asked == []
-        await pilot.click("#dia-sources", offset=(10, 4))
-        await settled(desk, pilot)
-        assert service.asked == ["diagnose 20260317-070100.csv None"]
-        causes = page.query_one("#dia-causes", Causes)
-        row = next(k for k, index in enumerate(causes._row_of) if index == 1)
-        await pilot.click("#dia-causes", offset=(5, row))
-        assert page.cause == 1
-        await pilot.click("#dia-chips", offset=(20, 0))
-        assert isinstance(desk.screen, ChoiceDialog)
+async def test_the_mouse_chooses_and_begins(app, service, pilot, page):
+    await pilot.click("#dia-sources", offset=(10, 4))
+    assert page.at == 2 and service.asked == []
+    await pilot.click("#dia-sources", offset=(10, 4))
+    await settled(app, pilot)
+    assert service.asked == ["diagnose 20260317-070100.csv None"]
+    causes = page.query_one("#dia-causes", Causes)
+    row = next(k for k, index in enumerate(causes._row_of) if index == 1)
+    await pilot.click("#dia-causes", offset=(5, row))
+    assert page.cause == 1
+    await pilot.click("#dia-chips", offset=(20, 0))
+    assert isinstance(app.screen, ChoiceDialog)
 
 
-async def test_locked_nothing_begins(desk, service):
-    async with desk.run_test(size=(120, 40)) as pilot:
-        await opened(desk, pilot)
-        await pilot.press("f8", "enter", "down")
-        await pilot.click("#dia-sources", offset=(10, 2))
-        await settled(desk, pilot)
-        assert service.asked == []
+async def test_locked_nothing_begins(app, service, pilot, page):
+    await pilot.press("f8", "enter", "down")
+    await pilot.click("#dia-sources", offset=(10, 2))
+    await settled(app, pilot)
+    assert service.asked == []
 
 
-async def test_without_a_service_the_page_says_so(app):
+async def test_without_a_service_the_page_says_so(source, clock):
+    app = TopdressApp(source, clock, live=False)
     async with app.run_test(size=(80, 24)) as pilot:
         await opened(app, pilot)
         await pilot.press("enter")
         assert app.notice_text == "diagnosis is not available here"
 
 
-async def test_every_action_is_in_the_palette(desk):
-    async with desk.run_test(size=(80, 24)) as pilot:
-        await opened(desk, pilot)
-        titles = {command.title for command in desk.get_system_commands(desk.screen)}
+async def test_every_action_is_in_the_palette(app):
+    async with app.run_test(size=(80, 24)) as pilot:
+        await opened(app, pilot)
+        titles = {command.title for command in app.get_system_commands(app.screen)}
         wanted = {action.label for action in actions.ACTIONS if action.where == DIAGNOSIS}
         assert len(wanted) == 15 and wanted <= titles
 
@@ -562,26 +548,26 @@ def test_a_curve_with_names_is_drawn_by_places():
     assert diagnosis_shown.over(found, 0).curve.names == ("1", "2")
 
 
-async def test_what_was_adopted_is_compared_on_another_log(desk, service, shown):
+async def test_what_was_adopted_is_compared_on_another_log(app, service, shown):
     """C after K: the logs offered are none that the file was made from; errors before and after stand in words."""
     service.found = sample_found("named")
-    async with desk.run_test(size=(120, 40)) as pilot:
-        await found_shown(desk, pilot)
+    async with app.run_test(size=(120, 40)) as pilot:
+        await found_shown(app, pilot)
         await pilot.press("q", "4", "enter")
-        assert "adopt something first" in "\n".join(shown(desk))
+        assert "adopt something first" in "\n".join(shown(app))
         await pilot.press("escape")
         await pilot.press("q", "1", "enter", "enter")
-        assert "Q4 there says, on another log," in "\n".join(shown(desk))
+        assert "Q4 there says, on another log," in "\n".join(shown(app))
         await pilot.press("escape", "f9")
-        await settled(desk, pilot)
-        assert "Q4 compare" in " ".join(" ".join(shown(desk)).split())
+        await settled(app, pilot)
+        assert "Q4 compare" in " ".join(" ".join(shown(app)).split())
         await pilot.press("q", "4", "enter")
-        offered = [choice.value for choice in desk.screen.choices]
+        offered = [choice.value for choice in app.screen.choices]
         assert offered == [SOURCES[2].path, "typed"], "not the run of now, not the log it was made from, no table"
         await pilot.press("enter")
-        await settled(desk, pilot)
+        await settled(app, pilot)
         assert service.asked[-1] == f"compare /data/machines/huanghai-2026-03-18.yaml {SOURCES[2].name}"
-        text = desk.screen.text
+        text = app.screen.text
         assert "shaft: 1.92 -> 0.290 r/min   better: 85 % less error" in text
         assert "no difference beyond chance" in text and "worse: 25 % more error" in text
         assert "/data/reports/compared.html" in text

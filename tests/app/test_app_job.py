@@ -39,7 +39,7 @@ def desk():
 
 
 @pytest.fixture
-def job_app(source, clock, desk):
+def app(source, clock, desk):
     return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(job=desk))
 
 
@@ -120,22 +120,22 @@ def test_ground_covered_and_doses_in_words(frames):
     assert "evenness" not in by_plant and len(by_plant) == len(by_rate)
 
 
-async def test_the_screen_says_what_is_wrong_and_shows_it_in_full(job_app, desk, shown):
+async def test_the_screen_says_what_is_wrong_and_shows_it_in_full(app, desk, shown):
     desk.known = facts_of({"flag": "what is not to be forgotten " * 8, "examples": ()})
-    async with job_app.run_test(size=(80, 24)) as pilot:
-        await on_job(job_app, pilot)
-        rows = shown(job_app)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await on_job(app, pilot)
+        rows = shown(app)
         assert any("crop" in row and "! look" in row for row in rows)
         assert any("forgotten" in row and "... V" in row for row in rows), "the rest of it is a key away"
         await pilot.click(CheckList, offset=(5, 3))
-        assert sum("forgotten" in row for row in shown(job_app)) >= 3
+        assert sum("forgotten" in row for row in shown(app)) >= 3
 
 
-async def test_files_that_are_broken_are_a_line(job_app, desk, shown):
+async def test_files_that_are_broken_are_a_line(app, desk, shown):
     desk.trouble = "job.yaml: key crop: missing"
-    async with job_app.run_test(size=SIZE) as pilot:
-        await on_job(job_app, pilot)
-        assert any("STOP" in row and "job.yaml: key crop: missing" in row for row in shown(job_app))
+    async with app.run_test(size=SIZE) as pilot:
+        await on_job(app, pilot)
+        assert any("STOP" in row and "job.yaml: key crop: missing" in row for row in shown(app))
 
 
 # --- N-rich strip -----------------------------------------------------------------------------------------------------
@@ -161,32 +161,29 @@ def test_gaps_and_silent_heads_add_nothing():
     assert run.strip.length_m == pytest.approx(0.4) and not run.strip.enough and StripRun().strip.ndvi is None
 
 
-async def test_a_strip_is_driven_counts_at_once_and_is_kept(job_app, desk, source, clock):
+async def test_a_strip_is_driven_counts_at_once_and_is_kept(app, desk, source, clock, pilot):
     """An order to the worker that runs, and a job file for the next start; nothing is started again."""
-    app = job_app
-    async with app.run_test(size=SIZE) as pilot:
-        await on_job(app, pilot)
-        feed(app, [{"state": "ready"}])
-        await pilot.press("b")
-        start_s = source.newest.row.time_s
-        feed(app, [{"time_s": start_s + 0.2 * k, "ndvi": 0.70 + 0.02 * (k % 2), "speed_used_mps": 2.0}
-                           for k in range(1, 30)])
-        await pilot.press("b")
-        assert isinstance(app.screen, Confirm) and "Cancel the strip" in app.screen.heading, "11 m are too few"
-        await pilot.press("escape")
-        feed(app, [{"time_s": start_s + 0.2 * k, "ndvi": 0.70 + 0.02 * (k % 2)} for k in range(30, 90)])
-        await pilot.press("b")
-        assert app.screen.heading == "NDVI 0.710 as the N-rich strip of this job?" and desk.asked == []
-        assert "CV 1.4 %, standard error 0.001, 88 samples" in app.screen.text
-        await pilot.press("enter")
-        await settled(app, pilot)
-        assert desk.asked == [("strip", "nrich", "0.710")] and not isinstance(app.screen, Confirm)
-        given = [order for order in source.orders if order.do is Do.STRIP]
-        assert [read_strip(order.value)[:2] for order in given] == [("nrich", pytest.approx(0.71, abs=1e-3))]
+    await on_job(app, pilot)
+    feed(app, [{"state": "ready"}])
+    await pilot.press("b")
+    start_s = source.newest.row.time_s
+    feed(app, [{"time_s": start_s + 0.2 * k, "ndvi": 0.70 + 0.02 * (k % 2), "speed_used_mps": 2.0}
+                       for k in range(1, 30)])
+    await pilot.press("b")
+    assert isinstance(app.screen, Confirm) and "Cancel the strip" in app.screen.heading, "11 m are too few"
+    await pilot.press("escape")
+    feed(app, [{"time_s": start_s + 0.2 * k, "ndvi": 0.70 + 0.02 * (k % 2)} for k in range(30, 90)])
+    await pilot.press("b")
+    assert app.screen.heading == "NDVI 0.710 as the N-rich strip of this job?" and desk.asked == []
+    assert "CV 1.4 %, standard error 0.001, 88 samples" in app.screen.text
+    await pilot.press("enter")
+    await settled(app, pilot)
+    assert desk.asked == [("strip", "nrich", "0.710")] and not isinstance(app.screen, Confirm)
+    given = [order for order in source.orders if order.do is Do.STRIP]
+    assert [read_strip(order.value)[:2] for order in given] == [("nrich", pytest.approx(0.71, abs=1e-3))]
 
 
-async def test_by_the_fields_index_the_strip_is_chosen_and_the_index_judged(job_app, desk, source):
-    app = job_app
+async def test_by_the_fields_index_the_strip_is_chosen_and_the_index_judged(app, desk, source):
     desk.known = facts_of(job={"response_index": "field", "ndvi_nrich": 0.60})
     async with app.run_test(size=SIZE) as pilot:
         await on_job(app, pilot)
@@ -235,31 +232,28 @@ def test_samples_that_are_alike_count_for_less():
     assert standard_error([0.7, 0.7]) is None and standard_error([0.7] * 5) == 0.0
 
 
-async def test_a_working_machine_is_not_started_again(job_app, desk, source, shown):
-    app = job_app
-    async with app.run_test(size=SIZE) as pilot:
-        await on_job(app, pilot)
-        await pilot.press("q", "2", "enter", "2", "enter")
-        await settled(app, pilot)
-        assert desk.asked == [("take", "machine", "machines/bench.yaml"), ("drop",)]
-        assert not isinstance(app.screen, Confirm) and app.notice_text.startswith("the machine works")
-        assert any("not taken: bench.yaml; the job goes on as it was" in row for row in shown(app))
-        feed(app, [{"state": "off"}])
-        await pilot.press("f2")
-        await on_job(app, pilot)
-        await pilot.press("q", "2", "enter", "2", "enter")
-        await settled(app, pilot)
-        assert isinstance(app.screen, Confirm)
-        await pilot.press("escape")
-        await settled(app, pilot)
-        assert desk.asked[-1] == ("drop",) and app.page.pending == "" and ("restart",) not in desk.asked
+async def test_a_working_machine_is_not_started_again(app, desk, source, shown, pilot):
+    await on_job(app, pilot)
+    await pilot.press("q", "2", "enter", "2", "enter")
+    await settled(app, pilot)
+    assert desk.asked == [("take", "machine", "machines/bench.yaml"), ("drop",)]
+    assert not isinstance(app.screen, Confirm) and app.notice_text.startswith("the machine works")
+    assert any("not taken: bench.yaml; the job goes on as it was" in row for row in shown(app))
+    feed(app, [{"state": "off"}])
+    await pilot.press("f2")
+    await on_job(app, pilot)
+    await pilot.press("q", "2", "enter", "2", "enter")
+    await settled(app, pilot)
+    assert isinstance(app.screen, Confirm)
+    await pilot.press("escape")
+    await settled(app, pilot)
+    assert desk.asked[-1] == ("drop",) and app.page.pending == "" and ("restart",) not in desk.asked
 
 
 @pytest.mark.parametrize(("keys", "how"), [(("enter",), ["restart"]), (("2", "enter"), ["restart anew"]),
                                            (("escape",), [])])
-async def test_what_would_be_spread_twice_is_asked_first(job_app, desk, source, frames, shown, keys, how):
+async def test_what_would_be_spread_twice_is_asked_first(app, desk, source, frames, shown, keys, how):
     """A map, a job, a machine taken in the middle of a field: what was done there was forgotten without a word."""
-    app = job_app
     desk.cut_off, desk.next = OFFER, StillSource(frames[-1])
     async with app.run_test(size=SIZE) as pilot:
         await on_job(app, pilot)
@@ -275,32 +269,28 @@ async def test_what_would_be_spread_twice_is_asked_first(job_app, desk, source, 
         assert (("drop",) in desk.asked) is (not how)
 
 
-async def test_what_was_said_of_one_run_is_not_said_of_the_next(job_app, desk, source, shown):
+async def test_what_was_said_of_one_run_is_not_said_of_the_next(app, desk, source, shown, pilot):
     """Taken after all, the map ran under "not taken"; and what the hopper held in the run before was no refill."""
-    app = job_app
-    async with app.run_test(size=SIZE) as pilot:
-        await on_job(app, pilot)
-        app.page.say("written: report.html in reports")
-        await pilot.press("q", "2", "enter", "2", "enter")
-        await settled(app, pilot)
-        assert any("not taken: bench.yaml" in row for row in shown(app))
-        app.page.refill.seen_kg = 16.0
-        source.newest = replace(source.newest, seq=source.newest.seq + 1, log_path="logs/next.csv")
-        app.tick()
-        await settled(app, pilot)
-        text = "\n".join(shown(app))
-        assert "not taken" not in text and "the scale saw" not in text and "written: report.html" in text
+    await on_job(app, pilot)
+    app.page.say("written: report.html in reports")
+    await pilot.press("q", "2", "enter", "2", "enter")
+    await settled(app, pilot)
+    assert any("not taken: bench.yaml" in row for row in shown(app))
+    app.page.refill.seen_kg = 16.0
+    source.newest = replace(source.newest, seq=source.newest.seq + 1, log_path="logs/next.csv")
+    app.tick()
+    await settled(app, pilot)
+    text = "\n".join(shown(app))
+    assert "not taken" not in text and "the scale saw" not in text and "written: report.html" in text
 
 
-async def test_a_file_that_is_refused_is_a_line(job_app, desk, source, shown):
-    app = job_app
-    async with app.run_test(size=SIZE) as pilot:
-        await on_job(app, pilot)
-        desk.trouble = "crops/durum.yaml: key y_max_t_ha: missing"
-        await pilot.press("q", "1", "enter", "2", "enter")
-        await settled(app, pilot)
-        assert any("not taken: crops/durum.yaml: key y_max_t_ha: missing" in row for row in shown(app))
-        assert desk.asked == [("take", "crop", "crops/durum.yaml")]
+async def test_a_file_that_is_refused_is_a_line(app, desk, source, shown, pilot):
+    await on_job(app, pilot)
+    desk.trouble = "crops/durum.yaml: key y_max_t_ha: missing"
+    await pilot.press("q", "1", "enter", "2", "enter")
+    await settled(app, pilot)
+    assert any("not taken: crops/durum.yaml: key y_max_t_ha: missing" in row for row in shown(app))
+    assert desk.asked == [("take", "crop", "crops/durum.yaml")]
 
 
 # --- refills ----------------------------------------------------------------------------------------------------------
@@ -345,72 +335,66 @@ def test_two_bags_add_up_and_what_was_recorded_does_not_come_again():
     assert watch.seen_kg is None
 
 
-async def test_a_refill_is_offered_on_every_page_and_recorded_by_enter(job_app, source):
-    app = job_app
-    async with app.run_test(size=SIZE) as pilot:
-        start_s = source.newest.row.time_s
-        feed(app, [{"time_s": start_s + 0.2 * k, "hopper_kg": 40.0 if k < 30 else 290.0, "state": "held",
-                            "speed_used_mps": 0.0} for k in range(1, 60)])
-        assert app.notice_text == "the scale saw 250 kg filled in: F10, F records it" and source.orders == []
-        await on_job(app, pilot)
-        await pilot.press("f")
-        assert isinstance(app.screen, NumberDialog) and app.screen.typed == "250.0"
-        await pilot.press("enter")
-        assert source.orders == [Order(Do.REFILL, 250.0)] and app.page.refill.seen_kg is None
+async def test_a_refill_is_offered_on_every_page_and_recorded_by_enter(app, source, pilot):
+    start_s = source.newest.row.time_s
+    feed(app, [{"time_s": start_s + 0.2 * k, "hopper_kg": 40.0 if k < 30 else 290.0, "state": "held",
+                        "speed_used_mps": 0.0} for k in range(1, 60)])
+    assert app.notice_text == "the scale saw 250 kg filled in: F10, F records it" and source.orders == []
+    await on_job(app, pilot)
+    await pilot.press("f")
+    assert isinstance(app.screen, NumberDialog) and app.screen.typed == "250.0"
+    await pilot.press("enter")
+    assert source.orders == [Order(Do.REFILL, 250.0)] and app.page.refill.seen_kg is None
 
 
 # --- export and end ---------------------------------------------------------------------------------------------------
 
 
-async def test_the_end_of_the_job_is_asked_marked_exported_and_reported(job_app, desk, source, shown):
-    app = job_app
-    async with app.run_test(size=SIZE) as pilot:
-        await on_job(app, pilot)
-        await pilot.press("q", "5", "enter")
-        assert "the machine works" in "\n".join(shown(app)) and desk.asked == []
-        await pilot.press("escape")
-        feed(app, [{"state": "off"}])
-        await pilot.press("q", "5", "enter", "enter")
-        await settled(app, pilot)
-        assert source.orders == [Order(Do.MARK, "job finished")]
-        assert desk.asked == [("export", "run.csv", ".geojson"), ("report", "run.csv")]
-        text = "\n".join(shown(app))
-        assert "written: run-applied.geojson in ." in text and "written: run-report.html" in text
+async def test_the_end_of_the_job_is_asked_marked_exported_and_reported(app, desk, source, shown, pilot):
+    await on_job(app, pilot)
+    await pilot.press("q", "5", "enter")
+    assert "the machine works" in "\n".join(shown(app)) and desk.asked == []
+    await pilot.press("escape")
+    feed(app, [{"state": "off"}])
+    await pilot.press("q", "5", "enter", "enter")
+    await settled(app, pilot)
+    assert source.orders == [Order(Do.MARK, "job finished")]
+    assert desk.asked == [("export", "run.csv", ".geojson"), ("report", "run.csv")]
+    text = "\n".join(shown(app))
+    assert "written: run-applied.geojson in ." in text and "written: run-report.html" in text
 
 
-async def test_an_export_that_fails_is_a_line_and_escape_cancels(job_app, desk, shown):
-    app = job_app
-    async with app.run_test(size=SIZE) as pilot:
-        await on_job(app, pilot)
-        desk.trouble = "run.csv: no row of work with a place"
-        await pilot.press("e", "2", "enter")
-        await settled(app, pilot)
-        assert desk.asked == [("export", "run.csv", ".shp")]
-        assert any("not written: run.csv: no row of work with a place" in row for row in shown(app))
+async def test_an_export_that_fails_is_a_line_and_escape_cancels(app, desk, shown, pilot):
+    await on_job(app, pilot)
+    desk.trouble = "run.csv: no row of work with a place"
+    await pilot.press("e", "2", "enter")
+    await settled(app, pilot)
+    assert desk.asked == [("export", "run.csv", ".shp")]
+    assert any("not written: run.csv: no row of work with a place" in row for row in shown(app))
 
-        begun, go = asyncio.Event(), []
-        loop = asyncio.get_running_loop()
+    begun, go = asyncio.Event(), []
+    loop = asyncio.get_running_loop()
 
-        def slow(log_path, progress, cancelled):
-            progress(1, 3, "gathering")
-            loop.call_soon_threadsafe(begun.set)
-            while not cancelled():
-                time.sleep(0.01)
-            go.append("ended")
-            return ("never.html",)
+    def slow(log_path, progress, cancelled):
+        progress(1, 3, "gathering")
+        loop.call_soon_threadsafe(begun.set)
+        while not cancelled():
+            time.sleep(0.01)
+        go.append("ended")
+        return ("never.html",)
 
-        desk.report = slow
-        await pilot.press("q", "4", "enter")
-        await asyncio.wait_for(begun.wait(), 30)
-        await looked(app, pilot)
-        assert any("report: gathering (1 of 3)   Esc cancels" in row for row in shown(app))
-        await pilot.press("escape")
-        async with asyncio.timeout(30):
-            while not go:
-                await asyncio.sleep(0.01)
-        await settled(app, pilot)
-        text = "\n".join(shown(app))
-        assert "cancelled" in text and "never.html" not in text
+    desk.report = slow
+    await pilot.press("q", "4", "enter")
+    await asyncio.wait_for(begun.wait(), 30)
+    await looked(app, pilot)
+    assert any("report: gathering (1 of 3)   Esc cancels" in row for row in shown(app))
+    await pilot.press("escape")
+    async with asyncio.timeout(30):
+        while not go:
+            await asyncio.sleep(0.01)
+    await settled(app, pilot)
+    text = "\n".join(shown(app))
+    assert "cancelled" in text and "never.html" not in text
 
 
 # --- power cuts -------------------------------------------------------------------------------------------------------
@@ -452,8 +436,7 @@ async def test_escape_begins_nothing_and_c_asks_again(clock):
         assert isinstance(app.screen, ChoiceDialog)
 
 
-async def test_a_worker_that_died_is_offered_to_go_on(job_app, desk, source, frames):
-    app = job_app
+async def test_a_worker_that_died_is_offered_to_go_on(app, desk, source, frames):
     app.start = desk.restart
     async with app.run_test(size=SIZE) as pilot:
         desk.cut_off, desk.next = OFFER, StillSource(frames[-1])

@@ -38,71 +38,67 @@ async def opened(app, pilot):
     await settled(app, pilot)
 
 
-async def test_a_map_from_a_stick_is_shown_and_then_taken(full, desk, shown):
-    async with full.run_test(size=SIZE) as pilot:
-        await opened(full, pilot)
-        await pilot.press("p")
-        await settled(full, pilot)
-        assert isinstance(full.screen, ChoiceDialog) and "STICK" in "\n".join(shown(full))
-        await pilot.press("1", "enter")
-        await settled(full, pilot)
-        assert isinstance(full.screen, MapDialog)
-        text = " ".join(" ".join(shown(full)).split())
-        for said in ("1.20 ha, 312 kg in all", "column rate, read as kg/ha", "above the crop's limit", "░ 200 kg/ha"):
-            assert said in text, said
-        assert not any(asked[0] == "map" for asked in desk.asked), "looking changes nothing"
-        await pilot.press("enter")
-        await settled(full, pilot)
-        assert ("map", "/media/STICK/north.geojson", "rate", "") in desk.asked
-        assert full.page.pending == "" and desk.asked[-1] == ("drop",), "the machine works now"
+async def test_a_map_from_a_stick_is_shown_and_then_taken(full, desk, shown, pilot):
+    await opened(full, pilot)
+    await pilot.press("p")
+    await settled(full, pilot)
+    assert isinstance(full.screen, ChoiceDialog) and "STICK" in "\n".join(shown(full))
+    await pilot.press("1", "enter")
+    await settled(full, pilot)
+    assert isinstance(full.screen, MapDialog)
+    text = " ".join(" ".join(shown(full)).split())
+    for said in ("1.20 ha, 312 kg in all", "column rate, read as kg/ha", "above the crop's limit", "░ 200 kg/ha"):
+        assert said in text, said
+    assert not any(asked[0] == "map" for asked in desk.asked), "looking changes nothing"
+    await pilot.press("enter")
+    await settled(full, pilot)
+    assert ("map", "/media/STICK/north.geojson", "rate", "") in desk.asked
+    assert full.page.pending == "" and desk.asked[-1] == ("drop",), "the machine works now"
 
 
-async def test_column_and_unit_are_chosen_on_the_screen(full, desk, shown):
-    async with full.run_test(size=SIZE) as pilot:
-        await opened(full, pilot)
-        await pilot.press("p")
-        await settled(full, pilot)
-        await pilot.press("2", "enter")
-        await settled(full, pilot)
-        assert "rate column not chosen" in "\n".join(shown(full))
-        assert "take it" not in [one.label for one in full.screen.choices], "a question must be answered first"
-        await pilot.press("enter")
-        await pilot.press("1", "enter")
-        await settled(full, pilot)
-        await pilot.press("3", "enter")
-        await pilot.press("2", "enter")
-        await settled(full, pilot)
-        assert "column RATE_N, read as lb/ac" in "\n".join(shown(full))
-        await pilot.press("enter")
-        await settled(full, pilot)
-        assert ("map", "/media/STICK/zones.shp", "RATE_N", "lb/ac") in desk.asked
+async def test_column_and_unit_are_chosen_on_the_screen(full, desk, shown, pilot):
+    await opened(full, pilot)
+    await pilot.press("p")
+    await settled(full, pilot)
+    await pilot.press("2", "enter")
+    await settled(full, pilot)
+    assert "rate column not chosen" in "\n".join(shown(full))
+    assert "take it" not in [one.label for one in full.screen.choices], "a question must be answered first"
+    await pilot.press("enter")
+    await pilot.press("1", "enter")
+    await settled(full, pilot)
+    await pilot.press("3", "enter")
+    await pilot.press("2", "enter")
+    await settled(full, pilot)
+    assert "column RATE_N, read as lb/ac" in "\n".join(shown(full))
+    await pilot.press("enter")
+    await settled(full, pilot)
+    assert ("map", "/media/STICK/zones.shp", "RATE_N", "lb/ac") in desk.asked
 
 
 @pytest.mark.exam
-async def test_a_map_that_cannot_be_read_is_one_line(full, desk):
-    async with full.run_test(size=SIZE) as pilot:
-        await opened(full, pilot)
-        await pilot.press("p")
-        await settled(full, pilot)
-        desk.trouble = "north.geojson: no polygon in it"
-        await pilot.press("1", "enter")
-        await settled(full, pilot)
-        assert full.screen is full.page and "no polygon" in full.notice_text
+async def test_a_map_that_cannot_be_read_is_one_line(full, desk, pilot):
+    await opened(full, pilot)
+    await pilot.press("p")
+    await settled(full, pilot)
+    desk.trouble = "north.geojson: no polygon in it"
+    await pilot.press("1", "enter")
+    await settled(full, pilot)
+    assert full.screen is full.page and "no polygon" in full.notice_text
 
 
-async def test_whose_job_it_is(full, desk, shown):
-    async with full.run_test(size=SIZE) as pilot:
-        await opened(full, pilot)
-        await pilot.press("q", "3", "enter")
-        await pilot.press("1", "enter")
-        assert isinstance(full.screen, NameDialog)
-        await pilot.press(*"Li", "space", *"Ming", "enter")
-        await pilot.press("5", "enter")
-        await pilot.press(*"Ann", "enter")
-        assert not any(asked[0] == "who" for asked in desk.asked)
-        await pilot.press("6", "enter")
-        await settled(full, pilot)
-        assert ("who", "Li Ming", "", "division 2", "", "Ann", "") in desk.asked
+async def test_whose_job_it_is(full, desk, shown, pilot):
+    await opened(full, pilot)
+    await pilot.press("q", "3", "enter")
+    await pilot.press("1", "enter")
+    assert isinstance(full.screen, NameDialog)
+    await pilot.press(*"Li", "space", *"Ming", "enter")
+    await pilot.press("5", "enter")
+    await pilot.press(*"Ann", "enter")
+    assert not any(asked[0] == "who" for asked in desk.asked)
+    await pilot.press("6", "enter")
+    await settled(full, pilot)
+    assert ("who", "Li Ming", "", "division 2", "", "Ann", "") in desk.asked
 
 
 @pytest.mark.exam
@@ -123,27 +119,25 @@ async def test_a_product_of_the_library_is_chosen_by_its_name(full, desk):
             ("can_27", "", "products/can_27.yaml"), ("lime", "", "")]
 
 
-async def test_the_list_of_jobs_draws_their_fields(full, shown):
-    async with full.run_test(size=SIZE) as pilot:
-        await opened(full, pilot)
-        await pilot.press("j")
-        text = "\n".join(shown(full))
-        assert "division-2" in text and any(0x2800 < ord(letter) < 0x2900 for letter in text)
+async def test_the_list_of_jobs_draws_their_fields(full, shown, pilot):
+    await opened(full, pilot)
+    await pilot.press("j")
+    text = "\n".join(shown(full))
+    assert "division-2" in text and any(0x2800 < ord(letter) < 0x2900 for letter in text)
 
 
-async def test_after_a_calibration_or_an_adoption_it_is_asked_whether_to_use_it_now(full, desk, source):
-    async with full.run_test(size=SIZE) as pilot:
-        await opened(full, pilot)
-        full.page.ask_use("machines/new.yaml")
-        await pilot.pause()
-        assert isinstance(full.screen, Confirm)
-        await pilot.press("escape")
-        assert ("take", "machine", "machines/new.yaml") not in desk.asked
-        full.page.ask_use("machines/new.yaml")
-        await pilot.pause()
-        await pilot.press("enter")
-        await settled(full, pilot)
-        assert ("take", "machine", "machines/new.yaml") in desk.asked
+async def test_after_a_calibration_or_an_adoption_it_is_asked_whether_to_use_it_now(full, desk, source, pilot):
+    await opened(full, pilot)
+    full.page.ask_use("machines/new.yaml")
+    await pilot.pause()
+    assert isinstance(full.screen, Confirm)
+    await pilot.press("escape")
+    assert ("take", "machine", "machines/new.yaml") not in desk.asked
+    full.page.ask_use("machines/new.yaml")
+    await pilot.pause()
+    await pilot.press("enter")
+    await settled(full, pilot)
+    assert ("take", "machine", "machines/new.yaml") in desk.asked
 
 
 def test_what_a_job_still_takes(frames):
@@ -168,22 +162,20 @@ def test_a_field_in_a_few_characters():
     assert shaded(Planned(0.0, 0.0, 10.0, rates), 2, 1)[0] in ("▒█", "░█", "▓█", "░ ")
 
 
-async def test_the_job_page_tells_what_is_left(full, shown):
-    async with full.run_test(size=SIZE) as pilot:
-        await opened(full, pilot)
-        for worker in [one for one in full.workers if one.group == "field"]:
-            await worker.wait()
-        await settled(full, pilot)
-        row = next(row for row in shown(full) if "to finish" in row)
-        assert " kg" in row and " m" in row and ":" in row
+async def test_the_job_page_tells_what_is_left(full, shown, pilot):
+    await opened(full, pilot)
+    for worker in [one for one in full.workers if one.group == "field"]:
+        await worker.wait()
+    await settled(full, pilot)
+    row = next(row for row in shown(full) if "to finish" in row)
+    assert " kg" in row and " m" in row and ":" in row
 
 
-async def test_no_letter_of_the_map_dialog_reaches_the_page(full, desk):
-    async with full.run_test(size=SIZE) as pilot:
-        await opened(full, pilot)
-        await pilot.press("p")
-        await settled(full, pilot)
-        await pilot.press("1", "enter")
-        await settled(full, pilot)
-        await pilot.press("f", "j", "i")
-        assert isinstance(full.screen, MapDialog) and not isinstance(full.screen, NumberDialog)
+async def test_no_letter_of_the_map_dialog_reaches_the_page(full, desk, pilot):
+    await opened(full, pilot)
+    await pilot.press("p")
+    await settled(full, pilot)
+    await pilot.press("1", "enter")
+    await settled(full, pilot)
+    await pilot.press("f", "j", "i")
+    assert isinstance(full.screen, MapDialog) and not isinstance(full.screen, NumberDialog)

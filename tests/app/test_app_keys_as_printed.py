@@ -25,15 +25,14 @@ def test_the_arrows_signs_are_pressed_as_characters_too():
                 assert meant(sign, bound, frozenset({"space", "x"})) in one.keys.split(","), one.id
 
 
-async def test_the_map_is_moved_by_the_signs_as_by_the_arrows(full, turned):
-    async with full.run_test(size=SIZE) as pilot:
-        await turned(full, pilot, "map")
-        seen = []
-        for key in ("greater_than_sign", "less_than_sign", "right", "left"):
-            before = full.page._camera().east_m
-            await pilot.press(key)
-            seen.append(round(full.page._camera().east_m - before, 3))
-        assert seen[0] == seen[2] > 0.0 > seen[1] == seen[3]
+async def test_the_map_is_moved_by_the_signs_as_by_the_arrows(full, turned, pilot):
+    await turned(full, pilot, "map")
+    seen = []
+    for key in ("greater_than_sign", "less_than_sign", "right", "left"):
+        before = full.page._camera().east_m
+        await pilot.press(key)
+        seen.append(round(full.page._camera().east_m - before, 3))
+    assert seen[0] == seen[2] > 0.0 > seen[1] == seen[3]
 
 
 async def test_every_letter_of_the_run_page_does_on_every_page_what_it_does_there_or_says_where(full, source, turned):
@@ -74,12 +73,11 @@ async def test_a_refused_start_says_which_key_comes_first(full, source, turned, 
         assert full.screen is full.page and "press R first" in full.notice_text
 
 
-async def test_ready_at_work_says_what_holds(full, source, turned):
-    async with full.run_test(size=SIZE) as pilot:
-        await turned(full, pilot, "job")
-        source.answer = Answer(False, "not_from_state;state=working")
-        await pilot.press("r")
-        assert "Press Space first." in full.notice_text
+async def test_ready_at_work_says_what_holds(full, source, turned, pilot):
+    await turned(full, pilot, "job")
+    source.answer = Answer(False, "not_from_state;state=working")
+    await pilot.press("r")
+    assert "Press Space first." in full.notice_text
 
 
 async def test_a_source_that_the_job_has_not_is_marked_as_a_map_is(full, source):
@@ -93,11 +91,10 @@ async def test_a_source_that_the_job_has_not_is_marked_as_a_map_is(full, source)
 
 
 @pytest.mark.parametrize("size", [(120, 40), (80, 24)])
-async def test_the_key_that_starts_stands_on_every_page(full, shown, turned, size):
+async def test_the_key_that_starts_stands_on_every_page(full, shown, turned, size, pilot):
     """`^S` stood in no key bar."""
-    async with full.run_test(size=size) as pilot:
-        for where in full.pages:
-            await turned(full, pilot, where)
-            said = shown(full)[-1]
-            assert where != "map" or "Q menu" in said, "and what stood there stands there still"
-            assert ("S start" if where in ("run", "job") else "^S start") in said, (where, said)
+    for where in full.pages:
+        await turned(full, pilot, where)
+        said = shown(full)[-1]
+        assert where != "map" or "Q menu" in said, "and what stood there stands there still"
+        assert ("S start" if where in ("run", "job") else "^S start") in said, (where, said)

@@ -57,15 +57,14 @@ async def test_after_a_pause_a_digit_begins_a_new_number(full, clock):
 
 
 @pytest.mark.parametrize("size", SIZES)
-async def test_every_line_of_a_long_list_is_reached_and_seen_with_a_bar_and_a_count(full, shown, size):
-    async with full.run_test(size=size) as pilot:
-        await asked(full, pilot, names(60))
-        for k in range(1, 61):
-            rows = shown(full)
-            assert any(f"> {k:>2}  line {k} " in row for row in rows), k
-            assert any(f"{k} of 60" in row for row in rows) and any("█" in row or "│" in row for row in rows)
-            assert any("Enter" in row for row in rows), "the keys stay in sight"
-            await pilot.press("down")
+async def test_every_line_of_a_long_list_is_reached_and_seen_with_a_bar_and_a_count(full, shown, size, pilot):
+    await asked(full, pilot, names(60))
+    for k in range(1, 61):
+        rows = shown(full)
+        assert any(f"> {k:>2}  line {k} " in row for row in rows), k
+        assert any(f"{k} of 60" in row for row in rows) and any("█" in row or "│" in row for row in rows)
+        assert any("Enter" in row for row in rows), "the keys stay in sight"
+        await pilot.press("down")
 
 
 async def test_a_click_marks_what_is_seen_there_and_the_wheel_moves_on(full):

@@ -27,7 +27,7 @@ ON_MAP = Picture("map", SIZE, screen="map")
 
 
 @pytest.fixture
-def still(frames, clock):
+def app(frames, clock):
     """A minute of a run on its field."""
     app = TopdressApp(StillSource(frames[-1]), clock, live=False, utc_offset_s=0.0, services=sample_services())
     for frame in frames[:-1]:
@@ -48,181 +48,166 @@ async def opened(app, pilot):
     return app.page.query_one("#map-pane", MapPane)
 
 
-async def test_colours_by_key_and_by_click(still):
-    async with still.run_test(size=SIZE) as pilot:
-        pane = await opened(still, pilot)
-        legend = still.page.query_one("#map-scale", MapLegend)
-        seen = []
-        for _press in range(4):
-            seen.append((pane.view.scale.layer, legend.view.scale.unit))
-            await pilot.press("v")
-        assert seen == [(MapLayer.APPLIED, "kg/ha"), (MapLayer.TARGET, "kg/ha"), (MapLayer.ERROR, "%"),
-                        (MapLayer.NDVI, "")]
-        assert pane.view.scale.layer is MapLayer.APPLIED
-        await pilot.click("#map-bar", offset=(22, 0))
-        assert pane.view.scale.layer is MapLayer.ERROR
+@pytest.fixture
+async def pane(app, pilot):
+    return await opened(app, pilot)
 
 
-async def test_nearer_farther_and_the_whole_field(still):
-    async with still.run_test(size=SIZE) as pilot:
-        pane = await opened(still, pilot)
-        whole = pane.view.camera
-        assert states(still) == ("whole field",)
-        box = sample_field().box
-        pixels = pane.pixels()
-        for corner in ((box.west_m, box.south_m), (box.east_m, box.north_m)):
-            column, row = pixels.at(*corner)
-            assert 0 <= column < pixels.columns and 0 <= row < pixels.rows
-        await pilot.press("plus", "plus")
-        assert pane.view.camera.metres < whole.metres and states(still) == ("following",)
-        place = pane.view.place
-        column, row = pane.pixels().at(*place)
-        assert 0 <= column < pixels.columns and 0 <= row < pixels.rows, "the machine stays in sight"
-        await pilot.press("minus")
-        assert pane.view.camera.metres == whole.zoomed(1).metres
-        await pilot.press("z")
-        assert pane.view.camera == whole and states(still) == ("whole field",)
+async def test_colours_by_key_and_by_click(app, pilot, pane):
+    legend = app.page.query_one("#map-scale", MapLegend)
+    seen = []
+    for _press in range(4):
+        seen.append((pane.view.scale.layer, legend.view.scale.unit))
+        await pilot.press("v")
+    assert seen == [(MapLayer.APPLIED, "kg/ha"), (MapLayer.TARGET, "kg/ha"), (MapLayer.ERROR, "%"), (MapLayer.NDVI, "")]
+    assert pane.view.scale.layer is MapLayer.APPLIED
+    await pilot.click("#map-bar", offset=(22, 0))
+    assert pane.view.scale.layer is MapLayer.ERROR
 
 
-async def test_arrows_move_the_map_and_mark_a_place(still):
-    async with still.run_test(size=SIZE) as pilot:
-        pane = await opened(still, pilot)
-        before = pane.view.camera
-        await pilot.press("right")
-        assert pane.view.camera.east_m > before.east_m and pane.view.camera.north_m == before.north_m
-        await pilot.press("left", "up")
-        assert pane.view.camera.east_m == before.east_m and pane.view.camera.north_m > before.north_m
-        assert pane.view.cross == (pane.view.camera.east_m, pane.view.camera.north_m)
-        assert states(still) == ("standing",)
-        assert still.page.query_one("#map-reading", Panel).view.where == "mark +"
-        await pilot.press("y")
-        assert states(still) == ("following",) and pane.view.cross is None
-        await pilot.press("y")
-        assert states(still) == ("standing",)
+async def test_nearer_farther_and_the_whole_field(app, pilot, pane):
+    whole = pane.view.camera
+    assert states(app) == ("whole field",)
+    box = sample_field().box
+    pixels = pane.pixels()
+    for corner in ((box.west_m, box.south_m), (box.east_m, box.north_m)):
+        column, row = pixels.at(*corner)
+        assert 0 <= column < pixels.columns and 0 <= row < pixels.rows
+    await pilot.press("plus", "plus")
+    assert pane.view.camera.metres < whole.metres and states(app) == ("following",)
+    place = pane.view.place
+    column, row = pane.pixels().at(*place)
+    assert 0 <= column < pixels.columns and 0 <= row < pixels.rows, "the machine stays in sight"
+    await pilot.press("minus")
+    assert pane.view.camera.metres == whole.zoomed(1).metres
+    await pilot.press("z")
+    assert pane.view.camera == whole and states(app) == ("whole field",)
 
 
-@pytest.mark.exam
-async def test_drag_and_wheel(still):
-    async with still.run_test(size=SIZE) as pilot:
-        pane = await opened(still, pilot)
-        before = pane.view.camera
-        under = pane.pixels().place(20, 20)
-        await pilot.mouse_down("#map-pane", offset=(20, 10))
-        await pilot.hover("#map-pane", offset=(30, 13))
-        await pilot.mouse_up("#map-pane", offset=(30, 13))
-        await pilot.pause()
-        assert pane.pixels().at(*under) == (30, 26), "the place stays under the pointer"
-        assert pane.view.camera.metres == before.metres
-        under = pane.pixels().place(40, 20)
-        pane.post_message(MapPane.Wheeled(1, under))
-        await pilot.pause()
-        assert pane.view.camera.metres < before.metres
-        column, row = pane.pixels().at(*under)
-        assert abs(column - 40) <= 1 and abs(row - 20) <= 1
-
-
-async def test_what_lies_under_the_pointer_is_told(still):
-    async with still.run_test(size=SIZE) as pilot:
-        pane = await opened(still, pilot)
-        worked, field = still.history.worked, sample_field()
-        at_machine = reading(still)
-        assert at_machine["applied"].endswith("kg/ha") and at_machine["applied"] != "-- kg/ha"
-        place = (50.0, 20.0)
-        column, row = pane.pixels().at(*place)
-        await pilot.hover("#map-pane", offset=(column, row // 2))
-        told = reading(still)
-        assert told["applied"] == "-- kg/ha" and told["error"] == "--", "not worked there yet"
-        near = pane.pixels().place(column, 2 * (row // 2) + 0.5)
-        assert told["planned"] == f"{field.planned.at(*near):.0f} kg/ha"
-        assert told["east"] == f"{near[0]:.0f} m" and told["north"] == f"{near[1]:.0f} m"
-        assert worked.rate_ends is not None
-        await pilot.hover("#status")
-        assert reading(still) == at_machine
-
-
-async def test_a_file_is_laid_on_the_map_by_its_key_and_taken_off_again(still, shown):
-    async with still.run_test(size=SIZE) as pilot:
-        pane = await opened(still, pilot)
-        before = [pane.render_line(row).text for row in range(pane.content_size.height)]
-        legend = still.page.query_one("#map-laid", Canvas)
-        assert not legend.display and "file" not in reading(still)
-        await pilot.press("j")
-        assert any("autumn.geojson" in row for row in shown(still))
-        await pilot.press("enter")
-        await settled(still, pilot)
-        assert legend.display and pane.view.laid is not None
-        assert any("file autumn.geojson: applied " in row and "kg/ha" in row for row in shown(still))
-        column, row = pane.pixels().at(54.0, 30.0)                  # not worked yet, and there in autumn
-        await pilot.hover("#map-pane", offset=(column, row // 2))
-        east, north = pane.pixels().place(column, 2 * (row // 2) + 0.5)
-        told = float(reading(still)["file"].removesuffix(" kg/ha"))
-        assert told == pytest.approx(220.0 + 12.0 * round(north / 6.0) + 40.0 * east / 60.0, abs=8.0)
-        assert reading(still)["applied"] == "-- kg/ha"
-        await pilot.press("v", "v", "v")
-        assert pane.view.laid is None, "no NDVI in it"
-        assert any("file autumn.geojson: no NDVI in it" in row for row in shown(still))
-        await pilot.press("v", "j", "up", "enter")
-        assert not legend.display and pane.view.laid is None
-        assert [pane.render_line(row).text for row in range(pane.content_size.height)] == before
+async def test_arrows_move_the_map_and_mark_a_place(app, pilot, pane):
+    before = pane.view.camera
+    await pilot.press("right")
+    assert pane.view.camera.east_m > before.east_m and pane.view.camera.north_m == before.north_m
+    await pilot.press("left", "up")
+    assert pane.view.camera.east_m == before.east_m and pane.view.camera.north_m > before.north_m
+    assert pane.view.cross == (pane.view.camera.east_m, pane.view.camera.north_m)
+    assert states(app) == ("standing",)
+    assert app.page.query_one("#map-reading", Panel).view.where == "mark +"
+    await pilot.press("y")
+    assert states(app) == ("following",) and pane.view.cross is None
+    await pilot.press("y")
+    assert states(app) == ("standing",)
 
 
 @pytest.mark.exam
-async def test_escape_leaves_the_map_as_it_is(still):
-    async with still.run_test(size=SIZE) as pilot:
-        pane = await opened(still, pilot)
-        await pilot.press("j", "escape")
-        assert pane.view.laid is None and not still.page.laid.path
-        await pilot.press("j", "enter")
-        await settled(still, pilot)
-        await pilot.press("j", "escape")
-        assert pane.view.laid is not None
+async def test_drag_and_wheel(pilot, pane):
+    before = pane.view.camera
+    under = pane.pixels().place(20, 20)
+    await pilot.mouse_down("#map-pane", offset=(20, 10))
+    await pilot.hover("#map-pane", offset=(30, 13))
+    await pilot.mouse_up("#map-pane", offset=(30, 13))
+    await pilot.pause()
+    assert pane.pixels().at(*under) == (30, 26), "the place stays under the pointer"
+    assert pane.view.camera.metres == before.metres
+    under = pane.pixels().place(40, 20)
+    pane.post_message(MapPane.Wheeled(1, under))
+    await pilot.pause()
+    assert pane.view.camera.metres < before.metres
+    column, row = pane.pixels().at(*under)
+    assert abs(column - 40) <= 1 and abs(row - 20) <= 1
 
 
-async def test_what_is_no_such_file_is_said_in_one_line(still, shown):
-    async with still.run_test(size=(80, 24)) as pilot:
-        pane = await opened(still, pilot)
+async def test_what_lies_under_the_pointer_is_told(app, pilot, pane):
+    worked, field = app.history.worked, sample_field()
+    at_machine = reading(app)
+    assert at_machine["applied"].endswith("kg/ha") and at_machine["applied"] != "-- kg/ha"
+    place = (50.0, 20.0)
+    column, row = pane.pixels().at(*place)
+    await pilot.hover("#map-pane", offset=(column, row // 2))
+    told = reading(app)
+    assert told["applied"] == "-- kg/ha" and told["error"] == "--", "not worked there yet"
+    near = pane.pixels().place(column, 2 * (row // 2) + 0.5)
+    assert told["planned"] == f"{field.planned.at(*near):.0f} kg/ha"
+    assert told["east"] == f"{near[0]:.0f} m" and told["north"] == f"{near[1]:.0f} m"
+    assert worked.rate_ends is not None
+    await pilot.hover("#status")
+    assert reading(app) == at_machine
+
+
+async def test_a_file_is_laid_on_the_map_by_its_key_and_taken_off_again(app, shown, pilot, pane):
+    before = [pane.render_line(row).text for row in range(pane.content_size.height)]
+    legend = app.page.query_one("#map-laid", Canvas)
+    assert not legend.display and "file" not in reading(app)
+    await pilot.press("j")
+    assert any("autumn.geojson" in row for row in shown(app))
+    await pilot.press("enter")
+    await settled(app, pilot)
+    assert legend.display and pane.view.laid is not None
+    assert any("file autumn.geojson: applied " in row and "kg/ha" in row for row in shown(app))
+    column, row = pane.pixels().at(54.0, 30.0)                  # not worked yet, and there in autumn
+    await pilot.hover("#map-pane", offset=(column, row // 2))
+    east, north = pane.pixels().place(column, 2 * (row // 2) + 0.5)
+    told = float(reading(app)["file"].removesuffix(" kg/ha"))
+    assert told == pytest.approx(220.0 + 12.0 * round(north / 6.0) + 40.0 * east / 60.0, abs=8.0)
+    assert reading(app)["applied"] == "-- kg/ha"
+    await pilot.press("v", "v", "v")
+    assert pane.view.laid is None, "no NDVI in it"
+    assert any("file autumn.geojson: no NDVI in it" in row for row in shown(app))
+    await pilot.press("v", "j", "up", "enter")
+    assert not legend.display and pane.view.laid is None
+    assert [pane.render_line(row).text for row in range(pane.content_size.height)] == before
+
+
+@pytest.mark.exam
+async def test_escape_leaves_the_map_as_it_is(app, pilot, pane):
+    await pilot.press("j", "escape")
+    assert pane.view.laid is None and not app.page.laid.path
+    await pilot.press("j", "enter")
+    await settled(app, pilot)
+    await pilot.press("j", "escape")
+    assert pane.view.laid is not None
+
+
+async def test_what_is_no_such_file_is_said_in_one_line(app, shown):
+    async with app.run_test(size=(80, 24)) as pilot:
+        pane = await opened(app, pilot)
         await pilot.press("j", "2", "enter")
-        await settled(still, pilot)
-        assert "zones.geojson: shapes of type Polygon" in shown(still)[-1]
-        assert pane.view.laid is None and not still.page.query_one("#map-laid", Canvas).display
+        await settled(app, pilot)
+        assert "zones.geojson: shapes of type Polygon" in shown(app)[-1]
+        assert pane.view.laid is None and not app.page.query_one("#map-laid", Canvas).display
 
 
-async def test_the_work_lies_over_a_laid_file_and_the_plan_under_it(still):
-    async with still.run_test(size=SIZE) as pilot:
-        pane = await opened(still, pilot)
-        still.page.lay("/logs/autumn.geojson")
-        await settled(still, pilot)
-        view = pane.view
-        seen = image(view.worked, view.picture, view.scale, pane.pixels(), True, view.laid)
-        bare = image(view.worked, view.picture, view.scale, pane.pixels(), True)
-        done = (bare >= DONE) & (bare < PLAN) | (bare == PASSAGE)
-        assert (seen[done] == bare[done]).all()
-        assert (seen[~done] >= LAID).sum() > 100 and ((seen[~done] >= PLAN) & (seen[~done] < LAID)).any()
+async def test_the_work_lies_over_a_laid_file_and_the_plan_under_it(app, pilot, pane):
+    app.page.lay("/logs/autumn.geojson")
+    await settled(app, pilot)
+    view = pane.view
+    seen = image(view.worked, view.picture, view.scale, pane.pixels(), True, view.laid)
+    bare = image(view.worked, view.picture, view.scale, pane.pixels(), True)
+    done = (bare >= DONE) & (bare < PLAN) | (bare == PASSAGE)
+    assert (seen[done] == bare[done]).all()
+    assert (seen[~done] >= LAID).sum() > 100 and ((seen[~done] >= PLAN) & (seen[~done] < LAID)).any()
 
 
 @pytest.mark.exam
-async def test_the_plan_can_be_hidden_and_its_legend_goes_with_it(still, shown):
-    async with still.run_test(size=SIZE) as pilot:
-        pane = await opened(still, pilot)
-        assert any("faint: planned" in row for row in shown(still))
-        with_plan = pane.rows_drawn
-        await pilot.press("p")
-        assert not any("faint: planned" in row for row in shown(still))
-        assert pane.rows_drawn > with_plan
+async def test_the_plan_can_be_hidden_and_its_legend_goes_with_it(app, shown, pilot, pane):
+    assert any("faint: planned" in row for row in shown(app))
+    with_plan = pane.rows_drawn
+    await pilot.press("p")
+    assert not any("faint: planned" in row for row in shown(app))
+    assert pane.rows_drawn > with_plan
 
 
-async def test_area_and_product_done_and_left(still):
-    async with still.run_test(size=SIZE) as pilot:
-        await opened(still, pilot)
-        items = {item.label: item.value.text for item in still.page.query_one("#map-job", Panel).view}
-        frame, field = still.arrival.frame, sample_field()
-        assert items["left"] == f"{field.area_ha - frame.area_ha:.2f} ha"
-        assert ":" in items["time left"] and items["time left"].endswith(" m")
-        assert items["still needed"] == f"{field.planned.mass_kg - frame.applied_kg:.0f} kg"
-        assert items["done"] == f"{frame.area_ha:.2f} ha  {100 * frame.area_ha / field.area_ha:.0f} %"
-        await pilot.press("u", "enter")
-        items = {item.label: item.value.text for item in still.page.query_one("#map-job", Panel).view}
-        assert " ac" in items["left"]
+async def test_area_and_product_done_and_left(app, pilot):
+    await opened(app, pilot)
+    items = {item.label: item.value.text for item in app.page.query_one("#map-job", Panel).view}
+    frame, field = app.arrival.frame, sample_field()
+    assert items["left"] == f"{field.area_ha - frame.area_ha:.2f} ha"
+    assert ":" in items["time left"] and items["time left"].endswith(" m")
+    assert items["still needed"] == f"{field.planned.mass_kg - frame.applied_kg:.0f} kg"
+    assert items["done"] == f"{frame.area_ha:.2f} ha  {100 * frame.area_ha / field.area_ha:.0f} %"
+    await pilot.press("u", "enter")
+    items = {item.label: item.value.text for item in app.page.query_one("#map-job", Panel).view}
+    assert " ac" in items["left"]
 
 
 @pytest.mark.exam
@@ -266,19 +251,17 @@ async def test_a_map_drawn_row_by_row_looks_as_one_drawn_at_once(clock):
                 for row in range(pane.content_size.height)] == styles
 
 
-async def test_locked_nothing_moves(still):
-    async with still.run_test(size=SIZE) as pilot:
-        pane = await opened(still, pilot)
-        await pilot.press("f8")
-        before = pane.view
-        await pilot.press("plus", "v", "left", "y", "z", "p")
-        await pilot.click("#map-bar", offset=(22, 0))
-        pane.post_message(MapPane.Wheeled(1, (0.0, 0.0)))
-        pane.post_message(MapPane.Dragged(5, 5))
-        await pilot.pause()
-        assert pane.view == before and still.source.orders == []
-        await pilot.press("space", "x")
-        assert [order.do.value for order in still.source.orders] == ["hold", "stop"]
+async def test_locked_nothing_moves(app, pilot, pane):
+    await pilot.press("f8")
+    before = pane.view
+    await pilot.press("plus", "v", "left", "y", "z", "p")
+    await pilot.click("#map-bar", offset=(22, 0))
+    pane.post_message(MapPane.Wheeled(1, (0.0, 0.0)))
+    pane.post_message(MapPane.Dragged(5, 5))
+    await pilot.pause()
+    assert pane.view == before and app.source.orders == []
+    await pilot.press("space", "x")
+    assert [order.do.value for order in app.source.orders] == ["hold", "stop"]
 
 
 async def test_no_position_and_no_field_are_said(clock, shown):
@@ -324,26 +307,23 @@ async def test_a_field_is_loaded_once_for_each_job(clock):
         assert app.history.worked.width_m == 3.0
 
 
-async def test_old_values_are_grey(still, clock):
-    async with still.run_test(size=SIZE) as pilot:
-        pane = await opened(still, pilot)
-        assert not pane.view.stale
-        await later(still, pilot, 5.0)
-        assert pane.view.stale
-        assert all(item.value.stale for item in still.page.query_one("#map-job", Panel).view)
+async def test_old_values_are_grey(app, clock, pilot, pane):
+    assert not pane.view.stale
+    await later(app, pilot, 5.0)
+    assert pane.view.stale
+    assert all(item.value.stale for item in app.page.query_one("#map-job", Panel).view)
 
 
-async def test_without_colours_levels_are_characters_with_a_legend(still, shown):
-    async with still.run_test(size=SIZE) as pilot:
-        still.no_color = True
-        await opened(still, pilot)
-        still.page.redraw()
-        await later(still, pilot)
-        text = "\n".join(shown(still))
-        assert "░▒▓█" in text and "1234 planned" in text
-        assert any(character in text for character in ("3333", "4444", "3434", "3343"))
-        await pilot.press("v", "v")
-        assert "Ll.hH" in "\n".join(shown(still))
+async def test_without_colours_levels_are_characters_with_a_legend(app, shown, pilot):
+    app.no_color = True
+    await opened(app, pilot)
+    app.page.redraw()
+    await later(app, pilot)
+    text = "\n".join(shown(app))
+    assert "░▒▓█" in text and "1234 planned" in text
+    assert any(character in text for character in ("3333", "4444", "3434", "3343"))
+    await pilot.press("v", "v")
+    assert "Ll.hH" in "\n".join(shown(app))
 
 
 @pytest.mark.exam

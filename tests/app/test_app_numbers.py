@@ -131,58 +131,53 @@ async def test_a_refill_with_a_comma_is_that_refill(app, source, shown):
             assert source.orders == [Order(Do.REFILL, 12.5)] and app.notice_text == "filled in: 12.5 kg", text
 
 
-async def test_nothing_is_dropped_from_what_is_no_number(app, source):
-    async with app.run_test(size=SIZE) as pilot:
-        for text in ("1e3", "1.2.5", "1.234,5", "nan", "inf", "12,", "1-2", "12345678901", "301", "0", "-5", "1" * 40):
-            await pilot.press("f")
-            await typed(app, pilot, text)
-            await pilot.press("enter")
-            assert isinstance(app.screen, NumberDialog) and source.orders == [], text
-            assert wrong(app) and "take" not in yes(app), text
-            await pilot.press("escape")
-
-
-async def test_half_a_number_is_wrong_only_when_it_is_wanted(app):
-    async with app.run_test(size=SIZE) as pilot:
+async def test_nothing_is_dropped_from_what_is_no_number(app, source, pilot):
+    for text in ("1e3", "1.2.5", "1.234,5", "nan", "inf", "12,", "1-2", "12345678901", "301", "0", "-5", "1" * 40):
         await pilot.press("f")
-        await typed(app, pilot, "12,")
-        assert wrong(app) == ""
-        await typed(app, pilot, "e")
-        assert "not part of a number" in wrong(app)
-        await pilot.press("backspace", "5")
-        assert wrong(app) == "" and "take 12.5 kg" in yes(app)
-
-
-async def test_a_number_can_be_pasted(app, source):
-    async with app.run_test(size=SIZE) as pilot:
-        await pilot.press("f")
-        app.screen.post_message(events.Paste("12,5\n"))
-        await pilot.pause()
-        assert "take 12.5 kg" in yes(app)
-        await pilot.press("delete")
-        app.screen.post_message(events.Paste("1 250"))
-        await pilot.pause()
+        await typed(app, pilot, text)
         await pilot.press("enter")
-        assert "blank" in wrong(app) and source.orders == []
+        assert isinstance(app.screen, NumberDialog) and source.orders == [], text
+        assert wrong(app) and "take" not in yes(app), text
+        await pilot.press("escape")
 
 
-async def test_the_first_key_replaces_what_stood_there(app):
-    async with app.run_test(size=SIZE) as pilot:
-        answers = []
-        app.push_screen(NumberDialog("Filled in", "kg", 0, 300, typed="250.0"), answers.append)
-        await pilot.pause()
-        await typed(app, pilot, "12")
-        await pilot.press("enter")
-        assert answers == [12.0]
+async def test_half_a_number_is_wrong_only_when_it_is_wanted(app, pilot):
+    await pilot.press("f")
+    await typed(app, pilot, "12,")
+    assert wrong(app) == ""
+    await typed(app, pilot, "e")
+    assert "not part of a number" in wrong(app)
+    await pilot.press("backspace", "5")
+    assert wrong(app) == "" and "take 12.5 kg" in yes(app)
 
 
-async def test_the_question_after_a_rate_repeats_it(app, source, shown):
-    async with app.run_test(size=SIZE) as pilot:
-        await pilot.press("m")
-        await typed(app, pilot, "120,5")
-        await pilot.press("enter")
-        assert source.orders == [Order(Do.MANUAL_RATE, 120.5)] and isinstance(app.screen, Confirm)
-        assert "Use the manual rate of 120.5 kg/ha now?" in "\n".join(shown(app))
+async def test_a_number_can_be_pasted(app, source, pilot):
+    await pilot.press("f")
+    app.screen.post_message(events.Paste("12,5\n"))
+    await pilot.pause()
+    assert "take 12.5 kg" in yes(app)
+    await pilot.press("delete")
+    app.screen.post_message(events.Paste("1 250"))
+    await pilot.pause()
+    await pilot.press("enter")
+    assert "blank" in wrong(app) and source.orders == []
+
+
+async def test_the_first_key_replaces_what_stood_there(app, pilot):
+    answers = []
+    app.push_screen(NumberDialog("Filled in", "kg", 0, 300, typed="250.0"), answers.append)
+    await pilot.pause()
+    await typed(app, pilot, "12")
+    await pilot.press("enter")
+    assert answers == [12.0]
+
+
+async def test_the_question_after_a_rate_repeats_it(app, source, shown, pilot):
+    await pilot.press("m")
+    await typed(app, pilot, "120,5")
+    await pilot.press("enter")
+    assert source.orders == [Order(Do.MANUAL_RATE, 120.5)] and isinstance(app.screen, Confirm)
+    assert "Use the manual rate of 120.5 kg/ha now?" in "\n".join(shown(app))
 
 
 async def test_a_typed_number_is_no_nudge(app, source):
@@ -254,9 +249,8 @@ async def test_a_catch_that_differs_grossly_is_asked_again(source, clock, shown,
 
 @pytest.mark.parametrize(("keys", "typed"), [
     ("m" * 30 + "180", "180"), ("MMM7", "7"), ("1m", "1m"), ("vm1", "vm1"), ("m", "")])
-async def test_the_key_that_asked_for_the_number_stays_down_and_is_no_part_of_it(full, keys, typed):
+async def test_the_key_that_asked_for_the_number_stays_down_and_is_no_part_of_it(full, keys, typed, pilot):
     """Only while nothing else is typed: a letter within a number is refused in words, never dropped."""
-    async with full.run_test(size=SIZE) as pilot:
-        await pilot.press("m")
-        await pilot.press(*keys)
-        assert isinstance(full.screen, NumberDialog) and full.screen.typed == typed
+    await pilot.press("m")
+    await pilot.press(*keys)
+    assert isinstance(full.screen, NumberDialog) and full.screen.typed == typed

@@ -30,12 +30,11 @@ async def test_one_key_one_order(app):
 
 @pytest.mark.exam
 @pytest.mark.parametrize("dialog_key", ["plus", "m", "f1"])
-async def test_space_holds_and_stop_stops_under_any_dialog(app, dialog_key):
-    async with app.run_test(size=SIZE) as pilot:
-        await pilot.press(dialog_key)
-        await pilot.press("space", "f12")
-        assert app.source.orders == [Order(Do.HOLD), Order(Do.STOP)]
-        assert len(app.screen_stack) == 2, "the dialog stays"
+async def test_space_holds_and_stop_stops_under_any_dialog(app, dialog_key, pilot):
+    await pilot.press(dialog_key)
+    await pilot.press("space", "f12")
+    assert app.source.orders == [Order(Do.HOLD), Order(Do.STOP)]
+    assert len(app.screen_stack) == 2, "the dialog stays"
 
 
 @pytest.mark.exam
@@ -43,13 +42,12 @@ async def test_x_stops_under_a_dialog(app):
     assert await press(app, "m", "x") == [Order(Do.STOP)]
 
 
-async def test_space_holds_even_where_a_button_has_the_focus(app):
-    async with app.run_test(size=SIZE) as pilot:
-        await pilot.press("l", "tab")
-        assert app.focused is not None
-        await pilot.press("space")
-        assert app.source.orders == [Order(Do.HOLD)]
-        assert isinstance(app.screen, Confirm)
+async def test_space_holds_even_where_a_button_has_the_focus(app, pilot):
+    await pilot.press("l", "tab")
+    assert app.focused is not None
+    await pilot.press("space")
+    assert app.source.orders == [Order(Do.HOLD)]
+    assert isinstance(app.screen, Confirm)
 
 
 ASKED = [
@@ -66,23 +64,21 @@ ASKED = [
 ]
 
 
-async def test_what_changes_the_dose_is_asked_once(app):
+async def test_what_changes_the_dose_is_asked_once(app, pilot):
     """Nothing goes out before Enter."""
-    async with app.run_test(size=SIZE) as pilot:
-        for keys, order in ASKED:
-            await pilot.press(*keys[:-1])
-            assert app.source.orders == [], keys
-            await pilot.press("enter")
-            assert app.source.orders == [order], keys
-            app.source.orders.clear()
+    for keys, order in ASKED:
+        await pilot.press(*keys[:-1])
+        assert app.source.orders == [], keys
+        await pilot.press("enter")
+        assert app.source.orders == [order], keys
+        app.source.orders.clear()
 
 
-async def test_no_sends_nothing(app):
-    async with app.run_test(size=SIZE) as pilot:
-        for keys in (("plus",), ("l",), ("t", "2"), ("m", "9", "0")):
-            await pilot.press(*keys, "escape")
-        await pilot.pause()
-        assert app.source.orders == []
+async def test_no_sends_nothing(app, pilot):
+    for keys in (("plus",), ("l",), ("t", "2"), ("m", "9", "0")):
+        await pilot.press(*keys, "escape")
+    await pilot.pause()
+    assert app.source.orders == []
 
 
 def test_a_nudge_stays_within_30_percent():
@@ -105,13 +101,12 @@ async def test_a_manual_rate_is_asked_again_before_it_takes_the_place_of_the_can
     assert orders == [Order(Do.MANUAL_RATE, 180.0), Order(Do.SOURCE, "manual")]
 
 
-async def test_a_number_outside_its_range_is_not_taken(app):
-    async with app.run_test(size=SIZE) as pilot:
-        await pilot.press("m")
-        for typed in ("601", "9999", "", "."):
-            await pilot.press("delete", *("full_stop" if c == "." else c for c in typed), "enter")
-            assert isinstance(app.screen, NumberDialog), typed
-        assert app.source.orders == []
+async def test_a_number_outside_its_range_is_not_taken(app, pilot):
+    await pilot.press("m")
+    for typed in ("601", "9999", "", "."):
+        await pilot.press("delete", *("full_stop" if c == "." else c for c in typed), "enter")
+        assert isinstance(app.screen, NumberDialog), typed
+    assert app.source.orders == []
 
 
 async def test_a_manual_rate_in_pounds_an_acre_is_sent_in_kg_ha(app):
@@ -119,57 +114,52 @@ async def test_a_manual_rate_in_pounds_an_acre_is_sent_in_kg_ha(app):
     assert orders[0].value == pytest.approx(112.085, abs=1e-3)
 
 
-async def test_the_pad_can_be_clicked(app):
-    async with app.run_test(size=SIZE) as pilot:
-        await pilot.press("m")
-        for key in ("1", "5", "0"):
-            button = next(b for b in app.screen.query("Button").results() if b.name == key)
-            await pilot.click(button)
-        await pilot.click("#yes")
-        assert app.source.orders == [Order(Do.MANUAL_RATE, 150.0)]
+async def test_the_pad_can_be_clicked(app, pilot):
+    await pilot.press("m")
+    for key in ("1", "5", "0"):
+        button = next(b for b in app.screen.query("Button").results() if b.name == key)
+        await pilot.click(button)
+    await pilot.click("#yes")
+    assert app.source.orders == [Order(Do.MANUAL_RATE, 150.0)]
 
 
 async def test_a_choice_of_what_is_already_so_sends_nothing(app):
     assert await press(app, "t", "1", "enter") == []
 
 
-async def test_the_lock_leaves_hold_and_stop_and_asks_before_it_opens(app):
-    async with app.run_test(size=SIZE) as pilot:
-        await pilot.press("f8")
-        assert app.locked
-        for key in ("s", "r", "plus", "t", "l", "m", "a", "ctrl+p", "ctrl+q", "o"):
-            await pilot.press(key)
-        await pilot.pause()
-        assert app.source.orders == [] and len(app.screen_stack) == 1
-        assert app.notice_text
-        await pilot.press("space", "x", "f12")
-        assert [order.do for order in app.source.orders] == [Do.HOLD, Do.STOP, Do.STOP]
-        await pilot.press("f8", "escape")
-        assert app.locked
-        await pilot.press("f8", "enter")
-        assert not app.locked
+async def test_the_lock_leaves_hold_and_stop_and_asks_before_it_opens(app, pilot):
+    await pilot.press("f8")
+    assert app.locked
+    for key in ("s", "r", "plus", "t", "l", "m", "a", "ctrl+p", "ctrl+q", "o"):
+        await pilot.press(key)
+    await pilot.pause()
+    assert app.source.orders == [] and len(app.screen_stack) == 1
+    assert app.notice_text
+    await pilot.press("space", "x", "f12")
+    assert [order.do for order in app.source.orders] == [Do.HOLD, Do.STOP, Do.STOP]
+    await pilot.press("f8", "escape")
+    assert app.locked
+    await pilot.press("f8", "enter")
+    assert not app.locked
 
 
-async def test_the_lock_is_said_on_the_screen(app, shown):
-    async with app.run_test(size=SIZE) as pilot:
-        await pilot.press("f8")
-        assert "LOCKED" in shown(app)[0]
+async def test_the_lock_is_said_on_the_screen(app, shown, pilot):
+    await pilot.press("f8")
+    assert "LOCKED" in shown(app)[0]
 
 
-async def test_keys_are_clickable(app):
-    async with app.run_test(size=SIZE) as pilot:
-        bar = app.page.query_one("#keys", KeyBar)
-        stop = next(place for place in laid_out(bar.view.actions, bar.size.width) if place[0].id == "stop")
-        await pilot.click("#keys", offset=(stop[1] + 1, 0))
-        assert app.source.orders == [Order(Do.STOP)]
+async def test_keys_are_clickable(app, pilot):
+    bar = app.page.query_one("#keys", KeyBar)
+    stop = next(place for place in laid_out(bar.view.actions, bar.size.width) if place[0].id == "stop")
+    await pilot.click("#keys", offset=(stop[1] + 1, 0))
+    assert app.source.orders == [Order(Do.STOP)]
 
 
-async def test_hold_and_stop_stand_on_the_key_bar_at_every_size(app, shown):
-    async with app.run_test(size=SIZE) as pilot:
-        for size in ((40, 10), (60, 16), (80, 24), (100, 30), (120, 40)):
-            await pilot.resize_terminal(*size)
-            last = shown(app)[-1]
-            assert "hold" in last and "STOP" in last, size
+async def test_hold_and_stop_stand_on_the_key_bar_at_every_size(app, shown, pilot):
+    for size in ((40, 10), (60, 16), (80, 24), (100, 30), (120, 40)):
+        await pilot.resize_terminal(*size)
+        last = shown(app)[-1]
+        assert "hold" in last and "STOP" in last, size
 
 
 async def test_a_refusal_is_said_in_words_and_goes_after_a_while(app, source, clock, shown):
@@ -201,10 +191,9 @@ async def test_a_keymap_moves_keys(source, clock):
     assert await press(app, "s", "f9") == [Order(Do.START)]
 
 
-async def test_quit_asks_while_the_machine_works(app):
-    async with app.run_test(size=SIZE) as pilot:
-        await pilot.press("ctrl+q")
-        assert isinstance(app.screen, Confirm)
+async def test_quit_asks_while_the_machine_works(app, pilot):
+    await pilot.press("ctrl+q")
+    assert isinstance(app.screen, Confirm)
 
 
 async def test_a_start_key_that_stays_down_is_told_as_held(app):

@@ -266,13 +266,12 @@ async def test_a_machine_at_work_keeps_hold_stop_and_alarms_on_the_replay_screen
         assert len(source.orders) == 2, "start belongs to the Run screen"
 
 
-async def test_without_a_log_the_screen_says_how_to_open_one(app, shown):
-    async with app.run_test(size=SIZE) as pilot:
-        await pilot.press("f7")
-        assert any("J opens one" in row for row in shown(app))
-        await pilot.press("y")
-        await pilot.press("f2")
-        assert app.page is app.pages["run"]
+async def test_without_a_log_the_screen_says_how_to_open_one(app, shown, pilot):
+    await pilot.press("f7")
+    assert any("J opens one" in row for row in shown(app))
+    await pilot.press("y")
+    await pilot.press("f2")
+    assert app.page is app.pages["run"]
 
 
 # --- The Replay page opens a log from a list; what cannot be read is said and the log before stays -------------------

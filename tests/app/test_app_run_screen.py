@@ -33,33 +33,31 @@ async def test_before_the_first_frame_nothing_is_claimed(clock, shown):
         assert "NO DATA" in text and "WORKING" not in text
 
 
-async def test_values_older_than_a_second_are_grey_and_said(app, source, clock, frames, shown):
-    async with app.run_test(size=SIZE) as pilot:
-        rates = app.page.query_one("#rates", Rates)
-        assert not rates.view.target.stale
-        clock.now_s += STALE_S - 0.05
-        app.tick()
-        assert not rates.view.target.stale
-        await later(app, pilot, 0.25)
-        assert rates.view.target.stale and rates.view.applied.stale
-        assert "NO DATA 1 s" in shown(app)[0]
-        grey = app.get_css_variables()["stale"]
-        assert grey == app.theme_variables["stale"]
-        strip = rates.render_line(1)
-        colours = {segment.style.color.name for segment in strip if segment.style and "█" in segment.text}
-        assert colours == {grey}
-        source.newest = replace(frames[-1], seq=frames[-1].seq + 1, at_s=frames[-1].at_s + 1)
-        await later(app, pilot, 0.2)
-        assert not rates.view.target.stale
-        assert "NO DATA" not in shown(app)[0]
+async def test_values_older_than_a_second_are_grey_and_said(app, source, clock, frames, shown, pilot):
+    rates = app.page.query_one("#rates", Rates)
+    assert not rates.view.target.stale
+    clock.now_s += STALE_S - 0.05
+    app.tick()
+    assert not rates.view.target.stale
+    await later(app, pilot, 0.25)
+    assert rates.view.target.stale and rates.view.applied.stale
+    assert "NO DATA 1 s" in shown(app)[0]
+    grey = app.get_css_variables()["stale"]
+    assert grey == app.theme_variables["stale"]
+    strip = rates.render_line(1)
+    colours = {segment.style.color.name for segment in strip if segment.style and "█" in segment.text}
+    assert colours == {grey}
+    source.newest = replace(frames[-1], seq=frames[-1].seq + 1, at_s=frames[-1].at_s + 1)
+    await later(app, pilot, 0.2)
+    assert not rates.view.target.stale
+    assert "NO DATA" not in shown(app)[0]
 
 
-async def test_a_frame_of_the_same_number_is_not_a_new_one(app, source, clock, frames):
-    async with app.run_test(size=SIZE):
-        clock.now_s += 2.0
-        source.newest = replace(frames[-1])
-        app.tick()
-        assert app.page.query_one("#rates", Rates).view.target.stale
+async def test_a_frame_of_the_same_number_is_not_a_new_one(app, source, clock, frames, pilot):
+    clock.now_s += 2.0
+    source.newest = replace(frames[-1])
+    app.tick()
+    assert app.page.query_one("#rates", Rates).view.target.stale
 
 
 async def test_an_old_fix_or_silent_heads_are_grey_alone(app, source, frames):
@@ -72,20 +70,19 @@ async def test_an_old_fix_or_silent_heads_are_grey_alone(app, source, frames):
         assert not app.page.query_one("#tiles").view[1].value.stale
 
 
-async def test_a_widget_is_touched_only_when_what_it_shows_changes(app, clock, source, frames):
-    async with app.run_test(size=SIZE):
-        app.tick()
-        before = {panel.id: panel.redraws for panel in panels(app)}
-        for _tick in range(4):
-            clock.now_s += 0.2
-            app.tick()
-        assert {panel.id: panel.redraws for panel in panels(app)} == before
-        row = frames[-1].row._replace(hopper_kg=12.0)
-        source.newest = replace(frames[-1], seq=frames[-1].seq + 1, row=row)
+async def test_a_widget_is_touched_only_when_what_it_shows_changes(app, clock, source, frames, pilot):
+    app.tick()
+    before = {panel.id: panel.redraws for panel in panels(app)}
+    for _tick in range(4):
         clock.now_s += 0.2
         app.tick()
-        changed = {panel.id for panel in panels(app) if panel.redraws != before[panel.id]}
-        assert changed == {"tiles"}
+    assert {panel.id: panel.redraws for panel in panels(app)} == before
+    row = frames[-1].row._replace(hopper_kg=12.0)
+    source.newest = replace(frames[-1], seq=frames[-1].seq + 1, row=row)
+    clock.now_s += 0.2
+    app.tick()
+    changed = {panel.id for panel in panels(app) if panel.redraws != before[panel.id]}
+    assert changed == {"tiles"}
 
 
 async def test_numbers_5_plots_2_maps_1_a_second(source, clock, frames):
@@ -206,21 +203,19 @@ async def test_any_other_failure_of_the_link_is_as_a_worker_gone(source, clock):
         assert isinstance(app.screen, GoneScreen) and "odd" in app.gone
 
 
-async def test_trends_go_first_then_the_map_and_never_numbers_and_alarms(app, shown):
-    async with app.run_test(size=SIZE) as pilot:
-        page = app.page
-        for *size, trend, map_, body in ((120, 40, True, True, True), (100, 30, False, True, True),
-                                         (80, 24, False, False, True), (80, 40, True, False, True),
-                                         (79, 24, False, False, False), (80, 23, False, False, False)):
-            await pilot.resize_terminal(*size)
-            await later(app, pilot)
-            seen = {name: page.query_one(name).region.area > 0
-                    for name in ("#trend", "#map", "#rates", "#tiles", "#heads")}
-            assert seen["#map"] is map_, size
-            assert seen["#rates"] is seen["#tiles"] is seen["#heads"] is body, size
-            assert seen["#trend"] is (trend and body), size
-            assert page.query_one(AlarmBar).region.area > 0, size
-            assert ("80 x 24 shows the whole page" in "\n".join(shown(app))) is not body, size
+async def test_trends_go_first_then_the_map_and_never_numbers_and_alarms(app, shown, pilot):
+    page = app.page
+    for *size, trend, map_, body in ((120, 40, True, True, True), (100, 30, False, True, True),
+                                     (80, 24, False, False, True), (80, 40, True, False, True),
+                                     (79, 24, False, False, False), (80, 23, False, False, False)):
+        await pilot.resize_terminal(*size)
+        await later(app, pilot)
+        seen = {name: page.query_one(name).region.area > 0 for name in ("#trend", "#map", "#rates", "#tiles", "#heads")}
+        assert seen["#map"] is map_, size
+        assert seen["#rates"] is seen["#tiles"] is seen["#heads"] is body, size
+        assert seen["#trend"] is (trend and body), size
+        assert page.query_one(AlarmBar).region.area > 0, size
+        assert ("80 x 24 shows the whole page" in "\n".join(shown(app))) is not body, size
 
 
 @pytest.mark.exam
@@ -233,13 +228,12 @@ async def test_the_theme_key_goes_round_day_night_contrast(app):
         assert seen == ["night", "contrast", "day"]
 
 
-async def test_help_is_one_key_away(app, shown):
-    async with app.run_test(size=SIZE) as pilot:
-        await pilot.press("f1")
-        text = "\n".join(shown(app))
-        assert "Keys of this screen" in text and "Stops the flow at once" in text
-        await pilot.press("f1")
-        assert len(app.screen_stack) == 1
+async def test_help_is_one_key_away(app, shown, pilot):
+    await pilot.press("f1")
+    text = "\n".join(shown(app))
+    assert "Keys of this screen" in text and "Stops the flow at once" in text
+    await pilot.press("f1")
+    assert len(app.screen_stack) == 1
 
 
 async def test_why_no_flow_stands_beside_the_applied_rate(app, source, frames, shown):

@@ -16,7 +16,7 @@ SIZE = (120, 40)
 
 
 @pytest.fixture
-def run(frames, clock):
+def app(frames, clock):
     """The Run page after 60 s of work: every frame was seen."""
     app = TopdressApp(StillSource(frames[0]), clock, live=False, utc_offset_s=0.0)
     app.drive = lambda: _driven(app, frames)
@@ -34,77 +34,73 @@ def title_of(app, shown):
     return next(row for row in shown(app) if " trend " in row)
 
 
-async def test_keys_read_the_trend_and_escape_ends_it(run, frames, shown):
-    async with run.run_test(size=SIZE) as pilot:
-        run.drive()
-        await pilot.pause()
-        without = shown(run)
-        await pilot.press("escape")
-        assert run.notice_text == "no cursor is set"
-        run.notice_text = ""
+async def test_keys_read_the_trend_and_escape_ends_it(app, frames, shown, pilot):
+    app.drive()
+    await pilot.pause()
+    without = shown(app)
+    await pilot.press("escape")
+    assert app.notice_text == "no cursor is set"
+    app.notice_text = ""
+    await pilot.press("left")
+    page = app.page
+    near = next(point for point in reversed(page.points()) if point.time_s <= page.cursor_s)
+    said = title_of(app, shown)
+    assert f"target {near.target_kg_ha:.0f}" in said and f"applied {near.applied_kg_ha:.0f}" in said
+    at_s = page.cursor_s
+    await pilot.press("shift+left")
+    assert page.cursor_s == pytest.approx(at_s - 10 * (frames[-1].row.time_s - at_s), abs=0.2), "ten steps"
+    far = next(point for point in reversed(page.points()) if point.time_s <= page.cursor_s)
+    assert f"target {far.target_kg_ha:.0f}" in title_of(app, shown)
+    assert any("│" in row for row in shown(app))
+    await pilot.press("escape")
+    assert page.cursor_s is None and shown(app)[:-1] == without[:-1], "as it was"
+    assert app.source.orders == []
+
+
+async def test_a_tap_on_the_trend_reads_it_and_one_on_its_title_ends_it(app, shown, pilot):
+    app.drive()
+    await pilot.pause()
+    trend = app.page.query_one(Trend)
+    await pilot.click(trend, offset=(trend.size.width - 12, 3))
+    assert app.page.cursor_s is not None and app.page.cursor_s < app.page.points()[-1].time_s
+    await pilot.click(trend, offset=(5, 0))
+    assert app.page.cursor_s is None
+
+
+async def test_the_cursor_stays_at_its_time_and_goes_when_the_trend_has_run_past_it(app, frames, pilot):
+    app.drive()
+    await pilot.press("shift+left")
+    page, last = app.page, frames[-1]
+    at_s = page.cursor_s
+    for later_s in (30.0, 200.0):
+        row = last.row._replace(time_s=last.row.time_s + later_s)
+        app.source.newest = type(last)(**{name: getattr(last, name) for name in last.__dataclass_fields__}
+                                       | {"seq": last.seq + int(later_s), "row": row, "at_s": last.at_s + later_s})
+        app.look()
+        assert page.cursor_s == (at_s if later_s < 100.0 else None)
+
+
+async def test_where_there_is_no_trend_the_key_says_so(app):
+    async with app.run_test(size=(100, 30)) as pilot:
+        app.drive()
         await pilot.press("left")
-        page = run.page
-        near = next(point for point in reversed(page.points()) if point.time_s <= page.cursor_s)
-        said = title_of(run, shown)
-        assert f"target {near.target_kg_ha:.0f}" in said and f"applied {near.applied_kg_ha:.0f}" in said
-        at_s = page.cursor_s
-        await pilot.press("shift+left")
-        assert page.cursor_s == pytest.approx(at_s - 10 * (frames[-1].row.time_s - at_s), abs=0.2), "ten steps"
-        far = next(point for point in reversed(page.points()) if point.time_s <= page.cursor_s)
-        assert f"target {far.target_kg_ha:.0f}" in title_of(run, shown)
-        assert any("│" in row for row in shown(run))
-        await pilot.press("escape")
-        assert page.cursor_s is None and shown(run)[:-1] == without[:-1], "as it was"
-        assert run.source.orders == []
+        assert "36 rows" in app.notice_text and app.page.cursor_s is None
 
 
-async def test_a_tap_on_the_trend_reads_it_and_one_on_its_title_ends_it(run, shown):
-    async with run.run_test(size=SIZE) as pilot:
-        run.drive()
+async def test_where_there_is_no_room_tiles_stand_without_graphs(app, pilot):
+    app.drive()
+    await pilot.pause()
+    assert not app.page.query_one(TileGraphs).display
+
+
+async def test_graphs_stand_under_the_tiles_of_a_large_terminal(app, shown):
+    async with app.run_test(size=(160, 50)) as pilot:
+        app.drive()
         await pilot.pause()
-        trend = run.page.query_one(Trend)
-        await pilot.click(trend, offset=(trend.size.width - 12, 3))
-        assert run.page.cursor_s is not None and run.page.cursor_s < run.page.points()[-1].time_s
-        await pilot.click(trend, offset=(5, 0))
-        assert run.page.cursor_s is None
-
-
-async def test_the_cursor_stays_at_its_time_and_goes_when_the_trend_has_run_past_it(run, frames):
-    async with run.run_test(size=SIZE) as pilot:
-        run.drive()
-        await pilot.press("shift+left")
-        page, last = run.page, frames[-1]
-        at_s = page.cursor_s
-        for later_s in (30.0, 200.0):
-            row = last.row._replace(time_s=last.row.time_s + later_s)
-            run.source.newest = type(last)(**{name: getattr(last, name) for name in last.__dataclass_fields__}
-                                           | {"seq": last.seq + int(later_s), "row": row, "at_s": last.at_s + later_s})
-            run.look()
-            assert page.cursor_s == (at_s if later_s < 100.0 else None)
-
-
-async def test_where_there_is_no_trend_the_key_says_so(run):
-    async with run.run_test(size=(100, 30)) as pilot:
-        run.drive()
-        await pilot.press("left")
-        assert "36 rows" in run.notice_text and run.page.cursor_s is None
-
-
-async def test_where_there_is_no_room_tiles_stand_without_graphs(run):
-    async with run.run_test(size=SIZE) as pilot:
-        run.drive()
-        await pilot.pause()
-        assert not run.page.query_one(TileGraphs).display
-
-
-async def test_graphs_stand_under_the_tiles_of_a_large_terminal(run, shown):
-    async with run.run_test(size=(160, 50)) as pilot:
-        run.drive()
-        await pilot.pause()
-        graphs = run.page.query_one(TileGraphs)
+        graphs = app.page.query_one(TileGraphs)
         assert graphs.display and len(graphs.view.graphs) == 4 and all(graphs.view.graphs)
         first = graphs.region.y
-        assert any("\u2801" <= letter <= "\u28ff" for row in shown(run)[first:first + 2] for letter in row[:100])
+        assert any("\u2801" <= letter <= "\u28ff" for row in shown(app)[first:first + 2] for letter in row[:100])
 
 
 def test_a_graph_breaks_where_nothing_is_known_and_noise_is_no_mountain():

@@ -39,51 +39,47 @@ async def test_a_fault_whose_cause_is_gone_says_what_is_next(app, source, shown,
             assert "no alarms" not in text, where
 
 
-async def test_a_page_that_is_just_being_made_says_what_is_known(app, source, shown, monkeypatch):
+async def test_a_page_that_is_just_being_made_says_what_is_known(app, source, shown, monkeypatch, pilot):
     """On a busy computer "NO DATA", "waiting for the first values" stood over a machine at work for seconds."""
-    async with app.run_test(size=(120, 40)) as pilot:
-        await later(app, pilot)
-        monkeypatch.setattr(app, "tick", lambda: None)          # its first look is late
-        for where in ("map", "trends", "devices", "calibrate", "diagnosis", "job", "settings"):
-            app.turn_to(where)
-            await pilot.pause()
-            text = "\n".join(shown(app))
-            assert "WORKING" in text and "NO DATA" not in text and "no values yet" not in text.splitlines()[1], where
-            assert "all is well" not in text, "nothing was looked at yet"
+    await later(app, pilot)
+    monkeypatch.setattr(app, "tick", lambda: None)          # its first look is late
+    for where in ("map", "trends", "devices", "calibrate", "diagnosis", "job", "settings"):
+        app.turn_to(where)
+        await pilot.pause()
+        text = "\n".join(shown(app))
+        assert "WORKING" in text and "NO DATA" not in text and "no values yet" not in text.splitlines()[1], where
+        assert "all is well" not in text, "nothing was looked at yet"
 
 
-async def test_a_page_that_was_left_does_not_come_back_with_what_it_said_then(app, source, shown, monkeypatch):
-    async with app.run_test(size=(120, 40)) as pilot:
-        app.turn_to("job")
-        await pilot.pause()
-        app.turn_to("run")
-        await pilot.pause()
-        in_state(source, "held")
-        monkeypatch.setattr(app, "call_after_refresh", lambda *ignored: None)
-        app.turn_to("job")
-        await pilot.pause()
-        assert "HELD" in shown(app)[0]
+async def test_a_page_that_was_left_does_not_come_back_with_what_it_said_then(app, source, shown, monkeypatch, pilot):
+    app.turn_to("job")
+    await pilot.pause()
+    app.turn_to("run")
+    await pilot.pause()
+    in_state(source, "held")
+    monkeypatch.setattr(app, "call_after_refresh", lambda *ignored: None)
+    app.turn_to("job")
+    await pilot.pause()
+    assert "HELD" in shown(app)[0]
 
 
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("where", ["run", "job", "trends"])
-async def test_a_machine_without_worker_is_not_said_to_work_without_alarms(app, source, shown, size, where):
-    async with app.run_test(size=size) as pilot:
-        await turned(app, pilot, where)
-        assert "WORKING" in shown(app)[0] and "was" not in shown(app)[0]
-        source.end.set_exception(WorkerGone("process 4711 is gone"))
-        await pilot.pause()
-        await pilot.press("escape")
-        await looked(app, pilot)
-        text = "\n".join(shown(app)[:4])
-        assert "was WORKING" in text and "NO CONNECTION" in text and "no alarms" not in text
-        assert "No connection to the machine: its state and alarms are not known." in " ".join(text.split())
+async def test_a_machine_without_worker_is_not_said_to_work_without_alarms(app, source, shown, size, where, pilot):
+    await turned(app, pilot, where)
+    assert "WORKING" in shown(app)[0] and "was" not in shown(app)[0]
+    source.end.set_exception(WorkerGone("process 4711 is gone"))
+    await pilot.pause()
+    await pilot.press("escape")
+    await looked(app, pilot)
+    text = "\n".join(shown(app)[:4])
+    assert "was WORKING" in text and "NO CONNECTION" in text and "no alarms" not in text
+    assert "No connection to the machine: its state and alarms are not known." in " ".join(text.split())
 
 
-async def test_a_silent_worker_says_nothing_of_alarms(app, clock, shown):
-    async with app.run_test(size=(120, 40)) as pilot:
-        await later(app, pilot, 3.0)
-        assert "was WORKING" in shown(app)[0] and "no values: alarms are not known" in shown(app)[1]
+async def test_a_silent_worker_says_nothing_of_alarms(app, clock, shown, pilot):
+    await later(app, pilot, 3.0)
+    assert "was WORKING" in shown(app)[0] and "no values: alarms are not known" in shown(app)[1]
 
 
 @pytest.mark.parametrize("state", ["ready", "held", "off", "fault"])

@@ -33,7 +33,7 @@ def kept(tmp_path):
 
 
 @pytest.fixture
-def settings_app(source, clock, kept):
+def app(source, clock, kept):
     return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(settings=kept))
 
 
@@ -53,105 +53,88 @@ def nothing_written(kept) -> bool:
     return not Path(kept.place).exists()
 
 
-async def test_a_choice_takes_effect_at_once_and_is_kept(settings_app, kept):
-    app = settings_app
-    async with app.run_test(size=SIZE) as pilot:
-        await on_settings(app, pilot, "units")
-        await pilot.press("enter", "2", "enter")
-        assert app.units.id == "imperial" and in_file(kept).units == "imperial"
-        await on_settings(app, pilot, "theme")
-        await pilot.press("enter", "3", "enter")
-        assert app.theme == "contrast" and in_file(kept).theme == "contrast"
-        await on_settings(app, pilot, "language")
-        await pilot.press("enter", "3", "enter")
-        assert in_use() == "zh" and in_file(kept).language == "zh"
+async def test_a_choice_takes_effect_at_once_and_is_kept(app, kept, pilot):
+    await on_settings(app, pilot, "units")
+    await pilot.press("enter", "2", "enter")
+    assert app.units.id == "imperial" and in_file(kept).units == "imperial"
+    await on_settings(app, pilot, "theme")
+    await pilot.press("enter", "3", "enter")
+    assert app.theme == "contrast" and in_file(kept).theme == "contrast"
+    await on_settings(app, pilot, "language")
+    await pilot.press("enter", "3", "enter")
+    assert in_use() == "zh" and in_file(kept).language == "zh"
 
 
-async def test_escape_changes_nothing_and_writes_nothing(settings_app, kept):
-    async with settings_app.run_test(size=SIZE) as pilot:
-        await on_settings(settings_app, pilot, "units")
-        await pilot.press("enter", "2", "escape")
-        assert settings_app.units.id == "metric" and nothing_written(kept)
+async def test_escape_changes_nothing_and_writes_nothing(app, kept, pilot):
+    await on_settings(app, pilot, "units")
+    await pilot.press("enter", "2", "escape")
+    assert app.units.id == "metric" and nothing_written(kept)
 
 
-async def test_the_manual_rates_range_is_that_of_the_settings_and_the_crop(settings_app, kept):
-    app = settings_app
-    async with app.run_test(size=SIZE) as pilot:
-        await on_settings(app, pilot, "highest")
-        await pilot.press("enter", *"3000", "enter")
-        assert len(app.screen_stack) == 3, "3000 is refused: at most 2000"
-        await pilot.press("delete", *"400", "enter")
-        assert app.limits_kg_ha == (0.0, 400.0) and in_file(kept).manual_rate.high_kg_ha == 400.0
-        await on_settings(app, pilot, "highest")
-        await pilot.press("delete")
-        assert app.limits_kg_ha == (0.0, 600.0), "the crop's own limit holds beside it"
+async def test_the_manual_rates_range_is_that_of_the_settings_and_the_crop(app, kept, pilot):
+    await on_settings(app, pilot, "highest")
+    await pilot.press("enter", *"3000", "enter")
+    assert len(app.screen_stack) == 3, "3000 is refused: at most 2000"
+    await pilot.press("delete", *"400", "enter")
+    assert app.limits_kg_ha == (0.0, 400.0) and in_file(kept).manual_rate.high_kg_ha == 400.0
+    await on_settings(app, pilot, "highest")
+    await pilot.press("delete")
+    assert app.limits_kg_ha == (0.0, 600.0), "the crop's own limit holds beside it"
 
 
-async def test_a_slower_look_at_maps(settings_app):
-    app = settings_app
-    async with app.run_test(size=SIZE) as pilot:
-        await on_settings(app, pilot, "maps")
-        await pilot.press("enter", "0", "full_stop", "5", "enter")
-        assert {page.maps.every_s for page in app.pages.values()} == {2.0}
+async def test_a_slower_look_at_maps(app, pilot):
+    await on_settings(app, pilot, "maps")
+    await pilot.press("enter", "0", "full_stop", "5", "enter")
+    assert {page.maps.every_s for page in app.pages.values()} == {2.0}
 
 
 @pytest.mark.exam
-async def test_a_key_of_ones_own_works_and_is_shown(settings_app, kept, source):
-    app = settings_app
-    async with app.run_test(size=SIZE) as pilot:
-        await on_settings(app, pilot, "start")
-        await pilot.press("enter", "j", "enter")
-        assert in_file(kept).keymap == {"start": "j"}
-        await pilot.press("f2")
-        await pilot.press("s", "j")
-        assert source.orders == [Order(Do.START)], "s is free now, j starts"
-        assert "start" in {a.id for a in actions.at("run") if a.shown == "J"}
+async def test_a_key_of_ones_own_works_and_is_shown(app, kept, source, pilot):
+    await on_settings(app, pilot, "start")
+    await pilot.press("enter", "j", "enter")
+    assert in_file(kept).keymap == {"start": "j"}
+    await pilot.press("f2")
+    await pilot.press("s", "j")
+    assert source.orders == [Order(Do.START)], "s is free now, j starts"
+    assert "start" in {a.id for a in actions.at("run") if a.shown == "J"}
 
 
 @pytest.mark.exam
-async def test_hold_on_another_key(settings_app, source):
-    app = settings_app
-    async with app.run_test(size=SIZE) as pilot:
-        await on_settings(app, pilot, "hold")
-        await pilot.press("enter", "f7", "enter")
-        assert app.notice_text.startswith("refused: key f7: both hold and "), "F7 opens a page"
-        await on_settings(app, pilot, "hold")
-        await pilot.press("enter", "insert", "enter")
-        await pilot.press("space", "insert")
-        assert source.orders == [Order(Do.HOLD)]
+async def test_hold_on_another_key(app, source, pilot):
+    await on_settings(app, pilot, "hold")
+    await pilot.press("enter", "f7", "enter")
+    assert app.notice_text.startswith("refused: key f7: both hold and "), "F7 opens a page"
+    await on_settings(app, pilot, "hold")
+    await pilot.press("enter", "insert", "enter")
+    await pilot.press("space", "insert")
+    assert source.orders == [Order(Do.HOLD)]
 
 
-async def test_a_key_that_is_anothers_is_refused_with_both_names(settings_app, kept):
-    app = settings_app
-    async with app.run_test(size=SIZE) as pilot:
-        await on_settings(app, pilot, "mark")
-        await pilot.press("enter", "s", "enter")
-        assert app.notice_text == "refused: key s: both start and mark"
-        assert kept.settings.keymap == {} and nothing_written(kept)
+async def test_a_key_that_is_anothers_is_refused_with_both_names(app, kept, pilot):
+    await on_settings(app, pilot, "mark")
+    await pilot.press("enter", "s", "enter")
+    assert app.notice_text == "refused: key s: both start and mark"
+    assert kept.settings.keymap == {} and nothing_written(kept)
 
 
-async def test_all_defaults_are_asked_once(settings_app, kept):
-    app = settings_app
-    async with app.run_test(size=SIZE) as pilot:
-        await on_settings(app, pilot, "sound")
-        await pilot.press("enter", "2", "enter")
-        assert not app.sound and not in_file(kept).sound
-        await pilot.press("q", "1", "enter", "escape")
-        assert not app.sound
-        await pilot.press("q", "1", "enter", "enter")
-        assert app.sound and in_file(kept) == Settings()
+async def test_all_defaults_are_asked_once(app, kept, pilot):
+    await on_settings(app, pilot, "sound")
+    await pilot.press("enter", "2", "enter")
+    assert not app.sound and not in_file(kept).sound
+    await pilot.press("q", "1", "enter", "escape")
+    assert not app.sound
+    await pilot.press("q", "1", "enter", "enter")
+    assert app.sound and in_file(kept) == Settings()
 
 
-async def test_a_click_changes_and_the_lock_forbids(settings_app, kept):
-    app = settings_app
-    async with app.run_test(size=SIZE) as pilot:
-        await on_settings(app, pilot)
-        await pilot.click(SettingsList, offset=(6, 2))
-        assert len(app.screen_stack) == 3
-        await pilot.press("escape", "f8")
-        await pilot.click(SettingsList, offset=(6, 3))
-        await pilot.press("enter", "q", "1", "enter")
-        assert len(app.screen_stack) == 2 and app.notice_text.startswith("locked")
+async def test_a_click_changes_and_the_lock_forbids(app, kept, pilot):
+    await on_settings(app, pilot)
+    await pilot.click(SettingsList, offset=(6, 2))
+    assert len(app.screen_stack) == 3
+    await pilot.press("escape", "f8")
+    await pilot.click(SettingsList, offset=(6, 3))
+    await pilot.press("enter", "q", "1", "enter")
+    assert len(app.screen_stack) == 2 and app.notice_text.startswith("locked")
 
 
 async def test_what_cannot_be_written_is_said_and_not_used(source, clock):

@@ -90,27 +90,25 @@ def kinds(base=ModalScreen):
         yield from kinds(kind)
 
 
-async def test_stop_and_hold_are_had_with_every_form_of_their_keys(app):
-    async with app.run_test(size=SIZE) as pilot:
-        for order, texts in ((STOP, (*SENT_FOR_X, *SENT_FOR_F12)), (HOLD, SENT_FOR_SPACE)):
-            for text in texts:
-                app.source.orders.clear()
-                await send(app, pilot, text)
-                assert app.source.orders == [order], text
+async def test_stop_and_hold_are_had_with_every_form_of_their_keys(app, pilot):
+    for order, texts in ((STOP, (*SENT_FOR_X, *SENT_FOR_F12)), (HOLD, SENT_FOR_SPACE)):
+        for text in texts:
+            app.source.orders.clear()
+            await send(app, pilot, text)
+            assert app.source.orders == [order], text
 
 
-async def test_stop_reaches_the_worker_from_every_page(full, source):
-    async with full.run_test(size=SIZE) as pilot:
-        for where in full.pages:
-            await turned(full, pilot, where)
-            for text in ("x", "X", "\x1b[120;2u", "Ч", "\x1b[24~", "\x1b[24;2~"):
-                source.orders.clear()
-                await send(full, pilot, text)
-                assert source.orders == [STOP], (where, text)
+async def test_stop_reaches_the_worker_from_every_page(full, source, pilot):
+    for where in full.pages:
+        await turned(full, pilot, where)
+        for text in ("x", "X", "\x1b[120;2u", "Ч", "\x1b[24~", "\x1b[24;2~"):
             source.orders.clear()
-            await send(full, pilot, " ", "\u3000")
-            assert source.orders == [HOLD, HOLD], where
-            assert full.page.where == where and full.screen is full.page
+            await send(full, pilot, text)
+            assert source.orders == [STOP], (where, text)
+        source.orders.clear()
+        await send(full, pilot, " ", "\u3000")
+        assert source.orders == [HOLD, HOLD], where
+        assert full.page.where == where and full.screen is full.page
 
 
 def test_every_kind_of_dialog_is_tried_below():
@@ -123,29 +121,28 @@ QUICK = (Confirm, NumberDialog, NameDialog, GoneScreen, CommandPalette)
 @pytest.mark.parametrize("kind", [
     pytest.param(kind, id=f"{kind.__module__.rpartition('.')[2]}.{kind.__name__}",
                  marks=() if kind in QUICK else pytest.mark.exam) for kind in DIALOGS])
-async def test_stop_and_hold_reach_the_worker_under_every_dialog(full, source, kind):
-    async with full.run_test(size=SIZE) as pilot:
-        full.push_screen(DIALOGS[kind]())
-        await pilot.pause(0.05)
-        dialog = full.screen
-        assert isinstance(dialog, kind)
-        typing = isinstance(full.focused, Input)
-        for text in (*SENT_FOR_F12[:3], *(() if typing else ("x", "X", "\x1b[120;2u", "Ч"))):
-            source.orders.clear()
-            await send(full, pilot, text)
-            assert source.orders == [STOP], text
-        for text in ("\x00", "\x1b[32;5u") if typing else (" ", "\u3000"):
-            source.orders.clear()
-            await send(full, pilot, text)
-            assert source.orders == [HOLD], text
-        assert full.screen is dialog, "the dialog stays"
+async def test_stop_and_hold_reach_the_worker_under_every_dialog(full, source, kind, pilot):
+    full.push_screen(DIALOGS[kind]())
+    await pilot.pause(0.05)
+    dialog = full.screen
+    assert isinstance(dialog, kind)
+    typing = isinstance(full.focused, Input)
+    for text in (*SENT_FOR_F12[:3], *(() if typing else ("x", "X", "\x1b[120;2u", "Ч"))):
         source.orders.clear()
-        bar = full.page.query_one("#keys", KeyBar)
-        for name, order in (("stop", STOP), ("hold", HOLD)):
-            place = next(one for one in laid_out(bar.view.actions, bar.size.width) if one[0].id == name)
-            await click(full, pilot, bar.region.x + place[1] + 1, bar.region.y)
-            assert source.orders == [order] and full.screen is dialog, f"a click on {name}, which is in sight"
-            source.orders.clear()
+        await send(full, pilot, text)
+        assert source.orders == [STOP], text
+    for text in ("\x00", "\x1b[32;5u") if typing else (" ", "\u3000"):
+        source.orders.clear()
+        await send(full, pilot, text)
+        assert source.orders == [HOLD], text
+    assert full.screen is dialog, "the dialog stays"
+    source.orders.clear()
+    bar = full.page.query_one("#keys", KeyBar)
+    for name, order in (("stop", STOP), ("hold", HOLD)):
+        place = next(one for one in laid_out(bar.view.actions, bar.size.width) if one[0].id == name)
+        await click(full, pilot, bar.region.x + place[1] + 1, bar.region.y)
+        assert source.orders == [order] and full.screen is dialog, f"a click on {name}, which is in sight"
+        source.orders.clear()
 
 
 async def test_a_dialog_over_the_key_bar_hides_it_from_clicks(full, source):
@@ -161,12 +158,11 @@ async def test_a_dialog_over_the_key_bar_hides_it_from_clicks(full, source):
         assert source.orders == []
 
 
-async def test_in_a_text_field_a_letter_is_a_letter(full, source):
-    async with full.run_test(size=SIZE) as pilot:
-        full.push_screen(NameDialog("Name", ""))
-        await pilot.pause()
-        await send(full, pilot, "x", "X", "Ч", "ｘ", " ", "a", "S")
-        assert full.screen.query_one(Input).value == "xXЧｘ aS" and source.orders == []
+async def test_in_a_text_field_a_letter_is_a_letter(full, source, pilot):
+    full.push_screen(NameDialog("Name", ""))
+    await pilot.pause()
+    await send(full, pilot, "x", "X", "Ч", "ｘ", " ", "a", "S")
+    assert full.screen.query_one(Input).value == "xXЧｘ aS" and source.orders == []
 
 
 # --- every letter, on every page -------------------------------------------------------------------------------------
@@ -219,17 +215,16 @@ def test_no_built_in_binding_is_a_capital():
     assert not [key for key in own if key.rpartition("+")[2] != key.rpartition("+")[2].lower()]
 
 
-async def test_digits_of_dialogs_work_full_width(full):
-    async with full.run_test(size=SIZE) as pilot:
-        answers = []
-        full.push_screen(GoneScreen("gone", True, True), answers.append)
-        await pilot.pause()
-        await send(full, pilot, "２", "\r")
-        assert answers == ["attach"]
-        full.push_screen(NumberDialog("How much?", "kg", 0, 100), answers.append)
-        await pilot.pause()
-        await send(full, pilot, "１", "２", "\r")
-        assert answers == ["attach", 12.0]
+async def test_digits_of_dialogs_work_full_width(full, pilot):
+    answers = []
+    full.push_screen(GoneScreen("gone", True, True), answers.append)
+    await pilot.pause()
+    await send(full, pilot, "２", "\r")
+    assert answers == ["attach"]
+    full.push_screen(NumberDialog("How much?", "kg", 0, 100), answers.append)
+    await pilot.pause()
+    await send(full, pilot, "１", "２", "\r")
+    assert answers == ["attach", 12.0]
 
 
 async def test_a_remapped_key_works_with_caps_lock_too(source, clock):

@@ -22,7 +22,7 @@ FRAMES = run_frames(seconds=130.0)
 
 
 @pytest.fixture
-def live():
+def app():
     """130 s of a run, its clock in step with it."""
     clock = StillClock(FRAMES[-1].row.time_s)
     app = TopdressApp(StillSource(FRAMES[-1]), clock, live=False, utc_offset_s=0.0)
@@ -40,39 +40,40 @@ def bar(app):
     return app.page.query_one("#trends-bar").view
 
 
-async def test_three_channels_at_first_with_their_sums(live):
-    async with live.run_test(size=SIZE) as pilot:
-        plots = await opened(live, pilot)
-        assert [plot.label for plot in plots.view.plots] == ["target rate", "applied rate", "speed used"]
-        shown = [frame.row for frame in FRAMES if frame.row.time_s >= FRAMES[-1].row.time_s - 120.0]
-        applied = [row.applied_rate_kg_ha for row in shown]
-        target, second, speed = plots.view.plots
-        assert target.value == f"{FRAMES[-1].row.target_rate_kg_ha:.0f}" and target.unit == "kg/ha"
-        assert second.sums == (f"min {min(applied):.0f}   mean {sum(applied) / len(applied):.0f}   "
-                               f"max {max(applied):.0f}")
-        assert (target.low, target.high) == (second.low, second.high), "rates share their scale"
-        assert speed.unit == "km/h" and plots.view.end == "06:14:09"
+@pytest.fixture
+async def plots(app, pilot):
+    return await opened(app, pilot)
 
 
-async def test_spans_by_key_and_by_wheel(live):
-    async with live.run_test(size=SIZE) as pilot:
-        plots = await opened(live, pilot)
-        assert bar(live).span == "span 02:00"
-        await pilot.press("plus", "plus")
-        assert bar(live).span == "span 00:30" and live.page.window().length_s == 30.0
-        begin, end = plots.view.plots[0].pieces[0].at, plots.view.plots[0].pieces[-1].at
-        assert -0.02 <= begin <= 0.02 and end == pytest.approx(1.0)
-        await pilot.press("minus")
-        assert bar(live).span == "span 01:00"
-        plots.post_message(Plots.Wheeled(-1))
-        await pilot.pause()
-        assert bar(live).span == "span 02:00"
-        await pilot.press("z")
-        assert bar(live).span == "whole run, 02:09"
-        assert live.page.window().from_s == 0.0
-        for _press in range(20):
-            await pilot.press("plus")
-        assert bar(live).span == "span 00:10"
+async def test_three_channels_at_first_with_their_sums(plots):
+    assert [plot.label for plot in plots.view.plots] == ["target rate", "applied rate", "speed used"]
+    shown = [frame.row for frame in FRAMES if frame.row.time_s >= FRAMES[-1].row.time_s - 120.0]
+    applied = [row.applied_rate_kg_ha for row in shown]
+    target, second, speed = plots.view.plots
+    assert target.value == f"{FRAMES[-1].row.target_rate_kg_ha:.0f}" and target.unit == "kg/ha"
+    assert second.sums == (f"min {min(applied):.0f}   mean {sum(applied) / len(applied):.0f}   "
+                           f"max {max(applied):.0f}")
+    assert (target.low, target.high) == (second.low, second.high), "rates share their scale"
+    assert speed.unit == "km/h" and plots.view.end == "06:14:09"
+
+
+async def test_spans_by_key_and_by_wheel(app, pilot, plots):
+    assert bar(app).span == "span 02:00"
+    await pilot.press("plus", "plus")
+    assert bar(app).span == "span 00:30" and app.page.window().length_s == 30.0
+    begin, end = plots.view.plots[0].pieces[0].at, plots.view.plots[0].pieces[-1].at
+    assert -0.02 <= begin <= 0.02 and end == pytest.approx(1.0)
+    await pilot.press("minus")
+    assert bar(app).span == "span 01:00"
+    plots.post_message(Plots.Wheeled(-1))
+    await pilot.pause()
+    assert bar(app).span == "span 02:00"
+    await pilot.press("z")
+    assert bar(app).span == "whole run, 02:09"
+    assert app.page.window().from_s == 0.0
+    for _press in range(20):
+        await pilot.press("plus")
+    assert bar(app).span == "span 00:10"
 
 
 async def go_on(app, seconds):
@@ -86,151 +87,132 @@ async def go_on(app, seconds):
         app.tick()
 
 
-async def test_frozen_plots_stand_while_the_run_goes_on(live):
-    async with live.run_test(size=SIZE) as pilot:
-        plots = await opened(live, pilot)
-        await pilot.press("y")
-        assert bar(live).states == ("FROZEN",) and bar(live).standing
-        before = plots.view
-        await go_on(live, 10.0)
-        assert plots.view == before
-        await pilot.press("pageup")
-        assert live.page.window().to_s == pytest.approx(FRAMES[-1].row.time_s - 60.0)
-        await pilot.press("pagedown", "pagedown")
-        assert live.page.window().to_s == pytest.approx(live.history.series.end_s), "not beyond the newest"
-        await pilot.press("y")
-        await go_on(live, 1.0)
-        assert bar(live).states == ("running",)
-        assert live.page.window().to_s == live.history.series.end_s
+async def test_frozen_plots_stand_while_the_run_goes_on(app, pilot, plots):
+    await pilot.press("y")
+    assert bar(app).states == ("FROZEN",) and bar(app).standing
+    before = plots.view
+    await go_on(app, 10.0)
+    assert plots.view == before
+    await pilot.press("pageup")
+    assert app.page.window().to_s == pytest.approx(FRAMES[-1].row.time_s - 60.0)
+    await pilot.press("pagedown", "pagedown")
+    assert app.page.window().to_s == pytest.approx(app.history.series.end_s), "not beyond the newest"
+    await pilot.press("y")
+    await go_on(app, 1.0)
+    assert bar(app).states == ("running",)
+    assert app.page.window().to_s == app.history.series.end_s
 
 
-async def test_the_cursor_reads_the_values_at_its_time(live, shown):
-    async with live.run_test(size=SIZE) as pilot:
-        plots = await opened(live, pilot)
-        for _press in range(30):
-            await pilot.press("left")
-        at_s = live.page.cursor_s
-        assert live.page.ends_s is not None, "a cursor freezes the plots"
-        read = [frame.row for frame in FRAMES if frame.row.time_s <= at_s + 1e-9][-1]
-        assert plots.view.plots[0].value == f"{read.target_rate_kg_ha:.0f}"
-        assert plots.view.cursor == pytest.approx((at_s - 9.8) / 120.0, abs=0.01)
-        assert any("│" in row for row in shown(live))
-        before = at_s
-        await pilot.press("shift+left")
-        assert live.page.cursor_s == pytest.approx(before - 12.0)
-        await pilot.press("right")
-        assert live.page.cursor_s > before - 12.0
-        await pilot.press("escape")
-        assert live.page.cursor_s is None and plots.view.cursor is None
-        assert plots.view.plots[0].value == f"{FRAMES[-1].row.target_rate_kg_ha:.0f}"
+async def test_the_cursor_reads_the_values_at_its_time(app, shown, pilot, plots):
+    for _press in range(30):
+        await pilot.press("left")
+    at_s = app.page.cursor_s
+    assert app.page.ends_s is not None, "a cursor freezes the plots"
+    read = [frame.row for frame in FRAMES if frame.row.time_s <= at_s + 1e-9][-1]
+    assert plots.view.plots[0].value == f"{read.target_rate_kg_ha:.0f}"
+    assert plots.view.cursor == pytest.approx((at_s - 9.8) / 120.0, abs=0.01)
+    assert any("│" in row for row in shown(app))
+    before = at_s
+    await pilot.press("shift+left")
+    assert app.page.cursor_s == pytest.approx(before - 12.0)
+    await pilot.press("right")
+    assert app.page.cursor_s > before - 12.0
+    await pilot.press("escape")
+    assert app.page.cursor_s is None and plots.view.cursor is None
+    assert plots.view.plots[0].value == f"{FRAMES[-1].row.target_rate_kg_ha:.0f}"
 
 
-async def test_a_click_sets_the_cursor_and_a_click_on_a_name_opens_the_list(live):
-    async with live.run_test(size=SIZE) as pilot:
-        plots = await opened(live, pilot)
-        columns = plots.columns(plots.content_size.width)
-        await pilot.click("#plots", offset=(9 + columns // 2, 3))
-        assert plots.view.cursor == pytest.approx(0.5, abs=0.02)
-        await pilot.click("#plots", offset=(5, 0))
-        assert isinstance(live.screen, ChannelDialog)
+async def test_a_click_sets_the_cursor_and_a_click_on_a_name_opens_the_list(app, pilot, plots):
+    columns = plots.columns(plots.content_size.width)
+    await pilot.click("#plots", offset=(9 + columns // 2, 3))
+    assert plots.view.cursor == pytest.approx(0.5, abs=0.02)
+    await pilot.click("#plots", offset=(5, 0))
+    assert isinstance(app.screen, ChannelDialog)
 
 
-async def test_channels_are_taken_and_dropped(live):
-    async with live.run_test(size=SIZE) as pilot:
-        plots = await opened(live, pilot)
-        await pilot.press("v")
-        await pilot.press("down", "down", "enter")
-        assert live.page.channels == ("applied_rate_kg_ha", "speed_used_mps", "rate_error_percent")
-        await pilot.press("up", "enter")
-        assert live.page.channels == ("speed_used_mps", "rate_error_percent")
-        await pilot.press("escape")
-        assert [plot.label for plot in plots.view.plots] == ["speed used", "rate error"]
-        assert plots.view.plots[1].unit == "%"
-        await pilot.press("v")
-        assert len(live.screen.choices) == 35
-        await pilot.press("space")
-        assert [order.do.value for order in live.source.orders] == ["hold"], "hold works over the list"
+async def test_channels_are_taken_and_dropped(app, pilot, plots):
+    await pilot.press("v")
+    await pilot.press("down", "down", "enter")
+    assert app.page.channels == ("applied_rate_kg_ha", "speed_used_mps", "rate_error_percent")
+    await pilot.press("up", "enter")
+    assert app.page.channels == ("speed_used_mps", "rate_error_percent")
+    await pilot.press("escape")
+    assert [plot.label for plot in plots.view.plots] == ["speed used", "rate error"]
+    assert plots.view.plots[1].unit == "%"
+    await pilot.press("v")
+    assert len(app.screen.choices) == 35
+    await pilot.press("space")
+    assert [order.do.value for order in app.source.orders] == ["hold"], "hold works over the list"
 
 
-async def test_no_channel_says_how_to_choose_one(live, shown):
-    async with live.run_test(size=SIZE) as pilot:
-        await opened(live, pilot)
-        live.page.channels = ()
-        await looked(live, pilot)
-        assert any("V chooses what is plotted" in row for row in shown(live))
-        await pilot.press("left", "plus", "z", "q", "2", "enter", "y", "pageup")
+async def test_no_channel_says_how_to_choose_one(app, shown, pilot):
+    await opened(app, pilot)
+    app.page.channels = ()
+    await looked(app, pilot)
+    assert any("V chooses what is plotted" in row for row in shown(app))
+    await pilot.press("left", "plus", "z", "q", "2", "enter", "y", "pageup")
 
 
-async def test_a_fixed_scale_stays_and_a_free_one_follows_the_values(live):
-    async with live.run_test(size=SIZE) as pilot:
-        plots = await opened(live, pilot)
-        before = plots.view.plots[0].high
-        await pilot.press("q", "2", "enter")
-        row = live.source.newest.row
-        live.source.newest = replace(live.source.newest, row=row._replace(target_rate_kg_ha=900.0))
-        await go_on(live, 2.0)
-        assert plots.view.plots[0].high == before and plots.view.plots[0].fixed
-        assert "fixed scale" in bar(live).states
-        await pilot.press("q", "2", "enter")
-        await go_on(live, 1.0)
-        assert float(plots.view.plots[0].high) >= 900.0 and not plots.view.plots[0].fixed
-        assert plots.view.plots[1].high == plots.view.plots[0].high, "rates share their scale"
-        assert float(plots.view.plots[2].high) < 10.0
+async def test_a_fixed_scale_stays_and_a_free_one_follows_the_values(app, pilot, plots):
+    before = plots.view.plots[0].high
+    await pilot.press("q", "2", "enter")
+    row = app.source.newest.row
+    app.source.newest = replace(app.source.newest, row=row._replace(target_rate_kg_ha=900.0))
+    await go_on(app, 2.0)
+    assert plots.view.plots[0].high == before and plots.view.plots[0].fixed
+    assert "fixed scale" in bar(app).states
+    await pilot.press("q", "2", "enter")
+    await go_on(app, 1.0)
+    assert float(plots.view.plots[0].high) >= 900.0 and not plots.view.plots[0].fixed
+    assert plots.view.plots[1].high == plots.view.plots[0].high, "rates share their scale"
+    assert float(plots.view.plots[2].high) < 10.0
 
 
-async def test_plots_are_drawn_twice_a_second_and_only_where_they_changed(live):
-    async with live.run_test(size=SIZE) as pilot:
-        plots = await opened(live, pilot)
-        start = plots.redraws
-        await go_on(live, 10.0)
-        assert 16 <= plots.redraws - start <= 20
-        live.clock.now_s += 0.5
-        live.tick()
-        start = plots.redraws
-        for _tick in range(10):
-            live.clock.now_s += 0.04
-            live.tick()
-        assert plots.redraws == start, "no new value, nothing drawn"
+async def test_plots_are_drawn_twice_a_second_and_only_where_they_changed(app, plots):
+    start = plots.redraws
+    await go_on(app, 10.0)
+    assert 16 <= plots.redraws - start <= 20
+    app.clock.now_s += 0.5
+    app.tick()
+    start = plots.redraws
+    for _tick in range(10):
+        app.clock.now_s += 0.04
+        app.tick()
+    assert plots.redraws == start, "no new value, nothing drawn"
 
 
-async def test_units_change_value_and_axis(live):
-    async with live.run_test(size=SIZE) as pilot:
-        plots = await opened(live, pilot)
-        await pilot.press("u", "enter")
-        live.page.hurry()
-        live.tick()
-        target = plots.view.plots[0]
-        assert target.unit == "lb/ac"
-        assert float(target.value) == pytest.approx(FRAMES[-1].row.target_rate_kg_ha * 0.8922, abs=0.6)
-        assert float(target.high) < 400.0
+async def test_units_change_value_and_axis(app, pilot, plots):
+    await pilot.press("u", "enter")
+    app.page.hurry()
+    app.tick()
+    target = plots.view.plots[0]
+    assert target.unit == "lb/ac"
+    assert float(target.value) == pytest.approx(FRAMES[-1].row.target_rate_kg_ha * 0.8922, abs=0.6)
+    assert float(target.high) < 400.0
 
 
-async def test_old_values_are_grey_and_gaps_are_gaps(live):
-    async with live.run_test(size=SIZE) as pilot:
-        plots = await opened(live, pilot)
-        live.clock.now_s += 10.0
-        live.tick()
-        assert plots.view.stale
-        last = live.source.newest
-        row = last.row._replace(time_s=last.row.time_s + 10.0)
-        live.source.newest = replace(last, seq=last.seq + 1, row=row)
-        live.clock.now_s += 0.5
-        live.tick()
-        assert not plots.view.stale
-        assert [piece.joined for piece in plots.view.plots[0].pieces[-2:]] == [True, False]
+async def test_old_values_are_grey_and_gaps_are_gaps(app, plots):
+    app.clock.now_s += 10.0
+    app.tick()
+    assert plots.view.stale
+    last = app.source.newest
+    row = last.row._replace(time_s=last.row.time_s + 10.0)
+    app.source.newest = replace(last, seq=last.seq + 1, row=row)
+    app.clock.now_s += 0.5
+    app.tick()
+    assert not plots.view.stale
+    assert [piece.joined for piece in plots.view.plots[0].pieces[-2:]] == [True, False]
 
 
-async def test_locked_nothing_changes(live):
-    async with live.run_test(size=SIZE) as pilot:
-        plots = await opened(live, pilot)
-        await pilot.press("f8")
-        await pilot.press("plus", "y", "left", "v", "z")
-        await pilot.click("#plots", offset=(50, 3))
-        plots.post_message(Plots.Wheeled(1))
-        plots.post_message(Plots.Named())
-        await pilot.pause()
-        assert (bar(live).span, live.page.ends_s, live.page.cursor_s) == ("span 02:00", None, None)
-        assert live.screen is live.page
+async def test_locked_nothing_changes(app, pilot, plots):
+    await pilot.press("f8")
+    await pilot.press("plus", "y", "left", "v", "z")
+    await pilot.click("#plots", offset=(50, 3))
+    plots.post_message(Plots.Wheeled(1))
+    plots.post_message(Plots.Named())
+    await pilot.pause()
+    assert (bar(app).span, app.page.ends_s, app.page.cursor_s) == ("span 02:00", None, None)
+    assert app.screen is app.page
 
 
 async def test_of_a_log_it_is_what_was_played_or_the_whole_log(frames, clock, shown):
