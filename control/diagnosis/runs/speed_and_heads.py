@@ -7,7 +7,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import convolve1d
 
-from control.diagnosis.judgement.prior import ROBUST_SD
 from control.machine.machine import Machine
 from control.recordings.speeds import MOVING_MPS
 
@@ -21,8 +20,8 @@ SPEED_WINDOWS_S = tuple(k * SMOOTH_S for k in (2.0, 4.0, 8.0))      # of a parab
                             # tractor takes to start or stop, to where it keeps its speed
 FORGOTTEN_S = 0.5           # after which a receiver's or a wheel's noise is no longer alike
 MIN_READINGS_OF_TWO = 400    # readings from which two sensors' noises are told apart: variances to 7 %
-CLIPPED_SD = 4.0            # of steps from reading to reading: what is farther is an outlier, and no noise
-LEAST_OWN = 0.01            # of a sensor's steps that are its own noise, at least: a share of 0 would trust it alone
+FEWEST_OF_OCTAVE = 8        # frequencies: slower ones stand with the first octave that has as many
+LEAST_OWN = 0.01            # of a sensor's power that is its own noise, at least: a share of 0 would trust it alone
 FORGETS_S = 1.0             # for which a gap that is left out stands: filters of receivers and wheels forget within it,
                             # and what stopped braking is not what starts again in the next row
 MOVES_SHARE = 0.2           # of the rows: where it moves in fewer, those in which it stands are looked at as well
@@ -70,8 +69,7 @@ def speed_of(every: LogRows, gnss: Array, wheel: Array, machine: Machine) -> Two
     wheel_there = wheel[rows]
     going = (gnss[rows] > MOVING_MPS) & (wheel_there > MOVING_MPS)
     ratio = float(np.median(wheel_there[going] / gnss[rows][going])) if going.any() else 1.0
-    trust = _trust(gnss[rows], wheel_there / ratio, machine)
-    both = (1.0 - trust) * gnss[rows] + trust * wheel_there / ratio
+    both = _weighted(gnss[rows], wheel_there / ratio, machine)
     longest = len(both) - 1 + len(both) % 2
     windows = [min(longest, 2 * int(0.5 * one / step) + 1) for one in SPEED_WINDOWS_S]
     alike, ends = int(FORGOTTEN_S / step), min(windows[-1] // 2, len(both) // 4)
@@ -85,19 +83,22 @@ def speed_of(every: LogRows, gnss: Array, wheel: Array, machine: Machine) -> Two
                      0.0 if more is None else more[rows])
 
 
-def _trust(gnss: Array, wheel: Array, machine: Machine) -> float:
-    """Weight of the wheel in the mean of both speeds: share of GNSS in the variance of their noise.
+def _weighted(gnss: Array, wheel: Array, machine: Machine) -> Array:
+    """Mean of both speeds (n,), weighted in each octave of frequency with the precision that both have there.
 
-    Of what changes between two readings, the part that both have in common is the ground's; the rest is each one's own.
+    Of an octave, the part that both have in common, at whatever delay, is the ground's; the rest is each one's own
+    noise. What of one's noise is both in the mean and in the difference of the two passes for a delay between them.
     """
-    if len(gnss) < MIN_READINGS_OF_TWO:
-        own = np.array([machine.noise.gnss_mps, machine.noise.wheel_mps]) ** 2 + 1e-12
-    else:
-        steps = np.diff(np.array([gnss, wheel]), axis=1)
-        reach = CLIPPED_SD * ROBUST_SD * np.median(np.abs(steps), axis=1, keepdims=True) + 1e-9
-        spread = np.cov(np.clip(steps, -reach, reach))
-        own = np.maximum(np.diag(spread) - max(0.0, float(spread[0, 1])), LEAST_OWN * np.diag(spread)) + 1e-12
-    return float(own[0] / own.sum())
+    spectra = np.fft.rfft([gnss - gnss.mean(), wheel - wheel.mean()])
+    octave = np.floor(np.log2(np.maximum(FEWEST_OF_OCTAVE, np.arange(spectra.shape[1])))).astype(int)
+    own = np.array([[machine.noise.gnss_mps], [machine.noise.wheel_mps]]) ** 2 + 0.0 * octave
+    if len(gnss) >= MIN_READINGS_OF_TWO:
+        power = np.array([np.bincount(octave, one) for one in np.abs(spectra) ** 2])
+        product = spectra[0] * spectra[1].conj()
+        shared = np.hypot(np.bincount(octave, product.real), np.bincount(octave, product.imag))
+        own = np.maximum(power - shared, LEAST_OWN * power)[:, octave]
+    trust = (own[0] + 1e-12) / (own.sum(axis=0) + 2e-12)
+    return np.asarray(gnss + np.fft.irfft(trust * np.fft.rfft(wheel - gnss), len(gnss)))
 
 
 def _left_out(values: Array, window: int, alike: int, ends: int) -> float:
