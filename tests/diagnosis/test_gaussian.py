@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from control.diagnosis.judgement.gaussian import Gaussian, gain
-from control.diagnosis.runs import coarsening
+from control.diagnosis.runs import whitened
 
 approx = pytest.approx
 RNG = np.random.default_rng(1)
@@ -68,13 +68,13 @@ def test_a_tolerance_moves_in_the_place_of_a_column_or_stands_whichever_is_likel
     left = left + own
     residual = SimpleNamespace(left=left, priors=slice(30, 31), split=lambda trace: (own, held),
                                series=lambda one, rows: rows[:30])
-    monkeypatch.setattr(coarsening, "WhitenedResidual", lambda *args: residual)
+    monkeypatch.setattr(whitened, "WhitenedResidual", lambda *args: residual)
     size = own @ left / (own @ own)
     rest = (left - size * own)[:30]
 
     def log_t(e: Any) -> float:
-        return float(-0.5 * (coarsening.BLOCK_DOF + 1.0) * np.sum(np.log(coarsening.BLOCK_DOF + e ** 2)))
+        return float(-0.5 * (whitened.BLOCK_DOF + 1.0) * np.sum(np.log(whitened.BLOCK_DOF + e ** 2)))
     moved = log_t(rest) - log_t(left[:30]) + 0.5 * (left[30] ** 2 - (left[30] - size * pull) ** 2)
     stands = log_t(rest) - log_t((left + size * held)[:30])
     uneven = max(1.0, float(np.mean(rest ** 2)))
-    assert coarsening.even_gain(search, (), {}, None) == approx(min(moved, stands) / uneven)      # type: ignore[arg-type]
+    assert whitened.even_gain(search, (), {}, None) == approx(min(moved, stands) / uneven)      # type: ignore[arg-type]

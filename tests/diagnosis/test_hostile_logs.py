@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 
 from control.diagnosis.runs import diagnose
-from control.diagnosis.runs.diagnose import diagnose_run
-from control.diagnosis.runs.guard import is_finite
-from control.diagnosis.runs.log import gate
-from control.diagnosis.runs.recorded_variables import LONGEST_NAME, MOST, worth_asking
+from control.diagnosis.runs.diagnose import diagnose_run, is_finite
+from control.diagnosis.runs.log import LONGEST_NAME, MOST, gate, worth_asking
 from control.diagnosis.runs.terms import _id
 from control.machine.machine import Machine
 from control.machine.terms import Term

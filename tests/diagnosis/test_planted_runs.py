@@ -12,8 +12,7 @@ from scipy.signal import lfilter
 from control.diagnosis.extend import extend
 from control.diagnosis.result import Diagnosis
 from control.diagnosis.runs import grid
-from control.diagnosis.runs.diagnose import diagnose_run
-from control.diagnosis.runs.guard import Cancelled
+from control.diagnosis.runs.diagnose import Cancelled, diagnose_run
 from control.diagnosis.runs.hypothesis import EffectInstance
 from control.diagnosis.runs.log import gate
 from control.diagnosis.runs.model import nuisances

@@ -16,7 +16,6 @@ from control.diagnosis.result import UNKNOWN
 from control.diagnosis.runs import intermittent, onset
 from control.diagnosis.runs.changepoint import END_S, best_begins
 from control.diagnosis.runs.channels import channels, hopper_channel
-from control.diagnosis.runs.coarsening import even_gain
 from control.diagnosis.runs.diagnose import diagnose_run, series_of_log
 from control.diagnosis.runs.hypothesis import EffectInstance, schedule, stages_of
 from control.diagnosis.runs.log import gate
@@ -24,6 +23,7 @@ from control.diagnosis.runs.model import GROUPS, course, with_course
 from control.diagnosis.runs.nominal_values import settle
 from control.diagnosis.runs.search import Search
 from control.diagnosis.runs.stages import run_data
+from control.diagnosis.runs.whitened import even_gain
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 from tests.diagnosis.logs import (

@@ -6,6 +6,7 @@ import doctest
 import subprocess
 import sys
 from importlib import import_module
+from math import exp
 from pathlib import Path
 
 import pytest
@@ -15,12 +16,14 @@ import control.diagnosis as entry
 from control.diagnosis import effects
 from control.diagnosis.runs import report
 from control.diagnosis.runs.diagnose import diagnose_run
+from control.diagnosis.runs.hypothesis import EffectInstance
 from control.diagnosis.runs.model import nuisances
 from control.diagnosis.runs.remainder import Remains
-from control.diagnosis.runs.report import by_chance
+from control.diagnosis.runs.search import Search
+from control.diagnosis.runs.selection import InPlace, RivalOf
 from control.diagnosis.runs.smooth import MIN_RANGE
 from control.machine.machine import CATALOGUE, Machine
-from tests.diagnosis.logs import HUANGHAI, stairs_work
+from tests.diagnosis.logs import HUANGHAI, Columns, stairs_work
 
 
 @pytest.mark.parametrize("module", ["control.diagnosis.runs.diagnose", "control.diagnosis.extend"])
@@ -48,9 +51,29 @@ def test_the_package_says_that_it_has_types() -> None:
     assert (Path(control.__file__).parent / "py.typed").exists()
 
 
-def test_a_part_that_gains_less_than_nothing_has_a_probability_all_the_same():
-    assert by_chance(-0.4) == 1.0 and by_chance(0.0) == 1.0
-    assert by_chance(3.84) == pytest.approx(0.05, abs=0.001)
+@pytest.mark.parametrize("worth", [-1e6, -0.4, 0.0, 3.0, 1e6])
+def test_what_may_stand_in_a_part_s_place_has_all_of_the_probability(worth: float) -> None:
+    place = InPlace(worth, (RivalOf(EffectInstance("shaft.slow", 0.1), 1.0),), unknown=-2.0)
+    one = place.posterior()
+    assert one.part + sum(one.rivals) + one.unknown == pytest.approx(1.0 / (1.0 + exp(-worth) / (
+        1.0 + exp(-1.0) + exp(-2.0))) if worth > -700.0 else 0.0)
+    assert one.rivals[0] == pytest.approx(one.part * exp(-1.0)) and one.unknown == pytest.approx(one.part * exp(-2.0))
+    assert place.posterior(0.6)[:2] == (pytest.approx(0.4 * one.part), (pytest.approx(0.4 * one.rivals[0]),))
+
+
+def too_fast() -> Columns:
+    work = stairs_work()
+    return {name: work[name] for name in ("time_s", "shaft_rpm_cmd")} | {"shaft_rpm": 1.06 * work["shaft_rpm"]}
+
+
+def test_no_model_is_held_twice_against_the_catalogue(monkeypatch: pytest.MonkeyPatch) -> None:
+    scans: list[tuple[object, ...]] = []
+    scan = Search.scan
+    monkeypatch.setattr(Search, "scan", lambda of, parts, noise: scans.append((
+        of.model.names, of.model.moves, parts, *(one.sum() for one in of.model.drawn_in.values())))
+        or scan(of, parts, noise))
+    assert "shaft.gain" in [cause.id for cause in diagnose_run(too_fast(), HUANGHAI).causes] and len(scans) > 2
+    assert len(set(scans)) == len(scans)
 
 
 # --- What a diagnosis knows of an effect stands in one place: its row in control/diagnosis/effects.py ----------------
@@ -92,13 +115,11 @@ def test_what_rows_refer_to_is_there() -> None:
 def test_a_name_in_whose_place_something_unknown_stands_for_certain_is_not_listed(
         monkeypatch: pytest.MonkeyPatch) -> None:
     """It was listed with probability 0, at the bound of its size and with a larger error than before."""
-    work = stairs_work()
-    log = {name: work[name] for name in ("time_s", "shaft_rpm_cmd")} | {"shaft_rpm": 1.06 * work["shaft_rpm"]}
-    assert "shaft.gain" in [cause.id for cause in diagnose_run(log, HUANGHAI).causes]
+    assert "shaft.gain" in [cause.id for cause in diagnose_run(too_fast(), HUANGHAI).causes]
     left = Remains("shaft", "loud")
     monkeypatch.setattr(report, "remains", lambda one, _: [left] if one.search.model.names[0] == "shaft" else [])
     monkeypatch.setattr(report, "unknown_share", lambda one, k, rest: 1.0)
-    found = diagnose_run(log, HUANGHAI)
+    found = diagnose_run(too_fast(), HUANGHAI)
     assert found.verdict == "unexplained" and found.causes == () and [
         (u.channel, u.variable) for u in found.unexplained] == [("shaft", ""), ("shaft", "shaft_rpm")]
     assert not [gain for gain in found.gain if gain.of == "names"]

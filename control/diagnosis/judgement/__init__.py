@@ -12,7 +12,7 @@ log posterior odds against nothing in its place.
 
 Noise is never quite what a model says. In frequency: the variance of each band is the fitted spectrum's times a factor
 with an inverse-gamma prior, so that the coefficients of a band follow a Student t (`noise_fit`). In time: the score of
-a column over blocks of the log is treated alike (`control/diagnosis/runs/coarsening.py`). What a column gains is the
+a column over blocks of the log is treated alike (`control/diagnosis/runs/whitened.py`). What a column gains is the
 smaller of the two: the evidence must hold under both.
 
 When something begins or ends is averaged over all times of the log, not maximised: the price of looking everywhere is

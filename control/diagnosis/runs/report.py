@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import chdtrc, expit
+from scipy.special import expit
 
 from control.diagnosis.cost import consequence
 from control.diagnosis.effects import (
@@ -58,7 +58,6 @@ from .stages import RunData
 from .terms import FittedTerm, marginal, means_along
 
 Array = npt.NDArray[np.float64]
-MOST_LOG_ODDS = 700.0       # whose exponential a computer can hold
 WINDOW_S = 10.0             # flow is read off the scale over windows of this length
 RISE_KG = 1.0               # over one: a refill; on the nominal machine
 PLAINEST = {                # of each channel: the error that every log of it should show, a factor or an offset
@@ -74,7 +73,7 @@ def channel_rows(one: GroupResult, data: RunData) -> list[Channel]:
         residual, measured = left[channel.name], channel.measured
         noise = one.found.noise[channel.name]
         floor = float(np.hypot(noise.fast_sd, channel.prior.floor_sd))
-        p = _structure_p(one)
+        p = one.p_nothing
         if channel.name == "scale":
             found.append(_flow(channel.grid.even_s, measured, residual, noise.fast_sd, p, data,
                                of_nominal(one.search.model.machine, HOPPER) * RISE_KG))
@@ -84,18 +83,6 @@ def channel_rows(one: GroupResult, data: RunData) -> list[Channel]:
                              float(np.sqrt(np.mean(residual ** 2))), floor,
                              float(1.0 - np.var(residual) / spread) if spread > 0.0 else 0.0, p))
     return found
-
-
-def by_chance(gain: float) -> float:
-    """Probability that one size gains as much where there is nothing (chi-square, one degree of freedom). A part that
-    its equal in the same model makes superfluous may gain less than nothing: that is 1."""
-    return float(chdtrc(1.0, max(0.0, gain)))
-
-
-def _structure_p(one: GroupResult) -> float:
-    """Probability that there is nothing in a group: by the odds of the likeliest thing that is said to be there."""
-    best = max([*one.worths, *(term.worth for term in one.terms)], default=-np.inf)
-    return float(1.0 / (1.0 + np.exp(min(best, MOST_LOG_ODDS))))
 
 
 def _flow(time_s: Array, reading: Array, residual: Array, noise_kg: float, p: float, data: RunData,
@@ -301,24 +288,17 @@ def _read_off_cause(seen: ReadOff, machine: Machine, data: RunData) -> Cause:
 
 def _cause(one: GroupResult, k: int, machine: Machine, data: RunData, left: float) -> Cause:
     """left : probability that the name is something else altogether, by what the whole model leaves."""
-    part, sd = one.found.parts[k], one.found.sd[k]
+    part, sd, place = one.found.parts[k], one.found.sd[k], one.places[k]
     entry = CATALOGUE[part.id]
     unit = unit_of(part.id, machine)
-    weights = np.exp(-np.array([0.0, *(r.behind for r in one.rivals[k])]))
-    unknown = float(np.exp(one.unknown[k])) if one.unknown and not one.terms else 0.0
-    every = weights.sum() + np.exp(-one.worths[k]) + unknown
-    shares = weights / every
     if entry.effect.onset_only:
         size = Size(part.onset_s, *stop_interval(one.search.model, part), unit)
     else:
         sd = float(np.sqrt(sd ** 2 + tolerance_of(part.id, machine) ** 2 + looked_for_to(part.id, machine) ** 2))
         low, high = part.size - Z90 * sd, part.size + Z90 * sd
         size = Size(part.size, low, high, unit)
-    certain = 1.0 - left
-    rivals = tuple(Rival(r.part.id, certain * float(p)) for r, p in zip(one.rivals[k], shares[1:], strict=True)
-                   if p > LISTED) if shares[0] < NAMED else ()
-    other = max(left, unknown / every)
-    if other > LISTED and certain * shares[0] < NAMED:
-        rivals = (*rivals, Rival(UNKNOWN, float(other)))
-    return Cause(part.id, size, part.onset_s, certain * float(shares[0]), rivals, part.member, entry.effect.advice,
+    known = place.posterior(left)
+    instead = [*((r.part.id, p) for r, p in zip(place.rivals, known.rivals, strict=True)), (UNKNOWN, known.unknown)]
+    rivals = tuple(Rival(name, p) for name, p in instead if p > LISTED and known.part < NAMED)
+    return Cause(part.id, size, part.onset_s, known.part, rivals, part.member, entry.effect.advice,
                  field_cost(part, machine, data), until_s=part.until_s, grows=part.grows)

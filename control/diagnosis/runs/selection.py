@@ -9,11 +9,11 @@ A model M is a set of parts, refitted through the machine model (`search.py`), w
     S(M) = L + O + sum_k pi_k                           score of a model: its log posterior, but for a constant
     D(M, M') = g + (O - O') + (pi_k - pi'_j)            log odds of M over M', which has part j in place of part k
 
-L - L' counts as far as it holds by blocks of time as well: g is the smaller of the two (`coarsening.even_gain`), and no
+L - L' counts as far as it holds by blocks of time as well: g is the smaller of the two (`whitened.even_gain`), and no
 more than M' has where its nominal value is moved as far as the part moves it: the prediction is then the same.
 Without a part in its place (pi'_j = 0) D is what part k is worth. A posterior sums over what may stand in a part's
 place: the part itself, each rival, something unknown, and nothing, with weights 1, exp(-D(M, rival)), exp(unknown),
-exp(-worth) (`report.py`; Madigan and Raftery, JASA 89, 1994, 1535).
+exp(-worth) (`InPlace.posterior`; Madigan and Raftery, JASA 89, 1994, 1535).
 
 Forward steps add the best effect, lateral steps put another in a member's place or give it another course in time,
 backward steps drop what the others make superfluous (Miller 2002, Subset Selection in Regression, ch. 3).
@@ -26,6 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import expit, softmax
 
 from control.diagnosis.effects import CANOPY_HEAD_FOULED, ROWS, FoundBy
 from control.diagnosis.judgement.checks import is_loud
@@ -33,7 +34,6 @@ from control.diagnosis.judgement.prior import SAID, course_of, log_odds, log_of_
 from control.machine.machine import CATALOGUE
 
 from .changepoint import changes
-from .coarsening import even_gain
 from .dictionary import Dictionary
 from .drive_curve import started
 from .hypothesis import MAX_SWITCHES, EffectInstance, Hypothesis, replaced, without
@@ -44,6 +44,7 @@ from .quantised import encoder_steps
 from .robust import draw_in
 from .search import MAX_COLLINEARITY, FittedHypothesis, ScoreTest, Search
 from .terms import FittedTerm, best_span, found_terms
+from .whitened import even_gain
 
 Array = npt.NDArray[np.float64]
 
@@ -67,17 +68,39 @@ class RivalOf(NamedTuple):
     behind: float               # by so much of the log score
 
 
+class Posterior(NamedTuple):
+    """Probabilities of a part, of each of its rivals, and of something unknown in its place; the rest is nothing's."""
+
+    part: float
+    rivals: tuple[float, ...]
+    unknown: float
+
+
+class InPlace(NamedTuple):
+    """What may stand in the place of one part of a model. worth : log posterior odds of the part against nothing there;
+    rivals : the likeliest first; unknown : log odds of something unknown there against the part."""
+
+    worth: float
+    rivals: tuple[RivalOf, ...] = ()
+    unknown: float = -np.inf
+
+    def posterior(self, unlike: float = 0.0) -> Posterior:
+        """unlike : probability that it is something else altogether, by what the whole model leaves."""
+        part, *rivals, unknown, _ = softmax([0.0, *(-one.behind for one in self.rivals), self.unknown, -self.worth])
+        known = 1.0 - unlike
+        return Posterior(known * float(part), tuple(known * float(p) for p in rivals), max(unlike, float(unknown)))
+
+
 class WeighedModel(NamedTuple):
-    """A model with what each of its parts is worth, and what could stand in each one's place, the likeliest first."""
+    """A model with what may stand in the place of each of its parts."""
 
     fit: FittedHypothesis
-    worths: tuple[float, ...] = ()
-    rivals: tuple[tuple[RivalOf, ...], ...] = ()
+    places: tuple[InPlace, ...] = ()
 
     @property
     def is_said(self) -> bool:
         """Whether each part is likelier than nothing."""
-        return all(worth > SAID for worth in self.worths)
+        return all(place.worth > SAID for place in self.places)
 
 
 class GroupResult(NamedTuple):
@@ -86,11 +109,15 @@ class GroupResult(NamedTuple):
     search: Search
     null: FittedHypothesis
     found: FittedHypothesis
-    worths: tuple[float, ...]                   # of each part: its log posterior odds against nothing in its place
-    rivals: tuple[tuple[RivalOf, ...], ...]     # by part
+    places: tuple[InPlace, ...]                 # by part
     scan: tuple[ScoreTest, ...]                   # the whole catalogue on top of nothing
     terms: tuple[FittedTerm, ...] = ()               # beyond the catalogue
-    unknown: tuple[float, ...] = ()             # of each part: log odds of something unknown in its place
+
+    @property
+    def p_nothing(self) -> float:
+        """Probability that there is nothing: by the odds of the likeliest thing that is said to be there."""
+        said = [*(place.worth for place in self.places), *(term.worth for term in self.terms)]
+        return float(expit(-max(said, default=-np.inf)))
 
 
 class Scores:
@@ -101,6 +128,7 @@ class Scores:
         self._names = len({c.part.id for c in search.candidates})
         self._spent: dict[tuple[str, int | None, str], float] = {}
         self._kept: dict[Hypothesis, FittedHypothesis] = {}
+        self._scans: dict[Hypothesis, list[ScoreTest]] = {}
         self._kept_at = -1              # of the model's moves
 
     def prior(self, part: EffectInstance) -> float:
@@ -123,16 +151,25 @@ class Scores:
     def refit(self, parts: Hypothesis, now: FittedHypothesis) -> FittedHypothesis:
         """A model refitted from the noise of another, kept while the nominal values stand."""
         if self._kept_at != self.search.model.moves:
-            self._kept.clear()
-            self._kept_at = self.search.model.moves
+            self.forget()
         if parts not in self._kept:
             found = self.search.refit(parts, now.noise)
             self._kept[parts] = self._kept[found.parts] = found
         return self._kept[parts]
 
+    def scan(self, now: FittedHypothesis) -> list[ScoreTest]:
+        """What a refitted model leaves held against every candidate, kept as long."""
+        if self._kept_at != self.search.model.moves:
+            self.forget()
+        if now.parts not in self._scans:
+            self._scans[now.parts] = self.search.scan(now.parts, now.noise)
+        return self._scans[now.parts]
+
     def forget(self) -> None:
-        """The data have changed: outliers were drawn in anew."""
+        """The data have changed, outliers drawn in anew, or the nominal values have."""
         self._kept.clear()
+        self._scans.clear()
+        self._kept_at = self.search.model.moves
 
     def worth(self, one: FittedHypothesis, k: int, other: FittedHypothesis, j: int | None = None) -> float:
         """D: log posterior odds of a model against another that differs from it in one part: k of the one, j of the
@@ -180,7 +217,7 @@ def judge_group(search: Search) -> GroupResult:
     """Judge a group: forward selection, each step reviewed; then what is beyond the catalogue."""
     null = _nothing(search)
     board = Scores(search)
-    first = search.scan((), null.noise)
+    first = board.scan(null)
     now = WeighedModel(null)
     for _ in range(MAX_CAUSES):
         proposed = _proposed(board, now.fit)
@@ -193,9 +230,8 @@ def judge_group(search: Search) -> GroupResult:
         if not now.fit.parts:
             break
     null = search.refit(())
-    beyond = beyond_names(search, now.fit, null, now.worths, sum(board.prior(part) for part in now.fit.parts))
-    worths, rivals = tuple(now.worths[k] for k in beyond.kept), tuple(now.rivals[k] for k in beyond.kept)
-    return GroupResult(search, null, beyond.now, worths, rivals, tuple(first), beyond.terms, beyond.unknown)
+    now, terms = beyond_names(search, now, null, sum(board.prior(part) for part in now.fit.parts))
+    return GroupResult(search, null, now.fit, now.places, tuple(first), terms)
 
 
 def _nothing(search: Search) -> FittedHypothesis:
@@ -265,7 +301,7 @@ def _together(board: Scores, now: FittedHypothesis, better: FittedHypothesis | N
 def _proposed(board: Scores, now: FittedHypothesis) -> list[EffectInstance]:
     """The best parts to add by their scans, of every course in time."""
     search = board.search
-    found = search.scan(now.parts, now.noise)
+    found = board.scan(now)
     stopped = [f for f in found if CATALOGUE[f.part.id].effect.onset_only
                and still_disobeys(search.model, now.parts, f.part)]
     steady = [f for f in found if not CATALOGUE[f.part.id].effect.onset_only][:REFITTED]
@@ -337,29 +373,29 @@ def _reviewed(board: Scores, fit: FittedHypothesis) -> WeighedModel:
             visited.append(now)
         if not parts or (visited and left <= 0):
             break
-        behind = [several[0].behind if several else np.inf for several in now.rivals]
-        in_place = np.array(now.worths) - np.minimum(0.0, behind)       # the best in each place over nothing
+        behind = [one.rivals[0].behind if one.rivals else np.inf for one in now.places]
+        in_place = np.array([one.worth for one in now.places]) - np.minimum(0.0, behind)     # the best over nothing
         k = int(np.argmin(behind))
         ends = left <= 0 or behind[k] > EVEN or (behind[k] > -EVEN and order.index(
-            now.rivals[k][0].part.id) > order.index(parts[k].id))
+            now.places[k].rivals[0].part.id) > order.index(parts[k].id))
         if in_place.min() <= SAID or (ends and not visited):
             fit = board.refit(without(parts, int(np.argmin(in_place))), fit)
         elif ends:
             break
         else:
-            fit = board.refit(replaced(parts, k, now.rivals[k][0].part), fit)
+            fit = board.refit(replaced(parts, k, now.places[k].rivals[0].part), fit)
     best = max(reversed(visited), key=lambda one: board.score(one.fit))
-    return best._replace(rivals=tuple(tuple(one._replace(behind=max(0.0, one.behind)) for one in several
-                                            if one.part.id != part.id)
-                                      for part, several in zip(best.fit.parts, best.rivals, strict=True)))
+    return best._replace(places=tuple(
+        place._replace(rivals=tuple(one._replace(behind=max(0.0, one.behind)) for one in place.rivals
+                                    if one.part.id != part.id))
+        for part, place in zip(best.fit.parts, best.places, strict=True)))
 
 
 def _weighed(board: Scores, now: FittedHypothesis) -> WeighedModel:
     """What each part is worth, and what could stand in its place within the window. How far one model is ahead of
     another is had directly, and by what each is worth over nothing: either counts even evidence alone and is a lower
     bound, so that the higher one holds."""
-    worths: list[float] = []
-    rivals: list[tuple[RivalOf, ...]] = []
+    places: list[InPlace] = []
     for k, part in enumerate(now.parts):
         alone = board.refit(without(now.parts, k), now)
         own, place, found = board.worth(now, k, alone), len(alone.parts), []
@@ -369,17 +405,15 @@ def _weighed(board: Scores, now: FittedHypothesis) -> WeighedModel:
                 higher = max if now.log_likelihood > tried.log_likelihood else min
                 found.append(RivalOf(tried.parts[-1], higher(board.worth(now, k, tried, place),
                                                              own - board.worth(tried, place, alone))))
-        worths.append(own)
         best = {one.part.id: one for one in sorted(found, key=lambda r: -r.behind) if one.behind < WINDOW
                 and (one.part.id != part.id or one.behind < -EVEN)}
-        rivals.append(tuple(sorted(best.values(), key=lambda r: r.behind)))
-    return WeighedModel(now, tuple(worths), tuple(rivals))
+        places.append(InPlace(own, tuple(sorted(best.values(), key=lambda r: r.behind))))
+    return WeighedModel(now, tuple(places))
 
 
 def _in_its_place(board: Scores, alone: FittedHypothesis, part: EffectInstance) -> list[EffectInstance]:
     """What could stand in a part's place: steady, or in a course of its own; of the part itself its other courses."""
-    search = board.search
-    scanned = search.scan(alone.parts, alone.noise)
+    scanned = board.scan(alone)
     if not CATALOGUE[part.id].effect.onset_only:
         scanned += _begin(board, alone)
     others = [f for f in scanned if not CATALOGUE[f.part.id].effect.onset_only
@@ -393,41 +427,31 @@ def _in_its_place(board: Scores, alone: FittedHypothesis, part: EffectInstance) 
 
 # -- names and terms by one score --------------------------------------------------------------------------------------
 
-class Beyond(NamedTuple):
-    """A model, the terms along with its names, and of each name the log odds of something unknown in its place."""
-
-    now: FittedHypothesis
-    kept: tuple[int, ...]           # places of the names that stay, among those that were found
-    terms: tuple[FittedTerm, ...]
-    unknown: tuple[float, ...] = ()
-
-
-def beyond_names(search: Search, now: FittedHypothesis, null: FittedHypothesis, worths: Sequence[float],
-                 log_prior: float) -> Beyond:
+def beyond_names(search: Search, now: WeighedModel, null: FittedHypothesis, log_prior: float
+                 ) -> tuple[WeighedModel, tuple[FittedTerm, ...]]:
     """The likeliest of: the names, with the terms that stand along with them; the names but one, with a constant for as
-    long as that one; terms alone. worths : log posterior odds of each name against nothing in its place. log_prior :
-    of all names together.
+    long as that one; terms alone. log_prior : of all names together.
     """
-    dictionary = Dictionary(search.model)
-    every = tuple(range(len(now.parts)))
-    own = frozenset(ROWS[part.id].form_over for part in now.parts)      # over these the names' forms are free already
-    with_names = tuple(found_terms(search, dictionary, now, own))
-    if not now.parts:
-        return Beyond(now, (), with_names)
+    dictionary, parts = Dictionary(search.model), now.fit.parts
+    own = frozenset(ROWS[part.id].form_over for part in parts)      # over these the names' forms are free already
+    with_names = tuple(found_terms(search, dictionary, now.fit, own))
+    if not parts:
+        return now, with_names
     alone = tuple(found_terms(search, dictionary, null))
-    names, unknown = now.log_evidence + log_prior, -np.inf
+    names, unknown = now.fit.log_evidence + log_prior, -np.inf
     if alone:
         unknown = _score(alone) - names
         if _score(alone) > (log_prior + _score(with_names) if with_names else names):
-            return Beyond(null, (), alone)
-    odds = []
-    for k, (part, worth) in enumerate(zip(now.parts, worths, strict=True)):
-        rest = search.refit(without(now.parts, k), now.noise) if part.until_s is not None else None
+            return WeighedModel(null), alone
+    places = []
+    for k, (part, place) in enumerate(zip(parts, now.places, strict=True)):
+        rest = search.refit(without(parts, k), now.fit.noise) if part.until_s is not None else None
         span = best_span(search, dictionary, rest, part) if rest is not None else None
-        if rest is not None and span is not None and span.worth > worth:
-            return Beyond(rest, every[:k] + every[k + 1:], (span,))
-        odds.append(float(np.logaddexp(unknown, -np.inf if span is None else span.worth - worth)))
-    return Beyond(now, every, with_names, tuple(odds))
+        if rest is not None and span is not None and span.worth > place.worth:
+            return WeighedModel(rest, now.places[:k] + now.places[k + 1:]), (span,)
+        for_as_long = -np.inf if span is None else span.worth - place.worth
+        places.append(place._replace(unknown=float(np.logaddexp(unknown, for_as_long))))
+    return (now, with_names) if with_names else (WeighedModel(now.fit, tuple(places)), ())
 
 
 def _score(terms: Sequence[FittedTerm]) -> float:

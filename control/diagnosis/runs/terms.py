@@ -38,13 +38,12 @@ from control.machine.forms import SPAN_PLACES, Lost, Periodic, SpanForm
 from control.machine.term_sums import over_log
 from control.machine.terms import STAGE_OF, UNIT_OF, Acts, Interval, Term, own_command
 
-from .coarsening import even_gain
 from .dictionary import CHANNEL_OF, ActedOn, Dictionary, FormCandidate, Variables, scan
 from .held_out import amplitudes, errors_of, held_out
 from .hypothesis import EffectInstance
 from .search import FittedHypothesis, Search
 from .stages import RunData
-from .whitened import WhitenedResidual
+from .whitened import WhitenedResidual, even_gain
 
 Array = npt.NDArray[np.float64]
 Eight = tuple[float, float, float, float, float, float, float, float]

@@ -21,8 +21,7 @@ from control.machine.start import response_s
 from control.recordings.speeds import KMH_PER_MPS
 
 from .piece import Array, BoolArray, best_first
-from .rows.labels import labels_of
-from .rows.place import UNCORRECTED
+from .rows import UNCORRECTED, labels_of
 
 MIN_SHARED = 5              # shaft speeds that both have
 UNREPEATED = 0.01           # share of a value that a row without replicates is taken to be good for

@@ -20,7 +20,7 @@ from control.recordings.speeds import KMH_PER_MPS
 from .across import MIN_SHARED, AcrossTables, LagSeries, sentence, series_of
 from .noise import quantum_of
 from .piece import BoolArray
-from .rows.labels import labels_of
+from .rows import labels_of
 
 FINE_SHARE = 0.005      # of a value that its last digit may be: coarser ones agree by chance
 MEASURED = ("lag_m", "lag_s", "miss_m")     # columns that hold a whole lag, as measured

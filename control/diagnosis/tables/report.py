@@ -2,11 +2,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from control.calibration.bench_table import LAGS, BenchTable
-from control.diagnosis.cost import consequence
+from control.diagnosis.cost import WITHOUT_MODEL, OperatingPoint, consequence, rate_error_percent
 from control.diagnosis.effects import (
     LAG_COARSE_CLOCK,
     LAG_OFFSET,
@@ -16,19 +17,21 @@ from control.diagnosis.effects import (
     SHAFT_DEAD_TIME,
 )
 from control.diagnosis.judgement.evidence import Z90
-from control.diagnosis.judgement.prior import LISTED, NAMED
-from control.diagnosis.result import Cause, Channel, NextRun, Rival, Size, Verdict
-from control.experiments.bench_tests import two_rates
+from control.diagnosis.judgement.prior import APART_SD, LISTED, NAMED
+from control.diagnosis.result import Cause, Channel, FieldCost, NextRun, Rival, Size, Verdict
+from control.experiments.bench_tests import bench_tests, two_rates
+from control.experiments.experiment import Experiment, chosen
+from control.experiments.levels import USUAL_MPS
+from control.machine.fall import start_drop_s
 from control.machine.machine import CATALOGUE, Machine, bounds, unit_of
+from control.machine.start import response_s
 
 from .across import across
 from .clock import CoarseClock
-from .cost import field_cost
 from .duplicate_rows import DuplicateRows, sentences
 from .gain import label_contrasts
-from .next_tests import NextTests, Pair, separating
 from .noise import MAX_ROBUST_SD, UNEQUAL_P
-from .piece import BoolArray, SizedEffect, TableCandidate, TablePiece
+from .piece import Array, BoolArray, SizedEffect, TableCandidate, TablePiece, with_effects
 from .problem import TableProblem
 from .verdict import Judgement, NamedEffect
 
@@ -37,6 +40,8 @@ CONTRAST_P = 0.01               # below it labels are said to differ
 OUTSTANDING = 2.0               # a setting that scatters so many times the usual is pointed out
 MAX_SHOWN_ROWS, MAX_SHOWN_SETTINGS = 5, 3
 MIN_ROWS_SAID = 4
+MAX_TESTS = 3               # an afternoon's work
+Pair = tuple[SizedEffect, SizedEffect]
 
 
 def causes_of(problem: TableProblem, tables: Sequence[BenchTable], judgement: Judgement) -> tuple[Cause, ...]:
@@ -240,3 +245,57 @@ def _setting(piece: TablePiece, rows: BoolArray) -> str:
     at = int(np.flatnonzero(rows)[0])
     parts = [f"{name} {values[at]:g}" for name, values in piece.variables.items() if name != "replicate"]
     return " ".join([*parts, str(piece.group[at])]).strip()
+
+
+class NextTests(NamedTuple):
+    """`pairs`: what this data cannot tell apart. `unsettled`: those of them that no test of the plan separates."""
+
+    tests: tuple[Experiment[Array], ...]
+    pairs: tuple[Pair, ...]
+    unsettled: tuple[Pair, ...]
+    apart_sd: float | None          # the least that the tests set a settled pair apart; None: no test does
+
+
+def separating(machine: Machine, rivals: Sequence[Sequence[SizedEffect]]) -> NextTests | None:
+    """The tests that tell the rivals of each cause apart, chosen by what each would read under each of them.
+
+    `rivals`: for each ambiguous cause, its members at their fitted sizes. None where there is nothing to separate.
+    """
+    pairs = tuple((a, b) for members in rivals for i, a in enumerate(members) for b in members[i + 1:])
+    if not pairs:
+        return None
+    every = bench_tests(machine)
+    readings = {effect: [one.reads(with_effects(machine, (effect,))) for one in every]
+                for pair in pairs for effect in pair}
+    apart = np.array([[float(np.linalg.norm(readings[a][k] - readings[b][k])) for k in range(len(every))]
+                      for a, b in pairs])
+    found = chosen(apart, [one.minutes for one in every], APART_SD, MAX_TESTS)
+    return NextTests(tuple(every[k] for k in found.tests), pairs,
+                     tuple(pair for pair, settled in zip(pairs, found.settled, strict=True) if not settled),
+                     found.apart_sd)
+
+
+def field_cost(machine: Machine, effect: SizedEffect, speed_mps: float | None) -> FieldCost:
+    """Applied over wanted - 1 in %, and landed minus wanted in m, if the controller does not know of the effect.
+
+    The flow trim is taken as on for an effect of the scale: the machine then follows a wrong scale. A lag taken off
+    distances at a wrong speed is a wrong lag. What the heads' effects cost depends on the crop and is left open (None).
+    """
+    costs = ROWS[effect.candidate.id].costs
+    if costs in WITHOUT_MODEL:
+        return WITHOUT_MODEL[costs]
+    changed = with_effects(machine, (effect,))
+    speed = speed_mps if speed_mps is not None else USUAL_MPS
+    points = (OperatingPoint(machine.set_points.shaft_rpm, machine.set_points.opening_mm, machine.flow.full_kg, speed),)
+    rate = rate_error_percent(machine, points, changed, points)
+    learnt_percent = changed.fall.speed_scale_percent - machine.fall.speed_scale_percent
+    place = (speed * (_lag_s(changed) - _lag_s(machine)) + changed.fall.lever_arm_m - machine.fall.lever_arm_m
+             + speed * _lag_s(machine) * learnt_percent / 100.0)
+    return FieldCost(rate, place)
+
+
+def _lag_s(machine: Machine) -> float:
+    """Whole lag of a start at the set-point, the worst of its direction; s."""
+    fall, rpm = machine.fall, machine.set_points.shaft_rpm
+    return (response_s(machine, rpm) + start_drop_s(fall, rpm) + fall.latency_s + fall.first_fill_s
+            + 0.5 * abs(fall.asymmetry_s))
