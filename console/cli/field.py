@@ -34,6 +34,8 @@ def field(
                                              "the passes have.")] = None,
     done: Annotated[bool, typer.Option("--done", help="What AgOpenGPS marked as worked (Sections.txt), or the polygons "
                                        "of IN, as ground that is done: the job spreads nothing there again.")] = False,
+    largest: Annotated[bool, typer.Option("--largest", help="Of an outline that crosses itself: the largest part that "
+                                          "it encloses.")] = False,
     force: Force = False,
 ) -> None:
     """Take a field's outline, obstacles, guidance lines and headland into a job, or write a job's field for others."""
@@ -48,7 +50,8 @@ def field(
     if done:
         _take_done(source, out, job)
         return
-    data = _read(source, name)
+    from drivers.files.fields.field_data import uncrossed
+    data = uncrossed(_read(source, name), source, largest)
     say_notes(data.findings, f"{source}: ")
     _tell(data)
     if out is None:

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -56,6 +57,8 @@ def map_files(
                                                 help="Name of the product, instead of the log's.")] = None,
     every: Annotated[float, typer.Option(metavar="S", help="Longest stretch of an as-applied export, s.")] = 1.0,
     polygons: Annotated[bool, typer.Option("--polygons", help="As-applied as ground covered, not points.")] = False,
+    merge: Annotated[float | None, typer.Option(metavar="KG_HA", help="Zones whose rates differ by no more than this "
+                                                "step become one; the mass stays.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="The summary as JSON.")] = False,
     force: Force = False,
 ) -> None:
@@ -77,7 +80,7 @@ def map_files(
     choice = RateChoice(column=column, unit=unit, scale=scale, density_kg_l=density, n_fraction=nitrogen,
                         default_kg_ha=default, outside_kg_ha=outside, lost_kg_ha=lost, layer=layer, inside=inside,
                         rate_from=_source(rate_from))
-    _convert(source, out, choice, rule, as_json)
+    _convert(source, out, choice, rule, merge, as_json)
 
 
 def _read(source: Path, is_log: bool, machine: str | None) -> tuple[Path, ...]:
@@ -120,15 +123,21 @@ def _by_rule(source: Path, choice: RateChoice, job: str) -> Imported:
     return by_rule(read_prescription(source, index_choice(choice, rule, job)), rule)
 
 
-def _convert(source: Path, out: Path | None, choice: RateChoice, rule: str | None, as_json: bool) -> None:
-    from drivers.files.prescriptions.read import read_prescription
-    from drivers.files.prescriptions.write import write_prescription
+def _convert(source: Path, out: Path | None, choice: RateChoice, rule: str | None, merge_kg_ha: float | None,
+             as_json: bool) -> None:
+    from control.recordings.finding import Finding
+    from drivers.files.prescriptions.read import read_prescription, with_merged_zones
+    from drivers.files.prescriptions.write import not_written, write_prescription
     read = read_prescription(source, choice) if rule is None else _by_rule(source, choice, rule)
+    if merge_kg_ha is not None:
+        read = with_merged_zones(read, merge_kg_ha)
     if out is not None:
         if out.suffix.lower() not in (".geojson", ".json", ".shp", ".gpkg", ".kml", ".kmz", ".zip", ".xml", ""):
             raise CommandError(f"--out {out}: allowed .geojson, .json, .shp, .gpkg, .kml, .kmz, .zip, .xml or a folder")
         out.parent.mkdir(parents=True, exist_ok=True)
         write_prescription(read.data, out)
+        if lost := not_written(read.data, out):
+            read = replace(read, findings=(*read.findings, Finding("not_written", lost)))
     _tell(read, as_json)
     if out is not None and not as_json:
         typer.echo(f"written      {out}")

@@ -17,7 +17,7 @@ def driven_field(ground: Ground, ring_deg: tuple[tuple[float, float], ...]) -> t
     """
     from shapely.geometry import Polygon
 
-    from control.field.boundary import Boundary
+    from control.field.boundary import Boundary, largest_part
     from control.geodesy import TangentPlane, distance_m
     if len(ring_deg) < 3:
         raise ValueError(f"boundary: {len(ring_deg)} corners: allowed is 3 or more")
@@ -25,11 +25,8 @@ def driven_field(ground: Ground, ring_deg: tuple[tuple[float, float], ...]) -> t
     if distance_m(*origin, *ring_deg[0]) > SAME_PLANE_M:
         origin = ring_deg[0]
     plane = TangentPlane(*origin)
-    shape = Polygon([plane.to_m(lat, lon) for lat, lon in ring_deg])
-    if not shape.is_valid:
-        # where the end was driven over the beginning: what is enclosed counts
-        shape = max(getattr(shape.buffer(0), "geoms", (shape.buffer(0),)), key=lambda one: one.area)
-    thinned = shape.simplify(LOST_M)
+    # where the end was driven over the beginning: what is enclosed counts
+    thinned = largest_part(Polygon([plane.to_m(lat, lon) for lat, lon in ring_deg])).simplify(LOST_M)
     if thinned.is_empty or thinned.area <= 0.0:
         raise ValueError("boundary: nothing is enclosed by it: allowed is a way round a field")
     corners = tuple((round(east, 2), round(north, 2)) for east, north in thinned.exterior.coords[:-1])

@@ -123,6 +123,12 @@ class Boundary:
         return smaller
 
 
+def largest_part(shape: Polygon) -> Polygon:
+    """The largest polygon of those into which edges that cross cut a shape; ground driven round twice is in it once."""
+    parts = shapely.get_parts(shapely.make_valid(shape, method="structure", keep_collapsed=False))
+    return max((one for one in parts if isinstance(one, Polygon)), key=lambda one: float(one.area), default=Polygon())
+
+
 def _checked_ring(name: str, ring: Sequence[Place]) -> list[Place]:
     places = [(float(east), float(north)) for east, north in ring]
     if len(places) > 1 and places[0] == places[-1]:

@@ -294,6 +294,35 @@ def apart(zones: Sequence[Zone]) -> tuple[Zone, ...]:
     return tuple(found)
 
 
+class Merged(NamedTuple):
+    """`most_kg_ha`: the largest change of a rate; `mean_kg_ha`: the mean size of the change, by area."""
+
+    zones: tuple[Zone, ...]
+    most_kg_ha: float
+    mean_kg_ha: float
+
+
+def merged(zones: Sequence[Zone], step_kg_ha: float) -> Merged:
+    """Zones whose rates round to the same multiple of a step as one, with their mean rate by area: as much mass as
+    before. Ground on which several lie is the first's, as everywhere. Raises ValueError for a step of 0 or less."""
+    if not step_kg_ha > 0.0:
+        raise ValueError(f"merge {step_kg_ha:g} kg/ha: allowed is above 0")
+    own = apart(zones)
+    shapes, rates = polygons([zone.rings_deg for zone in own]), np.array([zone.rate_kg_ha for zone in own])
+    areas, levels = shapely.area(shapes), np.round(rates / step_kg_ha)
+    found: list[Zone] = []
+    new = np.empty(len(own))
+    for level in np.unique(levels):
+        here = levels == level
+        rate = float(np.average(rates[here], weights=areas[here] + LEAST_DEG2))
+        new[here] = rate
+        parts = [part for part in shapely.get_parts(shapely.union_all(shapes[here])) if part.geom_type == "Polygon"]
+        found += [Zone(rate, tuple(shapely.get_coordinates(ring)[:-1] for ring in (part.exterior, *part.interiors)))
+                  for part in parts]
+    change = np.abs(new - rates)
+    return Merged(tuple(found), float(change.max()), float(np.average(change, weights=areas)))
+
+
 def _each_once(shapes: npt.NDArray[np.object_],
                least: float = LEAST_M2) -> tuple[npt.NDArray[np.object_], float]:
     """The shapes less what an earlier one covers, and how much ground lies in more than one; less than `least` in two

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,7 +19,7 @@ import shapely
 from control.recordings.finding import Finding
 from control.targets.rate_map import Floats
 from drivers.files.limits import check_file, read_json
-from drivers.files.prescriptions.projected import TransverseMercator, projection_of
+from drivers.files.prescriptions.projected import Projection, TransverseMercator, national_grid, projection_of
 from drivers.files.prescriptions.words import NotAMap
 from drivers.files.stated_units import NO_UNITS, StatedUnit, of_json
 from drivers.plain_text import PlaceInFile, Refused
@@ -152,28 +153,30 @@ def in_degrees(path: Path, layer: str, shapes: Any, crs: str | None, text: str =
         return shapes, ()
     found = _UTM.match(crs)
     if found is None:
-        return turned(shapes, projection_in(text, where, crs))
+        return turned(shapes, projection_in(text, where, shapely.get_coordinates(shapes), crs))
     south = found[1] == "327"
     return turned(shapes, TransverseMercator(f"UTM zone {int(found[2])}{'S' if south else 'N'}",
                                              6.0 * int(found[2]) - 183.0, 0.0, 0.9996, 500_000.0,
                                              1e7 if south else 0.0))
 
 
-def projection_in(text: str, where: PlaceInFile | Path | str, crs: str = "") -> TransverseMercator | None:
-    """What well-known text says of coordinates; None: degrees. crs: what must be more than degrees. Raises Refused."""
+def projection_in(text: str, where: PlaceInFile | Path | str, places: Floats, crs: str = "") -> Projection | None:
+    """What well-known text says of coordinates; None: degrees. places: (n, 2) in them. crs: what must be more than
+    degrees. Raises Refused."""
     try:
         found = projection_of(text)
         if found is not None or not crs:
             return found
     except ValueError as error:
-        if not crs:
-            raise Refused(where, "coordinates in {system}: allowed are longitude and latitude on WGS84, or UTM",
-                          " and other transverse Mercator on it", system=error) from None
+        crs = crs or str(error)
+    if (grid := national_grid(text, places)) is not None:
+        return grid
     raise Refused(where, "coordinates in {system}: allowed are degrees on WGS84, or UTM",
-                  ": export it again in WGS84 (EPSG:4326)", system=crs[:60])
+                  f": export it again in WGS84 (EPSG:4326), or {sys.executable} -m pip install pyproj",
+                  system=crs[:120])
 
 
-def turned(shapes: Any, projection: TransverseMercator | None) -> tuple[Any, tuple[Finding, ...]]:
+def turned(shapes: Any, projection: Projection | None) -> tuple[Any, tuple[Finding, ...]]:
     """Shapes in longitude and latitude, and what was done."""
     if projection is None:
         return shapes, ()
@@ -181,7 +184,7 @@ def turned(shapes: Any, projection: TransverseMercator | None) -> tuple[Any, tup
     def to_degrees(places: Floats) -> Floats:
         lat, lon = projection.to_deg(places[:, 0], places[:, 1])
         return np.column_stack((lon, lat))
-    said = Finding("projected", f"coordinates in {projection.name} taken to degrees")
+    said = Finding("projected", f"coordinates in {projection.name} taken to degrees{projection.how}")
     return shapely.transform(shapes, to_degrees), (said,)
 
 

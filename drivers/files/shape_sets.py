@@ -115,7 +115,6 @@ def layer_of(shapes: ShapeSet, encoding: str | None = None) -> Layer:
     where = PlaceInFile(shapes.label)
     with damage_said(shapes.label):
         text = shapes.part(".prj")
-        projection = None if text is None else projection_in(text.decode("utf-8", "replace"), where)
         with shapes.reader(encoding) as reader:
             names, kind = column_names(reader), reader.shapeTypeName
             found = np.empty(len(reader), dtype=object)
@@ -124,6 +123,8 @@ def layer_of(shapes: ShapeSet, encoding: str | None = None) -> Layer:
                 found[k] = _shape(shape, kind, where.at("row {row}", row=k + 1))
                 rows.append(dict(zip(names, record, strict=True)))
         units = shapes.units(names)
+        projection = None if text is None else projection_in(text.decode("utf-8", "replace"), where,
+                                                             shapely.get_coordinates(found))
     degrees, findings = turned(found, projection)
     return Layer(shapes.stem, tuple(rows), degrees, findings, units, kind)
 

@@ -101,6 +101,34 @@ def test_what_is_not_one_field_is_asked(topdress: Callable[..., Result], tmp_pat
     assert lines.exit_code == 2 and "run different ways" in lines.output and not (tmp_path / "job.yaml").exists()
 
 
+def test_an_outline_that_crosses_itself_says_where_and_offers_its_largest_part(topdress: Callable[..., Result],
+                                                                               tmp_path: Path) -> None:
+    knot = np.array([(52.0, 9.0), (52.01, 9.0), (52.01, 9.01), (51.999, 9.009), (51.999, 9.01)])
+    write_agopengps(FieldData("FieldNew", knot), tmp_path / "Long acre")
+    refused = topdress("field", tmp_path / "Long acre", "--out", tmp_path / "job.yaml")
+    assert refused.exit_code == 2 and not (tmp_path / "job.yaml").exists() and len(refused.output.splitlines()) == 1
+    assert "crosses itself at 51.999099, 9.0" in refused.output
+    assert "--largest takes its largest part, " in refused.output
+    taken = topdress("field", tmp_path / "Long acre", "--largest", "--out", tmp_path / "job.yaml")
+    assert taken.exit_code == 0, taken.output
+    field = load(tmp_path / "job.yaml", JOB).model.field
+    expected = max(shapely.get_parts(shapely.make_valid(shapely.Polygon(knot))), key=shapely.area)
+    assert field.title == "Long acre", "by its folder: AgOpenGPS writes FieldNew in each"
+    assert len(field.boundary_m) == len(expected.exterior.coords) - 1
+
+
+def test_polygons_of_one_name_are_chosen_by_their_number(topdress: Callable[..., Result], tmp_path: Path) -> None:
+    path = tmp_path / "strips.geojson"
+    path.write_text('{"type": "FeatureCollection", "features": [' + ", ".join(
+        f'{{"type": "Feature", "properties": {{"name": "{name}"}}, '
+        f'"geometry": {shapely.to_geojson(shapely.box(9.0 + 0.1 * k, 52.0, 9.01 + 0.1 * k, 52.01))}}}'
+        for k, name in enumerate(("strip", "strip", ""))) + "]}")
+    asked = topdress("field", path)
+    assert asked.exit_code == 2
+    assert "one of strip 1 (76.41 ha), strip 2 (76.41 ha), polygon 3 (76.41 ha)" in asked.output
+    assert "field        strip 2:" in topdress("field", path, "--name", "Strip 2").output
+
+
 def test_damaged_fields_are_one_line(tmp_path: Path) -> None:
     write_agopengps(FIELD, tmp_path / "north")
     boundary = tmp_path / "north" / "Boundary.txt"
@@ -166,9 +194,9 @@ def test_shapefiles_of_an_outline_and_of_lines(topdress: Callable[..., Result], 
 
 
 def test_shapefiles_that_are_none_are_one_line(topdress: Callable[..., Result], tmp_path: Path) -> None:
-    write_shp(tmp_path / "a.shp", [OUTLINE], ["North"], "EPSG:28992")
+    write_shp(tmp_path / "a.shp", [OUTLINE], ["North"], "ESRI:102003")      # Albers: in no register of PROJ's as EPSG
     said = topdress("field", tmp_path / "a.shp")
-    assert said.exit_code == 2 and "Amersfoort" in said.output and "allowed are longitude and latitude" in said.output
+    assert said.exit_code == 2 and "Albers" in said.output and "allowed are degrees on WGS84, or UTM" in said.output
     write_shp(tmp_path / "points.shp", [shapely.Point(9.0, 52.0)], ["tree"])
     said = topdress("field", tmp_path / "points.shp")
     assert said.exit_code == 2 and "shapes of type POINT: allowed are polygons" in said.output

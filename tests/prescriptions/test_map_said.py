@@ -284,3 +284,34 @@ def test_the_source_is_never_written_over(square_field: Path) -> None:
     told = topdress(square_field, "--out", square_field)
     assert told.exit_code != 0
     assert square_field.read_bytes() == before
+
+
+def test_zones_are_merged_by_a_step_of_rate_and_keep_their_mass(tmp_path: Path) -> None:
+    rates = np.random.default_rng(7).uniform(90.0, 130.0, 400)
+    strips = [[[116.0 + 1e-5 * k, 40.0], [116.0 + 1e-5 * (k + 1), 40.0], [116.0 + 1e-5 * (k + 1), 40.001],
+               [116.0 + 1e-5 * k, 40.001], [116.0 + 1e-5 * k, 40.0]] for k in range(400)]
+    file, out = tmp_path / "fine.geojson", tmp_path / "few.kml"
+    file.write_text(json.dumps({"type": "FeatureCollection", "features": [
+        {"type": "Feature", "properties": {"rate": rate}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
+        for rate, ring in zip(rates.tolist(), strips, strict=True)]}))
+    told = topdress(file, "--merge", 5, "--outside", 30, "--out", out, "--json")
+    assert told.exit_code == 0, told.output
+    said, whole = json.loads(told.stdout), json.loads(topdress(file, "--json").stdout)
+    assert said["mass_kg"] == pytest.approx(whole["mass_kg"], rel=1e-6)
+    assert 9 <= len({share["rate_kg_ha"] for share in said["rates"]}) <= 10 and said["zones"] < 400
+    texts = {one["id"]: one["text"] for one in said["findings"]}
+    assert "400 zones merged to" in texts["merged"] and "as much mass" in texts["merged"]
+    assert "outside, " in texts["not_written"] and ".kml has no place for rates" in texts["not_written"]
+    for step in (0, -5):
+        refused = topdress(file, "--merge", step, "--out", tmp_path / "none.kml")
+        assert refused.exit_code == 2 and "allowed is a step above 0" in refused.output
+        assert not (tmp_path / "none.kml").exists()
+
+
+def test_a_zone_that_crosses_itself_is_put_right_and_said(tmp_path: Path) -> None:
+    file = tmp_path / "bow.geojson"
+    ring = [[116.0, 40.0], [116.001, 40.001], [116.001, 40.0], [116.0, 40.001], [116.0, 40.0]]
+    file.write_text(json.dumps({"type": "FeatureCollection", "features": [
+        {"type": "Feature", "properties": {"rate": 100}, "geometry": {"type": "Polygon", "coordinates": [ring]}}]}))
+    told = topdress(file)
+    assert "altogether   0.4741 ha" in told.stdout and "1 zone with edges that cross: what they enclose" in told.stdout

@@ -1,6 +1,7 @@
 """Prescriptions through every format and back; rasters; the pass as GeoPackage."""
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -70,9 +71,25 @@ def test_a_geopackage_in_utm_and_one_of_several_layers(tmp_path: Path) -> None:
     with pytest.raises(RateQuestion, match="2 layers of polygons: allowed is one of map, other"):
         read_prescription(tmp_path / "utm.gpkg")
     assert read_prescription(tmp_path / "utm.gpkg", RateChoice(inside="other")).data.zones
-    frame.to_crs(28992).to_file(tmp_path / "rd.gpkg", layer="map")      # on another spheroid: 100 m off
+
+
+@pytest.mark.parametrize("epsg", [28992, 31467, 27700, 2056])        # RD, Gauss-Krueger on DHDN, the British, the Swiss
+@pytest.mark.parametrize("ending", ["gpkg", "shp"])
+def test_a_national_grid_is_read_with_pyproj_and_refused_without(epsg: int, ending: str, tmp_path: Path,
+                                                                 monkeypatch: pytest.MonkeyPatch) -> None:
+    geopandas = pytest.importorskip("geopandas", reason="geopandas is not installed")
+    lon, lat = {28992: (5.4, 52.1), 31467: (9.0, 50.0), 27700: (-1.5, 53.0), 2056: (7.4, 46.9)}[epsg]
+    frame = geopandas.GeoDataFrame({"rate_kg_ha": [100.0]}, geometry=[shapely.box(lon, lat, lon + 0.001, lat + 0.001)],
+                                   crs=4326).to_crs(epsg)
+    frame.to_file(path := tmp_path / f"map.{ending}")
+    read = read_prescription(path)
+    theirs = shapely.get_coordinates(frame.to_crs(4326).geometry[0])[:, ::-1]
+    for place in read.data.zones[0].rings_deg[0]:
+        assert np.abs(theirs - place).sum(axis=1).min() < 1e-6      # 0.1 m; the grid's own 1 to 3 m are said
+    assert any("taken to degrees, right to " in str(one) for one in read.findings)
+    monkeypatch.setitem(sys.modules, "pyproj", None)
     with pytest.raises(Refused, match="allowed are degrees on WGS84, or UTM"):
-        read_prescription(tmp_path / "rd.gpkg")
+        read_prescription(path)
 
 
 @pytest.mark.parametrize(("crs", "described"), [("EPSG:32632", "rate_kg_ha"), ("EPSG:4326", "rate_kg_ha"),
@@ -87,10 +104,6 @@ def test_a_raster(crs: str, described: str, tmp_path: Path) -> None:
                        nodata=-9999.0, transform=rasterio.transform.from_origin(*corner, size, size)) as file:
         file.write(values, 1)
         file.set_band_description(1, described)
-    if crs == "EPSG:28992":
-        with pytest.raises(Refused, match="Amersfoort"):
-            read_prescription(tmp_path / "a.tif")
-        return
     if described == "NDVI":
         with pytest.raises(RateQuestion):
             read_prescription(tmp_path / "a.tif")
@@ -98,11 +111,11 @@ def test_a_raster(crs: str, described: str, tmp_path: Path) -> None:
     read = read_prescription(tmp_path / "a.tif")
     assert len(read.data.zones) == 59 and read.data.zones[0].rate_kg_ha == pytest.approx(float(values[0, 1]))
     area = sum(share.area_ha for share in statistics(read.data))
-    assert area == pytest.approx(59 * 0.01 / 0.9996 ** 2 if crs == "EPSG:32632" else 59 * 0.0076466, rel=2e-3)
+    assert area == pytest.approx(59 * {"EPSG:32632": 0.01 / 0.9996 ** 2, "EPSG:4326": 0.0076466,
+                                     "EPSG:28992": 0.01 / 0.9999079 ** 2}[crs], rel=2e-3)
 
 
 def test_without_rasterio_one_line_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import sys
     monkeypatch.setitem(sys.modules, "rasterio", None)
     (tmp_path / "a.tif").write_bytes(b"II*\0" + bytes(60))
     with pytest.raises(Refused, match=r"this is a GeoTIFF, a raster: install the extra raster: .*pip "):

@@ -53,7 +53,7 @@ def read_agopengps(folder: Path) -> FieldData:
     files = {one.name.lower(): one for one in folder.iterdir() if one.is_file()}
     if "field.txt" not in files:
         raise FieldError(f"{folder}: no Field.txt: allowed is the folder of a field of AgOpenGPS")
-    title, plane = _origin(files["field.txt"])
+    plane = _origin(files["field.txt"])
     rings = _rings(files["boundary.txt"]) if "boundary.txt" in files else []
     headlands = _rings(files["headland.txt"]) if "headland.txt" in files else []
     findings: list[Finding] = []
@@ -75,7 +75,7 @@ def read_agopengps(folder: Path) -> FieldData:
         findings.append(Finding("sections", f"{area:.3f} ha are marked as worked in Sections.txt: --done takes them as "
                                 "ground that is done"))
     degrees = [plane.to_deg(ring) for k, (_, ring) in enumerate(rings) if k not in driven]
-    return FieldData(title or folder.name, degrees[0] if degrees else None, tuple(degrees[1:]), tuple(lines), width,
+    return FieldData(folder.resolve().name, degrees[0] if degrees else None, tuple(degrees[1:]), tuple(lines), width,
                      tuple(findings))
 
 
@@ -85,9 +85,9 @@ def _texts(path: Path) -> list[str]:
     return [line.strip() for line in data.decode(encoding, errors="replace").splitlines()]
 
 
-def _origin(path: Path) -> tuple[str, _Plane]:
+def _origin(path: Path) -> _Plane:
+    """What the file calls the field is FieldNew in each of them: the folder has its name."""
     lines = _texts(path)
-    title = lines[lines.index("$FieldDir") + 1] if "$FieldDir" in lines[:-1] else ""
     try:
         lat, lon = (float(word) for word in lines[lines.index("StartFix") + 1].split(",")[:2])
     except (ValueError, IndexError):
@@ -95,7 +95,7 @@ def _origin(path: Path) -> tuple[str, _Plane]:
             from None
     if not (abs(lat) < 90.0 and abs(lon) <= 180.0):
         raise FieldError(f"{path}: StartFix {lat:g}, {lon:g}: allowed are degrees")
-    return title, _Plane(lat, lon)
+    return _Plane(lat, lon)
 
 
 def _rings(path: Path) -> list[tuple[bool, Floats]]:
@@ -180,7 +180,7 @@ def covered_triangles(folder: Path) -> Floats:
     missing = [name for name in ("Field.txt", "Sections.txt") if name.lower() not in files]
     if missing:
         raise FieldError(f"{folder}: no {missing[0]}: allowed is the folder of a field of AgOpenGPS")
-    _, plane = _origin(files["field.txt"])
+    plane = _origin(files["field.txt"])
     triangles = _triangles(files["sections.txt"])
     return plane.to_deg(triangles.reshape(-1, 2)).reshape(-1, 3, 2)
 

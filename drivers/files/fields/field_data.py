@@ -3,13 +3,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import shapely
 
-from control.field.boundary import Boundary
+from control.field.boundary import Boundary, largest_part
 from control.field.job import Ground, GuidanceLine
 from control.geodesy import TangentPlane
 from control.recordings.finding import Finding
@@ -57,6 +58,33 @@ class FieldData:
         if self.outline_deg is None:
             return None
         return Boundary(_places(plane, self.outline_deg), [_places(plane, hole) for hole in self.holes_deg])
+
+
+def uncrossed(data: FieldData, path: Path, largest: bool) -> FieldData:
+    """The same where no edge of the outline crosses another. largest: else with the largest part of what it encloses.
+
+    Raises FieldError: where the edges cross.
+    """
+    if data.outline_deg is None:
+        return data
+    plane = data.plane()
+    drawn = shapely.Polygon(_places(plane, data.outline_deg))
+    part = largest_part(drawn)
+    if drawn.is_valid or not part.area:
+        return data
+    east, north = map(float, shapely.is_valid_reason(drawn).partition("[")[2].rstrip("]").split())
+    said = f"{part.area / 1e4:.4f} of the {shapely.make_valid(drawn).area / 1e4:.4f} ha that it encloses"
+    if not largest:
+        lat, lon = plane.to_deg(east, north)
+        raise FieldError(f"{path}: the outline crosses itself at {lat:.6f}, {lon:.6f}: allowed are edges that do not "
+                         f"cross; --largest takes its largest part, {said}")
+
+    def degrees(ring: shapely.LinearRing) -> Floats:
+        return np.array([plane.to_deg(*place) for place in ring.coords[:-1]])
+    holes = [hole for hole in data.holes_deg if part.contains(shapely.Polygon(_places(plane, hole)))]
+    found = Finding("crossing", f"the outline crosses itself: its largest part is taken, {said}")
+    return replace(data, outline_deg=degrees(part.exterior), holes_deg=(*holes, *map(degrees, part.interiors)),
+                   findings=(*data.findings, found))
 
 
 def _places(plane: TangentPlane, degrees: Floats) -> list[tuple[float, float]]:

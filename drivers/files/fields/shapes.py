@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -22,8 +23,8 @@ INSIDE = 0.999              # of its area, that a polygon lies in another one
 def read_shapes(path: Path, name: str | None = None) -> FieldData:
     """name: of the polygon, where there are several fields. Raises FieldError, OSError."""
     named = named_shapes(path)
-    polygons = [(title, part) for title, shape in named for part in shapely.get_parts(shape)
-                if part.geom_type == "Polygon" and not part.is_empty]
+    polygons = _each_named([(title, part) for title, shape in named for part in shapely.get_parts(shape)
+                            if part.geom_type == "Polygon" and not part.is_empty])
     lines = [(title, part) for title, shape in named for part in shapely.get_parts(shape)
              if part.geom_type == "LineString" and not part.is_empty]
     if not polygons and not lines:
@@ -53,6 +54,13 @@ def named_shapes(path: Path) -> list[tuple[str, Any]]:
             for row, shape in zip(layer.rows, layer.shapes, strict=True) if shape is not None]
 
 
+def _each_named(polygons: Sequence[tuple[str, Any]]) -> list[tuple[str, Any]]:
+    """Those of one name, or without one, by their number in the file."""
+    count = Counter(title for title, _ in polygons)
+    return [(title if (title and count[title] == 1) or len(polygons) == 1 else f"{title or 'polygon'} {k}", shape)
+            for k, (title, shape) in enumerate(polygons, start=1)]
+
+
 def _field(path: Path, polygons: Sequence[tuple[str, Any]],
            name: str | None) -> tuple[str, Floats | None, tuple[Floats, ...], list[Finding]]:
     """The one outline with what lies in it. Raises FieldError: which there are."""
@@ -79,7 +87,7 @@ def _inside(outer: Any, shape: Any) -> bool:
 
 
 def _asked(path: Path, polygons: Sequence[tuple[str, Any]], name: str | None) -> list[tuple[str, Any]]:
-    said = ", ".join(f"{title or 'without a name'} ({_hectares(shape):.2f} ha)" for title, shape in polygons[:12])
+    said = ", ".join(f"{title} ({_hectares(shape):.2f} ha)" for title, shape in polygons[:12])
     which = f"field {name}" if name is not None else f"{len(polygons)} fields"
     raise FieldError(f"{path}: {which}: allowed with --name is one of {said}")
 

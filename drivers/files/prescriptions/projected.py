@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import math
 import re
+import warnings
 from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,6 +32,7 @@ class TransverseMercator:
     false_north: float = 0.0
     unit_m: float = 1.0
     flattening: float = 1.0 / 298.257223563
+    how = ""
 
     def to_deg(self, east: Floats, north: Floats) -> tuple[Floats, Floats]:
         """Latitude and longitude (n,) of places in the file's own unit."""
@@ -61,6 +64,51 @@ class TransverseMercator:
         sine = math.tanh(math.atanh(math.sin(lat)) - e * math.atanh(e * math.sin(lat)))
         conformal = math.asin(sine)
         return conformal + sum(factor * math.sin(2 * j * conformal) for j, factor in enumerate(_alpha(n), start=1))
+
+
+class NationalGrid(NamedTuple):
+    """Coordinates that PROJ knows. how: how right their degrees are."""
+
+    name: str
+    how: str
+    transformer: Any
+
+    def to_deg(self, east: Floats, north: Floats) -> tuple[Floats, Floats]:
+        """Latitude and longitude (n,) of places in the file's own unit."""
+        lon, lat = self.transformer.transform(east, north)
+        return lat, lon
+
+
+Projection = TransverseMercator | NationalGrid
+
+
+def national_grid(text: str, places: Floats) -> NationalGrid | None:
+    """What well-known text says, where pyproj is installed and finds it in the EPSG register, with the best of the ways
+    to WGS84 that hold where the places lie, (n, 2) in the file's own unit. The numbers are the register's."""
+    try:
+        from pyproj import CRS, Transformer
+        from pyproj.exceptions import ProjError
+        from pyproj.transformer import AreaOfInterest, TransformerGroup
+    except ImportError:
+        return None
+    try:
+        code = CRS.from_wkt(text).to_epsg(min_confidence=70)
+        if code is None or not len(places):
+            return None
+        crs = CRS.from_epsg(code)
+        roughly = Transformer.from_crs(crs, crs.geodetic_crs, always_xy=True).transform(*places.T)     # 1 km at most
+        (west, south), (east, north) = np.min(roughly, axis=1), np.max(roughly, axis=1)
+        with warnings.catch_warnings():             # that a better way needs a file: its accuracy is said instead
+            warnings.simplefilter("ignore", UserWarning)
+            ways = TransformerGroup(crs, 4326, always_xy=True, allow_ballpark=False,
+                                    area_of_interest=AreaOfInterest(west, south, east, north)).transformers
+    except ProjError:
+        return None
+    here = [one for one in ways if (area := one.area_of_use) is None
+            or (area.west <= west and area.south <= south and east <= area.east and north <= area.north)]
+    if not here:
+        return None
+    return NationalGrid(crs.name, f", right to {here[0].accuracy:g} m" if here[0].accuracy >= 0.0 else "", here[0])
 
 
 def _alpha(n: float) -> tuple[float, ...]:

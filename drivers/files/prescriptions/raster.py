@@ -10,9 +10,10 @@ import numpy as np
 from control.recordings.finding import Finding, many
 from control.targets.rate_map import Floats
 from drivers.files.extras import install_line
+from drivers.files.layers import projection_in
 from drivers.files.limits import RASTER_CELLS, held_to
 from drivers.files.prescriptions.features import Feature, imported
-from drivers.files.prescriptions.projected import TransverseMercator, projection_of
+from drivers.files.prescriptions.projected import Projection
 from drivers.files.prescriptions.words import Imported, NotAMap, PrescriptionError, RateChoice
 from drivers.files.stated_units import StatedUnit, of_json, together
 from drivers.plain_text import PlaceInFile
@@ -87,18 +88,15 @@ def _too_fine(path: Path, cells: int) -> PrescriptionError:
         " (in QGIS: Warp, average)", cells=cells, most=MOST_CELLS)
 
 
-def _projection(path: Path, file: Any) -> TransverseMercator | None:
+def _projection(path: Path, file: Any) -> Projection | None:
     if file.crs is None:
         raise PrescriptionError(path, "the raster does not say where it lies (no coordinate system): allowed are "
                                 "degrees on WGS84, or UTM")
-    try:
-        return projection_of(file.crs.to_wkt(version="WKT1_GDAL"))
-    except ValueError as error:
-        raise PrescriptionError(path, "coordinates in {system}: allowed are degrees on WGS84, or UTM",
-                                " and other transverse Mercator on it", system=error) from None
+    west, south, east, north = file.bounds
+    return projection_in(file.crs.to_wkt(version="WKT1_GDAL"), path, np.array([(west, south), (east, north)]))
 
 
-def _corners(transform: Any, rows: Any, columns: Any, projection: TransverseMercator | None) -> Floats:
+def _corners(transform: Any, rows: Any, columns: Any, projection: Projection | None) -> Floats:
     """(n, 4, 2) latitude and longitude of the cells' corners."""
     across = columns[:, None] + np.array([0.0, 1.0, 1.0, 0.0])
     down = rows[:, None] + np.array([0.0, 0.0, 1.0, 1.0])

@@ -6,7 +6,12 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from control.recordings.finding import Finding
+import numpy as np
+import shapely
+
+from control.recordings.finding import Finding, many
+from control.targets.prescription import merged
+from control.targets.rate_map import polygons_as_drawn
 from drivers.files.archives import chosen, files_at
 from drivers.files.imports.trouble import listed
 from drivers.files.limits import check_file
@@ -32,8 +37,23 @@ def read_prescription(path: str | Path, choice: RateChoice | None = None) -> Imp
     check_file(path)
     read = _read(path, choice)
     if read.format not in EVEN and read.data.grid is None:
-        check_zones([zone.rings_deg for zone in read.data.zones], path)
+        rings = [zone.rings_deg for zone in read.data.zones]
+        check_zones(rings, path)
+        if crossed := int(np.count_nonzero(~shapely.is_valid(polygons_as_drawn(rings)))):
+            said = f"{many(crossed, 'zone')} with edges that cross: what they enclose is taken"
+            read = replace(read, findings=(*read.findings, Finding("crossing", said, rows=crossed)))
     return read
+
+
+def with_merged_zones(read: Imported, step_kg_ha: float) -> Imported:
+    """Its zones merged by a step of rate, and what that changes. Raises PrescriptionError."""
+    if not step_kg_ha > 0.0 or not read.data.zones:
+        raise PrescriptionError(read.path, "merge {step:g}: allowed is a step above 0 kg/ha, for a map of zones",
+                                step=step_kg_ha)
+    found = merged(read.data.zones, step_kg_ha)
+    said = (f"{many(len(read.data.zones), 'zone')} merged to {len(found.zones)} by steps of {step_kg_ha:g} kg/ha: as "
+            f"much mass, rates changed by up to {found.most_kg_ha:.2f} kg/ha, by {found.mean_kg_ha:.2f} in the mean")
+    return replace(read, data=replace(read.data, zones=found.zones), findings=(*read.findings, Finding("merged", said)))
 
 
 def _read(path: Path, choice: RateChoice) -> Imported:

@@ -8,7 +8,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 import shapefile
 
-from control.targets.prescription import GridDeg, MapData, Zone, apart, statistics
+from control.targets.prescription import NO_FALLBACKS, GridDeg, MapData, Zone, apart, statistics
 from control.targets.rate_map import Floats
 from drivers.files.atomic import write_atomically
 from drivers.files.prescriptions.geojson import OURS
@@ -50,6 +50,17 @@ def write_prescription(data: MapData, path: Path) -> None:
         except PrescriptionError as error:
             raise PrescriptionError.of(error, path) from None
         write_task(path, root, files)
+
+
+def not_written(data: MapData, path: Path) -> str:
+    """What the format has no place for, in one sentence; empty: it holds all."""
+    lost = [f"rates where the map says nothing ({data.fallbacks.default_kg_ha:g} in the field, "
+            f"{data.fallbacks.outside_kg_ha:g} outside, {data.fallbacks.lost_kg_ha:g} kg/ha with the position lost)"] \
+        if data.fallbacks != NO_FALLBACKS else []
+    lost += ["the field's outline"] if data.fields_deg else []
+    if not lost or path.suffix.lower() not in (".shp", ".gpkg", ".kml", ".kmz"):
+        return ""
+    return f"{path.suffix} has no place for {' and '.join(lost)}: .geojson and task files keep them"
 
 
 def prescription_task(data: MapData) -> tuple[Element, dict[str, bytes]]:
