@@ -40,7 +40,7 @@ NOTES = {
     "growth_stage_outside": N_("growth stage"), "rate_is_zero": N_("rate here is zero"),
     "zero_above_cutoff": N_("canopy too dense: no rate"), "zero_below_cutoff": N_("bare soil: no rate"),
     "zero_yield_reached": N_("canopy needs nothing"), "zero_map": N_("the map says 0 here"),
-    "zero_manual": N_("the manual rate is 0"), "zero_fallback": N_("the fallback rate is 0"),
+    "zero_no_zone": N_("the zone gets nothing"), "zero_manual": N_("the manual rate is 0"), "zero_fallback": N_("the fallback rate is 0"),
 }
 ALLOWANCES = {"reverse": N_("REVERSE OK"), "outside": N_("OUTSIDE OK"), "unlogged": N_("NO LOG OK"),
               "map_elsewhere": N_("MAP ELSEWHERE OK")}
@@ -63,6 +63,7 @@ ANSWERS: Mapping[str, str] = dict(REFUSALS) | {
     "strip_out_of_range": N_("The NDVI of a strip is above 0 and at most 1."),
     "dose_error_out_of_range": N_("A dose error is at most 2 m."),
     "section_off_or_auto": N_("A section is closed by hand or given back."),
+    "year_ceiling": N_("A ceiling of nitrogen holds: no place gets it twice."),
     "no_such_section": N_("The machine has no such section, or none with a valve."),
     "no_dose_landed": N_("No dose has landed yet, or the job has no plants."),
 }

@@ -130,21 +130,26 @@ def _of_job(loaded: Any) -> list[str]:
 
 
 def _map_of(loaded: Any) -> list[str]:
-    """Says what of a job's map will not be applied as it stands. Returns what is wrong, a line each."""
+    """Says what of a job's map will not be applied as it stands, under its ceiling too. Returns what is wrong, a line each."""
     from console.cli.map_notes import print_map_notes
     from drivers.files.config import ConfigError, load
     from drivers.files.kinds import CROP
     from drivers.files.prescriptions.for_job import check_of_job, plants_of_job
+    from drivers.files.setup import year_n
     from drivers.plain_text import Refused
     folder = loaded.path.parent
     try:
         crop = load(loaded.model.crop, CROP, base=folder).model
-        print_map_notes(check_of_job(loaded.model, crop.max_rate_kg_ha, folder), str(loaded.path))
+        n_year = year_n(loaded, crop, day_clock.today())
+        limited = crop if n_year is None else crop.at_most(n_year.most_kg_ha)
+        print_map_notes(check_of_job(loaded.model, limited.max_rate_kg_ha, folder), str(loaded.path))
         plants_of_job(loaded.model, folder)
     except ConfigError as error:
         return list(error.lines)
     except (Refused, OSError) as error:
         return [f"{loaded.path}: {error}"]
+    except ValueError as error:
+        return [str(error)]
     return []
 
 
@@ -158,11 +163,12 @@ def _notes_of(loaded: Any) -> list[str]:
         setup = load_setup("huanghai", loaded.path, day_clock.today())
     except ConfigError:                     # reported with the crop, or when the job is started
         return []
-    found = [growth_note(setup.growth)]
+    found = [growth_note(setup.growth), "" if setup.n_year is None else setup.n_year.text]
     rule = setup.rule
+    lowest = f"{setup.crop.min_rate_kg_ha:g} kg/ha" if setup.crop.min_rate_kg_ha > 0.0 else "nothing"
     if rule.response_rule == "field":
         index = measured_index(rule.strips)
-        said = {"below_1": f"response index {index or 0.0:.2f}: no response, nothing will be given",
+        said = {"below_1": f"response index {index or 0.0:.2f}: no response, {lowest} will be given",
                 "above_3": f"response index {index or 0.0:.2f}: above 3 is not to be believed"}
         found.append(said.get(doubt(rule.strips), ""))
         if index is None:

@@ -192,7 +192,8 @@ def _tell(run: _Ran, setup: Setup, job: Job, seconds: float, effects: list[str],
     from control.orders import TargetSource
     from control.simulation.errors import errors
     record, alarms, took_s = run.record, run.alarms, run.took_s
-    by_canopy = job.target.source is TargetSource.CANOPY and job.target.hold_mean_kg_ha is None
+    by_canopy = (job.target.source is TargetSource.CANOPY and job.target.hold_mean_kg_ha is None
+                 and job.target.zone_map is None)
     found = errors(record.columns(), record.fired, setup.machine.geometry.working_width_m,
                    rule=setup.rule if by_canopy else None)
     one_rate = across(setup.rule, setup.machine, run.heads) if by_canopy and len(run.heads) > 1 else None

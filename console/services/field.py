@@ -83,8 +83,9 @@ def picture_of(job: Job, folder: Path, width_m: float) -> FieldPicture:
     rings: tuple[Ring, ...] = ()
     area_ha = None
     if job.field.boundary_m:
-        boundary = Boundary(job.field.boundary_m, job.field.holes_m)
-        rings, area_ha = boundary.rings, boundary.area_ha
+        area_ha = Boundary(job.field.boundary_m, job.field.holes_m).area_ha
+        spread = job.field.spread_ground(0.0)
+        rings = () if spread is None else spread.rings
     profile = map_of_job(job, folder)
     planned = None if profile is None else _planned(job, folder, profile, rings)
     return FieldPicture(job.field.title or job.title or job.id, rings, area_ha, width_m, planned)

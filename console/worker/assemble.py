@@ -12,6 +12,7 @@ from console.worker.parts import Assembly, Bench, Names
 from console.worker.program import Clock
 from console.worker.resume import snapshot_path
 from console.worker.resume_assemble import before_of, go_on, job_to_go_on, started
+from console.worker.resume_field import logs_here
 from console.worker.resume_keeper import Keeper
 from console.worker.resume_tail import with_tail
 from console.worker.simulated_bench import SimulatedBench
@@ -40,18 +41,18 @@ def assemble(options: Options, clock: Clock) -> Assembly:
 
     Raises ValueError or OSError with one line for each thing that is to be put right.
     """
-    cab, setup = _configured(options)
+    now, log = _utc_now(), _log_path(options.log)
+    cab, setup = _configured(options, log.parent, now)
     if cab is not None and options.effects:
         raise ValueError(f"--effect {options.effects[0]}: effects can be planted in the simulated machine only, "
                          f"and {cab.path} names a real one")
     machine, sha256 = setup.machine, dict(setup.sha256)
     bench: Bench
     has_work_switch = False
-    simulated = cab is None or bool(getattr(cab.model, "virtual", False))
+    simulated = _is_simulated(cab)
     job = with_simulated_field(setup.job, machine) if simulated else setup.job
     if cab is not None:
         sha256[str(cab.path)] = cab.sha256
-    now, log = _utc_now(), _log_path(options.log)
     before = before_of(options.resume, log.parent, job, sha256, simulated, now)
     if before.job is not None:
         left = with_tail(before.job, machine, setup.crop.product_n_fraction, _stops_s(cab))
@@ -87,12 +88,17 @@ def assemble(options: Options, clock: Clock) -> Assembly:
     return Assembly(bench, loop, writer, names, keeper)
 
 
-def _configured(options: Options) -> tuple[Loaded[Any] | None, Setup]:
-    """The cab file, where there is one, and the setup, held against each other. Raises ValueError."""
+def _is_simulated(cab: Loaded[Any] | None) -> bool:
+    return cab is None or bool(getattr(cab.model, "virtual", False))
+
+
+def _configured(options: Options, logs: Path, now: dt.datetime) -> tuple[Loaded[Any] | None, Setup]:
+    """The cab file, where there is one, and the setup, held against each other. logs: their folder. Raises
+    ValueError."""
     try:
         found = by_kind(options.config)
         cab = found.get(CAB.format)
-        setup = setup_of(found, day_clock.today())
+        setup = setup_of(found, day_clock.today(), lambda job: logs_here(logs, job, _is_simulated(cab), now))
         lines = index_disagreements(cab, setup.crop, setup.job)
         if cab is not None:
             named = found[MACHINE.format].path if MACHINE.format in found else "the shipped machine huanghai"

@@ -48,6 +48,12 @@ def jobs_here(folder: Path, job: Job, simulated: bool, now: datetime) -> list[Op
     return [OpenJob(*one, share) for one, share in shares if share is not None]
 
 
+def logs_here(folder: Path, job: Job, simulated: bool, now: datetime) -> list[str]:
+    """File names of the logs of these jobs, all parts: their ground gets no more as it is."""
+    return [Path(log).name for one in jobs_here(folder, job, simulated, now)
+            for log in (*one.snapshot.logs_before, one.snapshot.log_path)]
+
+
 def _share_on(field: Boundary, plane: TangentPlane, snapshot: Snapshot) -> float | None:
     """None: nothing to speak of lies on the field."""
     ground, cells = snapshot.ground, np.argwhere(snapshot.ground.done)

@@ -101,6 +101,9 @@ class Crop(BaseModel):
                                              "canopy, with response_index field; a set brings its own")
     response_index_max: float = Field(default=2.0, ge=1.0, le=2.0, description="cap of the canopy's RI (Oklahoma "
                                       "State: 2.0)")
+    yield_ceiling: Literal["y_max", "nrich"] = Field(default="y_max", description="nrich: no place is given more than "
+                                                     "the yield of the curve at the N-rich strip's own NDVI, as "
+                                                     "Oklahoma State's calculator has it; y_max: y_max_t_ha alone")
 
     grain_n_kg_t: float = Field(default=23.9, ge=10.0, le=40.0, description="N in the grain (eq 2)")
     product: str = Field(default="urea", min_length=1)
@@ -117,6 +120,8 @@ class Crop(BaseModel):
     grade_width: float = Field(default=0.05, ge=0.005, le=0.5)
 
     fallback_rate_kg_ha: float = Field(ge=0.0, le=2000.0, description="where there is no canopy reading")
+    min_rate_kg_ha: float = Field(default=0.0, ge=0.0, le=2000.0, description="of the rule, from ndvi_min to ndvi_max: "
+                                  "no place there gets less, but within taper_ndvi; 0: none")
     max_rate_kg_ha: float = Field(gt=0.0, le=2000.0, description="absolute limit of the product")
 
     @model_validator(mode="after")
@@ -125,9 +130,11 @@ class Crop(BaseModel):
                     "harvest_line": self.harvest_line}
         if self.sufficiency is not None:
             too_many = [key for key in ("yield_potential", *of_yield) if getattr(self, key) is not None]
-            if too_many or self.response_index != "paper":
-                raise ValueError(f"{', '.join(too_many) or 'response_index: field'}: goes with yield_potential, not "
-                                 "with sufficiency")
+            too_many += [f"{key}: {value}" for key, value, only in (
+                ("response_index", self.response_index, "paper"), ("yield_ceiling", self.yield_ceiling, "y_max"))
+                         if value != only]
+            if too_many:
+                raise ValueError(f"{', '.join(too_many)}: goes with yield_potential, not with sufficiency")
             return self
         missing = [key for key in ("yield_potential", "days", "y_max_t_ha") if getattr(self, key) is None]
         if missing:
@@ -164,9 +171,10 @@ class Crop(BaseModel):
         fixed, most = self.fixed_yield_t_ha, self.y_max_t_ha
         if fixed is not None and most is not None and fixed > most:
             raise ValueError(f"fixed_yield_t_ha {fixed:g}: allowed is at most y_max_t_ha {most:g}")
-        if self.fallback_rate_kg_ha > self.max_rate_kg_ha:
-            raise ValueError(f"fallback_rate_kg_ha {self.fallback_rate_kg_ha:g}: allowed is at most max_rate_kg_ha "
-                             f"{self.max_rate_kg_ha:g}")
+        for key in ("fallback_rate_kg_ha", "min_rate_kg_ha"):
+            if getattr(self, key) > self.max_rate_kg_ha:
+                raise ValueError(f"{key} {getattr(self, key):g}: allowed is at most max_rate_kg_ha "
+                                 f"{self.max_rate_kg_ha:g}")
         unknown = [key for key in self.examples if key not in type(self).model_fields]
         if unknown:
             raise ValueError(f"examples {', '.join(unknown)}: no such key")
@@ -191,6 +199,11 @@ class Crop(BaseModel):
         if self.harvest_line is not None and self.response_index != "field":
             raise ValueError("harvest_line goes with response_index: field")
         return self
+
+    def at_most(self, rate_kg_ha: float) -> Crop:
+        """The crop under a lower limit of the product than its own; the same where its own is as low."""
+        keys = ("max_rate_kg_ha", "fallback_rate_kg_ha", "min_rate_kg_ha")
+        return self.model_copy(update={key: min(getattr(self, key), rate_kg_ha) for key in keys})
 
     @property
     def ndvi_top(self) -> float:

@@ -5,6 +5,12 @@ response index is that of each place (the paper) or that of the field (its autho
 Put right against the print: the rate is never below zero (eq 2 gives -21.9 kg/ha at NDVI 0.75), the response index
 is capped, and no yield is assumed beyond the crop's Y_max. A crop file may go by the sufficiency index instead
 (`sufficiency`), without any yield.
+
+`yield_ceiling: nrich` holds the yield with topdressing at that of the curve at the N-rich strip's own NDVI: a place as
+green as the strip lacks nothing. So has Oklahoma State's own sheet for variable rates, as `R/SBNRC_Algorithm.R` of
+github.com/beardon/ninja-active-mapper writes it out ("from SBNRC NRate VRN equations excel sheet from Dr. Arnall"); a
+lowest rate of the rule stands there too. Of Solie, Monroe, Raun and Stone 2012 ("Generalized Algorithm for
+Variable-Rate Nitrogen Application in Cereal Grains") only the abstract could be read: their curve is not here.
 """
 from __future__ import annotations
 
@@ -18,7 +24,8 @@ from control.agronomy.response import ResponseRule, field_response
 from control.agronomy.strips import Strips, StripValue
 from control.agronomy.yield_potential import YieldPotential
 
-Why = Literal["in_range", "no_ndvi", "no_strips", "below_cutoff", "above_cutoff", "yield_reached", "limited"]
+Why = Literal["in_range", "no_ndvi", "no_strips", "below_cutoff", "above_cutoff", "yield_reached", "limited", "lowest",
+              "no_zone"]
 
 
 class Decision(NamedTuple):
@@ -80,6 +87,8 @@ class Rule:
     ndvi_nrich: float | None       # None: fixed-yield form
     ndvi_check: float | None = None            # farmer check; used by response rule "field"
     response_rule: ResponseRule = "paper"
+    n_given_kg_ha: float = 0.0     # N since sowing: the canopy shows it; off the optimum of the sufficiency index
+    n_credit_kg_ha: float = 0.0    # N from elsewhere that the canopy does not show yet: off what either rule gives
 
     @property
     def strips(self) -> Strips:
@@ -105,22 +114,25 @@ class Rule:
             return replace(self, ndvi_nrich=strip.ndvi)
         return replace(self, ndvi_check=strip.ndvi)
 
-    def decide(self, ndvi: float | None) -> Decision:
+    def decide(self, ndvi: float | None, zone_factor: float = 1.0) -> Decision:
         """Rate for a canopy reading. No reading, or one that is not finite, gives rate 0 with why "no_ndvi", a rule
-        that waits for its strips 0 with "no_strips": the caller falls back to the crop's fallback rate."""
+        that waits for its strips 0 with "no_strips": the caller falls back to the crop's fallback rate. zone_factor: of
+        what the rule finds at this place; 0: nothing, whatever the lowest rate."""
         crop = self.crop
         if ndvi is None or not math.isfinite(ndvi):
             return Decision(0.0, "no_ndvi", None, None)
         if not self.is_ready:
             return Decision(0.0, "no_strips", None, None)
+        if not zone_factor > 0.0:
+            return Decision(0.0, "no_zone", None, None)
         if not crop.grades:
             if crop.ndvi_min <= ndvi <= crop.ndvi_top:
-                return self._tapered(self._from_reading(ndvi, None), ndvi)
+                return self._tapered(self._from_reading(ndvi, None, zone_factor), ndvi)
             return Decision(0.0, _side(ndvi, crop), None, None)
         grade, used = graded_ndvi(ndvi, crop.ndvi_min, crop.ndvi_top, crop.grade_width)
         if used is None:
             return Decision(0.0, _side(ndvi, crop), 0, None)
-        return self._from_reading(used, grade)
+        return self._from_reading(used, grade, zone_factor)
 
     def _tapered(self, decision: Decision, ndvi: float) -> Decision:
         """Between bare soil and crop, and towards the dense end, a reading says less and less: the rate comes and goes
@@ -133,27 +145,34 @@ class Rule:
             inside = min(inside, crop.ndvi_max - ndvi)
         return decision._replace(rate_kg_ha=decision.rate_kg_ha * min(1.0, inside / crop.taper_ndvi))
 
-    def _from_reading(self, ndvi: float, grade: int | None) -> Decision:
+    def _from_reading(self, ndvi: float, grade: int | None, zone_factor: float) -> Decision:
         curve = self.crop.yield_potential
-        return self._from_sufficiency(ndvi, grade) if curve is None else self._from_yields(ndvi, grade, curve)
+        if curve is None:
+            return self._from_sufficiency(ndvi, grade, zone_factor)
+        return self._from_yields(ndvi, grade, curve, zone_factor)
 
-    def _from_sufficiency(self, ndvi: float, grade: int | None) -> Decision:
+    def _from_sufficiency(self, ndvi: float, grade: int | None, zone_factor: float) -> Decision:
         crop, rich = self.crop, self.ndvi_nrich
         assert crop.sufficiency is not None and rich is not None      # the crop file's own check; is_ready
         index = ndvi / rich
-        rate, why = self._limited(crop.sufficiency.n_kg_ha(index) / crop.product_n_fraction)
+        n_kg_ha = crop.sufficiency.n_kg_ha(index, zone_factor, self.n_given_kg_ha + self.n_credit_kg_ha)
+        rate, why = self._limited(n_kg_ha / crop.product_n_fraction)
         return Decision(rate, why, grade, ndvi, sufficiency_index=index)
 
     def _limited(self, need_kg_ha: float) -> tuple[float, Why]:
-        most = self.crop.max_rate_kg_ha
-        why: Why = "yield_reached" if need_kg_ha <= 0.0 else "limited" if need_kg_ha > most else "in_range"
-        return min(max(need_kg_ha, 0.0), most), why
+        least, most = self.crop.min_rate_kg_ha, self.crop.max_rate_kg_ha
+        why: Why = "limited" if need_kg_ha > most else "in_range"
+        if need_kg_ha <= 0.0 or need_kg_ha < least:
+            why = "lowest" if least > 0.0 else "yield_reached"
+        return min(max(need_kg_ha, least), most), why
 
-    def _from_yields(self, ndvi: float, grade: int | None, curve: YieldPotential) -> Decision:
+    def _from_yields(self, ndvi: float, grade: int | None, curve: YieldPotential, zone_factor: float) -> Decision:
         crop, days, most = self.crop, self.days, self.crop.y_max_t_ha
         assert days is not None and most is not None                # `prepare`; the crop file's own check
         index = insey(ndvi, days)
         without = min(yield_without(index, curve.a_t_ha, curve.b_days), most)
+        if crop.yield_ceiling == "nrich" and self.ndvi_nrich is not None:
+            most = min(most, yield_without(insey(self.ndvi_nrich, days), curve.a_t_ha, curve.b_days))
         response = self.field_response
         if self.response_rule == "paper" and self.ndvi_nrich is not None:
             response = response_index(self.ndvi_nrich, ndvi, crop.response_index_max)
@@ -162,13 +181,13 @@ class Rule:
         else:
             wanted = crop.fixed_yield_t_ha if crop.fixed_yield_t_ha is not None else 0.0
         with_n = min(wanted, most)
-        rate, why = self._limited(
-            n_requirement_kg_ha(with_n, without, crop.grain_n_kg_t, crop.product_n_fraction, crop.efficiency))
+        need = n_requirement_kg_ha(with_n, without, crop.grain_n_kg_t, crop.product_n_fraction, crop.efficiency)
+        rate, why = self._limited(need * zone_factor - self.n_credit_kg_ha / crop.product_n_fraction)
         return Decision(rate, why, grade, ndvi, index, without, with_n, response)
 
 
 def prepare(crop: Crop, days: int | None = None, ndvi_nrich: float | None = None, ndvi_check: float | None = None,
-            response_rule: ResponseRule | None = None) -> Rule:
+            response_rule: ResponseRule | None = None, n_given_kg_ha: float = 0.0, n_credit_kg_ha: float = 0.0) -> Rule:
     """A crop made ready for work. What is given overrides the crop file's own.
 
     With an N-rich NDVI the response index decides, else the crop's fixed yield. By response rule "field" both strips
@@ -189,7 +208,8 @@ def prepare(crop: Crop, days: int | None = None, ndvi_nrich: float | None = None
     for name, ndvi in (("ndvi_nrich", ndvi_nrich), ("ndvi_check", ndvi_check)):
         if ndvi is not None and not 0.0 < ndvi <= 1.0:
             raise ValueError(f"crop {crop.id}: {name} {ndvi:g}: allowed is above 0, at most 1")
-    return Rule(crop, None if crop.yield_potential is None else days, ndvi_nrich, ndvi_check, response_rule)
+    return Rule(crop, None if crop.yield_potential is None else days, ndvi_nrich, ndvi_check, response_rule,
+                n_given_kg_ha, n_credit_kg_ha)
 
 
 def _days_of(crop: Crop, counted: int | None) -> int:

@@ -20,10 +20,12 @@ class Sufficiency(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     n_opt_kg_ha: float = Field(gt=0.0, le=400.0, description="N, not product: what a place with SI 1 - delta_si gets; "
-                               "the optimum less what was given and is credited")
+                               "what a job's nitrogen keys say was given and is credited comes off it")
     delta_si: float = Field(gt=0.01, lt=1.0, description="1 - SI of a crop that got no N, over this index")
     source: str = Field(min_length=8, description="where both were published, for this crop and index")
 
-    def n_kg_ha(self, si: float) -> float:
-        """N, kg/ha, 0 to n_opt_kg_ha: none from SI 1 on, no more than the optimum below 1 - delta_si."""
-        return self.n_opt_kg_ha * math.sqrt(min(1.0, max(0.0, (1.0 - si) / self.delta_si)))
+    def n_kg_ha(self, si: float, zone_factor: float = 1.0, less_n_kg_ha: float = 0.0) -> float:
+        """N, kg/ha, from 0: none from SI 1 on, no more than the optimum below 1 - delta_si. zone_factor: of the optimum
+        at this place; less_n_kg_ha: given and credited, off it."""
+        optimum = max(0.0, self.n_opt_kg_ha * zone_factor - less_n_kg_ha)
+        return optimum * math.sqrt(min(1.0, max(0.0, (1.0 - si) / self.delta_si)))

@@ -110,6 +110,13 @@ class Boundary:
         return list(zip(side[start].tolist(), along[start].tolist(), side[end].tolist(), along[end].tolist(),
                         strict=True))
 
+    def without(self, strips: Sequence[tuple[Sequence[Place], float]]) -> Boundary:
+        """The field less all that lies nearer to a line of places than its metres; may be empty or fall into parts."""
+        near = shapely.union_all([shapely.buffer(shapely.LineString(line), margin_m) for line, margin_m in strips])
+        smaller = Boundary.__new__(Boundary)
+        smaller._hold(_polygons(shapely.difference(self.shape, near)))
+        return smaller
+
     def inset(self, margin_m: float) -> Boundary:
         """The field less a margin along every edge and hole (the headland); may be empty or fall into parts.
 

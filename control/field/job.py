@@ -16,6 +16,7 @@ from control.orders import BY_MAP, Strategy, TargetSource
 
 Rate = Annotated[float, Field(ge=0, le=2000)]
 Metres = Annotated[float, Field(ge=0.01, le=1000)]
+NRate = Annotated[float, Field(ge=0, le=1000)]              # of N, not of product
 Far = Annotated[float, Field(ge=-100_000, le=100_000)]      # of a corner, from the field's origin
 Hz = Annotated[float, Field(ge=0.01, le=20)]
 MOST_CORNERS = 20_000
@@ -43,6 +44,8 @@ class Wanted(FrozenModel):
     plants: str | None = None                   # a plant list, next to the job file
     # canopy: a raster or zones of the crop's index, next to the job file, for where the heads say nothing
     index_map: str | None = None
+    # canopy: zones of yield or soil next to the job file, column factor, 0 to 2: times what the rule finds there
+    zone_map: str | None = None
     dose_angle_deg: Annotated[float, Field(ge=0.01, le=3600)] = 120.0      # point mode: one dose, as the paper's
     dose_rest_s: Annotated[float, Field(ge=0, le=5)] = 0.04     # the drive's pause between doses, for its report
     learn_threshold: bool = True                # point mode: measured dose errors move the threshold
@@ -55,6 +58,33 @@ class Wanted(FrozenModel):
             raise ValueError(f"hold_mean_kg_ha goes with source canopy, not {self.source.value}: a map has its own "
                              "mean")
         return self
+
+
+class Nitrogen(FrozenModel):
+    """N of this crop on this field, kg of N per ha: what it has, what it gets besides, and how much it may get."""
+
+    # since sowing or in this year, by hand or by others: off the optimum of a sufficiency index, and off the ceiling
+    given_kg_ha: NRate = 0.0
+    # from manure, legumes, soil or water, not in the canopy yet: off what the rule gives; no part of the ceiling
+    credit_kg_ha: NRate = 0.0
+    year_max_kg_ha: NRate | None = None         # no place of the field gets more in a year, over all passes
+    year_from: dt.date | None = None            # when that year began; None: on 1 January of the day of work
+    record: str | None = None                   # farm record, next to the job: what its passes gave comes off the ceiling
+
+    @model_validator(mode="after")
+    def _of_a_ceiling(self) -> Nitrogen:
+        idle = [key for key in ("year_from", "record") if getattr(self, key) is not None]
+        if idle and self.year_max_kg_ha is None:
+            raise ValueError(f"{', '.join(idle)}: goes with year_max_kg_ha")
+        return self
+
+
+class Margin(FrozenModel):
+    """Ground along a water or a path that gets nothing: as far as `margin_m` from the line."""
+
+    title: Name = ""
+    along_m: Annotated[tuple[tuple[Far, Far], ...], Field(min_length=2, max_length=MOST_CORNERS)]
+    margin_m: Annotated[float, Field(gt=0, le=500)]
 
 
 class GuidanceLine(FrozenModel):
@@ -80,9 +110,12 @@ class Ground(FrozenModel):
     headland_m: Annotated[float, Field(ge=0, le=200)] = 0.0         # along every edge of the boundary
     headland_rate_kg_ha: Rate | None = None     # there; 0: nothing; None: as everywhere
     done: str | None = None                     # ground that others have covered, next to the job: gets no more
+    margins: Annotated[tuple[Margin, ...], Field(max_length=1000)] = ()     # along chosen edges: nothing lands there
 
     @model_validator(mode="after")
     def _polygon(self) -> Ground:
+        if self.margins and not self.boundary_m:
+            raise ValueError("margins needs boundary_m: the field at whose edges they lie")
         if 0 < len(self.boundary_m) < 3:
             raise ValueError("boundary_m needs at least 3 corners")
         if self.holes_m and not self.boundary_m:
@@ -92,6 +125,17 @@ class Ground(FrozenModel):
     def boundary(self) -> Boundary | None:
         """The field's edge; None where no field is known. Raises ValueError."""
         return Boundary(self.boundary_m, self.holes_m) if self.boundary_m else None
+
+    def spread_ground(self, half_width_m: float) -> Boundary | None:
+        """Where the middle of what is `2 half_width_m` wide may spread: inside the edge, and all of it outside every
+        margin; None where no field is known. Raises ValueError where the margins leave nothing."""
+        field = self.boundary()
+        if field is None or not self.margins:
+            return field
+        left = field.without([(margin.along_m, margin.margin_m + half_width_m) for margin in self.margins])
+        if left.is_empty:
+            raise ValueError("field.margins: leave nothing of the field")
+        return left
 
 
 class Canopy(FrozenModel):
@@ -189,6 +233,7 @@ class Job(FrozenModel):
     # share of a section's width that is done, or outside, at which it closes: 0: as soon as any is, 100: once all is
     section_overlap_percent: Annotated[float, Field(ge=0, le=100)] = 50.0
     target: Wanted = Wanted()
+    nitrogen: Nitrogen = Nitrogen()
     field: Ground = Ground()
     simulated: Simulated = Simulated()
 
@@ -200,6 +245,15 @@ class Job(FrozenModel):
                              "simulated, simulated.plants and simulated.camera")
         return self
 
+    @model_validator(mode="after")
+    def _no_place_twice(self) -> Job:
+        if self.nitrogen.year_max_kg_ha is None:
+            return self
+        if not self.no_double:
+            raise ValueError("no_double false: allowed without nitrogen.year_max_kg_ha, which no place may pass twice")
+        if self.target.plants is not None or self.simulated.camera is not None:
+            raise ValueError("nitrogen.year_max_kg_ha: goes with rates; a dose a plant has none")
+        return self
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -210,9 +264,9 @@ class Job(FrozenModel):
 
     @property
     def named_files(self) -> tuple[str, ...]:
-        """Map, plants, index map and done ground, as the job names them, next to its file."""
+        """Map, plants, index map, zones and done ground, as the job names them, next to its file."""
         target = self.target
-        return tuple(name for name in (target.map, target.plants, target.index_map, self.field.done)
+        return tuple(name for name in (target.map, target.plants, target.index_map, target.zone_map, self.field.done)
                      if name is not None)
 
     def with_files(self, place: Callable[[str], str]) -> Job:
@@ -220,10 +274,12 @@ class Job(FrozenModel):
         def moved(part: FrozenModel, *keys: str) -> dict[str, str]:
             return {key: place(value) for key in keys if (value := getattr(part, key)) is not None}
         return self.model_copy(update={
-            "target": self.target.model_copy(update=moved(self.target, "map", "plants", "index_map")),
+            "target": self.target.model_copy(update=moved(self.target, "map", "plants", "index_map", "zone_map")),
+            "nitrogen": self.nitrogen.model_copy(update=moved(self.nitrogen, "record")),
             "field": self.field.model_copy(update=moved(self.field, "done"))})
 
 
 def rule_of(crop: Crop, job: Job, days: int | None = None) -> Rule:
     """The rule of a job's crop. days: as counted, where the job says none. Raises ValueError as `prepare` does."""
-    return prepare(crop, job.days or days, job.ndvi_nrich, job.ndvi_check, job.response_index)
+    return prepare(crop, job.days or days, job.ndvi_nrich, job.ndvi_check, job.response_index,
+                   job.nitrogen.given_kg_ha, job.nitrogen.credit_kg_ha)

@@ -38,7 +38,7 @@ class Ahead:
 
     def __init__(self, machine: Machine, crop: Crop, rule: Rule, job: Job, fence: Fence | None, headland: Fence | None,
                  *, prescription: MapProfile | None, index_map: IndexMap | None = None,
-                 done: DoneGround | None = None, steps: Steps | None = None) -> None:
+                 zone_map: IndexMap | None = None, done: DoneGround | None = None, steps: Steps | None = None) -> None:
         """steps: compiled, for long runs."""
         geometry, width_m = machine.geometry, machine.geometry.working_width_m
         self._machine = machine
@@ -56,7 +56,7 @@ class Ahead:
         self._around = Around(job.target.around_percent, job.target.around_kg_ha)
         self.heads = CanopyHeads(geometry.heads, CanopyDecisions(
             rule, geometry.heads_m, job.target.decision_hz, Stretches(crop.fallback_rate_kg_ha), self.hold),
-            crop.index, index_map, geometry.heads_m)
+            crop.index, index_map, geometry.heads_m, zone_map)
         if done is not None:
             self.overlap.seed(done.raster, ours=False)
         self._fallback = Everywhere(Target(crop.fallback_rate_kg_ha, TargetSource.FALLBACK))

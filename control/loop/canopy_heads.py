@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from control.agronomy import fusion
-from control.geodesy import offset
+from control.geodesy import Place, offset
 from control.orders import TargetSource
 from control.readings import Measurements
 from control.sensing import Sensed
@@ -16,16 +16,16 @@ class CanopyHeads:
     """`fused`: newest; None before the first look. `by_map`: the index map stands in."""
 
     def __init__(self, heads: int, decisions: CanopyDecisions, index: str = "ndvi",
-                 under: IndexMap | None = None, heads_m: float = 0.0) -> None:
+                 under: IndexMap | None = None, heads_m: float = 0.0, zones: IndexMap | None = None) -> None:
         """index: of the crop's rule; readings of another one are as none. under: what stands in for silent heads, which
-        look at the ground `heads_m` before the outlets."""
+        look at the ground `heads_m` before the outlets. zones: factors of the rule."""
         self._index = index
         self.decisions = decisions
         self.fused: fusion.Fused | None = None
         self._state = fusion.start(heads)
         self._times: tuple[float | None, ...] = ()
         self._fused_s = float("-inf")
-        self._under, self._heads_m = under, heads_m
+        self._under, self._heads_m, self._zones = under, heads_m, zones
         self.by_map = False
 
     def look(self, m: Measurements, sensed: Sensed) -> None:
@@ -42,11 +42,16 @@ class CanopyHeads:
                 self.decisions.pause()
             else:
                 self._sample(self.fused.ndvi, fresh, sensed)
+        place = self._seen(sensed)
+        if self._zones is not None and place is not None:       # no place known: the last zone holds
+            factor = self._zones.at(*place)
+            self.decisions.zone_factor = 1.0 if factor is None else factor
         self.decisions.decide(sensed.track_m, now)
 
     def _sample(self, read: float | None, fresh: bool, sensed: Sensed) -> None:
         """What the heads read; where they are silent what the map has under them."""
-        mapped = self._mapped(sensed)
+        place = self._seen(sensed)
+        mapped = None if self._under is None or place is None else self._under.at(*place)
         self.by_map = read is None and mapped is not None
         if self._under is not None and mapped is not None and read is not None and fresh:
             self._under.learn(read, mapped)
@@ -56,13 +61,12 @@ class CanopyHeads:
         else:
             self.decisions.sample(read if fresh else None, sensed.track_m, sensed.time_s, sensed.turn_deg_s)
 
-    def _mapped(self, sensed: Sensed) -> float | None:
-        """The map's index where the heads look; None without a map or a place."""
-        if (self._under is None or not sensed.position_ok or sensed.east_m is None or sensed.north_m is None
+    def _seen(self, sensed: Sensed) -> tuple[Place, float] | None:
+        """Where the heads look, and the course; None without a place."""
+        if (not sensed.position_ok or sensed.east_m is None or sensed.north_m is None
                 or sensed.heading_deg is None):
             return None
-        ahead = offset((sensed.east_m, sensed.north_m), sensed.heading_deg, self._heads_m)
-        return self._under.at(ahead, sensed.heading_deg)
+        return offset((sensed.east_m, sensed.north_m), sensed.heading_deg, self._heads_m), sensed.heading_deg
 
     @property
     def valid(self) -> int:

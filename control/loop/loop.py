@@ -53,7 +53,7 @@ from control.targets.profile import Target, TargetChange
 LONGEST_TICK_S = 1.0
 STANDING_TICKS = 10             # half a second at 20 Hz, as long as a drive may be silent
 GROWTH_REPORTED_S = 15.0            # after START, of a crop outside its window
-ZERO_BY_CANOPY = ("above_cutoff", "below_cutoff", "yield_reached")       # why a rule's rate is nothing
+ZERO_BY_CANOPY = ("above_cutoff", "below_cutoff", "yield_reached", "no_zone")       # why a rule's rate is nothing
 OF_THE_CANOPY = (TargetSource.CANOPY, TargetSource.INDEX_MAP, TargetSource.FALLBACK)
 ZERO_BY_SOURCE = (TargetSource.MAP, TargetSource.MANUAL, TargetSource.FALLBACK)
 SLOWEST_MPS = 0.3               # below, flow over speed means nothing
@@ -66,9 +66,9 @@ class ControlLoop:
                  has_work_switch: bool = False, *, safety_limits: SafetyLimits | None = None,
                  prescription: MapProfile | None = None, points: PointSource | None = None,
                  headland: Fence | None = None, obeyed: bool = True, index_map: IndexMap | None = None,
-                 done: DoneGround | None = None, steps: Steps | None = None) -> None:
+                 zone_map: IndexMap | None = None, done: DoneGround | None = None, steps: Steps | None = None) -> None:
         """obeyed: False where the drives follow other commands, as in a log that is gone through again. index_map: for
-        where the heads are silent. done: ground that others have covered. steps: compiled, for long runs."""
+        where the heads are silent. zone_map: factors of the canopy's rule by places. done: ground that others have covered. steps: compiled, for long runs."""
         self.machine = machine
         self.crop = crop
         self.job = job
@@ -78,9 +78,10 @@ class ControlLoop:
         allowed = safety_limits or standing_limits(machine, SafetyLimits(hopper_low_kg=limits.hopper_low_kg))
         self.safety = Safety(allowed, has_work_switch)
         self._stopped = Stopped(machine, allowed, obeyed)
-        self._sensing = Sensing(machine.geometry.antenna_m, _plane(job, prescription, points, index_map, done))
+        self._sensing = Sensing(machine.geometry.antenna_m, _plane(
+            job, prescription, points, index_map or zone_map, done))
         self._ahead = Ahead(machine, crop, rule, job, fence, headland, prescription=prescription,
-                            index_map=index_map, done=done, steps=steps)
+                            index_map=index_map, zone_map=zone_map, done=done, steps=steps)
         self._doses: Doses | NoDoses = (
             NoDoses() if points is None else Doses(machine, points, self._ahead, self._drive_limits))
         self._backing = Backing(machine)
@@ -192,8 +193,9 @@ class ControlLoop:
         self._backing.forget()
         self._flow_trim.started()
         self._near.started()
-        self._ahead.overlap.started()
-        self._ahead.sections.started()
+        if self.job.nitrogen.year_max_kg_ha is None:        # else no place gets it twice, whoever wants it
+            self._ahead.overlap.started()
+            self._ahead.sections.started()
 
     def _why_no_start(self) -> str:
         """What START is refused for beyond what safety knows; empty: nothing."""
@@ -540,7 +542,7 @@ class ControlLoop:
         """Why the target is nothing, where its source says so. A canopy's: by its newest decision."""
         if source in (TargetSource.CANOPY, TargetSource.INDEX_MAP):
             decided = self._ahead.heads.decisions
-            why = decided.rule.decide(decided.ndvi).why if decided.rate_kg_ha == 0.0 else ""
+            why = decided.rule.decide(decided.ndvi, decided.zone_factor).why if decided.rate_kg_ha == 0.0 else ""
             return [f"zero_{why}"] if why in ZERO_BY_CANOPY else []
         return [f"zero_{source.value}"] if source in ZERO_BY_SOURCE else []
 

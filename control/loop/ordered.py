@@ -36,7 +36,7 @@ class Operator:
                                job.flow_trim, job.no_double)
         self.bench = BenchSetting()
         self.refilled = False
-        self._crop = crop
+        self._crop, self._job = crop, job
         self._safety = safety
         self._setting = setting
         self._flow_trim = flow_trim
@@ -91,6 +91,8 @@ class Operator:
     def _switch(self, order: Order, now_s: float) -> Answer:
         if not isinstance(order.value, bool):
             return Answer(False, "yes_or_no")
+        if order.do is Do.NO_DOUBLE and not order.value and self._job.nitrogen.year_max_kg_ha is not None:
+            return Answer(False, "year_ceiling")
         if order.do is Do.FLOW_TRIM:
             self._flow_trim.forget()
         chosen: dict[str, Any] = {_SWITCHES[order.do]: order.value}
@@ -144,6 +146,8 @@ class Operator:
     def _of_safety(self, order: Order, now_s: float, held_down: bool) -> Answer:
         """An order that safety answers, and what one that it accepted means here."""
         before = self._safety.state
+        if order.do is Do.ALLOW_OUTSIDE and order.value and self._job.field.margins:
+            return Answer(False, "no_spread_margin")
         if order.do is Do.REFILL and (_number(order) or 0.0) > self._hopper_kg + REFILL_ROUNDED_KG:
             return Answer(False, refusal("refill_beyond_hopper", hopper_kg=f"{self._hopper_kg:g}"))
         if order.do is Do.START and before in (State.READY, State.HELD) and (why := self._why_no_start()):

@@ -95,6 +95,7 @@ REFUSALS: Mapping[str, str] = {
     "yes_or_no": N_("This order takes yes or no."),
     "refill_kg": N_("A refill is a number of kg above 0."),
     "refill_beyond_hopper": N_("A refill is at most what the hopper holds, {hopper_kg} kg."),
+    "no_spread_margin": N_("The field has margins that get nothing: flow outside of it is not allowed."),
     "not_for_safety": N_("This order does not concern safety."),
 }
 

@@ -38,19 +38,20 @@ def with_simulated_field(job: Job, machine: Machine) -> Job:
 def control_loop(machine: Machine, crop: Crop, rule: Rule, job: Job, has_work_switch: bool = False,
                  *,
                  prescription: MapProfile | None = None, plants: PlantList | None = None,
-                 obeyed: bool = True, index_map: IndexMap | None = None, done: DoneGround | None = None,
-                 steps: Steps | None = None) -> ControlLoop:
+                 obeyed: bool = True, index_map: IndexMap | None = None, zone_map: IndexMap | None = None,
+                 done: DoneGround | None = None, steps: Steps | None = None) -> ControlLoop:
     """The loop of a job; fenced where the job knows its field. `prescription`, `plants`: on the job's plane, for map
-    and point mode; `obeyed`, `index_map`, `done`, `steps`: as `ControlLoop` has them. Raises ValueError where the
-    headland leaves nothing of the field."""
-    boundary = job.field.boundary()
+    and point mode; `obeyed`, `index_map`, `zone_map`, `done`, `steps`: as `ControlLoop` has them. Raises ValueError
+    where the headland or the margins leave nothing of the field."""
+    strips = [strip.right_m - strip.left_m for strip in machine.switched] or [machine.geometry.working_width_m]
+    boundary = job.field.spread_ground(0.5 * max(strips))
     fence = Fence(boundary) if boundary is not None else None
     headland = Fence(_without_headland(job)) if fence is not None and job.field.headland_m > 0.0 else None
     points = None
     if plants is not None or job.target.source is TargetSource.POINT:
         points = point_source(machine, job, plants)
     return ControlLoop(machine, crop, rule, job, fence, has_work_switch, prescription=prescription, points=points,
-                       headland=headland, obeyed=obeyed, index_map=index_map, done=done,
+                       headland=headland, obeyed=obeyed, index_map=index_map, zone_map=zone_map, done=done,
                        steps=steps)
 
 

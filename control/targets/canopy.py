@@ -24,6 +24,7 @@ class CanopyDecisions:
         self.period_s = 1.0 / decision_hz
         self.ndvi: float | None = None              # of the last decision
         self.rate_kg_ha: float | None = None
+        self.zone_factor = 1.0                      # of the rule, where the heads look
         self._heads_m = heads_m
         self._samples: list[float] = []
         self._from_m: float | None = None
@@ -80,5 +81,5 @@ class CanopyDecisions:
         """Decided for the next `way_m` by the newest NDVI; None as long as the rule waits for its strips."""
         if not self.rule.is_ready:
             return None
-        rate = self.rule.decide(self.ndvi).rate_kg_ha
+        rate = self.rule.decide(self.ndvi, self.zone_factor).rate_kg_ha
         return rate if self.hold is None else min(self.rule.crop.max_rate_kg_ha, self.hold.decided(rate, way_m))

@@ -2,9 +2,10 @@
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from pydantic import BaseModel
 
@@ -26,6 +27,12 @@ from drivers.files.weather import WeatherError, growing_days
 MODULE_VALVES = 15          # relays of a rate module along with the drive's own
 SAME_SHARE = 1e-4           # two figures for one wheel that differ by less are the same
 
+OwnLogs = Callable[[Job], Collection[str]]      # names of the logs of work on this field that is gone on with
+
+
+def no_logs(job: Job) -> Collection[str]:
+    return ()
+
 
 @dataclass(frozen=True, slots=True)
 class Setup:
@@ -37,6 +44,7 @@ class Setup:
     folder: Path                # of the job file: what the job names lies next to it
     weather: Path | None        # from which the growing days were counted
     product: Product | None = None      # whose N share and flow crop and machine have; None: their own
+    n_year: YearN | None = None         # under whose ceiling the crop is; None: the job has none
 
     @property
     def growth(self) -> Growth | None:
@@ -47,7 +55,8 @@ class Setup:
     def files(self) -> tuple[Path, ...]:
         """All files that were read for it, or will be when its job is worked."""
         return (*map(Path, self.sha256), *files_of_job(self.job, self.folder),
-                *(() if self.weather is None else (self.weather,)))
+                *(() if self.weather is None else (self.weather,)),
+                *(() if self.job.nitrogen.record is None else (self.folder / self.job.nitrogen.record,)))
 
 
 def by_kind(files: Iterable[str]) -> dict[str, Loaded[BaseModel]]:
@@ -67,16 +76,19 @@ def by_kind(files: Iterable[str]) -> dict[str, Loaded[BaseModel]]:
     return found
 
 
-def setup_of(found: Mapping[str, Loaded[BaseModel]], today: dt.date) -> Setup:
-    """The setup of these files; what is not among them is the shipped nominal one. Raises ConfigError."""
+def setup_of(found: Mapping[str, Loaded[BaseModel]], today: dt.date,
+             own_logs: OwnLogs = no_logs) -> Setup:
+    """The setup of these files; what is not among them is the shipped nominal one. own_logs: as `load_setup` has it.
+    Raises ConfigError."""
     machine, job = (found[kind.format].path if kind.format in found else shipped
                     for kind, shipped in ((MACHINE, "huanghai"), (JOB, "demo")))
-    return load_setup(machine, job, today)
+    return load_setup(machine, job, today, own_logs)
 
 
-def load_setup(machine: str | Path, job: str | Path, today: dt.date) -> Setup:
+def load_setup(machine: str | Path, job: str | Path, today: dt.date,
+               own_logs: OwnLogs = no_logs) -> Setup:
     """Read a job, the crop and the product it names, and a machine. `today` is the day of sensing where the crop gives
-    none.
+    none. own_logs: names of the logs of the job that is gone on with, whose ground is done and gets no more.
 
     Raises ConfigError, one line for each thing that is wrong.
     """
@@ -91,15 +103,65 @@ def load_setup(machine: str | Path, job: str | Path, today: dt.date) -> Setup:
             crop = crop.model_copy(update={"product": product.name, "product_n_fraction": product.n_fraction})
             spreader = with_product(spreader, product)
         days = got_job.model.days or growing_days(_dated(crop, got_job.model), got_crop.path.parent, today)
+        n_year = year_n(got_job, crop, today, own_logs)
+        crop = crop if n_year is None else crop.at_most(n_year.most_kg_ha)
         rule = rule_of(crop, got_job.model, days)
-    except (WeatherError, ValueError) as error:
+    except (WeatherError, ValueError, OSError) as error:
         raise ConfigError([str(error)]) from error
     folder = got_job.path.parent
     sums = {str(got.path): got.sha256 for got in (got_machine, got_job, got_crop, got_product) if got is not None}
     stated = None if crop.days is None else crop.days.weather
     weather = None if stated is None else got_crop.path.parent / stated
     return Setup(spreader, crop, rule, got_job.model, sums | _sums_of_files(got_job.model, folder), folder, weather,
-                 product)
+                 product, n_year)
+
+
+class YearN(NamedTuple):
+    """N of a field's year, kg/ha. `earlier`: by the farm record; `n_fraction`: of the product."""
+
+    ceiling_kg_ha: float
+    given_kg_ha: float
+    earlier_kg_ha: float
+    passes: int
+    n_fraction: float
+
+    @property
+    def left_kg_ha(self) -> float:
+        return max(0.0, self.ceiling_kg_ha - self.given_kg_ha - self.earlier_kg_ha)
+
+    @property
+    def most_kg_ha(self) -> float:
+        """Of the product, on any place."""
+        return self.left_kg_ha / self.n_fraction
+
+    @property
+    def text(self) -> str:
+        return (f"nitrogen.year_max_kg_ha {self.ceiling_kg_ha:g}: {self.given_kg_ha:g} given, {self.earlier_kg_ha:.1f} by "
+                f"{self.passes} recorded passes: {self.left_kg_ha:.1f} kg N/ha left, at most {self.most_kg_ha:.1f} kg/ha "
+                "of product")
+
+
+def year_n(job: Loaded[Job], crop: Crop, today: dt.date, own_logs: OwnLogs = no_logs) -> YearN | None:
+    """What the job's ceiling of nitrogen leaves; None where it has none. Raises ValueError where it leaves nothing, or
+    the farm record cannot be held against the field."""
+    wanted, ground = job.model.nitrogen, job.model.field
+    if wanted.year_max_kg_ha is None:
+        return None
+    earlier_kg_ha, passes = 0.0, 0
+    if wanted.record is not None:
+        from drivers.files.exports.farm_record import given_in_year
+        boundary = ground.boundary()
+        if boundary is None or not ground.title:
+            raise ValueError(f"{job.path}: key nitrogen.record: needs field.title and field.boundary_m: which lines of it "
+                             "are this field's, and over how many hectares")
+        begins = wanted.year_from or dt.date(today.year, 1, 1)
+        names = {"client": job.model.client, "farm": job.model.farm, "field": ground.title}
+        earlier_kg_ha, passes = given_in_year(job.path.parent / wanted.record, names, begins, boundary.area_ha,
+                                              own_logs(job.model))
+    found = YearN(wanted.year_max_kg_ha, wanted.given_kg_ha, earlier_kg_ha, passes, crop.product_n_fraction)
+    if found.left_kg_ha <= 0.0:
+        raise ValueError(f"{job.path}: key {found.text}: nothing may be given any more in this year")
+    return found
 
 
 def _dated(crop: Crop, job: Job) -> Crop:

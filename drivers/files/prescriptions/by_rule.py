@@ -21,8 +21,8 @@ def index_choice(choice: RateChoice, rule: Rule, where: str) -> RateChoice:
 
 
 def read_index(path: Path, index: str) -> Imported:
-    """A map of the canopy's index for the loop, its numbers in the place of rates. index: ndvi or ndre. Raises
-    PrescriptionError for what is no index, OSError."""
+    """A map of the canopy's index, or of zones, for the loop, its numbers in the place of rates. index: ndvi, ndre or
+    ZONE_FACTOR. Raises PrescriptionError for what is none, OSError."""
     from drivers.files.prescriptions.read import read_prescription
     read = read_prescription(path, RateChoice(index=index.upper(), unit="kg/ha"))
     _need_zones(read)

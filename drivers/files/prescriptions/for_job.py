@@ -15,7 +15,7 @@ from control.targets.plants import PlantList
 from control.targets.prescription import on_plane, rates_on
 from drivers.files.archives import files_of
 from drivers.files.prescriptions.plants import read_plants
-from drivers.files.prescriptions.words import Imported, PrescriptionError, RateQuestion
+from drivers.files.prescriptions.words import ZONE_FACTOR, Imported, PrescriptionError, RateQuestion
 
 
 def map_of_job(job: Job, folder: Path) -> MapProfile | None:
@@ -69,7 +69,7 @@ def plants_of_job(job: Job, folder: Path, plane: TangentPlane | None = None) -> 
 
 
 def files_of_job(job: Job, folder: Path) -> tuple[Path, ...]:
-    """Those of the job's map, plants, index map and done ground."""
+    """Those of the job's map, plants, index map, zones and done ground."""
     return tuple(file for name in job.named_files for file in files_of(folder / name))
 
 
@@ -79,28 +79,33 @@ class LoopTargets(TypedDict):
     prescription: MapProfile | None
     plants: PlantList | None
     index_map: IndexMap | None
+    zone_map: IndexMap | None
     done: DoneGround | None
 
 
 def placed_of_job(job: Job, folder: Path, machine: Machine, index: str) -> LoopTargets:
-    """Map, plants, index map and done ground of a job on one plane. index: of the crop's rule. Raises PrescriptionError
+    """Map, plants, index map, zones and done ground of a job on one plane. index: of the crop's rule. Raises PrescriptionError
     or FieldError in one line, OSError."""
     prescription = map_of_job(job, folder)
     plants = plants_of_job(job, folder, None if prescription is None else prescription.plane)
     plane = plants.plane if plants is not None else None if prescription is None else prescription.plane
-    under = index_map_of_job(job, folder, machine.geometry.working_width_m, index, plane)
+    width_m = machine.geometry.working_width_m
+    under = _numbers_of(job, job.target.index_map, folder, width_m, index, plane)
     plane = plane or (None if under is None else under.plane)
-    return {"prescription": prescription, "plants": plants, "index_map": under,
+    zones = _numbers_of(job, job.target.zone_map, folder, width_m, ZONE_FACTOR, plane)
+    plane = plane or (None if zones is None else zones.plane)
+    return {"prescription": prescription, "plants": plants, "index_map": under, "zone_map": zones,
             "done": done_of_job(job, folder, plane)}
 
 
-def index_map_of_job(job: Job, folder: Path, width_m: float, index: str, plane: TangentPlane | None) -> IndexMap | None:
-    """The map of `target.index_map` on the field's plane, else on `plane`, else on its own. Raises PrescriptionError in
-    one line, OSError."""
-    if job.target.index_map is None:
+def _numbers_of(job: Job, name: str | None, folder: Path, width_m: float, index: str, plane: TangentPlane | None
+                ) -> IndexMap | None:
+    """A map of an index, or of zones, on the field's plane, else on `plane`, else on its own; None where none is named.
+    Raises PrescriptionError in one line, OSError."""
+    if name is None:
         return None
     from drivers.files.prescriptions.by_rule import read_index
-    data = read_index(folder / job.target.index_map, index).data
+    data = read_index(folder / name, index).data
     plane = _origin(job) or plane or data.plane()
     return IndexMap(rates_on(data, plane), plane, width_m)
 

@@ -12,6 +12,7 @@ from control.targets.prescription import Fallbacks, MapData
 from drivers.plain_text import PlaceInFile, Refused
 
 HIGHEST_KG_HA = 20_000.0
+ZONE_FACTOR, MOST_FACTOR = "factor", 2.0        # of a rule by zones of yield or soil: the column's name; at most double
 ACRE_HA = 0.40468564224                         # the international acre
 LB_AC_KG_HA = 0.45359237 / ACRE_HA              # kg/ha
 GAL_AC_L_HA = 3.785411784 / ACRE_HA             # l/ha
@@ -63,7 +64,7 @@ class RateChoice:
     layer: str | None = None            # of a task file with several: TASK/DDI or TASK/DDI/PRODUCT
     inside: str | None = None           # of a folder or zip with several: the task set or shapefile
     rate_from: Literal["ddi", "presentation"] | None = None    # where a task file contradicts itself
-    index: str | None = None            # the numbers are the canopy's index of this name, not rates
+    index: str | None = None            # the numbers are the canopy's index of this name, or ZONE_FACTOR, not rates
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,6 +128,11 @@ def checked_rate(rate_kg_ha: float, where: Callable[[], PlaceInFile]) -> float:
 
 def checked_index(value: float, name: str, where: Callable[[], PlaceInFile]) -> float:
     """An index of the canopy: water and bare ground below 0 count as 0. Raises PrescriptionError for what is none."""
+    if name == ZONE_FACTOR:
+        if not 0.0 <= value <= MOST_FACTOR:
+            raise PrescriptionError(where(), "{value:g}: allowed as {index} is 0 to {most:g}", value=value, index=name,
+                                    most=MOST_FACTOR)
+        return value
     if not -1.0 <= value <= 1.0:
         raise PrescriptionError(where(), "{value:g}: allowed as {index} is -1 to 1 (is it scaled by 10000 or 255?)",
                                 value=value, index=name)

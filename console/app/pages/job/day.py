@@ -54,8 +54,9 @@ def checks(frame: Frame | None, age_s: float, facts: Facts | None, trouble: str,
     if facts is None:
         found.append(Check(_("job"), STOP if trouble else LOOK, trouble or _("being read")))
     else:
-        found += [*_who(facts), _crop(facts), *_growth(facts), _strip(facts, frame), *_response(facts, frame),
-                  *_product(facts), _limits(facts, units), _field(facts, units), *_map(facts, units), _machine(facts)]
+        found += [*_who(facts), _crop(facts), *_growth(facts), *_year_n(facts), _strip(facts, frame),
+                  *_response(facts, frame), *_product(facts), _limits(facts, units), _field(facts, units),
+                  *_map(facts, units), _machine(facts)]
     found += [_hopper(frame, age_s, units), _log(frame, free_bytes)]
     return tuple(found)
 
@@ -117,6 +118,16 @@ def _crop(facts: Facts) -> Check:
     if notes:
         return Check(_("crop"), LOOK, f"{name}: {notes[0]}", (f"{name} ({facts.crop_file})", *notes))
     return Check(_("crop"), OK, name, (facts.crop_file,))
+
+
+def _year_n(facts: Facts) -> tuple[Check, ...]:
+    """What the field may still get this year; none where the job has no ceiling."""
+    year = facts.setup.n_year
+    if year is None:
+        return ()
+    return (Check(_("N of the year"), OK, _("at most {ceiling} kg N/ha, {given} given: {left} left on any place").format(
+        ceiling=f"{year.ceiling_kg_ha:g}", given=f"{year.given_kg_ha + year.earlier_kg_ha:.0f}",
+        left=f"{year.left_kg_ha:.0f}")),)
 
 
 def _growth(facts: Facts) -> tuple[Check, ...]:
