@@ -40,7 +40,8 @@ NOTES = {
     "growth_stage_outside": N_("growth stage"), "rate_is_zero": N_("rate here is zero"),
     "zero_above_cutoff": N_("canopy too dense: no rate"), "zero_below_cutoff": N_("bare soil: no rate"),
     "zero_yield_reached": N_("canopy needs nothing"), "zero_map": N_("the map says 0 here"),
-    "zero_no_zone": N_("the zone gets nothing"), "zero_manual": N_("the manual rate is 0"), "zero_fallback": N_("the fallback rate is 0"),
+    "zero_no_zone": N_("the zone gets nothing"),
+    "zero_manual": N_("the manual rate is 0"), "zero_fallback": N_("the fallback rate is 0"),
 }
 ALLOWANCES = {"reverse": N_("REVERSE OK"), "outside": N_("OUTSIDE OK"), "unlogged": N_("NO LOG OK"),
               "map_elsewhere": N_("MAP ELSEWHERE OK")}

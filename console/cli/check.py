@@ -130,7 +130,7 @@ def _of_job(loaded: Any) -> list[str]:
 
 
 def _map_of(loaded: Any) -> list[str]:
-    """Says what of a job's map will not be applied as it stands, under its ceiling too. Returns what is wrong, a line each."""
+    """Says what of a job's map will not be applied as it stands, under its ceiling too. Returns what is wrong."""
     from console.cli.map_notes import print_map_notes
     from drivers.files.config import ConfigError, load
     from drivers.files.kinds import CROP

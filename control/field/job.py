@@ -69,7 +69,7 @@ class Nitrogen(FrozenModel):
     credit_kg_ha: NRate = 0.0
     year_max_kg_ha: NRate | None = None         # no place of the field gets more in a year, over all passes
     year_from: dt.date | None = None            # when that year began; None: on 1 January of the day of work
-    record: str | None = None                   # farm record, next to the job: what its passes gave comes off the ceiling
+    record: str | None = None                   # farm record, next to the job: what its passes gave is off the ceiling
 
     @model_validator(mode="after")
     def _of_a_ceiling(self) -> Nitrogen:

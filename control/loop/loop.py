@@ -68,7 +68,8 @@ class ControlLoop:
                  headland: Fence | None = None, obeyed: bool = True, index_map: IndexMap | None = None,
                  zone_map: IndexMap | None = None, done: DoneGround | None = None, steps: Steps | None = None) -> None:
         """obeyed: False where the drives follow other commands, as in a log that is gone through again. index_map: for
-        where the heads are silent. zone_map: factors of the canopy's rule by places. done: ground that others have covered. steps: compiled, for long runs."""
+        where the heads are silent. zone_map: factors of the canopy's rule by places. done: ground that others have
+        covered. steps: compiled, for long runs."""
         self.machine = machine
         self.crop = crop
         self.job = job

@@ -136,9 +136,9 @@ class YearN(NamedTuple):
 
     @property
     def text(self) -> str:
-        return (f"nitrogen.year_max_kg_ha {self.ceiling_kg_ha:g}: {self.given_kg_ha:g} given, {self.earlier_kg_ha:.1f} by "
-                f"{self.passes} recorded passes: {self.left_kg_ha:.1f} kg N/ha left, at most {self.most_kg_ha:.1f} kg/ha "
-                "of product")
+        return (f"nitrogen.year_max_kg_ha {self.ceiling_kg_ha:g}: {self.given_kg_ha:g} given, "
+                f"{self.earlier_kg_ha:.1f} by {self.passes} recorded passes: {self.left_kg_ha:.1f} kg N/ha left, "
+                f"at most {self.most_kg_ha:.1f} kg/ha of product")
 
 
 def year_n(job: Loaded[Job], crop: Crop, today: dt.date, own_logs: OwnLogs = no_logs) -> YearN | None:
@@ -152,8 +152,8 @@ def year_n(job: Loaded[Job], crop: Crop, today: dt.date, own_logs: OwnLogs = no_
         from drivers.files.exports.farm_record import given_in_year
         boundary = ground.boundary()
         if boundary is None or not ground.title:
-            raise ValueError(f"{job.path}: key nitrogen.record: needs field.title and field.boundary_m: which lines of it "
-                             "are this field's, and over how many hectares")
+            raise ValueError(f"{job.path}: key nitrogen.record: needs field.title and field.boundary_m: which "
+                             "lines of it are this field's, and over how many hectares")
         begins = wanted.year_from or dt.date(today.year, 1, 1)
         names = {"client": job.model.client, "farm": job.model.farm, "field": ground.title}
         earlier_kg_ha, passes = given_in_year(job.path.parent / wanted.record, names, begins, boundary.area_ha,

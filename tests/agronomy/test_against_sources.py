@@ -3,7 +3,8 @@
 The expected figures come from the text below, typed from the pages, by arithmetic written here: nothing of
 control/agronomy is used for them. Winter wheat gets no more than to the yield of the curve at the strip's own NDVI: the
 "NRate VRN" sheet of Oklahoma State, as R/SBNRC_Algorithm.R of github.com/beardon/ninja-active-mapper has it
-(`yld_fert_field[yld_fert_field>yld_ptnl_nRich]=yld_ptnl_nRich`). Read: nue.okstate.edu/Yield_Potential.htm (its rows down to corn of 2004),
+(`yld_fert_field[yld_fert_field>yld_ptnl_nRich]=yld_ptnl_nRich`).
+Read: nue.okstate.edu/Yield_Potential.htm (its rows down to corn of 2004),
 nue.okstate.edu/Managing_N_Fertilizer_NRS.htm (RI_NDVI at most 2.0, YP_N at most YP_MAX), Chen et al. 2015, eq 2 to 5.
 """
 from __future__ import annotations
@@ -76,7 +77,8 @@ def test_every_shipped_file_is_held_against_its_source():
 
 @pytest.mark.parametrize("name", LIBRARY)
 def test_a_dozen_rates_of_each_file(name):
-    """288 rates, by the strip's own yield and, as files of before, by Y_max alone: any stand above the low end's taper, dense ones too, any strips, any season."""
+    """288 rates, by the strip's own yield and, as files of before, by Y_max alone:
+    any stand above the low end's taper, dense ones too, any strips, any season."""
     deal = random.Random(name)
     most = 1000.0 * yaml.safe_load((CROPS / f"{name}.yaml").read_text(encoding="utf-8"))["y_max_t_ha"]
     limit = yaml.safe_load((CROPS / f"{name}.yaml").read_text(encoding="utf-8"))["max_rate_kg_ha"]

@@ -91,7 +91,7 @@ def test_a_ceiling_of_the_year_counts_what_earlier_records_gave(tmp_path):
     later = load_setup("huanghai", written(tmp_path, rows, year_max_kg_ha=170.0, year_from="2025-09-01"), DAY)
     assert later.n_year is not None and later.n_year.earlier_kg_ha == pytest.approx(110.0)
     own = load_setup("huanghai", written(tmp_path, rows, year_max_kg_ha=170.0), DAY, lambda job: ["a.csv"])
-    assert own.n_year is not None and own.n_year.earlier_kg_ha == pytest.approx(10.0), "its ground is done: no place twice"
+    assert own.n_year is not None and own.n_year.earlier_kg_ha == pytest.approx(10.0), "its ground is done"
 
 
 def test_a_high_ceiling_changes_nothing(tmp_path):

@@ -84,8 +84,8 @@ class LoopTargets(TypedDict):
 
 
 def placed_of_job(job: Job, folder: Path, machine: Machine, index: str) -> LoopTargets:
-    """Map, plants, index map, zones and done ground of a job on one plane. index: of the crop's rule. Raises PrescriptionError
-    or FieldError in one line, OSError."""
+    """Map, plants, index map, zones and done ground of a job on one plane. index: of the crop's rule. Raises
+    PrescriptionError or FieldError in one line, OSError."""
     prescription = map_of_job(job, folder)
     plants = plants_of_job(job, folder, None if prescription is None else prescription.plane)
     plane = plants.plane if plants is not None else None if prescription is None else prescription.plane

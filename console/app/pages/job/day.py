@@ -125,7 +125,8 @@ def _year_n(facts: Facts) -> tuple[Check, ...]:
     year = facts.setup.n_year
     if year is None:
         return ()
-    return (Check(_("nitrogen of the year"), OK, _("at most {ceiling} kg N/ha, {given} given: {left} left on any place").format(
+    said = _("at most {ceiling} kg N/ha, {given} given: {left} left on any place")
+    return (Check(_("nitrogen of the year"), OK, said.format(
         ceiling=f"{year.ceiling_kg_ha:g}", given=f"{year.given_kg_ha + year.earlier_kg_ha:.0f}",
         left=f"{year.left_kg_ha:.0f}")),)
 
