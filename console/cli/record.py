@@ -30,7 +30,8 @@ def record(
     force: Force = False,
 ) -> None:
     """Say what was spread on which field: kilograms, nitrogen, costs; and keep a line of it for the farm's books."""
-    from drivers.files.exports.farm_record import BEGINS, write_record
+    from drivers.files.exports.farm_record import write_record
+    from drivers.files.farm_lines import BEGINS
     refuse_other(logs, LOG)
     need_ending("--out", out, ".csv")
     prices = _prices(price or ())

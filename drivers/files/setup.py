@@ -149,7 +149,7 @@ def year_n(job: Loaded[Job], crop: Crop, today: dt.date, own_logs: OwnLogs = no_
         return None
     earlier_kg_ha, passes = 0.0, 0
     if wanted.record is not None:
-        from drivers.files.exports.farm_record import given_in_year
+        from drivers.files.farm_lines import given_in_year
         boundary = ground.boundary()
         if boundary is None or not ground.title:
             raise ValueError(f"{job.path}: key nitrogen.record: needs field.title and field.boundary_m: which "

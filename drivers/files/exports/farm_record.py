@@ -2,20 +2,14 @@
 from __future__ import annotations
 
 import csv
-import datetime as dt
 import io
-import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from drivers.files.atomic import write_atomically
-from drivers.files.exports.as_applied import AsApplied, ExportError
-
-COLUMNS = ("date", "begin_utc", "end_utc", "client", "farm", "field", "crop", "operator", "machine", "product",
-           "worked_ha", "covered_ha", "applied_kg", "applied_kg_ha", "target_kg", "nitrogen_kg", "nitrogen_kg_ha",
-           "worked_h", "price_per_kg", "cost", "currency", "simulated", "log")
-BEGINS = ",".join(COLUMNS[:5]).encode()
+from drivers.files.exports.as_applied import AsApplied
+from drivers.files.farm_lines import COLUMNS, record_rows
 
 
 class Pass(NamedTuple):
@@ -84,9 +78,10 @@ def sums(passes: Iterable[Pass]) -> list[Sum]:
 def write_record(passes: Sequence[Pass], path: Path) -> tuple[int, int]:
     """The lines of these passes at the end of the record; a log that stands in it is written anew in its place.
 
-    Returns how many were added and how many replaced. Raises ExportError for a file that is no such record, OSError.
+    Returns how many were added and how many replaced. Raises FarmRecordError for a file that is no
+    such record, OSError.
     """
-    rows = _rows(path)
+    rows = record_rows(path)
     places = {row[-1]: k for k, row in enumerate(rows)}
     added = replaced = 0
     for one in passes:
@@ -104,45 +99,3 @@ def write_record(passes: Sequence[Pass], path: Path) -> tuple[int, int]:
     writer.writerows(rows)
     write_atomically(path, text.getvalue())
     return added, replaced
-
-
-class FieldYear(NamedTuple):
-    """What passes gave a field in a year, over its whole area."""
-
-    n_kg_ha: float
-    passes: int
-
-
-def given_in_year(path: Path, names: Mapping[str, str], begins: dt.date, area_ha: float,
-                  own_logs: Collection[str] = ()) -> FieldYear:
-    """names: client, farm and field as a job says them; what both it and a line say must be the same. begins: lines
-    before it are another year's; a line without a date counts. Simulated passes, and those of `own_logs` (file names),
-    count nothing. Raises ExportError for a file that is no farm record, or a line without its nitrogen; OSError."""
-    if not path.exists():
-        raise ExportError(f"{path}: is not there: allowed is a farm record (topdress record LOG --out {path.name})")
-    kg, passes = 0.0, 0
-    for number, cells in enumerate(_rows(path), start=2):
-        row = dict(zip(COLUMNS, cells, strict=True))
-        apart = any(row[key] and said and row[key].casefold() != said.casefold() for key, said in names.items())
-        early = bool(row["date"]) and row["date"] < begins.isoformat()
-        if apart or early or row["simulated"] or row["log"] in own_logs:
-            continue
-        try:
-            n_kg = float(row["nitrogen_kg"])
-        except ValueError:
-            n_kg = math.nan
-        if not 0.0 <= n_kg < math.inf:
-            raise ExportError(f"{path}: line {number}: nitrogen_kg {row['nitrogen_kg']!r}: allowed is a number from 0")
-        kg, passes = kg + n_kg, passes + 1
-    return FieldYear(kg / area_ha, passes)
-
-
-def _rows(path: Path) -> list[list[Any]]:
-    if not path.exists():
-        return []
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        rows = list(csv.reader(file))
-    if not rows or tuple(rows[0]) != COLUMNS or any(len(row) != len(COLUMNS) for row in rows[1:]):
-        raise ExportError(f"{path}: is no farm record of topdress: allowed is another name, or one that begins "
-                          f"{','.join(COLUMNS[:4])},...")
-    return rows[1:]
