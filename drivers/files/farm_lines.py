@@ -30,8 +30,9 @@ class FieldYear(NamedTuple):
 def given_in_year(path: Path, names: Mapping[str, str], begins: dt.date, area_ha: float,
                   own_logs: Collection[str] = ()) -> FieldYear:
     """names: client, farm and field as a job says them: lines of this field, and of no other client's or farm's where
-    both say one. begins: lines before it are another year's; a line without a date counts. Simulated passes, and those of `own_logs` (file names),
-    count nothing. Raises FarmRecordError for a file that is no farm record, or a line without its nitrogen; OSError."""
+    both say one. begins: lines before it are another year's; a line without a date counts. Simulated passes, and those
+    of `own_logs` (file names), count nothing. Raises FarmRecordError for a file that is no farm record, or a line
+    without its nitrogen; OSError."""
     if not path.exists():
         raise FarmRecordError(f"{path}: is not there: allowed is a farm record (topdress record LOG --out {path.name})")
     kg, passes = 0.0, 0
