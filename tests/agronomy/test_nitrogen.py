@@ -81,7 +81,8 @@ ROW = {"date": "2026-02-20", "field": "long acre", "farm": "Hill", "nitrogen_kg"
 def test_a_ceiling_of_the_year_counts_what_earlier_records_gave(tmp_path):
     """2 ha: 100 kg N are 50 kg/ha. Another field, farm, year and a simulated pass count nothing, no date counts."""
     rows = [ROW, ROW | {"field": "Short acre"}, ROW | {"field": ""}, ROW | {"farm": "Dale"},
-            ROW | {"date": "2025-11-20"}, ROW | {"simulated": "yes"}, ROW | {"date": "", "nitrogen_kg": "20.0", "log": "b.csv"}]
+            ROW | {"date": "2025-11-20"}, ROW | {"simulated": "yes"},
+            ROW | {"date": "", "nitrogen_kg": "20.0", "log": "b.csv"}]
     setup = load_setup("huanghai", written(tmp_path, rows, year_max_kg_ha=170.0, given_kg_ha=60.0), DAY)
     assert setup.n_year is not None and setup.n_year.passes == 2
     assert setup.n_year.left_kg_ha == pytest.approx(170.0 - 60.0 - 60.0)
