@@ -52,6 +52,7 @@ def run_papers(seed: int) -> list[Section]:
     """Everything the page shows. Takes about half a minute."""
     from control.papers.claims import summary
     from control.papers.decision import decision_section
+    from control.papers.elements import elements_section
     from control.papers.lag import lag_section
     from control.papers.points import points_section
     from drivers.files.setup import load_setup
@@ -59,7 +60,7 @@ def run_papers(seed: int) -> list[Section]:
     papers: list[Callable[[], Section]] = [lambda: decision_section(setup.machine, setup.crop, seed),
                                            lambda: lag_section(setup.machine), points_section]
     sections = [paper() for paper in progress(papers, len(papers), "papers")]
-    return [summary(sections), *sections]
+    return [summary(sections), *sections, elements_section()]
 
 
 def table_csv(table: Table) -> str:

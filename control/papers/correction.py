@@ -130,6 +130,30 @@ def joint_log_likelihood(machine: Machine, reading: FieldReading, published_m: d
     return total
 
 
+class Rival(NamedTuple):
+    """The field's own lag with both spreads fitted to table 5: two parameters, no mechanism."""
+
+    mean_m: float
+    between_m: float            # s.d. of shaft speeds about it
+    within_m: float             # s.d. of replicates
+    log_likelihood: float       # of the 21, 1/m
+    penalised: float            # the same less BIC's half of ln 21 for each parameter
+
+
+def fitted_rival(published_m: dict[int, tuple[float, ...]]) -> Rival:
+    """Greatest likelihood in closed form: the mean by shaft speed is table 1's distance less the lag that was corrected
+    for; what is left spreads normally between shaft speeds and between replicates."""
+    expected = [float(np.mean(LAG_M[rpm])) - SPEED_MPS * lag_paper_s(rpm) for rpm in published_m]
+    left = np.array(list(published_m.values())) - np.array(expected)[:, None]
+    speeds, replicates = left.shape
+    within = float(np.sum((left - left.mean(axis=1, keepdims=True)) ** 2)) / (speeds * (replicates - 1))
+    of_means = float(np.mean(left.mean(axis=1) ** 2))
+    log = -0.5 * (speeds * (replicates - 1) * (np.log(2.0 * np.pi * within) + 1.0)
+                  + speeds * (np.log(2.0 * np.pi * replicates * of_means) + 1.0))
+    return Rival(float(np.mean(expected)), float(np.sqrt(max(0.0, of_means - within / replicates))),
+                 float(np.sqrt(within)), float(log), float(log - np.log(left.size)))
+
+
 def _densities(machine: Machine, shaft_rpm: int, reading: FieldReading, value_m: float) -> Array:
     """Of one miss at each phase (PHASES,), 1/m."""
     lag_s = np.full((PHASES, 1), _lag_s(machine, shaft_rpm, reading))

@@ -17,11 +17,20 @@ from control.machine.machine import Machine
 from control.machine.start import first_fall_s, response_s, start_lag_s
 from control.papers import map_geometry, published
 from control.papers.claims import ledger
-from control.papers.claims_decision import decision_claims, yields
+from control.papers.claims_decision import decision_claims, grain_n, yields
 from control.papers.claims_lag import lag_claims
 from control.papers.claims_points import points_claims
-from control.papers.correction import IN_PHASE, ONCE_A_SECOND, READINGS, explain, misses_m, wider_apart
+from control.papers.correction import (
+    IN_PHASE,
+    ONCE_A_SECOND,
+    READINGS,
+    explain,
+    fitted_rival,
+    misses_m,
+    wider_apart,
+)
 from control.papers.decision import forward_targets, nitrogen, sampling
+from control.papers.elements import DECISION, ELEMENTS, LAG, NO, PARTLY, POINT, YES
 from control.papers.experiments import experiment_tables, speed_or_delay
 from control.papers.lag import eq3, lag_line
 from control.papers.map_geometry import boundary_table, cells_that_agree, paper_cell
@@ -150,13 +159,54 @@ def test_the_rise_is_that_of_a_start_and_not_the_parameter_behind_it() -> None:
     assert "2.4 to 1 only" in words[1] and "0.32 s by 1.4 to 1" in words[1]
 
 
+def test_table_5_is_as_likely_with_two_fitted_spreads_and_no_mechanism() -> None:
+    """By the same normal written out with its covariance, at the fitted spreads and near them."""
+    rival = fitted_rival(published.CORRECTED_M)
+    assert (rival.between_m, rival.within_m) == (pytest.approx(0.316, abs=0.001), pytest.approx(0.260, abs=0.001))
+
+    def log_likelihood(between: float, within: float) -> float:
+        cov = within ** 2 * np.eye(3) + between ** 2
+        left = [np.array(values) - (np.mean(published.LAG_M[rpm]) - 4.25 / 3.6 * (2.2118 - 8.3e-3 * rpm))
+                for rpm, values in published.CORRECTED_M.items()]
+        return float(sum(-0.5 * (one @ np.linalg.solve(cov, one) + np.linalg.slogdet(2.0 * np.pi * cov)[1])
+                         for one in left))
+    assert rival.log_likelihood == pytest.approx(log_likelihood(rival.between_m, rival.within_m), abs=1e-6)
+    assert all(rival.log_likelihood > log_likelihood(rival.between_m * a, rival.within_m * b)
+               for a, b in ((0.9, 1.0), (1.1, 1.0), (1.0, 0.9), (1.0, 1.1)))
+    assert rival.penalised == pytest.approx(-10.5, abs=0.05)
+
+
+def test_table_3_holds_little_of_the_nitrogen_that_eq_2_takes_to_be_found(crop: Crop) -> None:
+    """FA: a third of 225 kg urea and 150 kg of 18-46-0, and 393.3 kg urea; 124.7 kg more grain of 2.39 % N."""
+    assert [round(100.0 * one.share, 1) for one in grain_n()] == [1.4, 3.0, 8.6]
+    assert grain_n()[0].given_kg_ha == pytest.approx((225 * 0.45 + 150 * 0.18) / 3 + 23.6 / 0.06 * 0.45)
+    said = next(claim for claim in claims_of(crop)["decision"] if claim.where == "eq 2, table 3")
+    assert said.agrees is False and said.obtained == "0.014, 0.030, 0.086"
+
+
+def test_every_element_is_where_the_table_says() -> None:
+    root = Path(__file__).parents[2]
+    commands = {one.name or one.callback.__name__.replace("_", "-") for one in app.registered_commands}
+    commands |= {one.name for one in app.registered_groups}
+    for paper, element, here, where, remark in ELEMENTS:
+        assert here in (YES, PARTLY, NO) and paper in (DECISION, LAG, POINT)
+        assert (where or here == NO) and (remark or here == YES), element
+        for place in filter(None, where.split("; ")):
+            known = place.split()[1] in commands if place.startswith("topdress ") else (root / place).exists()
+            assert known, (element, place)
+    assert {element for _, element, here, _, _ in ELEMENTS if here == NO} >= {
+        "EDEM simulation of granules", "camera and program that see the plant"}
+
+
 def test_28_kg_more_nitrogen_is_of_the_applied_amounts() -> None:
     assert nitrogen().rows[0] == (28.0, pytest.approx(17.75), pytest.approx(28.75))
 
 
 def test_sampling_prefers_one_hertz_in_both(crop: Crop) -> None:
     (table, changes), words = sampling(1)
-    assert "1 Hz in the paper's figures and 1 Hz in ours" in words[0]
+    assert "1 Hz in the paper's figures and 1 Hz in 28 of 30 draws of ours" in words[0]
+    assert table.rows[4][5:7] == (pytest.approx(10.7, abs=0.3), pytest.approx(0.7, abs=0.15)), "a draw alone: 11.61"
+    assert "twice the s.d. of a draw" in claims_of(crop)["decision"][1].within
     assert changes.rows[0][1:] == pytest.approx((1.25, 1.79, 3.68, 4.39), abs=0.01)
     assert table.rows[0][5] is None                     # the published CV at 2 Hz is an input of the canopy
 
