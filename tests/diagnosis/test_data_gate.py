@@ -149,6 +149,28 @@ def test_rows_of_others_are_put_in_order_and_said(rewritten: Callable[[Columns],
         assert any(said in finding for finding in seen.findings), "the scale tells which of them was moved"
 
 
+def test_a_shaft_half_a_row_late_within_its_tolerance_hides_no_order_of_rows() -> None:
+    """Seen in rows of others it is half a row early: neither order fits it better, and the gate tells."""
+    time_s = WORK["time_s"]
+    later = {**WORK, "shaft_rpm": np.interp(time_s - 0.045, time_s, WORK["shaft_rpm"])}     # 25 ms by the file
+    assert as_said(later).findings == gate(later).findings
+    assert any("moved a row" in finding for finding in as_said(in_force(later)).findings)
+
+
+def test_a_shaft_that_is_early_by_a_row_is_in_the_rows_of_others_and_one_that_is_late_may_be() -> None:
+    """Nothing makes a drive early; where no gate moves, what is late is a dead time or the rows' order."""
+    time_s, read_rpm = WORK["time_s"], WORK["shaft_rpm"]        # 20 ms sooner than by the machine file
+    early, slow = ({"time_s": time_s, "shaft_rpm_cmd": WORK["shaft_rpm_cmd"],
+                    "shaft_rpm": np.interp(time_s - late_s, time_s, read_rpm)} for late_s in (-0.05, 0.07))
+    assert any("moved a row down" in finding for finding in as_said(early).findings)
+    found = diagnose_run(slow, HUANGHAI)
+    assert [(c.id, c.probability < 0.5, [r.id for r in c.rivals]) for c in found.causes] == [
+        ("shaft.dead_time", True, ["unknown"])]
+    assert any("as late as a row is long" in finding for finding in found.findings)
+    told = diagnose_run({**slow, **{name: WORK[name] for name in ("opening_mm_cmd", "opening_mm")}}, HUANGHAI)
+    assert [(c.id, c.probability > 0.9) for c in told.causes] == [("shaft.dead_time", True)]
+
+
 @pytest.mark.exam
 def test_what_one_drive_answers_late_is_no_order_of_rows() -> None:
     slow = {**WORK, "shaft_rpm": np.r_[WORK["shaft_rpm"][:2], WORK["shaft_rpm"][:-2]]}

@@ -9,7 +9,7 @@ begins or ends: any time of the log alike.
 """
 from __future__ import annotations
 
-from math import inf, log, log1p, pi, sqrt
+from math import exp, inf, log, log1p, pi, sqrt
 
 from control.machine.forms import Form
 from control.machine.terms import Acts
@@ -19,6 +19,7 @@ COURSE = {                  # of what is wrong, how it runs: most was there befo
     "steady": 0.7, "begins": 0.15, "grows": 0.075, "ends": 0.075}
 MISTAKEN_UNIT = 0.03        # a column is in another unit than its file says, or of the other side of a gear ...
 UNIT_FACTORS = log(2.0), log(1000.0)        # ... by a factor between these (gears 2 up, turns a second 60), either way
+MISTAKEN_ROW = 0.03         # a log writes what was read a row late, or a command a row early, and nothing else tells
 WRONG_SIGN = 0.02           # what is lost, or comes late, is less than the machine file has of it: one in fifty
 UNKNOWN = 0.03              # ... or something that no effect describes, shared over quantities, variables and forms
 LOCAL = 0.1                 # an effect holds in one label or table only, though others could show it: one in ten
@@ -75,6 +76,14 @@ def log_odds_of_unit(ratio: float, usual: float, names: int) -> float:
     percent = 100.0 * (ratio - 1.0)
     by_effect = usual / (pi * (usual ** 2 + percent ** 2)) * 100.0 * ratio      # per unit of the ratio's logarithm
     return log(MISTAKEN_UNIT / (2.0 * (high - low))) - log(by_effect) - log_odds("steady", names)
+
+
+def log_odds_of_row(late_s: float, row_s: float, sd_s: float, usual_s: float, names: int) -> float:
+    """Log odds that a drive is `late_s` because its log's rows are one off, of `row_s`, known so well (1 s.d.), against
+    an effect of `names` that delays it, steadily, its size with the tails of a Cauchy distribution."""
+    by_row = exp(-0.5 * ((late_s - row_s) / sd_s) ** 2) / (sqrt(2.0 * pi) * sd_s)
+    by_effect = 2.0 * usual_s / (pi * (usual_s ** 2 + late_s ** 2))
+    return log(MISTAKEN_ROW * max(by_row, 1e-300) / by_effect) - log_odds("steady", names)
 
 
 def log_odds_of_form(quantities: int, variables: int, places: int, temporary: bool = False) -> float:

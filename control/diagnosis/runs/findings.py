@@ -6,17 +6,19 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import expit
 
-from control.diagnosis.effects import ROWS, SHAFT_SATURATION
-from control.diagnosis.judgement.prior import NAMED, log_odds_of_unit
-from control.machine.machine import Machine
+from control.diagnosis.effects import ROWS, SHAFT_DEAD_TIME, SHAFT_SATURATION
+from control.diagnosis.judgement.prior import LISTED, NAMED, log_odds_of_row, log_odds_of_unit
+from control.machine.effect import OPENING_RANGE
+from control.machine.machine import Machine, of_nominal
 from control.machine.over_log import MOST_STEP_S
 
 from .channels import drive_channel
-from .drives import Drive, against_the_way, whole_drives
+from .drives import SAME_MM, Drive, against_the_way, whole_drives
 from .grid import looked_at
 from .hypothesis import EffectInstance, schedule
 from .inputs import FINE_LOG_S
 from .log import MIN_SETTLED, Clean
+from .model import tolerance_of
 from .selection import GroupResult
 from .stages import RunData
 
@@ -91,6 +93,27 @@ def is_steady(part: EffectInstance) -> bool:
     """Whether a part scales or shifts all that its drive does, all along, as a mistaken unit does."""
     row = ROWS[part.id]
     return part.onset_s is None and not row.move_shaped and row.scanned
+
+
+def mistaken_row(part: EffectInstance, sd_s: float, data: RunData, machine: Machine) -> float:
+    """Probability that a shaft is late by a part's size, known to `sd_s` (1 s.d.), because the log's rows are one off:
+    where the gate moves, it tells (`row_order`)."""
+    if part.id != SHAFT_DEAD_TIME.id or part.onset_s is not None or data.shaft is None or part.size <= 0.0:
+        return 0.0
+    if data.gate is not None and np.ptp(data.gate.command) > of_nominal(machine, OPENING_RANGE) * SAME_MM:
+        return 0.0
+    known_s = float(np.hypot(sd_s, tolerance_of(part.id, machine)))
+    names = sum(row.stage == "shaft" for row in ROWS.values())
+    return float(expit(log_odds_of_row(part.size, float(np.median(np.diff(data.shaft.time_s))), known_s,
+                                       SHAFT_DEAD_TIME.usual, names)))
+
+
+def rows_doubted(causes: Sequence[tuple[EffectInstance, float]], data: RunData, machine: Machine) -> list[str]:
+    """Said of a shaft that is late by a row. causes : parts, and to what they are known (1 s.d.)."""
+    if not any(mistaken_row(part, sd_s, data, machine) > LISTED for part, sd_s in causes):
+        return []
+    return [f"{SHAFT_DEAD_TIME.id}: it is as late as a row is long, and a log that writes readings a row late looks "
+            "the same: a run in which the gate moves, or the import file's order of rows, would tell"]
 
 
 def units_doubted(data: RunData, machine: Machine) -> list[str]:

@@ -43,7 +43,7 @@ from control.machine.machine import CATALOGUE, Machine, bounds, of_nominal, unit
 from control.machine.shaft import swing
 
 from .cost import field_cost
-from .findings import is_steady, mistaken_unit
+from .findings import is_steady, mistaken_row, mistaken_unit, rows_doubted
 from .gain import measure_gain
 from .hypothesis import schedule
 from .intermittent import ReadOff
@@ -165,8 +165,10 @@ def report(data: RunData, machine: Machine, judged: Sequence[GroupResult], read_
     for one in judged:
         rest = remains(one, {ROWS[each.part.id].channels[0] for each in read_off})
         doubt = mistaken_unit(data.shaft, machine) if "shaft" in one.search.model.names else 0.0
-        named = [_cause(one, k, machine, data, max(unknown_share(one, k, rest), doubt * is_steady(part)))
+        named = [_cause(one, k, machine, data, max(unknown_share(one, k, rest), doubt * is_steady(part),
+                                                   mistaken_row(part, one.found.sd[k], data, machine)))
                  for k, part in enumerate(one.found.parts)]
+        findings = (*findings, *rows_doubted(tuple(zip(one.found.parts, one.found.sd, strict=True)), data, machine))
         named = [cause for cause in named if cause.probability > LISTED or not rest]
         causes += named
         unexplained += _unexplained(one, rest, rows, bool(named))

@@ -2,24 +2,30 @@
 
 A run log of ours holds in row k what was read at its time, and the command given then. Others write a command with what
 answered it in one row, or the command under which a row was read, or the readings a row late. Seen as ours, such a log
-has two drives that answer a row too early or too late, both by the same row: no fault of one drive does that. Where one
-drive moves alone, nothing is moved, as a dead time may look the same: unless rows are further apart than any dead time.
+has drives that answer a row too early or too late. Nothing makes a drive early by itself. What makes one late is a
+fault of that drive, and not of the other by the same row: where one moves alone and late, nothing is moved, as a dead
+time may look the same: unless rows are further apart than any dead time.
+
+What a drive's dead time may be off within its tolerance is no order of rows, and hides none: each drive is held against
+an order with the dead time that fits it best.
 """
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.effects import GATE_SLOW
+from control.diagnosis.judgement.climb import climbed
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
 from .channels import ChannelSeries, channels
 from .hypothesis import EffectInstance, Schedule, schedule, stages_of
 from .log import Clean
+from .nominal_values import HALVINGS, MAX_OFFSET_SD
 from .stages import run_data
 
 Array = npt.NDArray[np.float64]
@@ -33,6 +39,15 @@ NEARER = 0.2                # of what the opposite move loses: then the drives a
 MEDIAN_OF_SQUARES = 0.4549      # of a standard normal variable
 ROWS = 10_000               # from the beginning on: a logger keeps its order
 FAR_SD = 6.0                # a residual counts as so many robust s.d. at most: one stop of a drive is no order of rows
+
+
+class Settled(NamedTuple):
+    """A drive with a dead time of its own: squares of what is left of it (m,), what its prior costs, and how many s.d.
+    of the tolerance it is off."""
+
+    squares: Array
+    cost: float
+    by_sd: float
 
 
 class Move(NamedTuple):
@@ -49,7 +64,8 @@ IN_ONE_ROW = Move(ANSWERS, 1, "a row holds a command with what answered it: read
 IN_FORCE = Move(COMMANDS, -1, "a row holds the command under which it was read, not the next one: commands are moved a "
                 "row up")
 COMMAND_LATE = Move(COMMANDS, 1, "commands stand a row before they are given: they are moved a row down")
-WAYS = ((READ_LATE, COMMAND_LATE), (IN_ONE_ROW, IN_FORCE))      # each pair is the same to the drives
+LATE, EARLY = (READ_LATE, COMMAND_LATE), (IN_ONE_ROW, IN_FORCE)       # each pair is the same to the drives
+WAYS = (LATE, EARLY)
 
 
 def in_order(log: Clean, machine: Machine) -> Clean:
@@ -70,15 +86,17 @@ def order_of(log: Clean, machine: Machine) -> Move | None:
     tried = [_moved(some, ways[0]) for ways in WAYS]
     left = [_residuals(_channels(one, machine), nominal) for one in tried]
     by_way = [_gains(as_it_is, one) for one in left]
-    telling = [drive for drive in DRIVES if max(abs(gains.get(drive, 0.0)) for gains in by_way) > LEAST_EVIDENCE]
-    alone = log.step_s >= ALONE_S
-    if len(telling) < (1 if alone else 2):
-        return None
     best = int(np.argmax([sum(gains.values()) for gains in by_way]))
-    further = _gains(left[best], _residuals(_channels(_moved(tried[best], WAYS[best][0]), machine), nominal))
-    if not _so_far(by_way[best], by_way[1 - best], further, (telling,) if alone else [[drive] for drive in telling]):
+    early, alone = WAYS[best] is EARLY, log.step_s >= ALONE_S
+    telling = [drive for drive in DRIVES if max(abs(gains.get(drive, 0.0)) for gains in by_way) > LEAST_EVIDENCE]
+    if len(telling) < (1 if alone or early else 2):
         return None
-    if not alone and _slow_gate_gain(as_it_is, seen, machine) > by_way[best]["gate"]:
+    further = _gains(left[best], _residuals(_channels(_moved(tried[best], WAYS[best][0]), machine), nominal))
+    gain, opposite, more = (sum(one.get(drive, 0.0) for drive in telling)
+                            for one in (by_way[best], by_way[1 - best], further))
+    if gain < max(LEAST_EVIDENCE, -NEARER * opposite) or more > 0.0:        # no further off, as by a fault
+        return None
+    if not alone and not _beyond_tolerance(seen, _channels(tried[best], machine), early, machine):
         return None
     scales = [_residuals(_channels(_moved(some, way), machine), nominal, ("scale",)) for way in WAYS[best]]
     # Rough is what a flow leaves that comes too early or late; a level adds nothing.
@@ -86,14 +104,33 @@ def order_of(log: Clean, machine: Machine) -> Move | None:
     return WAYS[best][int(np.argmin(rough))]
 
 
-def _so_far(gains: dict[str, float], opposite: dict[str, float], further: dict[str, float],
-            each: Iterable[Sequence[str]]) -> bool:
-    """Whether drives are a row off: beyond a tolerance of theirs, and no further off, as by a fault of their own."""
-    for drives in each:
-        gain, against, more = (sum(one.get(drive, 0.0) for drive in drives) for one in (gains, opposite, further))
-        if gain < max(LEAST_EVIDENCE, -NEARER * against) or more > 0.0:
-            return False
-    return True
+def _beyond_tolerance(seen: Mapping[str, ChannelSeries], moved: Mapping[str, ChannelSeries], early: bool,
+                      machine: Machine) -> bool:
+    """Whether the drives are surely a row off, with any dead time within its tolerance. Late: the gate must be, more so
+    than by slewing too slowly, and the shaft lose no more by the move than a tolerance costs."""
+    was, now = _settled(seen, machine), _settled(moved, machine)
+    gains = {drive: _gain(was[drive].squares, now[drive].squares) + was[drive].cost - now[drive].cost
+             for drive in was.keys() & now.keys()}
+    if early:
+        return sum(gains.values()) > LEAST_EVIDENCE
+    return gains["shaft"] > -0.5 * MAX_OFFSET_SD ** 2 and gains["gate"] > max(
+        LEAST_EVIDENCE, _slow_gate_gain(was["gate"].squares, seen, machine))
+
+
+def _settled(seen: Mapping[str, ChannelSeries], machine: Machine) -> dict[str, Settled]:
+    """Each drive with the dead time, within its tolerance, that leaves least of it."""
+    return {drive: _climbed(seen, drive, machine) for drive in DRIVES if drive in seen}
+
+
+def _climbed(seen: Mapping[str, ChannelSeries], drive: str, machine: Machine) -> Settled:
+    def off(by_sd: float) -> Settled:
+        dead_time_s = getattr(machine, drive).dead_time_s + by_sd * machine.tolerance.dead_time_s
+        plan = schedule(stages_of(machine).put(drive, dead_time_s=max(0.0, dead_time_s)), ())
+        return Settled(np.square(_residuals(seen, plan, (drive,))[drive]), 0.5 * by_sd ** 2, by_sd)
+    first = off(0.0)
+    return climbed(first, lambda one: _gain(first.squares, one.squares) - one.cost,
+                   lambda one, step: [off(by_sd) for by_sd in (one.by_sd - step, one.by_sd + step)
+                                      if abs(by_sd) <= MAX_OFFSET_SD], [0.5 ** k for k in range(HALVINGS)])
 
 
 def _beginning(log: Clean) -> Clean:
@@ -119,10 +156,11 @@ def _residuals(seen: Mapping[str, ChannelSeries], plan: Schedule, words: Sequenc
     return {word: seen[word].measured - seen[word].predict(plan, MOST_STEP_S) for word in words if word in seen}
 
 
-def _slow_gate_gain(as_it_is: dict[str, Array], seen: Mapping[str, ChannelSeries], machine: Machine) -> float:
-    """What a gate that slews too slowly gains at most: with a shaft that is late by itself it looks like rows."""
+def _slow_gate_gain(before: Array, seen: Mapping[str, ChannelSeries], machine: Machine) -> float:
+    """What a gate that slews too slowly gains at most over squares `before` (m,): with a shaft that is late by itself
+    it looks like rows."""
     plans = [schedule(stages_of(machine), (EffectInstance(GATE_SLOW.id, size),)) for size in GATE_SLOW.trial_sizes]
-    return max(_gains(as_it_is, _residuals(seen, plan, ("gate",))).get("gate", 0.0) for plan in plans)
+    return max(_gain(before, np.square(_residuals(seen, plan, ("gate",))["gate"])) for plan in plans)
 
 
 def _gains(before: dict[str, Array], after: dict[str, Array]) -> dict[str, float]:
