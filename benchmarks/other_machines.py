@@ -30,10 +30,14 @@ from verdict import exit_code
 
 from control.field.job import Simulated
 from control.machine.machine import Machine
+from control.machine.planting import Planted
 from control.orders import Strategy, TargetSource
+from control.readings import DriveCommand
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.closed_loop import Record, simulated_run
 from control.simulation.errors import landing, place_errors
+from control.simulation.figures import moves
+from control.simulation.plant import Plant, SensorReadings, Truth
 from control.targets.map_profile import MapProfile
 from control.targets.prescription import Fallbacks, Prescription
 from control.targets.rate_map import GridMap, frame_m
@@ -51,7 +55,27 @@ SHIFTS_M = np.arange(-1.2, 1.2001, 0.05)
 PROMISED_FROM = 3               # seeds
 TESTED_SD = 0.05                # of the carried share, after ten steps from 40 to 80 r/min
 HEAD = (f"{'manoeuvre':43}{'strategy':14}{'preview':8}{'machine':15}{'held %':>8}{'shifted':>9}{'shift m':>9}"
-        f"{'place m':>9}{'shifted':>9}{'p95':>7}{'steps':>6}{'lost':>5}{'worst bin':>11}{'bare m':>8}")
+        f"{'place m':>9}{'shifted':>9}{'p95':>7}{'steps':>6}{'lost':>5}{'worst bin':>11}{'bare m':>8}"
+        f"{'gate/min':>9}{'mm/min':>8}")
+
+
+TEETH_PERCENT = {"teeth_2": 2.0, "teeth_4": 4.0}
+NOISY = ("wheel_0.02", "wheel_0.03", "wheel_0.04", "wheel_0.06", *TEETH_PERCENT)
+# A driven wheel on wet and dry ground by turns of 20 s: 6 to 9 % are published, twice that where it is wet.
+BURSTS = [("speed.wheel_slip", 15.0 if turn % 2 == 0 else 0.0, 40.0 + 20.0 * turn) for turn in range(6)]
+SPEEDS = ("slip_bursts", "gnss_late", "slip_bursts_gnss_late")
+LATE_S = 0.4
+
+
+def any_machine(machine: Machine, name: str) -> Machine:
+    """A plausible one, or one whose senses of speed are worse (`NOISY`, `SPEEDS`)."""
+    from control.machine.machine import with_effect
+    from control.machine.plausible import plausible
+    if name.startswith("wheel_"):
+        return machine.model_copy(update={"noise": machine.noise.model_copy(update={"wheel_mps": float(name[6:])})})
+    if name.endswith("gnss_late"):
+        return with_effect(machine, "speed.gnss_latency", LATE_S)
+    return machine if name in TEETH_PERCENT or name in SPEEDS else plausible(machine, name)
 
 
 class Drive(NamedTuple):
@@ -64,6 +88,8 @@ class Drive(NamedTuple):
     machine: dict[str, Any]
     drives: str                 # name of what differs in drives and flow
     known: dict[str, Any]       # the tube as control's machine file has it, and how sure that is; none: as shipped
+    planted: list[Any] = []     # `Planted`: effects that come and go
+    teeth_percent: float = 0.0  # 1 s.d. by which the wheel's teeth are uneven
 
 
 class Found(NamedTuple):
@@ -84,12 +110,36 @@ class Found(NamedTuple):
     lost: int
     worst_kg_ha: float          # landed on a bin
     bare_m: float               # of the way: below a tenth of what was wanted, a run
+    gate_moves_per_min: float
+    gate_mm_per_min: float
 
     def line(self) -> str:
         preview = self.preview if self.tree == "new" else self.tree
         return (f"{self.manoeuvre:43}{self.strategy:14}{preview:8}{self.machine:15}{self.held_percent:8.2f}"
                 f"{self.shifted_percent:9.2f}{self.shift_m:+9.2f}{self.place_m:9.3f}{self.shifted_place_m:9.3f}"
-                f"{self.place_p95_m:7.3f}{self.steps:6d}{self.lost:5d}{self.worst_kg_ha:11.0f}{self.bare_m:8.2f}")
+                f"{self.place_p95_m:7.3f}{self.steps:6d}{self.lost:5d}{self.worst_kg_ha:11.0f}{self.bare_m:8.2f}"
+                f"{self.gate_moves_per_min:9.0f}{self.gate_mm_per_min:8.0f}")
+
+
+class UnevenTeeth:
+    """A plant whose wheel reads each tooth by its own error; over a turn they come to nothing."""
+
+    def __init__(self, plant: Plant, percent: float, seed: int) -> None:
+        self.plant, self.machine, self.dt_s = plant, plant.machine, plant.dt_s
+        speed = plant.machine.speed
+        self._tooth_m = speed.wheel_circumference_m / speed.pulses_per_turn
+        errors = np.random.default_rng(seed).normal(0.0, percent / 100.0, round(speed.pulses_per_turn))
+        self._errors = (errors - errors.mean()).tolist()
+
+    @property
+    def truth(self) -> Truth | None:
+        return self.plant.truth
+
+    def step(self, command: DriveCommand, enabled: bool) -> SensorReadings:
+        s = self.plant.step(command, enabled)
+        assert self.truth is not None
+        tooth = int(self.truth.driven_m / self._tooth_m) % len(self._errors)
+        return s._replace(wheel_mps=s.wheel_mps * (1.0 + self._errors[tooth]))
 
 
 def drive(what: Drive) -> tuple[dict[str, Any], list[Any]]:
@@ -110,7 +160,10 @@ def drive(what: Drive) -> tuple[dict[str, Any], list[Any]]:
         from control.geodesy import TangentPlane
         profile = MapProfile(Prescription(grid, Fallbacks()),
                              setup_plane or TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg))
-    plant = simulated_machine(_of_this_tree(what.machine), job, what.seed, DT_S)
+    plant: Any = simulated_machine(_of_this_tree(what.machine), job, what.seed, DT_S,
+                                   [Planted(*one) for one in what.planted])
+    if what.teeth_percent:
+        plant = UnevenTeeth(plant, what.teeth_percent, what.seed)
     loop = control_loop(setup.machine, setup.crop, setup.rule, job, prescription=profile)
     record = Record()
     orders = GO_HELD if manoeuvre.speeds and manoeuvre.speeds[0][1] == 0 else None
@@ -156,6 +209,8 @@ class Judged(NamedTuple):
     lost: int
     worst_kg_ha: float
     bare_m: float
+    gate_moves_per_min: float
+    gate_mm_per_min: float
 
 
 def judge(columns: dict[str, Any], fired: Sequence[Any], what: Manoeuvre, width_m: float) -> Judged:
@@ -173,7 +228,9 @@ def judge(columns: dict[str, Any], fired: Sequence[Any], what: Manoeuvre, width_
     held, worst, bare = of(0.0)
     chosen = [f for f in fired if what.begin_s <= f.time_s <= what.end_s]
     places, lost = place_errors(columns, chosen, landing(columns, width_m), width_m)
-    return Judged(held, np.array([of(shift)[0] for shift in SHIFTS_M]), places, lost, worst, bare)
+    moved = moves({name: column[rows] for name, column in columns.items()}, [], width_m)
+    return Judged(held, np.array([of(shift)[0] for shift in SHIFTS_M]), places, lost, worst, bare,
+                  moved.gate_moves_per_h / 60.0, moved.gate_travel_mm_per_h / 60.0)
 
 
 def found(tree: str, manoeuvre: str, strategy: str, preview: str, machine: str, each: Sequence[Judged]) -> Found:
@@ -185,7 +242,9 @@ def found(tree: str, manoeuvre: str, strategy: str, preview: str, machine: str, 
     return Found(tree, manoeuvre, strategy, preview, machine, statistics.fmean(one.held for one in each),
                  float(by_shift[best]), float(SHIFTS_M[best]), float(size.mean()), float(about.mean()),
                  float(np.percentile(about, 95)), len(places), sum(one.lost for one in each),
-                 max(one.worst_kg_ha for one in each), statistics.fmean(one.bare_m for one in each))
+                 max(one.worst_kg_ha for one in each), statistics.fmean(one.bare_m for one in each),
+                 statistics.fmean(one.gate_moves_per_min for one in each),
+                 statistics.fmean(one.gate_mm_per_min for one in each))
 
 
 def driven_by(tree: Path | None, drives: Sequence[Drive]) -> list[tuple[dict[str, Any], list[Any]]]:
@@ -204,15 +263,15 @@ def driven_by(tree: Path | None, drives: Sequence[Drive]) -> list[tuple[dict[str
 
 def measured(manoeuvres: Sequence[Manoeuvre], strategies: Sequence[str], preview: str, machines: Sequence[str],
              seeds: int, tree: Path | None, lag_tested: bool = False) -> Iterator[Found]:
-    from control.machine.plausible import plausible
     setup = the_setup()
     width_m = setup.machine.geometry.working_width_m
-    true = {name: plausible(setup.machine, name) for name in machines}
+    true = {name: any_machine(setup.machine, name) for name in machines}
     for what in manoeuvres:
         for strategy in strategies:
             kinds = {name: "file" if name in IN_THE_TUBE and not lag_tested else name for name in machines}
             drives = [Drive(what.name, strategy, preview, seed, _known_to_all(machine), kind,
-                            _tested(machine, lag_tested))
+                            _tested(machine, lag_tested), BURSTS if kind.startswith("slip_bursts") else [],
+                            TEETH_PERCENT.get(kind, 0.0))
                       for kind, machine in {kinds[name]: true[name] for name in machines}.items()
                       for seed in range(1, seeds + 1)]
             runs: dict[str, list[tuple[dict[str, Any], list[Any]]]] = {}
@@ -288,7 +347,8 @@ def run() -> int:
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--only", default="", help="manoeuvres whose name contains one of these, comma separated")
     parser.add_argument("--strategies", default="opening_first,speed_first")
-    parser.add_argument("--machines", default=",".join(PLAUSIBLE))
+    parser.add_argument("--machines", default=",".join(PLAUSIBLE),
+                        help=f"also noisy ({', '.join(NOISY)}) and speeds ({', '.join(SPEEDS)})")
     parser.add_argument("--preview", default="none", help="none, set, plan, drive; comma separated")
     parser.add_argument("--against", type=Path, help="another tree, measured in the same run, nothing announced")
     parser.add_argument("--tested", action="store_true", help="also with a machine file that a lag test between two "
@@ -296,7 +356,9 @@ def run() -> int:
     parser.add_argument("--out", type=Path, help="write the lines there too")
     given = parser.parse_args()
     chosen = [m for m in DRIVEN if any(word in m.name for word in given.only.split(","))]
-    strategies, machines = given.strategies.split(","), given.machines.split(",")
+    groups = {"noisy": NOISY, "speeds": SPEEDS}
+    strategies = given.strategies.split(",")
+    machines = [name for word in given.machines.split(",") for name in groups.get(word, (word,))]
     trees = [(given.against, "none")] if given.against is not None else []
     trees += [(None, preview) for preview in given.preview.split(",")]
     trees += [(None, "tested")] if given.tested else []

@@ -23,7 +23,13 @@ DIES_OUT_S = 0.8                # an acceleration is expected to die out this fa
 STOPS_BELOW_MPS = 0.75          # slower than this and slowing down, a machine stops: nobody works so slowly ...
 STOPS_WITHIN_MPS = 0.15         # ... the less surely the nearer to it
 STEADY_TAU_S = 0.35             # filter `steady`, first order, behind `quick`
-STEADY_MPS = 0.03               # apart by less: noise; by twice as much: a change of speed
+BAND_OVER_MEDIAN = 3.2          # quiet band: apart by less is noise, by twice as much a change of speed. In units of the
+                                # median of what the two are apart: 2.1 s.d. of Gaussian noise
+QUIET_MPS = 0.03                # the band at first: the shipped wheel's 0.02 m/s a sample; never less than ...
+LEAST_QUIET_MPS = 0.02          # ... what the gate leaves out anyway, 1.2 % of 1.5 m/s (`setting.PLAN_BAND_MM_SHARE`), ...
+MOST_QUIET_MPS = 0.12           # ... nor more: 0.5 m/s2 holds the two 0.5 x 0.35 = 0.175 apart, and must be seen
+NOISE_TAU_S = 20.0              # filter `quiet band`: the median moves by a factor e in so long
+NOISE_FROM_MPS = 0.3            # slower than work: nothing is learnt
 
 
 ANNOUNCED_HOLDS_S = 2.0              # an announced speed
@@ -65,16 +71,25 @@ class SpeedAhead(NamedTuple):
 
 
 class _Quieted:
-    """A speed that is steady or changing: the quick filter's where it has parted from the slow one, else the slow."""
+    """A speed that is steady or changing: the quick filter's where it has parted from the slow one, else the slow.
 
-    def __init__(self) -> None:
+    How far noise alone parts them is measured: the running median of what they are apart. A median is not moved by how
+    far a change of speed parts them, only by how long, and half of the time no machine changes its speed.
+    """
+
+    def __init__(self, quiet_mps: float = QUIET_MPS) -> None:
         self._steady_mps: float | None = None
+        self.quiet_mps = quiet_mps
 
     def update(self, quick: Moving, dt_s: float) -> Moving:
         if self._steady_mps is None:
             self._steady_mps = quick.speed_mps
         self._steady_mps += (1.0 - exp(-dt_s / STEADY_TAU_S)) * (quick.speed_mps - self._steady_mps)
-        share = min(1.0, max(0.0, abs(quick.speed_mps - self._steady_mps) / STEADY_MPS - 1.0))
+        apart_mps = abs(quick.speed_mps - self._steady_mps)
+        if quick.speed_mps >= NOISE_FROM_MPS:
+            way = 1.0 if BAND_OVER_MEDIAN * apart_mps > self.quiet_mps else -1.0
+            self.quiet_mps = min(MOST_QUIET_MPS, max(LEAST_QUIET_MPS, self.quiet_mps * exp(way * dt_s / NOISE_TAU_S)))
+        share = min(1.0, max(0.0, apart_mps / self.quiet_mps - 1.0))
         return Moving(share * quick.speed_mps + (1.0 - share) * self._steady_mps, share * quick.acceleration_mps2)
 
 
@@ -82,11 +97,12 @@ class Forecaster:
     """One per run; `update` once a tick."""
 
     def __init__(self) -> None:
+        self._own = _Quieted()
         self._forget()
         self._errors_mps2 = [AT_FIRST_MPS2, AT_FIRST_MPS2]      # squared, of the reference and of the own forecast
 
     def _forget(self) -> None:
-        self._own, self._faster = _Quieted(), _Quieted()
+        self._own, self._faster = _Quieted(self._own.quiet_mps), _Quieted(self._own.quiet_mps)
         self._reference_mps: float | None = None
         self._reference = Moving()              # as the filter `quick` would see it
         self._waiting: deque[tuple[float, float, float]] = deque()      # time, reference's forecast, own forecast
@@ -122,7 +138,7 @@ class Forecaster:
         """One tick on; it begins at the speed of the machine, and anew where that stands: when it sets off nobody can
         tell."""
         if self._reference_mps is None or speed_mps < STANDS_MPS:
-            self._reference_mps, self._reference, self._faster = speed_mps, Moving(speed_mps, 0.0), _Quieted()
+            self._reference_mps, self._reference, self._faster = speed_mps, Moving(speed_mps, 0.0), _Quieted(self._own.quiet_mps)
         aim = _aimed(announced, max(0.0, now_s - announced.time_s))
         self._reference_mps = _towards(self._reference_mps, aim, announced.acceleration_mps2 * dt_s)
         if dt_s > 0.0:

@@ -20,6 +20,7 @@ from control.metering.strategies import Pair, pair_for
 from control.orders import Strategy
 from control.readings import GnssFix, Measurements, Reading, SpeedPlan, possible
 from control.sensing import Forecaster, SpeedAhead
+from control.sensing.speed_filter import QUICK_TAU_S, Moving
 from control.simulation.assembly import control_loop
 from drivers.files.setup import load_setup
 
@@ -146,6 +147,19 @@ def test_what_is_told_and_does_not_come_true_is_not() -> None:
     made = drive(forecaster, [1.0] * len(told), list(told))
     assert forecaster.believed < 0.1
     assert made[-1].mps(1.3) == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize(("noise_mps", "most_mps"), [(0.0, 0.005), (0.02, 0.02), (0.06, 0.04)])
+def test_what_counts_as_steady_follows_the_noise_of_the_wheel_and_a_change_is_still_seen(
+        noise_mps: float, most_mps: float) -> None:
+    """A band for 0.02 m/s leaves 0.15 m/s of a forecast at 0.06, ten times what the gate leaves out."""
+    rng, quick, forecaster, ahead = np.random.default_rng(1), Moving(1.25), Forecaster(), []
+    for k in range(1400):
+        mps = 1.25 + 0.5 * DT_S * max(0, k - 1360)
+        quick = quick.on(DT_S).taking(mps + noise_mps * float(rng.standard_normal()), DT_S, QUICK_TAU_S)
+        ahead.append(forecaster.update(DT_S * k, quick.speed_mps, quick.acceleration_mps2, DT_S).mps(1.3))
+    assert float(np.std(ahead[800:1360])) < most_mps
+    assert ahead[-1] > 1.25 + 0.5 * DT_S * 40 + 0.1, "2 s of 0.5 m/s2: it goes on"
 
 
 def test_what_was_told_long_ago_says_nothing() -> None:
