@@ -64,6 +64,10 @@ NOISY = ("wheel_0.02", "wheel_0.03", "wheel_0.04", "wheel_0.06", *TEETH_PERCENT)
 # A driven wheel on wet and dry ground by turns of 20 s: 6 to 9 % are published, twice that where it is wet.
 BURSTS = [("speed.wheel_slip", 15.0 if turn % 2 == 0 else 0.0, 40.0 + 20.0 * turn) for turn in range(6)]
 SPEEDS = ("slip_bursts", "gnss_late", "slip_bursts_gnss_late")
+# A battery that goes flat by and by: at once, more than 20 % below its model is a fault.
+DRIVES = ("motor_12_slow", "motor_25_slow", "gate_4_short")
+PLANTED = {"slip_bursts": BURSTS, "slip_bursts_gnss_late": BURSTS,
+           "motor_25_slow": [("shaft.gain", -12.0, 30.0), ("shaft.gain", -25.0, 60.0)]}
 LATE_S = 0.4
 
 
@@ -75,7 +79,7 @@ def any_machine(machine: Machine, name: str) -> Machine:
         return machine.model_copy(update={"noise": machine.noise.model_copy(update={"wheel_mps": float(name[6:])})})
     if name.endswith("gnss_late"):
         return with_effect(machine, "speed.gnss_latency", LATE_S)
-    return machine if name in TEETH_PERCENT or name in SPEEDS else plausible(machine, name)
+    return machine if name in TEETH_PERCENT or name in PLANTED else plausible(machine, name)
 
 
 class Drive(NamedTuple):
@@ -270,7 +274,7 @@ def measured(manoeuvres: Sequence[Manoeuvre], strategies: Sequence[str], preview
         for strategy in strategies:
             kinds = {name: "file" if name in IN_THE_TUBE and not lag_tested else name for name in machines}
             drives = [Drive(what.name, strategy, preview, seed, _known_to_all(machine), kind,
-                            _tested(machine, lag_tested), BURSTS if kind.startswith("slip_bursts") else [],
+                            _tested(machine, lag_tested), PLANTED.get(kind, []),
                             TEETH_PERCENT.get(kind, 0.0))
                       for kind, machine in {kinds[name]: true[name] for name in machines}.items()
                       for seed in range(1, seeds + 1)]
@@ -348,7 +352,8 @@ def run() -> int:
     parser.add_argument("--only", default="", help="manoeuvres whose name contains one of these, comma separated")
     parser.add_argument("--strategies", default="opening_first,speed_first")
     parser.add_argument("--machines", default=",".join(PLAUSIBLE),
-                        help=f"also noisy ({', '.join(NOISY)}) and speeds ({', '.join(SPEEDS)})")
+                        help=f"also noisy ({', '.join(NOISY)}), speeds ({', '.join(SPEEDS)}) and drives "
+                             f"({', '.join(DRIVES)})")
     parser.add_argument("--preview", default="none", help="none, set, plan, drive; comma separated")
     parser.add_argument("--against", type=Path, help="another tree, measured in the same run, nothing announced")
     parser.add_argument("--tested", action="store_true", help="also with a machine file that a lag test between two "
@@ -356,7 +361,7 @@ def run() -> int:
     parser.add_argument("--out", type=Path, help="write the lines there too")
     given = parser.parse_args()
     chosen = [m for m in DRIVEN if any(word in m.name for word in given.only.split(","))]
-    groups = {"noisy": NOISY, "speeds": SPEEDS}
+    groups = {"noisy": NOISY, "speeds": SPEEDS, "drives": DRIVES}
     strategies = given.strategies.split(",")
     machines = [name for word in given.machines.split(",") for name in groups.get(word, (word,))]
     trees = [(given.against, "none")] if given.against is not None else []

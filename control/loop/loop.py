@@ -286,7 +286,7 @@ class ControlLoop:
         rate = min(self.crop.max_rate_kg_ha, planned)
         lag = reach.small_change_lag(self._queue.holding.rate_kg_ha, self.crop.fallback_rate_kg_ha)
         pair = self._setting.pair(share * rate, moment.ahead.mps, now, moment.dt_s, self._expected.pair.opening_mm,
-                                  moment.conditions)
+                                  moment.conditions, self._drive_trim.left(self._setting.strategy is Strategy.SPEED_FIRST))
         inside = self._ahead.landing_inside(
             moment, wanted, lambda: _stop(reach, holding, sensed), choices, allow.outside)
         return TickDecision(wanted, planned, rate, lag, inside, pair, self._usable_mps(lag), fired, by_point, share)
@@ -332,7 +332,8 @@ class ControlLoop:
         if m.shaft_rpm is not None and opening is not None:
             flow = flow_kg_s(self.machine, max(0.0, m.shaft_rpm.value), max(0.0, opening.value),
                              c._replace(flow_trim=1.0))
-        should = flow_kg_s(self.machine, self._expected.pair.shaft_rpm, self._expected.pair.opening_mm, c)
+        should = (flow_kg_s(self.machine, self._expected.pair.shaft_rpm, self._expected.pair.opening_mm, c)
+                  / self._setting.made_up)
         rate = self._doses.rate_kg_ha(c) if decision.by_point else decision.rate_kg_ha
         self._metres_left_m = self._metres_left(m.hopper_kg, rate)
         share = self._ahead.sections.open_share(m.time_s)

@@ -59,5 +59,6 @@ class TickReach:
         if found is None:
             flow = rate_kg_ha * self._width_m * self._speed / 10_000.0
             pair = self._setting.settled(flow, self._opening_mm, self._conditions)
-            found = self._kept[rate_kg_ha] = Settled(pair.shaft_rpm, pair.opening_mm)
+            turns_rpm = (1.0 + self._setting.left.shaft_share) * pair.shaft_rpm
+            found = self._kept[rate_kg_ha] = Settled(turns_rpm, pair.opening_mm)
         return found

@@ -32,6 +32,9 @@ PLAUSIBLE: dict[str, Callable[[Machine], Machine]] = {
     "flow_6_more": lambda machine: with_effect(machine, "flow.gain", 6.0),
     "field_lag": lambda machine: with_effect(machine, "lag.offset", FIELD_LAG_S),
     "slow_drives": _slow_drives,
+    # An open-loop motor loses 7 % a volt (docs/safety.md): a tired battery.
+    "motor_12_slow": lambda machine: with_effect(machine, "shaft.gain", -12.0),
+    "gate_4_short": lambda machine: with_effect(machine, "gate.home_error", -4.0),      # trims take back 2 mm
 }
 
 

@@ -7,6 +7,9 @@ opening first   the gate; the shaft stays at its set-point while the gate can (`
 speed first     the shaft, its changes drawn out (`_drawn_out`), so that what falls singly does not overtake; abrupt
                 changes are the gate's (`by_gate`).
 
+Each by what the other does: the drive that moves makes up for what the one that rests is off (`trims.Left`), and for
+what its own trim leaves.
+
 No strategy moves the shaft for what is falling already: nobody has measured what that does (docs/decisions/0007).
 """
 from __future__ import annotations
@@ -21,9 +24,9 @@ from control.machine.shaft import dead_s, lag_s
 from control.orders import Strategy
 from control.readings import DriveCommand
 
-from .inverse import Conditions, gate_command, opening_for, shaft_command
+from .inverse import Conditions, flow_kg_s, gate_command, opening_for, shaft_command
 from .strategies import Pair, pair_for
-from .trims import DriveTrim
+from .trims import DriveTrim, Left
 
 SWITCH_S = 4.0              # a change of strategy is spread over this long
 ABRUPT = 0.35               # |log| of rate after over rate before, from which on speed first's gate makes the change:
@@ -55,6 +58,8 @@ class Setting:
         self._before: Strategy | None = None
         self._at_mm = machine.set_points.opening_mm     # at which speed first turns its shaft
         self._switched_s = 0.0
+        self.left = Left()
+        self.made_up = 1.0          # flow of the pair over that of the same with both drives as they should be
 
     def switch(self, strategy: Strategy, now_s: float) -> None:
         if strategy.in_force is not self.strategy:
@@ -62,20 +67,29 @@ class Setting:
             self._drawn_rpm = None
 
     def pair(self, rate_kg_ha: float, mps_in: Callable[[float], float], now_s: float, dt_s: float,
-             opening_now_mm: float, c: Conditions) -> Pair:
+             opening_now_mm: float, c: Conditions, left: Left = Left()) -> Pair:
         """True shaft speed and opening to aim at, small moves left out. `rate_kg_ha`: for what is released now;
-        `mps_in`: ground speed expected so many seconds from now; `opening_now_mm`: expected."""
+        `mps_in`: ground speed expected so many seconds from now; `opening_now_mm`: expected; `left`: by readings."""
+        self.left = left
         machine, fall = self.machine, self.machine.fall
         shaft_moves = self._last is None or self.by_shaft
         answers_s = self._shaft_answers_s if shaft_moves else machine.gate.dead_time_s
         turns_rpm = machine.set_points.shaft_rpm if self._last is None else self._last.shaft_rpm
-        mps = mps_in(answers_s + 0.5 * dt_s + drop_s(fall, turns_rpm) + fall.latency_s)
-        goal = self.goal(rate_kg_ha * machine.geometry.working_width_m * mps / 10_000.0, now_s, opening_now_mm, c)
+        mps = mps_in(answers_s + 0.5 * dt_s + drop_s(fall, (1.0 + left.shaft_share) * turns_rpm) + fall.latency_s)
+        wanted_kg_s = rate_kg_ha * machine.geometry.working_width_m * mps / 10_000.0
+        goal = self.goal(wanted_kg_s, now_s, opening_now_mm, c)
+        self.made_up = self._made_up(goal, wanted_kg_s, opening_now_mm, c)
         if goal.shaft_rpm > 0.0 and self.by_shaft and goal.opening_mm == self._at_mm and not goal.limited:
             opening = self._quiet(goal).opening_mm
             limits, shaft = machine.limits, self._drawn_out(goal.shaft_rpm * goal.opening_mm / opening, dt_s)
             goal = Pair(min(limits.shaft_high_rpm, max(limits.shaft_low_rpm, shaft)), opening)
         return self._quiet(goal) if goal.shaft_rpm > 0.0 else goal
+
+    def _made_up(self, goal: Pair, wanted_kg_s: float, opening_now_mm: float, c: Conditions) -> float:
+        if goal.shaft_rpm <= 0.0 or self.left == Left():
+            return 1.0
+        plain = pair_for(self.machine, self.strategy, wanted_kg_s, opening_now_mm, c, self._at_mm)
+        return flow_kg_s(self.machine, *goal[:2], c) / flow_kg_s(self.machine, *plain[:2], c)
 
     def made(self, pair: Pair) -> None:
         """What was commanded in this tick; a shaft of 0: flow was stopped."""
@@ -112,7 +126,7 @@ class Setting:
 
     def settled(self, wanted_kg_s: float, opening_now_mm: float, c: Conditions) -> Pair:
         """The pair of the present strategy, as if it had always been in force."""
-        return pair_for(self.machine, self.strategy, wanted_kg_s, opening_now_mm, c, at_mm=self._at_mm)
+        return pair_for(self.machine, self.strategy, wanted_kg_s, opening_now_mm, c, self._at_mm, self.left)
 
     def by_gate(self, before_kg_ha: float, after_kg_ha: float) -> float | None:
         """Opening after a change of the rate that speed first leaves to the gate; None: the shaft makes it.
@@ -150,10 +164,10 @@ class Setting:
         if share >= 1.0 or goal.shaft_rpm <= 0.0:
             self._before = None
             return goal
-        start = pair_for(self.machine, self._before, wanted_kg_s, opening_now_mm, c, at_mm=self._at_mm)
+        start = pair_for(self.machine, self._before, wanted_kg_s, opening_now_mm, c, self._at_mm, self.left)
         limits = self.machine.limits
         shaft = max(limits.shaft_low_rpm, (1.0 - share) * start.shaft_rpm + share * goal.shaft_rpm)
-        opening = opening_for(self.machine, wanted_kg_s, shaft, c)
+        opening = opening_for(self.machine, wanted_kg_s, (1.0 + self.left.shaft_share) * shaft, c) - self.left.gate_mm
         return Pair(shaft, min(limits.opening_high_mm, max(limits.opening_low_mm, opening)), goal.limited)
 
     def nudged(self, pair: Settled) -> Settled:

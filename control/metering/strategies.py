@@ -7,6 +7,7 @@ from control.machine.machine import Machine
 from control.orders import Strategy
 
 from .inverse import Conditions, lowest_flow_kg_s, opening_for, shaft_for
+from .trims import Left
 
 
 class Pair(NamedTuple):
@@ -18,10 +19,11 @@ class Pair(NamedTuple):
 
 
 def pair_for(machine: Machine, strategy: Strategy, wanted_kg_s: float, opening_now_mm: float,
-             c: Conditions = Conditions(), at_mm: float | None = None) -> Pair:
+             c: Conditions = Conditions(), at_mm: float | None = None, left: Left = Left()) -> Pair:
     """The pair that gives `wanted_kg_s`, kg/s, within the limits of the drives.
 
     `opening_now_mm`: at zero rate the shaft stops and the gate stays where it is. `at_mm`: speed first at this opening.
+    `left`: what the drives are off; the one that moves makes up for it.
     Below half the smallest flow: zero; between that and it: the smallest.
     """
     limits = machine.limits
@@ -31,22 +33,22 @@ def pair_for(machine: Machine, strategy: Strategy, wanted_kg_s: float, opening_n
     if wanted_kg_s < lowest:
         return Pair(limits.shaft_low_rpm, limits.opening_low_mm, "lowest")
     if strategy is Strategy.SPEED_FIRST:
-        return _speed_first(machine, wanted_kg_s, at_mm or machine.set_points.opening_mm, c)
-    return _opening_first(machine, wanted_kg_s, c)
+        return _speed_first(machine, wanted_kg_s, at_mm or machine.set_points.opening_mm, c, left)
+    return _opening_first(machine, wanted_kg_s, c, left)
 
 
-def _opening_first(machine: Machine, wanted: float, c: Conditions) -> Pair:
+def _opening_first(machine: Machine, wanted: float, c: Conditions, left: Left) -> Pair:
     low, high, shaft_rpm = machine.limits.opening_low_mm, machine.limits.opening_high_mm, machine.set_points.shaft_rpm
-    opening = opening_for(machine, wanted, shaft_rpm, c)
+    opening = opening_for(machine, wanted, (1.0 + left.shaft_share) * shaft_rpm, c) - left.gate_mm
     if low <= opening <= high:
         return Pair(shaft_rpm, opening)
     opening = min(high, max(low, opening))
     return _within_shaft(machine, wanted, opening, c)
 
 
-def _speed_first(machine: Machine, wanted: float, opening_mm: float, c: Conditions) -> Pair:
+def _speed_first(machine: Machine, wanted: float, opening_mm: float, c: Conditions, left: Left) -> Pair:
     low, high = machine.limits.shaft_low_rpm, machine.limits.shaft_high_rpm
-    shaft = shaft_for(machine, wanted, opening_mm, c)
+    shaft = shaft_for(machine, wanted, opening_mm + left.gate_mm, c) / (1.0 + left.shaft_share)
     if low <= shaft <= high:
         return Pair(shaft, opening_mm)
     shaft = min(high, max(low, shaft))

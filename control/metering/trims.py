@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from control.readings import Reading
 
@@ -13,6 +14,14 @@ class TrimLimits:
     held_share: float = 0.30            # further off the shaft is jammed or held: nothing is learnt (anti-windup)
     gate_mm: float = 2.0                # at most
     settled_s: float = 0.6              # the expected value must have stood still this long
+    left_tau_s: float = 1.0             # filter `left`: the encoder's 0.3 r/min come to 0.05
+
+
+class Left(NamedTuple):
+    """What the drives are off their expected values, trims included, as far as it is to be made up for."""
+
+    shaft_share: float = 0.0            # of the expected speed
+    gate_mm: float = 0.0
 
 
 class DriveTrim:
@@ -21,6 +30,7 @@ class DriveTrim:
     def __init__(self, limits: TrimLimits, still: float) -> None:
         self.shaft_share = 0.0
         self.gate_mm = 0.0
+        self._left = Left()             # filter `left`: what remains while the expected stands still
         self._limits = limits
         self._still = still             # a move of the expected value larger than this is not standing still
         self._shaft: tuple[float, float] = (0.0, -1e9)      # value, since when
@@ -32,15 +42,28 @@ class DriveTrim:
         lim = self._limits
         self._shaft = _stands(self._shaft, expected_rpm, now_s, self._still)
         self._gate = _stands(self._gate, expected_mm, now_s, self._still)
-        share = dt_s / lim.tau_s
+        share, left_share, left = dt_s / lim.tau_s, min(1.0, dt_s / lim.left_tau_s), self._left
         if (measured_rpm is not None and now_s - measured_rpm.time_s < 0.2 and expected_rpm > 5.0
                 and now_s - self._shaft[1] > lim.settled_s):
             off = (measured_rpm.value - expected_rpm) / expected_rpm
             if abs(off) <= lim.held_share:
                 self.shaft_share = _bounded(self.shaft_share - share * off, lim.shaft_share)
+                left = left._replace(shaft_share=left.shaft_share + left_share * (off - left.shaft_share))
         if (measured_mm is not None and now_s - measured_mm.time_s < 0.2
                 and now_s - self._gate[1] > lim.settled_s):
-            self.gate_mm = _bounded(self.gate_mm - share * (measured_mm.value - expected_mm), lim.gate_mm)
+            off_mm = measured_mm.value - expected_mm
+            self.gate_mm = _bounded(self.gate_mm - share * off_mm, lim.gate_mm)
+            if abs(off_mm) <= lim.held_share * expected_mm:
+                left = left._replace(gate_mm=left.gate_mm + left_share * (off_mm - left.gate_mm))
+        self._left = left
+
+    def left(self, shaft_moves: bool) -> Left:
+        """To be made up for: what the drive that rests is off, by now; what the one that moves is off where its trim is
+        at its end."""
+        spent = Left(self._left.shaft_share if abs(self.shaft_share) >= self._limits.shaft_share else 0.0,
+                     self._left.gate_mm if abs(self.gate_mm) >= self._limits.gate_mm else 0.0)
+        return (self._left._replace(shaft_share=spent.shaft_share) if shaft_moves
+                else self._left._replace(gate_mm=spent.gate_mm))
 
 
 def _stands(held: tuple[float, float], value: float, now_s: float, still: float) -> tuple[float, float]:

@@ -111,8 +111,11 @@ _KINDS = (
                                              "speed."),
               N_("Check the receiver's settings: unit and smoothing of its speed. It counts again after a minute that "
                  "agrees; before that flow does not begin from standstill."), N_("GNSS")),
-    AlarmKind("gate_off", _AMBER, N_("The gate stands at {opening_mm} mm and should be at {told_mm} mm; the rate is "
-                                     "off by as much."),
+    AlarmKind("shaft_off", _AMBER, N_("The shaft turns at {shaft_rpm} r/min and should turn at {told_rpm} r/min; where "
+                                      "it rests the gate makes up for it."),
+              N_("Look at battery, motor, gear and encoder."), N_("metering shaft")),
+    AlarmKind("gate_off", _AMBER, N_("The gate stands at {opening_mm} mm and should be at {told_mm} mm; where it rests "
+                                     "the shaft makes up for it, else the rate is off by as much."),
               N_("Look for what holds the gate; home it anew."), N_("gate")),
     AlarmKind("flow_trimmed", _AMBER, N_("The scale moves the flow by {percent} %."),
               N_("Do a catch test with this product; W switches the scale's trim off."), N_("hopper scale")),

@@ -16,12 +16,13 @@ from control.safety.words import Situation
 
 
 class FollowWatch(NamedTuple):
-    """`*_off`: reading less model, at this tick. `*_far_since_s`, `gate_off_since_s`: beyond its limit, without a
+    """`*_off`: reading less model, at this tick. `*_far_since_s`, `*_off_since_s`: beyond its limit, without a
     break."""
 
     shaft_off_rpm: float = 0.0
     gate_off_mm: float = 0.0
     shaft_far_since_s: float | None = None
+    shaft_off_since_s: float | None = None
     gate_far_since_s: float | None = None
     gate_off_since_s: float | None = None
 
@@ -44,5 +45,7 @@ def followed(before: FollowWatch, now_s: float, s: Situation, seen: Senses, flow
     return FollowWatch(
         shaft_off, gate_off,
         since(before.shaft_far_since_s, now_s, abs(shaft_off) > shaft_most),
+        since(before.shaft_off_since_s, now_s,
+              abs(shaft_off) > max(limits.shaft_stands_rpm, limits.shaft_off_percent / 100.0 * commanded.expected_rpm)),
         since(before.gate_far_since_s, now_s, abs(gate_off) > gate_most),
         since(before.gate_off_since_s, now_s, abs(gate_off) > limits.gate_off_mm))

@@ -159,9 +159,11 @@ def _rate(found: dict[str, Details], now_s: float, s: Situation, rate: RateWatch
 
 
 def _follow(found: dict[str, Details], now_s: float, s: Situation, follow: FollowWatch, limits: SafetyLimits) -> None:
+    shaft_rpm = ("shaft_rpm", _rounded(s.commanded.expected_rpm + follow.shaft_off_rpm))
     if lasted(follow.shaft_far_since_s, now_s, limits.drive_far_s):
-        found["shaft_far_off"] = (("shaft_rpm", _rounded(s.commanded.expected_rpm + follow.shaft_off_rpm)),
-                                  ("told_rpm", _rounded(s.commanded.shaft_rpm)))
+        found["shaft_far_off"] = (shaft_rpm, ("told_rpm", _rounded(s.commanded.shaft_rpm)))
+    elif lasted(follow.shaft_off_since_s, now_s, limits.shaft_off_s):
+        found["shaft_off"] = (shaft_rpm, ("told_rpm", _rounded(s.commanded.expected_rpm)))
     gate = (("opening_mm", _rounded(s.commanded.expected_mm + follow.gate_off_mm, 1)),
             ("told_mm", _rounded(s.commanded.expected_mm, 1)))
     if lasted(follow.gate_far_since_s, now_s, limits.drive_far_s):

@@ -29,6 +29,7 @@ RAISED = [
     ("shaft_far_off", {"commanded": TURNS._replace(shaft_rpm=20.0), "shaft_rpm": 100.0}, 1.9, 2.1, State.FAULT),
     ("gate_far_off", {"commanded": TURNS, "opening_mm": 18.5}, 1.9, 2.1, State.FAULT),
     ("gate_far_off", {"commanded": TURNS, "opening_mm": 0.0}, 1.9, 2.1, State.FAULT),
+    ("shaft_off", {"commanded": TURNS, "shaft_rpm": 66.4}, 9.9, 10.1, State.WORKING),
     ("gate_off", {"commanded": TURNS, "opening_mm": 17.0}, 1.9, 2.1, State.WORKING),
     ("gate_off", {"commanded": TURNS, "opening_mm": 13.0}, 1.9, 2.1, State.WORKING),
     ("valve_open", {"commanded": SHUT, "shaft_rpm": 0.0, "valves": (False, True)}, 3.4, 3.6, State.HELD),
@@ -105,6 +106,7 @@ SILENT = [
     ("shaft_far_off", {"commanded": TURNS, "shaft_rpm": 57.0}),
     ("shaft_far_off", {"commanded": TURNS._replace(shaft_rpm=20.0), "shaft_rpm": 65.0}),        # it slows down
     ("shaft_far_off", {"commanded": TURNS._replace(shaft_rpm=0.0), "shaft_rpm": 0.0}),          # a dose, or a stop
+    ("shaft_off", {"commanded": TURNS, "shaft_rpm": 66.6}),
     ("gate_far_off", {"commanded": TURNS, "opening_mm": 17.9}),
     ("gate_off", {"commanded": TURNS, "opening_mm": 16.4}),
     ("gate_off", {"commanded": TURNS._replace(shaft_rpm=0.0), "opening_mm": 25.0}),

@@ -145,6 +145,8 @@ CHANGES = [
     ("valve_closes_s", 9.0, alarms(5.0, commanded=STANDS._replace(valves=(False,)), shaft_rpm=0.0, valves=(True,))),
     ("drive_far_percent", 40.0, alarms(3.0, commanded=TURNS, shaft_rpm=90.0)),
     ("drive_far_s", 5.0, alarms(3.0, commanded=TURNS, shaft_rpm=90.0)),
+    ("shaft_off_percent", 15.0, alarms(11.0, commanded=TURNS, shaft_rpm=63.0)),
+    ("shaft_off_s", 15.0, alarms(11.0, commanded=TURNS, shaft_rpm=63.0)),
     ("gate_off_mm", 3.0, alarms(3.0, commanded=TURNS, opening_mm=17.0)),
     ("gate_off_s", 5.0, alarms(3.0, commanded=TURNS, opening_mm=17.0)),
     ("scale_silent_s", 5.0, alarms(scale_age_s=3.0)),
