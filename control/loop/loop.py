@@ -285,8 +285,9 @@ class ControlLoop:
         planned = wanted.rate_kg_ha * (1.0 + choices.nudge_percent / 100.0)
         rate = min(self.crop.max_rate_kg_ha, planned)
         lag = reach.small_change_lag(self._queue.holding.rate_kg_ha, self.crop.fallback_rate_kg_ha)
+        left = self._drive_trim.left(self._setting.strategy is Strategy.SPEED_FIRST)
         pair = self._setting.pair(share * rate, moment.ahead.mps, now, moment.dt_s, self._expected.pair.opening_mm,
-                                  moment.conditions, self._drive_trim.left(self._setting.strategy is Strategy.SPEED_FIRST))
+                                  moment.conditions, left)
         inside = self._ahead.landing_inside(
             moment, wanted, lambda: _stop(reach, holding, sensed), choices, allow.outside)
         return TickDecision(wanted, planned, rate, lag, inside, pair, self._usable_mps(lag), fired, by_point, share)

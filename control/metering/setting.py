@@ -26,7 +26,7 @@ from control.readings import DriveCommand
 
 from .inverse import Conditions, flow_kg_s, gate_command, opening_for, shaft_command
 from .strategies import Pair, pair_for
-from .trims import DriveTrim, Left
+from .trims import NOTHING_LEFT, DriveTrim, Left
 
 SWITCH_S = 4.0              # a change of strategy is spread over this long
 ABRUPT = 0.35               # |log| of rate after over rate before, from which on speed first's gate makes the change:
@@ -58,7 +58,7 @@ class Setting:
         self._before: Strategy | None = None
         self._at_mm = machine.set_points.opening_mm     # at which speed first turns its shaft
         self._switched_s = 0.0
-        self.left = Left()
+        self.left = NOTHING_LEFT
         self.made_up = 1.0          # flow of the pair over that of the same with both drives as they should be
 
     def switch(self, strategy: Strategy, now_s: float) -> None:
@@ -67,7 +67,7 @@ class Setting:
             self._drawn_rpm = None
 
     def pair(self, rate_kg_ha: float, mps_in: Callable[[float], float], now_s: float, dt_s: float,
-             opening_now_mm: float, c: Conditions, left: Left = Left()) -> Pair:
+             opening_now_mm: float, c: Conditions, left: Left = NOTHING_LEFT) -> Pair:
         """True shaft speed and opening to aim at, small moves left out. `rate_kg_ha`: for what is released now;
         `mps_in`: ground speed expected so many seconds from now; `opening_now_mm`: expected; `left`: by readings."""
         self.left = left
@@ -86,7 +86,7 @@ class Setting:
         return self._quiet(goal) if goal.shaft_rpm > 0.0 else goal
 
     def _made_up(self, goal: Pair, wanted_kg_s: float, opening_now_mm: float, c: Conditions) -> float:
-        if goal.shaft_rpm <= 0.0 or self.left == Left():
+        if goal.shaft_rpm <= 0.0 or self.left == NOTHING_LEFT:
             return 1.0
         plain = pair_for(self.machine, self.strategy, wanted_kg_s, opening_now_mm, c, self._at_mm)
         return flow_kg_s(self.machine, *goal[:2], c) / flow_kg_s(self.machine, *plain[:2], c)

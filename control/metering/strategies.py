@@ -7,7 +7,7 @@ from control.machine.machine import Machine
 from control.orders import Strategy
 
 from .inverse import Conditions, lowest_flow_kg_s, opening_for, shaft_for
-from .trims import Left
+from .trims import NOTHING_LEFT, Left
 
 
 class Pair(NamedTuple):
@@ -19,7 +19,7 @@ class Pair(NamedTuple):
 
 
 def pair_for(machine: Machine, strategy: Strategy, wanted_kg_s: float, opening_now_mm: float,
-             c: Conditions = Conditions(), at_mm: float | None = None, left: Left = Left()) -> Pair:
+             c: Conditions = Conditions(), at_mm: float | None = None, left: Left = NOTHING_LEFT) -> Pair:
     """The pair that gives `wanted_kg_s`, kg/s, within the limits of the drives.
 
     `opening_now_mm`: at zero rate the shaft stops and the gate stays where it is. `at_mm`: speed first at this opening.

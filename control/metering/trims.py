@@ -24,13 +24,16 @@ class Left(NamedTuple):
     gate_mm: float = 0.0
 
 
+NOTHING_LEFT = Left()
+
+
 class DriveTrim:
     """Integrates the difference of measured and expected while the expected stands still."""
 
     def __init__(self, limits: TrimLimits, still: float) -> None:
         self.shaft_share = 0.0
         self.gate_mm = 0.0
-        self._left = Left()             # filter `left`: what remains while the expected stands still
+        self._left = NOTHING_LEFT             # filter `left`: what remains while the expected stands still
         self._limits = limits
         self._still = still             # a move of the expected value larger than this is not standing still
         self._shaft: tuple[float, float] = (0.0, -1e9)      # value, since when

@@ -23,10 +23,10 @@ DIES_OUT_S = 0.8                # an acceleration is expected to die out this fa
 STOPS_BELOW_MPS = 0.75          # slower than this and slowing down, a machine stops: nobody works so slowly ...
 STOPS_WITHIN_MPS = 0.15         # ... the less surely the nearer to it
 STEADY_TAU_S = 0.35             # filter `steady`, first order, behind `quick`
-BAND_OVER_MEDIAN = 3.2          # quiet band: apart by less is noise, by twice as much a change of speed. In units of the
-                                # median of what the two are apart: 2.1 s.d. of Gaussian noise
+BAND_OVER_MEDIAN = 3.2          # quiet band: apart by less is noise, by twice as much a change of speed. In units of
+                                # the median of what the two are apart: 2.1 s.d. of Gaussian noise
 QUIET_MPS = 0.03                # the band at first: the shipped wheel's 0.02 m/s a sample; never less than ...
-LEAST_QUIET_MPS = 0.02          # ... what the gate leaves out anyway, 1.2 % of 1.5 m/s (`setting.PLAN_BAND_MM_SHARE`), ...
+LEAST_QUIET_MPS = 0.02          # ... what the gate leaves out, 1.2 % of 1.5 m/s (`setting.PLAN_BAND_MM_SHARE`), ...
 MOST_QUIET_MPS = 0.12           # ... nor more: 0.5 m/s2 holds the two 0.5 x 0.35 = 0.175 apart, and must be seen
 NOISE_TAU_S = 20.0              # filter `quiet band`: the median moves by a factor e in so long
 NOISE_FROM_MPS = 0.3            # slower than work: nothing is learnt
@@ -138,7 +138,8 @@ class Forecaster:
         """One tick on; it begins at the speed of the machine, and anew where that stands: when it sets off nobody can
         tell."""
         if self._reference_mps is None or speed_mps < STANDS_MPS:
-            self._reference_mps, self._reference, self._faster = speed_mps, Moving(speed_mps, 0.0), _Quieted(self._own.quiet_mps)
+            self._reference_mps, self._reference = speed_mps, Moving(speed_mps, 0.0)
+            self._faster = _Quieted(self._own.quiet_mps)
         aim = _aimed(announced, max(0.0, now_s - announced.time_s))
         self._reference_mps = _towards(self._reference_mps, aim, announced.acceleration_mps2 * dt_s)
         if dt_s > 0.0:
