@@ -2,11 +2,15 @@
 from __future__ import annotations
 
 import importlib.util
+import os
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
+ROOT = Path(__file__).parents[1]
 HEAVY = {"textual", "rich", "numba", "scipy", "polars", "matplotlib"}
 
 
@@ -60,6 +64,25 @@ def test_control_is_ours() -> None:
     """python-control on PyPI installs into the same folder `control/`."""
     import control
     assert not hasattr(control, "StateSpace")
+
+
+@pytest.mark.parametrize(("beside", "init", "said", "code"), [
+    ("", "", "", 0),
+    ("xferfcn.py", "", "note: python-control lies in the same folder `control` as topdress", 0),
+    ("xferfcn.py", '"""The Python Control Systems Library."""', "topdress's folder `control` is not whole", 1),
+    ], ids=["alone", "under", "over"])
+def test_a_package_of_the_same_name_is_said(tmp_path: Path, beside: str, init: str, said: str, code: int) -> None:
+    for name in ("console", "drivers", "configs"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    shutil.copytree(ROOT / "control", tmp_path / "control", ignore=shutil.ignore_patterns("__pycache__"))
+    if init:
+        (tmp_path / "control" / "__init__.py").write_text(init)
+    if beside:
+        (tmp_path / "control" / beside).touch()
+    ended = subprocess.run([sys.executable, "-P", "-c", "from console.cli import main; main()", "--version"],
+                           capture_output=True, text=True, timeout=60, env=os.environ | {"PYTHONPATH": str(tmp_path)})
+    assert ended.returncode == code and said in ended.stderr and bool(ended.stderr) == bool(said), ended.stderr
+    assert ended.stdout.startswith("topdress") == (code == 0)
 
 
 @pytest.mark.parametrize("start", ["control.diagnosis.runs.diagnose", "control.calibration",

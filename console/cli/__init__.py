@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib import import_module
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -32,7 +33,7 @@ COMMANDS = {                    # by name: the file next to this one, and its fu
     "field": "field.field",
     "record": "record.record",
     "reproduce": "reproduce.reproduce", "check": "check.check", "devices": "devices.devices", "serve": "serve.serve",
-    "serve-machine": "serve_machine.serve_machine"}
+    "serve-machine": "serve_machine.serve_machine", "info": "info.info", "extras": "info.extras"}
 CALIBRATIONS = {name: f"calibrate.{name}" for name in ("catch", "lag", "wheel", "heads")}
 
 
@@ -96,13 +97,13 @@ def main() -> None:
     """The entry point `topdress`."""
     few_for_matrices()
     import control
-    if not hasattr(control, "log_row") and _foreign(control.__doc__):
-        typer.echo("another package (python-control) is installed over topdress's folder `control`: install topdress "
-                   "in an environment of its own, e.g. with pipx or `uv tool install`", err=True)
+    own = " an environment of its own, e.g. by pipx or `uv tool install`"
+    if not (control.__doc__ or "").startswith("What is decided and modelled."):
+        typer.echo("topdress's folder `control` is not whole: another package of that name (python-control) came over "
+                   f"it or was taken away with it: install topdress again, in{own}", err=True)
         raise SystemExit(1)
+    if (Path(control.__file__ or "").parent / "xferfcn.py").exists():
+        typer.echo("note: python-control lies in the same folder `control` as topdress and no longer works there: give "
+                   f"topdress{own}", err=True)
     take_terminals()
     asked(sys.argv[1:], os.environ)()
-
-
-def _foreign(doc: str | None) -> bool:
-    return not (doc or "").startswith("What is decided and modelled.")

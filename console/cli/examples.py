@@ -21,6 +21,8 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
                       "topdress calibrate lag --rig COM5 --board COM4 --out drops.csv"),
     "calibrate wheel": ("topdress calibrate wheel run.csv --out mine.yaml",),
     "calibrate heads": ("topdress calibrate heads run.csv --out mine.yaml",),
+    "info": ("topdress info", "topdress info --json"),
+    "extras": ("topdress extras",),
     "effects": ("topdress effects", "topdress effects --json"),
     "decode": ("topdress decode gnss receiver.bin", "topdress decode board board.bin --json"),
     "import": ("topdress import yield.csv --guess --mapping yield.import.yaml",

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from console.cli.plain_errors import CommandError
-from drivers.files.extras import install_line
+from drivers.files.extras import extra_line
 
 LETTERS = "abcdefghjkmnpqrstuvwxyz23456789"      # none that look alike
 TOKEN_LETTERS = 10                                # 49 bits
@@ -31,7 +31,7 @@ def serve(
     try:
         from console.serve.server import TabletServer
     except ImportError:
-        raise CommandError(f"serve needs textual-serve: {install_line('serve')}") from None
+        raise CommandError(f"serve needs textual-serve: {extra_line('serve')}") from None
     from console.running import find_running
     command = [sys.executable, "-P", "-m", "console.cli.tablet"]
     if token_file is not None:

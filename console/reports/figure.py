@@ -7,7 +7,7 @@ import warnings
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from drivers.files.extras import install_line
+from drivers.files.extras import extra_line
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -41,7 +41,7 @@ def need_matplotlib() -> None:
     try:
         import matplotlib  # noqa: F401
     except ImportError:
-        raise NoPictures(f"a report needs pictures, and matplotlib is not installed: {install_line('report')}") \
+        raise NoPictures(f"a report needs pictures, and matplotlib is not installed: {extra_line('report')}") \
             from None
 
 

@@ -21,7 +21,7 @@ from typing import Any
 
 from console.services.fleet_job import FORMAT, Options, checksum, first_bytes, record
 from drivers.files.atomic import write_atomically
-from drivers.files.extras import install_line
+from drivers.files.extras import extra_line
 
 LOGS, SEEN = "logs", "seen.json"
 SUFFIXES = (".csv", ".parquet", ".pq")
@@ -86,7 +86,7 @@ def cluster(scheduler: str | None, workers: int) -> Iterator[Any]:
         import dask
         from distributed import Client, LocalCluster, Security
     except ImportError:
-        raise NoDask(f"a fleet needs Dask and cryptography, and they are not installed: {install_line('fleet')}"
+        raise NoDask(f"a fleet needs Dask and cryptography, and they are not installed: {extra_line('fleet')}"
                      ) from None
     for name in logging.root.manager.loggerDict:
         if name.startswith(LOUD):
@@ -210,7 +210,7 @@ def _at_url(where: str, options: Options) -> list[str]:
     try:
         import fsspec
     except ImportError:
-        raise NoDask(f"a URL needs fsspec, and it is not installed: {install_line('fleet')}") from None
+        raise NoDask(f"a URL needs fsspec, and it is not installed: {extra_line('fleet')}") from None
     system, path = fsspec.core.url_to_fs(where, **options)
     if any(sign in path for sign in "*?["):
         names = system.glob(path)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,6 +17,7 @@ import shapely
 
 from control.recordings.finding import Finding
 from control.targets.rate_map import Floats
+from drivers.files.extras import install_line
 from drivers.files.limits import check_file, read_json
 from drivers.files.prescriptions.projected import Projection, TransverseMercator, national_grid, projection_of
 from drivers.files.prescriptions.words import NotAMap
@@ -172,7 +172,7 @@ def projection_in(text: str, where: PlaceInFile | Path | str, places: Floats, cr
     if (grid := national_grid(text, places)) is not None:
         return grid
     raise Refused(where, "coordinates in {system}: allowed are degrees on WGS84, or UTM",
-                  f": export it again in WGS84 (EPSG:4326), or {sys.executable} -m pip install pyproj",
+                  f": export it again in WGS84 (EPSG:4326), or {install_line('pyproj')}",
                   system=crs[:120])
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from drivers.files.extras import install_line
+from drivers.files.extras import extra_line
 from drivers.plain_text import Refused
 
 FORMATS = {".gpkg": "GPKG", ".kml": "KML", ".kmz": "KML"}
@@ -56,6 +56,6 @@ def _pyogrio(path: Path) -> Any:
         import pyogrio
         import pyogrio.raw
     except ImportError:
-        raise Refused(path, "{kind} needs the extra gis", f": {install_line('gis')}",
+        raise Refused(path, "{kind} needs the extra gis", f": {extra_line('gis')}",
                           kind=path.suffix[1:].upper()) from None
     return pyogrio

@@ -5,6 +5,7 @@ import csv
 import json
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ from drivers.files.config import load, save
 from drivers.files.config_error import ConfigError
 from drivers.files.kinds import JOB, MACHINE
 
+ROOT = Path(__file__).parents[2]
 runner = CliRunner()
 
 
@@ -182,6 +184,21 @@ def test_effects_lists_the_catalogue() -> None:
     assert runner.invoke(app, ["effects"]).output.count("tell apart:") == len(CATALOGUE)
 
 
+def test_info_and_extras_say_what_is_here() -> None:
+    told = json.loads(runner.invoke(app, ["info", "--json"]).output)
+    assert told["topdress"]["textual"][0].isdigit() and told["folders"]["settings"].endswith("settings.yaml")
+    assert runner.invoke(app, ["info"]).output.count("\n") > 25
+    extras = {one["extra"]: one for one in json.loads(runner.invoke(app, ["extras", "--json"]).output)}
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    assert set(extras) == set(declared) - {"dev"} and "'rasterio>=" in extras["raster"]["line"]
+
+
+def test_an_extra_that_is_not_there_says_its_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("drivers.files.extras.version_of", lambda name: None)
+    said = runner.invoke(app, ["extras"]).output
+    assert said.count("not installed: ") == 5 and "-m pip install 'rasterio>=" in said
+
+
 def test_decode_counts(tmp_path: Path) -> None:
     capture = tmp_path / "c.log"
     good = b"$GPGGA,092750.000,5321.6802,N,00630.3372,W,1,8,1.03,61.7,M,55.2,M,,*76\r\n"
@@ -210,15 +227,6 @@ def test_cancelling_leaves_nothing_half_written(tmp_path: Path) -> None:
     assert b"cancelled" in said
     assert list(tmp_path.iterdir()) == []
 
-
-def test_a_foreign_control_package_is_told(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    from console import cli
-    monkeypatch.setattr(cli, "_foreign", lambda doc: True)
-    monkeypatch.delattr("control.log_row")
-    with pytest.raises(SystemExit) as ended:
-        cli.main()
-    assert ended.value.code == 1
-    assert "environment of its own" in capsys.readouterr().err
 
 
 def test_diagnose_tells_a_bench_table_apart_from_a_run(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import re
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -18,8 +19,8 @@ from control.machine.compiled import shaft_run
 from control.machine.machine import with_effect
 from control.machine.over_log import MOST_STEP_S, input_rows, no_switch
 from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start
+from drivers.files import extras
 from drivers.files.config import load, shipped
-from drivers.files.extras import install_line
 from drivers.files.kinds import MACHINE
 from drivers.files.what_it_is import what_is
 
@@ -117,8 +118,11 @@ def test_decode_and_devices_do_not_end_well_where_nothing_was(topdress: Callable
     assert port.exit_code == 1 and "cannot be opened" in port.output
 
 
-def test_an_install_line_works_for_who_cloned() -> None:
-    assert install_line("report").endswith("[report]'") and " -m pip install -e '/" in install_line("report")
+def test_an_install_line_needs_no_package_of_ours(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert re.fullmatch(r"\S+ -m pip install 'matplotlib>=[\d.]+'", extras.extra_line("report"))
+    monkeypatch.setattr(extras, "find_spec", lambda _: None)        # an environment of `uv tool install`
+    monkeypatch.setattr(extras.shutil, "which", lambda _: "/usr/bin/uv")
+    assert re.fullmatch(r"uv pip install --python \S+ 'matplotlib>=[\d.]+'", extras.extra_line("report"))
 
 
 @pytest.mark.parametrize("ending", ["shp", "tif", "gpkg", "kml", "geojson", "zip", "csv"])

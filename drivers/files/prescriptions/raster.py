@@ -9,7 +9,7 @@ import numpy as np
 
 from control.recordings.finding import Finding, many
 from control.targets.rate_map import Floats
-from drivers.files.extras import install_line
+from drivers.files.extras import extra_line
 from drivers.files.layers import projection_in
 from drivers.files.limits import RASTER_CELLS, held_to
 from drivers.files.prescriptions.features import Feature, imported
@@ -28,7 +28,7 @@ def read_raster(path: Path, choice: RateChoice) -> Imported:
         import rasterio
     except ImportError:
         raise PrescriptionError(path, "this is a GeoTIFF, a raster: install the extra raster",
-                                f": {install_line('raster')}") from None
+                                f": {extra_line('raster')}") from None
     data = path.read_bytes()
     if data[:4] not in MAGIC:
         raise NotAMap(path, "not readable as GeoTIFF: its first bytes are not those of a TIFF")

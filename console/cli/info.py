@@ -1,0 +1,83 @@
+"""`topdress info` and `topdress extras`: what is installed where, for a report of trouble and for who misses a part."""
+from __future__ import annotations
+
+import json
+import os
+import platform
+import shutil
+import sys
+from importlib.metadata import requires
+from typing import Annotated, Any
+
+import typer
+
+AsJson = Annotated[bool, typer.Option("--json", help="As JSON.")]
+EXTRAS = {                  # of pyproject.toml, and what one has of them
+    "report": "reports and notebooks with pictures", "serve": "the console in a browser",
+    "gis": "KML, KMZ and GeoPackage written", "raster": "GeoTIFF read", "fleet": "a season of logs on many computers"}
+
+
+def extras(as_json: AsJson = False) -> None:
+    """Say which parts are installed, and what installs the others."""
+    found = _extras()
+    if as_json:
+        typer.echo(json.dumps(found))
+        return
+    for one in found:
+        state = "installed" if one["installed"] else f"not installed: {one['line']}"
+        typer.echo(f"{one['extra']:8} {one['for']}: {state}")
+
+
+def info(as_json: AsJson = False) -> None:
+    """Say versions, folders, ports and screen of this installation, for a report of trouble. Nothing is opened."""
+    found: dict[str, dict[str, Any]] = {
+        "topdress": _versions(), "computer": _computer(), "folders": _folders(), "ports": _ports(), "screen": _screen(),
+        "extras": {one["extra"]: "installed" if one["installed"] else one["line"] for one in _extras()}}
+    if as_json:
+        typer.echo(json.dumps(found))
+        return
+    for title, of in found.items():
+        typer.echo(title)
+        for name, said in of.items():
+            typer.echo(f"  {name:20} {said}")
+
+
+def _versions() -> dict[str, str]:
+    from drivers.files.extras import OWN, name_of, version_of
+    from drivers.files.run_meta import software_version
+    names = [name_of(one) for one in requires(OWN) or () if "extra" not in one and "sys_platform" not in one] \
+        if version_of(OWN) else []
+    return {OWN: software_version(), "python": platform.python_version(),
+            **{name: version_of(name) or "not there" for name in names}}
+
+
+def _computer() -> dict[str, Any]:
+    return {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count() or 0,
+            "interpreter": sys.executable}
+
+
+def _folders() -> dict[str, str]:
+    from pathlib import Path
+
+    from console.services.launcher import data_folder
+    from drivers.files.settings import settings_path
+    return {"sources": str(Path(__file__).resolve().parents[2]), "settings": str(settings_path()),
+            "data": str(data_folder())}
+
+
+def _ports() -> dict[str, str]:
+    from serial.tools.list_ports import comports
+    return {one.device: one.description or "" for one in sorted(comports())}
+
+
+def _screen() -> dict[str, Any]:
+    size = shutil.get_terminal_size()
+    return {"size": f"{size.columns}x{size.lines}", "terminal": sys.stdout.isatty(),
+            **{name: os.environ.get(name, "") for name in ("TERM", "COLORTERM", "LANG", "TMUX", "SSH_TTY")},
+            "encoding": sys.stdout.encoding}
+
+
+def _extras() -> list[dict[str, Any]]:
+    from drivers.files.extras import extra_line, name_of, requirements, version_of
+    return [{"extra": extra, "for": words, "installed": all(version_of(name_of(one)) for one in requirements(extra)),
+             "line": extra_line(extra)} for extra, words in EXTRAS.items()]
