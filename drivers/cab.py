@@ -16,7 +16,7 @@ from drivers.devices.gnss import GnssDecoder
 from drivers.devices.gpsd import WATCH, GpsdDecoder
 from drivers.devices.lag_rig import LagRig, RigReadings
 from drivers.devices.lines import Counts
-from drivers.devices.point_dose import Dose
+from drivers.devices.point_dose import GivenDose
 from drivers.devices.rate_module import ModuleAddress, RateModule
 from drivers.devices.rate_module_frames import FULL_PWM
 from drivers.devices.slave_board import BoardReadings, SetPointLimits, SlaveBoard
@@ -141,7 +141,7 @@ class Cab:
             self._dose_waits = None
             self.dropped_doses += 1
 
-    def give_dose(self, now_s: float, angle_deg: float, shaft_rpm: float) -> Dose | None:
+    def give_dose(self, now_s: float, angle_deg: float, shaft_rpm: float) -> GivenDose | None:
         """Send one dose of a point applicator; None without a board. Raises ValueError as `PointDose.give` does.
 
         What became of it is in `dose` at every later tick.
@@ -153,7 +153,7 @@ class Cab:
         return board.dose.newest
 
     @property
-    def dose(self) -> Dose | None:
+    def dose(self) -> GivenDose | None:
         """The newest dose, as far as is known."""
         return self._drives[1].dose.newest if self._drives else None
 

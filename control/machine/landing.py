@@ -11,7 +11,7 @@ from .fall import SHORTEST_S
 HALVINGS = 30           # of the longest drop time: 2 s to a nanosecond
 
 
-class Ground(NamedTuple):
+class LandedGround(NamedTuple):
     """Mass on the ground along the track, in bins of `bin_m` from `origin_m` on."""
 
     origin_m: float
@@ -58,7 +58,7 @@ def falls_s(time_s: Array, settled_s: Array, carried_share: float = 1.0) -> Arra
 
 
 def landed(time_s: Array, track_m: Array, mass_kg: Array, drop_s: Array, bin_m: float,
-           lever_arm_m: float = 0.0) -> tuple[Ground, Array]:
+           lever_arm_m: float = 0.0) -> tuple[LandedGround, Array]:
     """Bin parcels by where the outlet is when they land.
 
     Parameters
@@ -78,7 +78,7 @@ def landed(time_s: Array, track_m: Array, mass_kg: Array, drop_s: Array, bin_m: 
     following = np.append(place[1:], 2.0 * place[-1] - place[-2] if len(place) > 1 else place[-1])
     origin = (np.floor(min(place.min(), following.min()) / bin_m) - 1.0) * bin_m
     count = int(np.ceil((max(place.max(), following.max()) - origin) / bin_m)) + 2
-    return Ground(float(origin), bin_m, _spread(place, following, mass_kg, float(origin), bin_m, count)), place
+    return LandedGround(float(origin), bin_m, _spread(place, following, mass_kg, float(origin), bin_m, count)), place
 
 
 def _spread(a: Array, b: Array, mass_kg: Array, origin: float, bin_m: float, count: int) -> Array:

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from control.agronomy.noa import Rule
 from control.machine.elements import Array
-from control.machine.landing import Ground, landed
+from control.machine.landing import LandedGround, landed
 from control.machine.landing import falls_s as tube_falls_s
 from control.targets.lag_correction import Fired
 
@@ -64,7 +64,7 @@ class CropNeeds(NamedTuple):
 class Landing(NamedTuple):
     """The ground of a run and, tick by tick, what came to lie where."""
 
-    ground: Ground
+    ground: LandedGround
     place_m: Array              # of each tick's parcel
     rate_kg_ha: Array           # landed where the outlet is in each tick
     target_kg_ha: Array         # by bin of the ground
@@ -204,7 +204,7 @@ def _half_way(rate: Array, before: float, after: float) -> int | None:
     return None if at == len(rate) else at
 
 
-def _rates(columns: dict[str, Array], ground: Ground, width_m: float,
+def _rates(columns: dict[str, Array], ground: LandedGround, width_m: float,
            lever_arm_m: float) -> tuple[Array, npt.NDArray[np.bool_]]:
     """kg/ha by bin of the ground under what was open, and whether anything was. Where all is open all the time, over
     the whole width and everywhere."""

@@ -1,7 +1,7 @@
 """The lag rig's program (lag paper, 1.2): an encoder on the metering shaft starts the clock, the first granule on a
 pressure plate stops it. Both times are this board's own. See docs/protocol-lag-rig.md.
 
-`LagRig.tick` is called about every millisecond. A pin layer has:
+`RigProgram.tick` is called about every millisecond. A pin layer has:
 
     read() -> bytes, write(data)                as of the slave board
     encoder() -> (counts, us, us_before)        count; the clock at the newest count and at the one before
@@ -41,7 +41,7 @@ class RigPins:
         return 0
 
 
-class LagRig:
+class RigProgram:
     """The program's state. `tick` does one round; it neither waits nor reads a clock."""
 
     def __init__(self, pins: RigPins, settings: RigSettings) -> None:

@@ -97,7 +97,7 @@ class Stepper:
         return steps
 
 
-class Gate:
+class GateMotion:
     """The gate's stepper with its reckoning: homed by the displacement sensor or the switch, checked for lost steps.
 
     `opening_mm` of the sensor is None where there is none. `lost`: the sensor said that steps had been lost; they were

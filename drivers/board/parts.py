@@ -12,7 +12,7 @@ SAMPLES = 0x28 | 0x80           # the address counts on while it is read
 LEAST_G2, MOST_G2 = 0.5, 2.0    # of 1 g squared: more or less is a jolt and says nothing of the slope
 
 
-class Scale:
+class LoadCell:
     """HX711: `data` falls when a conversion is there (10 a second); `clock` fetches it bit by bit. kg = slope x counts
     + zero, from the two-point calibration of the hopper."""
 

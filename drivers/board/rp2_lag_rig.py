@@ -6,7 +6,7 @@ import time
 
 import machine  # type: ignore[import-not-found]
 
-from drivers.board.lag_rig import LagRig, RigPins, RigSettings
+from drivers.board.lag_rig import RigPins, RigProgram, RigSettings
 from drivers.board.rp2 import Board
 
 ROUND_US = 500
@@ -42,7 +42,7 @@ class Rp2RigPins(Board, RigPins):
 
 def main() -> None:
     pins = Rp2RigPins()
-    rig = LagRig(pins, RigSettings())
+    rig = RigProgram(pins, RigSettings())
     while True:
         started_us = pins.now_us()
         rig.tick(started_us)

@@ -7,9 +7,9 @@ import time
 
 import machine  # type: ignore[import-not-found]
 
-from drivers.board.parts import Scale, Tilt
+from drivers.board.parts import LoadCell, Tilt
 from drivers.board.rp2 import Board
-from drivers.board.slave import Pins, Settings, Slave
+from drivers.board.slave import BoardSettings, Pins, Slave
 
 ROUND_US = 1000
 MM_PER_COUNT = 65.0 / 65535.0           # displacement sensor, 0 to 65 mm over the converter's range
@@ -47,7 +47,7 @@ class Rp2Pins(Board, Pins):
         self._shaft_a.irq(self._on_shaft, machine.Pin.IRQ_RISING | machine.Pin.IRQ_FALLING, hard=True)
         self._hall.irq(self._on_wheel, machine.Pin.IRQ_FALLING, hard=True)
         scale = machine.Pin(12, machine.Pin.OUT, value=0), machine.Pin(13, machine.Pin.IN, machine.Pin.PULL_UP)
-        self._scale = Scale(*scale, KG_PER_COUNT, ZERO_KG) if SCALE_FITTED else None
+        self._scale = LoadCell(*scale, KG_PER_COUNT, ZERO_KG) if SCALE_FITTED else None
         bus = machine.I2C(0, sda=machine.Pin(20), scl=machine.Pin(21), freq=400000, timeout=1000)
         self._tilt = Tilt(bus) if TILT_FITTED else None
         self._tilt_us = 0
@@ -135,7 +135,7 @@ class Rp2Pins(Board, Pins):
 
 def main() -> None:
     pins = Rp2Pins()
-    settings = Settings()
+    settings = BoardSettings()
     settings.counts_per_turn = 1200.0   # both edges of one channel
     settings.valves = len(VALVE_PINS)
     slave = Slave(pins, settings)

@@ -21,7 +21,7 @@
     chance() -> int or None         below 2^32 and not to be foreseen; None: only orders without a word are taken
 """
 from drivers.board.framing import SEQUENCES, WORDS, Newest, Receiver, decimal, number, seal, whole
-from drivers.board.motion import Doser, Gate, ShaftControl, SpeedMeter
+from drivers.board.motion import Doser, GateMotion, ShaftControl, SpeedMeter
 
 SILENT_HOST_US = 1000000
 CONTROL_US = 10000
@@ -35,7 +35,7 @@ FIELDS = {b"T1": 5, b"T2": 6, b"T3": 7, b"D1": 5, b"D3": 6, b"A1": 1}
 DOSE_RUNNING, DOSE_DONE, DOSE_REFUSED, DOSE_ABORTED = 1, 2, 3, 4
 
 
-class Settings:
+class BoardSettings:
     """What is screwed to this board. Change the values in the main program's own instance."""
 
     max_shaft_rpm = 100.0
@@ -131,7 +131,7 @@ class Pins:
 class Slave:
     """The program's state. `tick` does one round; it neither waits nor reads a clock."""
 
-    def __init__(self, pins: Pins, settings: Settings) -> None:
+    def __init__(self, pins: Pins, settings: BoardSettings) -> None:
         self.receiver = Receiver()
         self.enabled = False
         self.shaft_rpm = 0.0
@@ -150,7 +150,7 @@ class Slave:
         self._shaft = ShaftControl(settings.duty_per_rpm, settings.duty_to_start, settings.time_constant_s,
                                    kp=settings.kp, ki=settings.ki, acceleration_rpm_s=settings.acceleration_rpm_s,
                                    held_share=settings.held_share, held_rpm=settings.held_rpm)
-        self._gate = Gate(settings.steps_per_mm, settings.gate_mm_s, settings.gate_acceleration_mm_s2,
+        self._gate = GateMotion(settings.steps_per_mm, settings.gate_mm_s, settings.gate_acceleration_mm_s2,
                           settings.home_mm_s, settings.lost_mm, settings.lost_after_s)
         self._doser = Doser(settings.dose_steps_per_turn, settings.dose_acceleration_rpm_s)
         self._dose = -1

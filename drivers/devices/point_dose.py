@@ -41,7 +41,7 @@ class DoseReport(NamedTuple):
     end_micros: int
 
 
-class Dose(NamedTuple):
+class GivenDose(NamedTuple):
     """What is known of one dose. `took_s` from the board's receipt to its end, on the board's clock."""
 
     number: int
@@ -107,7 +107,7 @@ class PointDose:
     """
 
     def __init__(self, max_shaft_rpm: float = 201.0) -> None:
-        self.newest: Dose | None = None
+        self.newest: GivenDose | None = None
         self._max_shaft_rpm = max_shaft_rpm
         self._next = 0
 
@@ -129,7 +129,7 @@ class PointDose:
             raise ValueError(f"dose: shaft_rpm {shaft_rpm}, allowed is {SHAFT_RPM[0]:g} to {self._max_shaft_rpm:g}")
         rpm = min(shaft_rpm, self._max_shaft_rpm)
         line = encode_dose(seq, self._next, angle_deg, rpm, word)
-        self.newest = Dose(self._next, angle_deg, rpm, now_s)
+        self.newest = GivenDose(self._next, angle_deg, rpm, now_s)
         self._next = (self._next + 1) % SEQUENCES
         return line
 

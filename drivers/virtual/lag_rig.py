@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from control.readings import DriveCommand
-from drivers.board.lag_rig import LagRig, RigPins, RigSettings
+from drivers.board.lag_rig import RigPins, RigProgram, RigSettings
 from drivers.ports import Port
 from drivers.virtual.encoders import EncodedReadings
 
@@ -60,7 +60,7 @@ class VirtualLagRig:
     def __init__(self, port: Port, truth: Callable[[], TruthNow | None]) -> None:
         self._pins = _Pins(port)
         self._settings = RigSettings()
-        self._program = LagRig(self._pins, self._settings)
+        self._program = RigProgram(self._pins, self._settings)
         self._truth = truth
         self._falling: list[list[float]] = []       # way that a granule has gone, its own pace, more time it takes
         self._landing: list[float] = []             # when granules land, plant time; a heap

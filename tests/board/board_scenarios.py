@@ -1,9 +1,9 @@
 """Scenarios for the boards' programs with a pin layer that is a small machine. Run by CPython and by MicroPython: only
 what both have is used. Each gives plain lists and numbers."""
 from drivers.board.framing import seal
-from drivers.board.lag_rig import LagRig, RigPins, RigSettings
-from drivers.board.parts import Scale, Tilt
-from drivers.board.slave import Pins, Settings, Slave
+from drivers.board.lag_rig import RigPins, RigProgram, RigSettings
+from drivers.board.parts import LoadCell, Tilt
+from drivers.board.slave import BoardSettings, Pins, Slave
 
 MS = 1000
 
@@ -97,7 +97,7 @@ class Bench:
 
     def __init__(self, settings=None, **machine):
         self.machine = Machine(**machine)
-        self.board = Slave(self.machine, settings or Settings())
+        self.board = Slave(self.machine, settings or BoardSettings())
         self.seq = 0
 
     def say(self, payload):
@@ -177,7 +177,7 @@ def driver_fault():
 def valves():
     """The pins' mask: at power-on, before enable 0, at work, after a wrong mask, 0.9 and 1.1 s after the host's last
     word, and after a T1; and what a board without valves counts of T2."""
-    settings = Settings()
+    settings = BoardSettings()
     settings.valves = 3
     bench = Bench(settings)
     masks = [bench.machine.valve_mask]
@@ -278,7 +278,7 @@ def orders_with_a_word(word=0xFEDCBA98, later=7):
 def orders_without_a_word(words=(), words_only=False):
     """Of a host that knows none: made ready and turned over the wrap of its numbers; the line doubles, and plays back
     what is older by 15, 16 and half the circle; ready again; asked for a word that it may not have."""
-    settings = Settings()
+    settings = BoardSettings()
     settings.words_only = words_only
     it = Orders(settings=settings, words=list(words))
     for seq, enable in ((65530, 0), (65535, 1), (3, 1), (3, 1), (65524, 1), (65523, 1), (4, 1), (5, 0), (6, 1),
@@ -412,7 +412,7 @@ def lag_rig(early_granule=False):
     """State, start and landing in ms of one run: the shaft creeps at 1 r/min from 100 ms, turns at 20 r/min from 400
     ms on; noise on the plate; a granule at 1900 ms (and one at 200 ms, before the start)."""
     pins = Rig()
-    rig = LagRig(pins, RigSettings())
+    rig = RigProgram(pins, RigSettings())
     turned, chance = 0.0, 7
     for ms in range(3000):
         if ms == 50:
@@ -472,7 +472,7 @@ class FakeHx711:
 def scale():
     """kg of a list of conversions, how many pulses each took; then a broken cell, silence, and back again."""
     part = FakeHx711()
-    read = Scale(Wire(heard=part.clock), Wire(says=part.data), 0.001, 5.0)
+    read = LoadCell(Wire(heard=part.clock), Wire(says=part.data), 0.001, 5.0)
     found = [read.kg]
     for count in (0, 100000, -5000, 0x7FFFFE, 0x7FFFFF, 20000):
         part.convert(count)

@@ -15,7 +15,7 @@ import pytest
 
 from control.readings import DriveCommand
 from control.simulation.plant import SensorReadings
-from drivers.board.slave import Settings, Slave
+from drivers.board.slave import BoardSettings, Slave
 from drivers.cab import Cab, CabConfig
 from drivers.devices.board_frames import CommandFrame, encode_command
 from drivers.devices.slave_board import SlaveBoard
@@ -65,7 +65,7 @@ class Terminal:
 
         self.switched: list[tuple[float, bool]] = []
         self.pins = Pins()
-        self.board = Slave(self.pins, Settings())
+        self.board = Slave(self.pins, BoardSettings())
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -164,7 +164,7 @@ def test_board_and_virtual_board_obey_alike(seed, worded, scenarios):
     chance = random.Random(seed)
     words = list(range(1, 20)) if worded else []
     pins = scenarios.Machine(words=words[:])
-    real, virtual = Slave(pins, Settings()), VirtualBoard(25.0, lambda: words.pop(0) if words else None)
+    real, virtual = Slave(pins, BoardSettings()), VirtualBoard(25.0, lambda: words.pop(0) if words else None)
     seq = chance.randrange(65536)
     sent = [b""]
     enabled_ticks = 0

@@ -6,7 +6,7 @@ import math
 import pytest
 
 from control.readings import DriveCommand
-from drivers.board.slave import Settings, Slave
+from drivers.board.slave import BoardSettings, Slave
 from drivers.devices.point_dose import DoseState, PointDose, decode_report, encode_dose
 from drivers.devices.slave_board import SetPointLimits, SlaveBoard
 
@@ -16,7 +16,7 @@ class Bench:
 
     def __init__(self, scenarios) -> None:
         self.pins = scenarios.Machine()
-        self.settings = Settings()
+        self.settings = BoardSettings()
         self.board = Slave(self.pins, self.settings)
         self.host = SlaveBoard(SetPointLimits(max_shaft_rpm=201.0))
         self.ms = 0

@@ -35,7 +35,7 @@ ALONE = ((0.6, 0.2), (1.0, 0.4), (1.7, 0.25), (2.8, 0.15))
 STRENGTHS = np.exp(np.linspace(np.log(0.02), np.log(50.0), 60))      # s: a grid of steps of 14 %
 
 
-class Rows(NamedTuple):
+class TableRows(NamedTuple):
     """`products`: of columns (T, p, p) and data for each t, and each factor of rows without replicates; `log_det`:
     (T,); `shared`: (T,) t."""
 
@@ -56,7 +56,7 @@ class Posterior(NamedTuple):
 
 
 def rows_of(y: Array, columns: Array, setting: IntArray, rounding: Array, least: float, usual: float = 1.0,
-            alone: Sequence[BoolArray] = ()) -> Rows:
+            alone: Sequence[BoolArray] = ()) -> TableRows:
     """Products under each t.
 
     y : (n,) data; columns : (n, p); setting : (n,) index from 0; rounding : (n,) s.d. of what rounding does alike to
@@ -85,10 +85,10 @@ def rows_of(y: Array, columns: Array, setting: IntArray, rounding: Array, least:
     log_prior = log_s - logsumexp(log_s) + np.array(log_p)[:, None]
     every = np.stack(grams)         # row and column 0 are the data
     products = Gaussian(every[:, 1:, 1:], every[:, 1:, 0], every[:, 0, 0])
-    return Rows(products, np.array(log_det), log_prior, np.array(shared), len(y))
+    return TableRows(products, np.array(log_det), log_prior, np.array(shared), len(y))
 
 
-def posterior(rows: Rows, chosen: IntArray, sd: Array, sizes: bool = True) -> Posterior:
+def posterior(rows: TableRows, chosen: IntArray, sd: Array, sizes: bool = True) -> Posterior:
     """Of the model with the chosen columns (k,), whose sizes have the prior s.d. `sd` (k,)."""
     squares, along = STRENGTHS ** 2, rows.products.of(chosen).along_axes(sd)
     value = (along.log_evidence(squares) - rows.n * np.log(STRENGTHS) - 0.5 * rows.log_det[:, None]

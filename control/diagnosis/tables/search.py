@@ -16,7 +16,7 @@ import numpy as np
 
 from control.diagnosis.judgement.gaussian import Gaussian
 from control.diagnosis.judgement.prior import UNKNOWN, log_of_size, sd_of_size
-from control.diagnosis.judgement.rows import Posterior, Rows, mixed, posterior, rows_of
+from control.diagnosis.judgement.rows import Posterior, TableRows, mixed, posterior, rows_of
 
 from .candidates import TableEffect, Unknown, effects_of, unknowns_of
 from .piece import Array, BoolArray, IntArray, SizedEffect, best_first
@@ -93,7 +93,7 @@ def search(problem: TableProblem) -> TableSearch:
 class _SideBySide(NamedTuple):
     """All columns side by side, and where each thing's are."""
 
-    rows: Rows
+    rows: TableRows
     y: Array
     columns: Array
     tolerances: int
