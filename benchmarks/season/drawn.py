@@ -144,8 +144,7 @@ def main() -> int:
 
 def _asked(made: list[Made]) -> Any:
     from control.diagnosis.season.courses import fitted
-    from control.diagnosis.season.evidence import QuadraticForm
-    from control.diagnosis.season.forms import OneLog
+    from control.diagnosis.season.evidence import OneLog, QuadraticForm
     return fitted([OneLog(one.key, one.machine, one.time_d, (QuadraticForm(**one.form),), one.shared) for one in made])
 
 

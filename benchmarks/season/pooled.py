@@ -27,8 +27,11 @@ from truth import MACHINES, WEAK, WEAK_PROGRAMME, Day, days  # noqa: E402
 from verdict import exit_code  # noqa: E402
 
 from control.diagnosis.season.courses import fitted  # noqa: E402
-from control.diagnosis.season.evidence import QuadraticForm, evidence  # noqa: E402
-from control.diagnosis.season.forms import OneLog  # noqa: E402
+from control.diagnosis.season.evidence import (  # noqa: E402
+    OneLog,
+    QuadraticForm,
+    evidence,
+)
 from control.machine.machine import Machine  # noqa: E402
 from drivers.files.config import load  # noqa: E402
 from drivers.files.kinds import MACHINE  # noqa: E402

@@ -7,8 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from control.diagnosis.season.courses import SeasonFit, fitted
-from control.diagnosis.season.evidence import LogWork, QuadraticForm
-from control.diagnosis.season.forms import OneLog
+from control.diagnosis.season.evidence import LogWork, OneLog, QuadraticForm
 from control.diagnosis.season.owner import Low, MachineSeason, OwnersLog, low_hoppers, machines
 from drivers import day_clock
 

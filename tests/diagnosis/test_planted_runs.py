@@ -16,7 +16,7 @@ from control.diagnosis.runs.diagnose import Cancelled, diagnose_run
 from control.diagnosis.runs.hypothesis import EffectInstance
 from control.diagnosis.runs.log import gate
 from control.diagnosis.runs.model import nuisances
-from control.diagnosis.runs.next_run import separation
+from control.diagnosis.runs.report import separation
 from control.diagnosis.runs.stages import run_data
 from control.experiments.manoeuvres import manoeuvres
 from control.machine.machine import CATALOGUE, Machine, effect_sizes

@@ -3,8 +3,7 @@ import numpy as np
 import pytest
 
 from control.diagnosis.season.courses import Course, Shared, fitted
-from control.diagnosis.season.evidence import QuadraticForm
-from control.diagnosis.season.forms import OneLog, stacked
+from control.diagnosis.season.evidence import OneLog, QuadraticForm, stacked
 from control.diagnosis.season.mixed import found as causes_found
 
 NAMES = ("flow.gain", "flow.fill_falloff", "flow.slope", "gate.offset")

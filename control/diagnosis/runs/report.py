@@ -21,7 +21,7 @@ from control.diagnosis.effects import (
 )
 from control.diagnosis.extend import free_id
 from control.diagnosis.judgement.evidence import Z90, projected
-from control.diagnosis.judgement.prior import LISTED, NAMED, log_odds, smallest_said
+from control.diagnosis.judgement.prior import APART_SD, LISTED, NAMED, log_odds, smallest_said
 from control.diagnosis.result import (
     UNKNOWN,
     Cause,
@@ -30,6 +30,7 @@ from control.diagnosis.result import (
     Detectable,
     Diagnosis,
     Gain,
+    NextRun,
     NotShown,
     Rival,
     Size,
@@ -38,23 +39,26 @@ from control.diagnosis.result import (
     Unexplained,
     Verdict,
 )
+from control.experiments.experiment import Experiment, chosen
+from control.experiments.manoeuvres import Columns, manoeuvres
 from control.machine.effect import HOPPER
 from control.machine.machine import CATALOGUE, Machine, bounds, of_nominal, unit_of
 from control.machine.shaft import swing
 
+from .channels import channels
 from .cost import field_cost
 from .findings import is_steady, mistaken_row, mistaken_unit, rows_doubted
 from .gain import measure_gain
-from .hypothesis import schedule
+from .hypothesis import EffectInstance, schedule
 from .intermittent import ReadOff
-from .model import hidden_within, tolerance_of
-from .next_run import next_run
+from .log import gate
+from .model import GROUPS, hidden_within, tolerance_of
 from .nominal_values import looked_for_to
 from .onset import stop_interval
 from .remainder import Remains, louder, remains, unknown_share
 from .search import Candidate, Search
 from .selection import GroupResult
-from .stages import RunData
+from .stages import RunData, run_data
 from .terms import FittedTerm, marginal, means_along
 
 Array = npt.NDArray[np.float64]
@@ -63,6 +67,45 @@ RISE_KG = 1.0               # over one: a refill; on the nominal machine
 PLAINEST = {                # of each channel: the error that every log of it should show, a factor or an offset
     "shaft": SHAFT_GAIN.id, "gate": GATE_OFFSET.id, "flow": FLOW_GAIN.id, "speed": SPEED_WHEEL_RADIUS.id,
     "heads": CANOPY_HEAD_FOULED.id}
+
+
+def next_run(causes: Sequence[Cause], machine: Machine) -> NextRun | None:
+    """The shortest manoeuvre that separates the worst pair of rivals; the effect's own experiment where none does."""
+    doubtful = [c for c in causes if c.rivals]
+    if not doubtful:
+        return None
+    cause = max(doubtful, key=lambda c: c.rivals[0].probability)
+    rival = cause.rivals[0].id
+    value = cause.size.value or ROWS[cause.id].probe or 1.0
+    every = manoeuvres(machine)
+    apart = np.array([[separation(one, machine, EffectInstance(cause.id, value, None, cause.member), rival)
+                       for one in every]])
+    best = chosen(apart, [one.minutes for one in every], APART_SD, 1).tests
+    why = f"this data cannot tell {cause.id} from {', '.join(r.id for r in cause.rivals)}"
+    if not best:
+        return NextRun(why, CATALOGUE[cause.id].effect.separate)
+    run = every[best[0]]
+    return NextRun(why, run.plan, run.id, run.minutes, run.steps)
+
+
+def separation(manoeuvre: Experiment[Columns], machine: Machine, part: EffectInstance, rival_id: str) -> float:
+    """What is left of an effect's trace, in standard deviations, once its rival is fitted to the manoeuvre's log."""
+    log = gate(manoeuvre.reads(machine))
+    data = run_data(log, machine)
+    seen = channels(data, machine)
+    names = next(names for names in GROUPS.values() if ROWS[part.id].channels[0] in names)
+    members = [seen[n] for n in names if n in seen]
+    if not members:
+        return 0.0
+    search = Search(members, machine, data)
+    wanted = [c for c in search.candidates if c.part.id in (part.id, rival_id)]
+    if {c.part.id for c in wanted} != {part.id, rival_id}:
+        return 0.0
+    own = min((c for c in wanted if c.part.id == part.id), key=lambda c: abs(c.part.size - part.size))
+    other = next(c for c in wanted if c.part.id == rival_id)
+    p, before = search.columns.compressed((), [search.columns.of_candidate((), c.part) for c in (other, own)])
+    left = projected(p, np.arange(before + 1), search.model.noise).A[-1, -1]
+    return float(abs(part.size) * np.sqrt(max(0.0, left)))
 
 
 def channel_rows(one: GroupResult, data: RunData) -> list[Channel]:

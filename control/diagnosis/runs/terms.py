@@ -11,13 +11,14 @@ References
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.judgement import prior
+from control.diagnosis.judgement.climb import climbed
 from control.diagnosis.judgement.evidence import (
     Z90,
     Column,
@@ -201,18 +202,15 @@ def _settled(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> Tri
     def gain(form: TriedForm) -> float:
         series = np.concatenate((acted.of(form.rows(variables.by_name)), constant))
         return residual.beyond(acted.channel, series).gain_of(np.eye(len(series)))
-    best = gain(form)
-    for fineness in FINENESS if kind.leaps else FINENESS[:3]:
+
+    def near(form: TriedForm, fineness: float) -> Iterator[TriedForm]:
         for name in kind.movable:
             for way in (-fineness, fineness):
                 shape = {**form.shape, name: kind.step(form.shape, name, way, x)}
-                if shape.get("high_end", np.inf) - shape.get("low_end", -np.inf) < NARROWEST:
-                    continue
-                moved = form.moved(shape, variables.by_name)
-                if (here := gain(moved)) > best:
-                    form, best = moved, here
-                    break
-    return form
+                if shape.get("high_end", np.inf) - shape.get("low_end", -np.inf) >= NARROWEST:
+                    yield form.moved(shape, variables.by_name)
+    steps = np.repeat(FINENESS if kind.leaps else FINENESS[:3], len(kind.movable)).tolist()
+    return climbed(form, gain, near, steps, again=False)
 
 
 def _verified(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> FittedTerm:

@@ -12,10 +12,10 @@ import numpy as np
 from scipy.special import expit, ndtr
 
 from control.diagnosis.judgement.evidence import Z90
+from control.diagnosis.judgement.gaussian import Array
 
 from .changes import NEAR, Stretch
-from .evidence import Array
-from .forms import Logs, OneLog, stacked
+from .evidence import Logs, OneLog, stacked
 from .mixed import MACHINE, Alternative, EffectAtLevel, Levels, Solved, found, levels_of, scan, solved
 
 WEAR_P = 1e-3               # of a slope, that it is noise

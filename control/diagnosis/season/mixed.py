@@ -38,7 +38,7 @@ from control.diagnosis.judgement.prior import FORM_SHARE
 from control.machine.machine import CATALOGUE
 
 from .changes import SLOPES, Partition, partition, share_of
-from .forms import Logs, with_scatter
+from .evidence import Logs, with_scatter
 
 PRIOR = 1e-3                # that one level does one effect: of the some thousand pairs of a season about one does
 SURE = 0.95                 # probability from which on a level is reported; of thousands of pairs noise gives 0.1

@@ -6,8 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from control.diagnosis.judgement.gaussian import Array
+
 from .courses import Course, SeasonFit, Shared
-from .evidence import Array, LogWork
+from .evidence import LogWork
 from .mixed import FLEET
 
 LOW_P = 1e-3                # of an operator, that chance made the hopper run low so often
