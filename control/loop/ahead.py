@@ -55,7 +55,8 @@ class Ahead:
         self.hold = None if mean is None else HoldMean(mean)
         self._around = Around(job.target.around_percent, job.target.around_kg_ha)
         self.heads = CanopyHeads(geometry.heads, CanopyDecisions(
-            rule, geometry.heads_m, job.target.decision_hz, Stretches(crop.fallback_rate_kg_ha), self.hold),
+            rule, geometry.heads_m, job.target.decision_hz, Stretches(
+                crop.fallback_rate_kg_ha, first_reach_m=geometry.heads_m), self.hold),
             crop.index, index_map, geometry.heads_m, zone_map)
         if done is not None:
             self.overlap.seed(done.raster, ours=False)

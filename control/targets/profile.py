@@ -47,9 +47,13 @@ class Stretches:
 
     KEEP_M = 60.0       # stretches that lie further back than this are forgotten
 
-    def __init__(self, fallback_rate_kg_ha: float, reach_m: float = 1.5) -> None:
+    def __init__(self, fallback_rate_kg_ha: float, reach_m: float = 1.5, first_reach_m: float | None = None) -> None:
+        """first_reach_m: how far the first of them reaches back, as far as the heads look ahead: behind a turn they
+        have spoken by then, and the nearest ground that they saw says more than the crop file's one rate. None: as
+        far as all others."""
         self.fallback = Target(fallback_rate_kg_ha, TargetSource.FALLBACK)
         self.reach_m = reach_m
+        self._first_reach_m = reach_m if first_reach_m is None else first_reach_m
         self._from: list[float] = []
         self._to: list[float] = []
         self._target: list[Target] = []
@@ -83,7 +87,7 @@ class Stretches:
             return self._target[k]
         behind = place_m - self._to[k] if k >= 0 else float("inf")
         ahead = self._from[k + 1] - place_m if k + 1 < len(self._from) else float("inf")
-        if behind >= self.reach_m and ahead > self.reach_m:
+        if behind >= self.reach_m and ahead > (self.reach_m if k >= 0 else self._first_reach_m):
             return self.fallback
         return self._target[k] if behind < ahead else self._target[k + 1]
 
@@ -96,7 +100,7 @@ class Stretches:
 
     def _edges(self, after_m: float, before_m: float) -> list[float]:
         """Every place in (after_m, before_m] where `at` may change, and `after_m` itself first."""
-        places = [after_m, self._from[0] - self.reach_m] if self._from else [after_m]
+        places = [after_m, self._from[0] - self._first_reach_m] if self._from else [after_m]
         k = max(0, bisect_right(self._from, after_m) - 1)
         for j in range(k, len(self._from)):
             following = self._from[j + 1] if j + 1 < len(self._from) else float("inf")

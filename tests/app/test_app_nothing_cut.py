@@ -30,7 +30,9 @@ from console.app.widgets.status_line import StatusLine
 from console.locale import languages, use
 from control.orders import Alarm, Severity
 from control.safety import ALARMS
+from control.targets.map_check import MapCheck
 from tests.app.gallery import PICTURES, Picture, settle, still_app
+from tests.app.made_up.job import facts_of
 
 SIZES = ((120, 40), (100, 30), (80, 24), (60, 20))
 WIDTHS = tuple(width for width, _rows in SIZES)
@@ -70,6 +72,8 @@ def cut_on(app: TopdressApp) -> list[str]:
             if one.is_mounted and one.visible and one.display and all(a.display for a in one.ancestors
                                                                       if isinstance(a, Widget)):
                 found += [f"{type(one).__name__}: {what}" for what in _cut_in(one)]
+                if one.region.right > app.size.width:
+                    found.append(f"{type(one).__name__} runs out of the screen: {one.region}")
     if isinstance(app.screen, Dialog):
         found += _beyond(app.screen)
     return [*found, *_buttons_cut(app.screen)]
@@ -255,6 +259,23 @@ def late(app):
     app.source.newest = replace(frame, row=row, area_ha=138.61, applied_kg=45_678.9, totals=totals,
                                 metres_left_m=12_345.0, seq=frame.seq + 1)
     app.fields.of = lambda _frame: replace(picture, area_ha=412.75, planned=None)
+
+
+def full_job(app):
+    """A job with everything that a check list, totals and notes can hold."""
+    frame = app.source.newest
+    app.source.newest = replace(frame, totals=frame.totals._replace(stopped_kg=1.3), tally=frame.tally._replace(
+        refills=frame.tally.refills * 9, log_before="run-0.csv", after_cut_kg=0.4), seq=frame.seq + 1)
+    app.job_page.facts = facts_of(
+        {"flag": "rates of the source are for durum, not for winter wheat; look at the limits"},
+        {"client": "Li", "farm": "Huanghai", "operator": "Wang", "response_index": "field"}, {"adopted": ()},
+        shipped_machine=True, map_file="maps/north.geojson",
+        map_check=MapCheck(1.2, 1.2, 0.1, 0.0, 0.0, 0.0, 300.0, 0.3, 6.0, 320.0))
+    app.job_page.said[:] = ["written: run-applied.geojson, run-report.html in /home/wang/topdress/logs", "taken: north"]
+
+
+async def test_nothing_is_cut_of_a_full_job():
+    assert await on_every_size(Picture("cut", SIZES[0], screen="job"), full_job) == []
 
 
 @pytest.mark.parametrize("units", ["metric", pytest.param("imperial", marks=pytest.mark.exam)])

@@ -15,11 +15,13 @@ from console.app.number_dialog import NumberDialog
 from console.app.pages.calibrate.catch import Turned
 from console.app.pages.calibrate.catch_calibration import CatchCalibration
 from console.app.pages.calibrate.page import CalibrateScreen
+from console.app.pages.job.refill import RefillWatch
 from console.app.services import Services
 from console.app.typed_number import inside, plain_number, read, read_between
 from console.app.units import IMPERIAL, METRIC
 from console.locale import use
 from control.orders import Do, Order
+from tests.app.harness import feed
 from tests.app.made_up.calibrate import sample_calibrate_job
 
 SIZE = (120, 40)
@@ -215,13 +217,25 @@ async def test_a_refill_that_the_scale_does_not_bear_out_is_asked_again(app, sou
         assert source.orders == [Order(Do.REFILL, 25.0)]
 
 
-async def test_a_refill_that_would_run_over_is_asked_again(app, source):
-    source.newest = replace(source.newest, row=source.newest.row._replace(hopper_kg=100.0))
+@pytest.mark.parametrize(("hopper_kg", "typed_kg", "watched", "says"), [
+    pytest.param(100.0, "250", False, "The scale says 100 kg are in the hopper now, which holds 300 kg",
+                 id="neither_before_nor_after"),
+    pytest.param(200.0, "180", True, "The scale says 200 kg are in the hopper: 100 kg more fit.", id="more_than_fits"),
+    pytest.param(200.0, "180", False, "", id="it_may_be_in_already"),
+    pytest.param(200.0, "100", True, "", id="what_fits")])
+async def test_a_refill_that_would_run_over_is_asked_again(app, source, hopper_kg, typed_kg, watched, says):
+    """watched: the console saw the machine work, and nothing filled in since."""
     async with app.run_test(size=SIZE) as pilot:
-        app.tick()
-        await pilot.press("f", "2", "5", "0", "enter")
-        assert source.orders == [] and isinstance(app.screen, Confirm)
-        assert "The scale says 100 kg are in the hopper now, which holds 300 kg" in app.screen.text
+        at_s = source.newest.row.time_s
+        feed(app, [{"time_s": at_s + 0.2 * k, "hopper_kg": hopper_kg, "speed_used_mps": 0.0,
+                    "state": "working" if watched and k < 10 else "held"} for k in range(1, 60)])
+        if not watched:
+            app.job_page.refill = RefillWatch()
+        await pilot.press("f", *typed_kg, "enter")
+        assert isinstance(app.screen, Confirm) == bool(says)
+        assert source.orders == ([] if says else [Order(Do.REFILL, float(typed_kg))])
+        if says:
+            assert says in app.screen.text
 
 
 @pytest.mark.parametrize(("before_kg", "text", "asked"), [

@@ -89,6 +89,14 @@ def test_one_drive_makes_up_for_what_the_other_does_not_do_and_it_is_said(
     assert said <= run.alarms() <= said | {"rate_off"}, "before the trims are at their ends"
 
 
+def test_behind_a_short_headland_the_heads_decide_from_the_edge_on(simulated: Any) -> None:
+    """The turn ends nearer to the field than the heads look ahead."""
+    run = simulated(120.0, sim={"pass_length_m": 40.0, "run_in_m": 6.0})
+    rows = [step.tick.row for step in run.steps]
+    worked = {row.target_source for row in rows if row.state == "working" and row.target_rate_kg_ha}
+    assert worked == {"canopy"} and sum(row.target_rate_kg_ha == 0.0 for row in rows) > 400
+
+
 def test_no_flow_outside_the_field(simulated: Any) -> None:
     run = simulated(120.0, sim={"pass_length_m": 60.0})         # two headlands
     columns = run.record.columns()

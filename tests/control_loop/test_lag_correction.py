@@ -102,13 +102,14 @@ def test_gaps_wider_than_the_reach_get_the_fallback() -> None:
     assert places == [3.5, 8.5, 13.5]
 
 
-def test_the_first_stretch_begins_where_it_is_within_reach() -> None:
+@pytest.mark.parametrize(("first_reach_m", "begins_m"), [(None, 5.5), (6.5, 0.5)])
+def test_the_first_stretch_begins_where_it_is_within_reach(first_reach_m: float | None, begins_m: float) -> None:
     """What `at` says and where `next_change` says that it begins are one."""
-    stretches = Stretches(300.0, reach_m=1.5)
+    stretches = Stretches(300.0, reach_m=1.5, first_reach_m=first_reach_m)
     stretches.append(7.0, 8.0, 250.0)
     change = stretches.next_change(0.0, 20.0, stretches.at(0.0))
-    assert change is not None and change.place_m == pytest.approx(5.5)
-    assert stretches.at(5.6).rate_kg_ha == change.target.rate_kg_ha == 250.0
+    assert change is not None and change.place_m == pytest.approx(begins_m)
+    assert stretches.at(begins_m + 0.1).rate_kg_ha == change.target.rate_kg_ha == 250.0
 
 
 def test_samples_in_a_turn_are_not_taken_for_the_next_pass() -> None:

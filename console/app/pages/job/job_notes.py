@@ -23,13 +23,15 @@ class NotesView(NamedTuple):
 
 class JobNotes(Panel[NotesView]):
     def lines(self, view: NotesView, width: int, height: int) -> list[Content]:
-        rows = [line((fit(f" {row}", width), "bold reverse" if note.loud else ""))
-                for note in view.notes for row in wrapped(note.text, width - 2)]
-        if view.refills:
-            room = max(0, height - len(rows))
+        texts = [(row, note.loud) for note in view.notes for row in wrapped(note.text, width - 2)]
+        older = [text for text in texts if not text[1]][:max(0, len(texts) - height)]       # give way to what is new
+        rows = [line((fit(f" {row}", width), "bold reverse" if loud else "")) for row, loud in texts
+                if (row, loud) not in older]
+        room = height - len(rows)
+        if view.refills and room > 1:
             rows.append(line((fit(f" {_('refills')}", width), "bold $primary")))
-            shown = view.refills[:max(0, room - 1)]
-            if len(shown) < len(view.refills) and shown:
+            shown = view.refills[:room - 1]
+            if len(shown) < len(view.refills):
                 more = len(view.refills) - len(shown) + 1
                 shown = (*shown[:-1], _("+{count} more").format(count=more))
             rows += [line((fit(f"   {text}", width), "")) for text in shown]

@@ -42,7 +42,8 @@ from console.locale import _
 from control.agronomy.strips import Strips, StripValue
 from control.orders import Do
 
-MOST_CHECK_ROWS = 8, 10, 16       # at low, middle and full height
+CHECK_ROWS = 8, 10                # of the list before work, at most: at low and middle height ...
+NEXT_ROWS = 5                     # ... at full height what the large keys under it, with air, and the totals leave
 LOOK_S = 30.0                   # free disk space and files are looked at this often
 NOTES_KEPT = 4
 FOLDERS, TYPED, WRITE = "\0folders", "\0typed", "\0write"       # no file, and no name, is called so
@@ -131,11 +132,16 @@ class JobScreen(Page):
         found = checks(frame, age_s, self.facts, trouble, self.free_bytes, units)
         listed = self.query_one("#job-checks", CheckList)
         listed.show(found)
-        most = MOST_CHECK_ROWS[0 if self.has_class("-low") else 1 if self.has_class("-middle") else 2]
+        done = totals(frame, age_s, units, self.app.fields.of(frame))
+        most, totalled = CHECK_ROWS[0 if self.has_class("-low") else 1], self.query_one("#job-totals", Items)
+        if self.has_class("-tall") and self.has_class("-wide"):
+            most = max(most, self.query_one("#job").size.height - NEXT_ROWS - len(done))
+            totalled.styles.height = "1fr"
+        else:
+            totalled.styles.height = -(-len(done) // 2)         # two to a row
         listed.styles.height = min(most, rows_of(found, self.size.width))
         self.query_one("#job-next", Chips).show(self._next())
-        self.query_one("#job-totals", Items).show(totals(
-            frame, age_s, units, self.app.fields.of(frame)))
+        totalled.show(done)
         self.query_one("#job-notes", JobNotes).show(NotesView(
             self._notes(frame), refills(frame, units, self.app.utc_offset_s)))
 
@@ -204,7 +210,7 @@ class JobScreen(Page):
             self.refill.done()
 
         def doubted(filled_kg: float) -> str:
-            return doubt(filled_kg, seen_kg, hopper_kg, full_kg, unit)
+            return doubt(filled_kg, self.refill, hopper_kg, full_kg, unit)
 
         low, high = inside(unit, LEAST_FILLED_KG, full_kg, 1)
         missing_kg = full_kg if hopper_kg is None else full_kg - hopper_kg

@@ -22,6 +22,7 @@ class RefillWatch:
 
     def __init__(self) -> None:
         self.seen_kg: float | None = None
+        self._worked = False                        # seen at work: no refill came before it was watched
         self._window: deque[tuple[float, float]] = deque()
         self._level_kg: float | None = None         # before the refill
 
@@ -32,7 +33,7 @@ class RefillWatch:
             self._window.clear()
             self._level_kg = None
             if row.state == "working":
-                self.seen_kg = None
+                self.seen_kg, self._worked = None, True
             return
         if self._window and row.time_s < self._window[-1][0]:
             self._window.clear()
@@ -48,6 +49,11 @@ class RefillWatch:
         elif level_kg - self._level_kg > LEAST_KG:
             self.seen_kg = round(level_kg - self._level_kg, 1)
 
+    @property
+    def before_kg(self) -> float | None:
+        """What is in the hopper, to which nothing was added since the machine worked; None where that is not known."""
+        return self._level_kg if self._worked and self.seen_kg is None else None
+
     def done(self) -> None:
         """It was recorded, or it was none: what is in the hopper now counts from here."""
         self.seen_kg = None
@@ -55,15 +61,20 @@ class RefillWatch:
         self._window.clear()
 
 
-def doubt(filled_kg: float, seen_kg: float | None, hopper_kg: float | None, full_kg: float, unit: Unit) -> str:
+def doubt(filled_kg: float, watch: RefillWatch, hopper_kg: float | None, full_kg: float, unit: Unit) -> str:
     """Why a typed refill is not believed, in words; "" where nothing speaks against it.
 
-    seen_kg: what the scale saw filled in. hopper_kg: its reading now, which holds the refill already or does not yet.
+    hopper_kg: the scale's reading now. It holds the refill already or does not yet, where `watch` does not know.
     """
-    if seen_kg is not None:
-        if abs(filled_kg - seen_kg) <= max(SCALE_OFF_KG, GROSS_SHARE * seen_kg):
+    if watch.seen_kg is not None:
+        if abs(filled_kg - watch.seen_kg) <= max(SCALE_OFF_KG, GROSS_SHARE * watch.seen_kg):
             return ""
-        return _("The scale saw {seen} filled in.").format(seen=unit.full(seen_kg))
+        return _("The scale saw {seen} filled in.").format(seen=unit.full(watch.seen_kg))
+    if watch.before_kg is not None:
+        if watch.before_kg + filled_kg <= full_kg + SCALE_OFF_KG:
+            return ""
+        return _("The scale says {now} are in the hopper: {room} more fit.").format(
+            now=unit.full(watch.before_kg), room=unit.full(max(0.0, full_kg - watch.before_kg)))
     if hopper_kg is None or filled_kg <= hopper_kg + SCALE_OFF_KG or hopper_kg + filled_kg <= full_kg + SCALE_OFF_KG:
         return ""
     return _("The scale says {now} are in the hopper now, which holds {full}: neither before nor after it.").format(
