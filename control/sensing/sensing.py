@@ -11,12 +11,14 @@ from typing import NamedTuple
 
 from control.geodesy import Place, TangentPlane
 from control.readings import AHEAD_S, Doubted, GnssFix, Measurements, Reading, SpeedDoubt, is_fresh
+from control.sensing.gnss_late import GnssLate
 from control.sensing.position_gate import FASTEST_MPS, JudgedPlace, PositionGate, spread_m
 from control.sensing.speed_check import SLIP, SpeedCheck
 from control.sensing.speed_filter import QUICK_TAU_S, Moving
 from control.sensing.walk_watch import Velocity
 
-RATIO_TAU_S = 10.0              # how slowly the wheel is corrected by GNSS
+RATIO_TAU_S = 3.0               # filter `ratio`, first order: how slowly the wheel is corrected by GNSS. Slip comes in
+                                # bursts of some 20 s
 WHEEL_HOLDS_S = 0.5             # a wheel speed
 STANDSTILL_S = 0.8              # no wheel pulse for this long: standing
 HELD_SPEED_S = 2.0              # both speeds silent: the last one holds this long
@@ -73,6 +75,7 @@ class Sensing:
         self._filtered_s: float | None = None       # time of the sample last taken in
         self._source = "none"                       # of the speed, when one was last heard
         self._ratio = 1.0
+        self._late = GnssLate()
         self._track_m = 0.0
         self._fix_s: float | None = None
         self._period_s = 0.2
@@ -159,9 +162,11 @@ class Sensing:
         source = "none"
         wheel = m.wheel_speed_mps
         if wheel_ok and wheel is not None:
-            if gnss_mps is not None and fix_new and wheel.value > 0.5 and gnss_mps > 0.5:
-                share = 1.0 - exp(-self._period_s / RATIO_TAU_S)
-                self._ratio += share * (_within_slip(gnss_mps / wheel.value) - self._ratio)
+            self._late.moved(now, wheel.value, dt)
+            then = self._late.epoch(now, gnss_mps, self._ratio) if gnss_mps is not None and fix_new else None
+            if then is not None and gnss_mps is not None and then.mps > 0.5 and gnss_mps > 0.5:
+                share = then.weight * (1.0 - exp(-self._period_s / RATIO_TAU_S))
+                self._ratio += share * (_within_slip(gnss_mps / then.mps) - self._ratio)
             if wheel.time_s != self._wheel_s:
                 sample = wheel.value * self._ratio
                 self._wheel_s = wheel.time_s

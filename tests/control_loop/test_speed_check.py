@@ -57,6 +57,21 @@ def named(found):
     return order, next((0.05 * k for k, refused in seen if refused is not Doubted.EITHER), None)
 
 
+@pytest.mark.parametrize("late_s", [0.0, 0.4, 0.8])
+def test_slip_is_followed_in_seconds_and_a_late_receiver_costs_nothing_when_the_speed_changes(late_s):
+    """A ratio that followed in 10 s left 7 % of 15 after 8 s; one in 3 s that took GNSS's speed for one of now was off
+    by 7 % (0.4 s late) and 12 % (0.8 s) as the machine sped up."""
+    it = Machine(late_s=late_s)
+    it.go(20.0)
+    for k in range(3):
+        it.go(1.6, 1.25 + 0.4 * (k % 2))
+        it.go(5.0)
+    assert it.go(8.0, wheel=times(1.15))[-1].speed_mps == pytest.approx(1.25, rel=0.025)
+    it.go(30.0, 0.83)
+    ramp = [it.go(0.05, 0.83 + 0.5 * 0.05 * k)[-1].speed_mps for k in range(45)]
+    assert ramp[-1] == pytest.approx(0.83 + 0.5 * 0.05 * 44, rel=0.04)
+
+
 @pytest.mark.parametrize(("wheel", "by_s"), [
     (times(0.3), 3.0), (times(0.5), 4.0), (times(2.0), 2.5), (times(4.0), 2.0), (lambda mps: 5.0, 2.0)])
 def test_a_wheel_that_stands_alone_is_not_used(wheel, by_s):
