@@ -70,6 +70,7 @@ class Do(StrEnum):
     ALLOW_REVERSE = "allow_reverse"  # value: True / False
     ALLOW_OUTSIDE = "allow_outside"  # value: True / False
     ALLOW_MAP_ELSEWHERE = "allow_map_elsewhere"     # value: True / False: the outside rate of a map that lies elsewhere
+    ALLOW_NO_WHEEL = "allow_no_wheel"  # value: True / False: a wheel that stands counts for nothing, GNSS alone does
     GO_ON_UNLOGGED = "go_on_unlogged"  # value: True / False
     FLOW_TRIM = "flow_trim"          # value: True / False: the scale may correct the flow model
     LOOK_AHEAD = "look_ahead"        # value: True / False

@@ -15,6 +15,7 @@ ORDERS: dict[str, str] = {
     Do.REFILL: N_("refill"), Do.REFILL_BACK: N_("refill taken back"),
     Do.ALLOW_REVERSE: N_("flow in reverse"), Do.ALLOW_OUTSIDE: N_("flow outside the field"),
     Do.ALLOW_MAP_ELSEWHERE: N_("a map that lies elsewhere"), Do.GO_ON_UNLOGGED: N_("work without a log"),
+    Do.ALLOW_NO_WHEEL: N_("work without the wheel"),
     Do.FLOW_TRIM: N_("scale trim"), Do.LOOK_AHEAD: N_("look-ahead"), Do.NO_DOUBLE: N_("nothing twice"),
     Do.SECTION: N_("section"), Do.STRIP: N_("strip"), Do.DOSE_ERROR: N_("dose error"),
     Do.CALIBRATE_SHAFT: N_("calibrating, shaft"), Do.CALIBRATE_OPENING: N_("calibrating, opening"),

@@ -102,6 +102,7 @@ _BACK: Mapping[Do, Callable[[Frame, Order], tuple[Order, ...]]] = MappingProxyTy
     Do.ALLOW_REVERSE: lambda frame, order: _known(order.do, frame.allow.reverse),
     Do.ALLOW_OUTSIDE: lambda frame, order: _known(order.do, frame.allow.outside),
     Do.ALLOW_MAP_ELSEWHERE: lambda frame, order: _known(order.do, frame.allow.map_elsewhere),
+    Do.ALLOW_NO_WHEEL: lambda frame, order: _known(order.do, frame.allow.no_wheel),
     Do.GO_ON_UNLOGGED: lambda frame, order: _known(order.do, frame.allow.unlogged),
     Do.FLOW_TRIM: lambda frame, order: _known(order.do, frame.flow_trim_on),
     Do.LOOK_AHEAD: lambda frame, order: _known(order.do, frame.look_ahead),

@@ -44,7 +44,7 @@ NOTES = {
     "zero_manual": N_("the manual rate is 0"), "zero_fallback": N_("the fallback rate is 0"),
 }
 ALLOWANCES = {"reverse": N_("REVERSE OK"), "outside": N_("OUTSIDE OK"), "unlogged": N_("NO LOG OK"),
-              "map_elsewhere": N_("MAP ELSEWHERE OK")}
+              "map_elsewhere": N_("MAP ELSEWHERE OK"), "no_wheel": N_("NO WHEEL OK")}
 
 ANSWERS: Mapping[str, str] = dict(REFUSALS) | {
     "no_lag_rig": N_("No signal from the lag rig."),

@@ -41,7 +41,7 @@ from control.metering.trims import DriveTrim, TrimLimits
 from control.orders import BY_CANOPY, Answer, Do, Order, State, Strategy, TargetSource
 from control.readings import DriveCommand, Measurements, Reading, SpeedPlan, announced_text, possible
 from control.safety import BenchRun, DriveLimits, Safety, SafetyLimits, Verdict, limited, limited_valves, refusal
-from control.sensing import Forecaster, Sensed, Sensing
+from control.sensing import Forecaster, Sensed, Sensing, SensingLimits
 from control.targets.fence import OUTSIDE, Fence
 from control.targets.index_map import IndexMap
 from control.targets.lag_correction import ChangeQueue
@@ -80,7 +80,8 @@ class ControlLoop:
         self.safety = Safety(allowed, has_work_switch)
         self._stopped = Stopped(machine, allowed, obeyed)
         self._sensing = Sensing(machine.geometry.antenna_m, _plane(
-            job, prescription, points, index_map or zone_map, done))
+            job, prescription, points, index_map or zone_map, done), SensingLimits(reckoned_m=_reckoned_m(
+                machine, prescription, points)))
         self._ahead = Ahead(machine, crop, rule, job, fence, headland, prescription=prescription,
                             index_map=index_map, zone_map=zone_map, done=done, steps=steps)
         self._doses: Doses | NoDoses = (
@@ -553,6 +554,14 @@ class ControlLoop:
 def _stop(reach: TickReach, holding: Target, sensed: Sensed) -> Lag:
     """The lag of a stop that is made here."""
     return reach.lag(holding, TargetChange(sensed.track_m, OUTSIDE))
+
+
+def _reckoned_m(machine: Machine, prescription: MapProfile | None, points: PointSource | None) -> float:
+    """How far off a place may be that is reckoned: half the width, or half a cell of the map. Doses are for plants."""
+    if points is not None:
+        return 0.0
+    cell_m = inf if prescription is None else prescription.prescription.cell_m
+    return 0.5 * min(machine.geometry.working_width_m, cell_m)
 
 
 def _plane(job: Job, prescription: MapProfile | None, points: PointSource | None, index_map: IndexMap | None,

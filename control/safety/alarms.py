@@ -82,7 +82,9 @@ _KINDS = (
     AlarmKind("position_lost", _RED, N_("No usable position; flow is stopped."),
               N_("Wait for GNSS, or change to canopy or manual."), N_("GNSS")),
     AlarmKind("wheel_fault", _RED, N_("The wheel sensor gives no pulses at {speed_mps} m/s."),
-              N_("Check the wheel sensor, its gap and its cable."), N_("wheel sensor")),
+              N_("Check the wheel sensor, its gap and its cable. With GNSS ten times a second work may go on without "
+                 "it: H."),
+              N_("wheel sensor")),
     AlarmKind("target_refused", _RED, N_("A target above {limit_kg_ha} kg/ha, or none that is a number, was refused."),
               N_("Check crop, prescription and manual rate."), N_("target")),
     AlarmKind("rate_far_off", _RED, N_("The rate is off by {error_percent} %."),

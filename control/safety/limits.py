@@ -30,6 +30,7 @@ class SafetyLimits:
     wheel_silent_s: float = 0.8             # a wheel reading older than this says nothing
     wheel_fault_speed_mps: float = 0.5      # GNSS above this while the wheel stands: wheel fault ...
     wheel_fault_s: float = 0.5              # ... once it lasts this long (a GNSS speed comes up to 1 s late)
+    gnss_alone_period_s: float = 0.12       # allowed to go on without a wheel: where GNSS speaks ten times a second
     speeds_differ_s: float = 6.0            # wheel or GNSS is wrong, nothing says which: held. Wheels spin for 1 to 4 s
     reverse_flip_deg: float = 120.0         # course change across a standstill that means reversing
     course_speed_mps: float = 0.2           # GNSS speed from which its course is believed

@@ -20,6 +20,7 @@ class Allowances(NamedTuple):
     outside: bool = False
     unlogged: bool = False      # ends also when the log works again
     map_elsewhere: bool = False         # the outside rate of a map that does not lie here is wanted
+    no_wheel: bool = False      # the wheel sensor is dead: GNSS alone says how fast it goes
 
 
 class Memory(NamedTuple):

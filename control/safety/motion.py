@@ -23,8 +23,8 @@ class Motion(NamedTuple):
 
 
 def moved(before: Motion, now_s: float, s: Situation, seen: Senses, allow_reverse: bool,
-          limits: SafetyLimits, start_held: bool = False) -> Motion:
-    """The movement after this tick.
+          limits: SafetyLimits, start_held: bool = False, by_gnss: bool = False) -> Motion:
+    """The movement after this tick. by_gnss: the wheel is allowed to be dead, and it is.
 
     Reversing: the GNSS course differs by more than `reverse_flip_deg` from the last course before a standstill; it
     lasts until the course flips once more across a standstill. A turn without a standstill changes nothing. After a
@@ -46,9 +46,10 @@ def moved(before: Motion, now_s: float, s: Situation, seen: Senses, allow_revers
     stood = stood or slow or standing or (gnss is not None and gnss < limits.course_speed_mps)
     may_start = allow_reverse or not (stood and course is not None)
     since_stood = not standing and (before.course_since_stood or epoch != before.course_epoch_s)
-    moving = _is_moving(before.moving, may_start, seen, s.wheel_standstill, limits)
+    both = limits.both_speeds_to_start and not by_gnss
+    moving = _is_moving(before.moving, may_start, seen, s.wheel_standstill, limits, both)
     way_known = allow_reverse or before.course_deg is None or since_stood
-    creeping = start_held and not moving and way_known and _creeps(seen, s.wheel_standstill, limits)
+    creeping = start_held and not moving and way_known and _creeps(seen, s.wheel_standstill, limits, both)
     launched = (before.launched_since_s if start_held and not moving else None)
     if launched is None and creeping:
         launched = now_s
@@ -57,7 +58,7 @@ def moved(before: Motion, now_s: float, s: Situation, seen: Senses, allow_revers
         since(before.standing_since_s, now_s, standing),
         since(before.speed_lost_since_s, now_s, speed is None),
         since(before.wheel_doubt_since_s, now_s,
-              s.wheel_standstill and gnss is not None and gnss > limits.wheel_fault_speed_mps),
+              (s.wheel_standstill or by_gnss) and gnss is not None and gnss > limits.wheel_fault_speed_mps),
         course, epoch, stood, reversing, launched,
         creeping and launched is not None and now_s - launched < limits.launch_max_s,
         since_stood)
@@ -68,21 +69,22 @@ def awaits_course(motion: Motion) -> bool:
     return motion.stood and motion.course_deg is not None
 
 
-def _is_moving(was: bool, may_start: bool, seen: Senses, wheel_standstill: bool, limits: SafetyLimits) -> bool:
+def _is_moving(was: bool, may_start: bool, seen: Senses, wheel_standstill: bool, limits: SafetyLimits,
+               both_to_start: bool) -> bool:
     speed, wheel, gnss, stop = seen.speed_mps, seen.wheel_speed_mps, seen.gnss_speed_mps, limits.stop_speed_mps
     if speed is None or wheel_standstill or not speed >= stop:
         return False
     if was:
         return True
     both = wheel is not None and wheel >= stop and gnss is not None and gnss >= stop
-    return may_start and speed >= limits.start_speed_mps and (both or not limits.both_speeds_to_start)
+    return may_start and speed >= limits.start_speed_mps and (both or not both_to_start)
 
 
-def _creeps(seen: Senses, wheel_standstill: bool, limits: SafetyLimits) -> bool:
+def _creeps(seen: Senses, wheel_standstill: bool, limits: SafetyLimits, both_to_start: bool) -> bool:
     """Whether the speed in use and both speed sensors say that it has set off; one of them where only one is fitted."""
     least = limits.launch_speed_mps
     moving = [v is not None and v >= least for v in (seen.wheel_speed_mps, seen.gnss_speed_mps)]
-    both = all(moving) if limits.both_speeds_to_start else any(moving)
+    both = all(moving) if both_to_start else any(moving)
     return not wheel_standstill and seen.speed_mps is not None and both
 
 

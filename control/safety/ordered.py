@@ -118,30 +118,16 @@ def _acknowledge(m: Memory, order: Order, now_s: float, limits: SafetyLimits) ->
     return m._replace(live=acknowledged(m.live, wanted)), YES
 
 
-def _allow_reverse(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
+def _allow(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
     if not isinstance(order.value, bool):
         return m, _no("yes_or_no")
-    return m._replace(allow=m.allow._replace(reverse=order.value)), YES
-
-
-def _allow_outside(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
-    if not isinstance(order.value, bool):
-        return m, _no("yes_or_no")
-    return m._replace(allow=m.allow._replace(outside=order.value)), YES
-
-
-def _allow_map_elsewhere(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
-    if not isinstance(order.value, bool):
-        return m, _no("yes_or_no")
-    return m._replace(allow=m.allow._replace(map_elsewhere=order.value)), YES
+    return m._replace(allow=m.allow._replace(**{_ALLOWED[order.do]: order.value})), YES
 
 
 def _go_on_unlogged(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
-    if not isinstance(order.value, bool):
-        return m, _no("yes_or_no")
-    if order.value and m.log_ok:
+    if order.value is True and m.log_ok:
         return m, _no("log_works")
-    return m._replace(allow=m.allow._replace(unlogged=order.value)), YES
+    return _allow(m, order, now_s, limits)
 
 
 def _refill(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
@@ -157,9 +143,10 @@ def _number(value: str | float | bool) -> float | None:
     return float(value) if isfinite(value) else None
 
 
+_ALLOWED = {Do.ALLOW_REVERSE: "reverse", Do.ALLOW_OUTSIDE: "outside", Do.ALLOW_MAP_ELSEWHERE: "map_elsewhere",
+            Do.ALLOW_NO_WHEEL: "no_wheel", Do.GO_ON_UNLOGGED: "unlogged"}
 _HANDLERS: Mapping[Do, Callable[[Memory, Order, float, SafetyLimits], Outcome]] = {
     Do.READY: _ready, Do.START: _start, Do.HOLD: _hold, Do.STOP: _stop, Do.CALIBRATE: _calibrate,
-    Do.RELEASE: _release, Do.ACKNOWLEDGE: _acknowledge, Do.ALLOW_REVERSE: _allow_reverse,
-    Do.ALLOW_OUTSIDE: _allow_outside, Do.ALLOW_MAP_ELSEWHERE: _allow_map_elsewhere,
+    Do.RELEASE: _release, Do.ACKNOWLEDGE: _acknowledge, **dict.fromkeys(_ALLOWED, _allow),
     Do.GO_ON_UNLOGGED: _go_on_unlogged, Do.REFILL: _refill,
 }

@@ -55,7 +55,10 @@ class Safety:
         m, limits = self._memory, self._limits
         seen = senses(now_s, s, limits)
         start_held = m.state is State.WORKING and self.start_is_held(now_s)
-        motion = moved(m.motion, now_s, s, seen, m.allow.reverse, limits, start_held)
+        by_gnss = m.allow.no_wheel and s.wheel_standstill and _gnss_serves(s, seen, limits)
+        if by_gnss:
+            s = s._replace(wheel_standstill=False)
+        motion = moved(m.motion, now_s, s, seen, m.allow.reverse, limits, start_held, by_gnss)
         at_work = m.flowing and m.state is State.WORKING
         rate = rated(m.rate, now_s, s, at_work, limits)
         follow = followed(m.follow, now_s, s, seen, at_work, limits)
@@ -80,6 +83,11 @@ class Safety:
             scale_heard=scale_heard, heads_full_since_s=heads_full, live=live, checked_s=now_s,
             still=_still(seen, limits), fault_cause=leading_to(found, State.FAULT), log_ok=s.log_ok)
         return Verdict(state, not forbidden, forbidden, tuple([entry.alarm for entry in live]), why)
+
+
+def _gnss_serves(s: Situation, seen: Senses, limits: SafetyLimits) -> bool:
+    """Whether GNSS alone can say how fast the machine goes."""
+    return seen.gnss_speed_mps is not None and s.gnss_period_s <= limits.gnss_alone_period_s and s.speed_doubt is None
 
 
 def _still(seen: Senses, limits: SafetyLimits) -> bool:

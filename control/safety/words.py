@@ -40,7 +40,7 @@ class Situation(NamedTuple):
     gnss_period_s: float                # observed period of GNSS epochs
     wheel_standstill: bool              # no wheel pulse for 0.8 s, or the wheel reads 0
     target_source: TargetSource         # of the operator's mode
-    position_ok: bool                   # own or dead-reckoned (at most 2 s) position is usable
+    position_ok: bool                   # own or dead-reckoned position is usable
     landing_inside: bool | None         # None: no field known
     valid_heads: int | None             # None: heads not needed in this mode
     ndvi_age_s: float | None

@@ -22,7 +22,11 @@ RATIO_TAU_S = 3.0               # filter `ratio`, first order: how slowly the wh
 WHEEL_HOLDS_S = 0.5             # a wheel speed
 STANDSTILL_S = 0.8              # no wheel pulse for this long: standing
 HELD_SPEED_S = 2.0              # both speeds silent: the last one holds this long
-DEAD_RECKONING_S = 2.0          # a place without GNSS is believed this long
+DEAD_RECKONING_S = 2.0          # a place without GNSS is believed this long; on a straight way as long as 1 s.d. of it
+                                # is below `SensingLimits.reckoned_m`: that of the last place taken, and of the way ...
+WHEEL_SHARE = 0.1               # ... along it what a wheel that was corrected just now may slip (`speed_check`), ...
+COURSE_SHARE = 0.05             # ... across it 3 degrees: nobody tells the course, a driver holds it
+STRAIGHT_DEG_S = 6.0            # a straight way: the noise of the course alone makes 2
 HEADING_FROM_MPS = 0.3          # below, course over ground is noise ...
 FIRST_HEADING_FROM_MPS = 0.2    # ... but better than none: 9 degrees with 0.03 m/s
 HEADING_TAU_S = 0.5             # filter `heading`: first order
@@ -60,6 +64,7 @@ class Sensed(NamedTuple):
 class SensingLimits:
     gnss_silent_s: float = 0.5          # at least
     gnss_silent_periods: float = 2.5
+    reckoned_m: float = 0.0             # 1 s.d. of a place up to which it is reckoned; 0: `DEAD_RECKONING_S` alone
 
 
 class Sensing:
@@ -91,6 +96,8 @@ class Sensing:
         self._gate = PositionGate()
         self._check = SpeedCheck()
         self._placed_s: float | None = None         # epoch of the place last taken
+        self._spread_m = inf                        # of that place
+        self._way_m = 0.0                           # reckoned since; infinite where speed or course was not known
         self._refused_m: float | None = None
         self._walks = False
         self._own_epochs: int | None = None         # taken on a plane that the first of them began
@@ -125,15 +132,21 @@ class Sensing:
         moved_m = self._take_place(m, speed, dt, fix_new)
         if fix_new and m.gnss is not None:
             self._fix_s = m.gnss.time_s
-        placed = (self._east is not None and self._placed_s is not None
-                  and is_fresh(self._placed_s, now, max(silent_s, DEAD_RECKONING_S))
-                  and (m.gnss is None or m.gnss.fix_quality > 0))
+        told = (self._placed_s is not None and is_fresh(self._placed_s, now, max(silent_s, DEAD_RECKONING_S))
+                and (m.gnss is None or m.gnss.fix_quality > 0))
+        placed = self._east is not None and (told or self._reckons(source))
         position_ok = placed and self._heading is not None
         east, north = self._outlet()
         return Sensed(now, speed, self._moving.acceleration_mps2, source, self._track_m, east, north, self._heading,
                       self._turn, position_ok, gnss_age, self._period_s, standstill, self._direction.backwards,
                       self._refused_m, moved_m, self._walks, self._quick, placed and not position_ok,
                       self._check.doubt)
+
+    def _reckons(self, source: str) -> bool:
+        """Whether the place is good enough without GNSS: it is silent or has no fix, and the wheel is believed."""
+        off_m = hypot(self._spread_m, hypot(WHEEL_SHARE, COURSE_SHARE) * self._way_m)
+        return (off_m <= self._limits.reckoned_m and abs(self._turn) <= STRAIGHT_DEG_S and self._refused_m is None
+                and source in ("wheel", "both") and self._check.doubt is None)
 
     def _wheel_stands(self, wheel: Reading | None, now: float) -> bool:
         """Whether the wheel says 0, or has said nothing for so long. One that was heard once is fitted: it stands also
@@ -199,8 +212,10 @@ class Sensing:
         east_m = north_m = 0.0
         if self._heading is None or speed is None:
             self._gate.lost(speed, dt)
+            self._way_m = inf
         else:
             way = -speed * dt if backwards else speed * dt
+            self._way_m += abs(way)
             east_m, north_m = way * sin(radians(self._heading)), way * cos(radians(self._heading))
             self._gate.moved(abs(way), east_m, north_m)
         if fix_new and fix is not None:
@@ -253,7 +268,7 @@ class Sensing:
         if self._own_epochs is not None:
             self._own_epochs += 1
         self._east, self._north = place
-        self._placed_s = fix.time_s
+        self._placed_s, self._spread_m, self._way_m = fix.time_s, spread_m(fix.fix_quality, fix.hdop), 0.0
         return judged
 
     def _check_speed(self, fix: GnssFix, place: Place) -> bool:

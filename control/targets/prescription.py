@@ -102,6 +102,11 @@ class Prescription:
         self._default = Target(fallbacks.default_kg_ha, TargetSource.FALLBACK)
         self._outside = Target(fallbacks.outside_kg_ha, TargetSource.FALLBACK)
 
+    @property
+    def cell_m(self) -> float:
+        """As its rates have it (`RateMap`)."""
+        return self._rates.cell_m
+
     def at(self, place: Place) -> Target:
         """The target at a place of the plane, m; `lost` where the place is not finite."""
         return self.targets_at([place])[0]

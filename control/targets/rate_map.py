@@ -23,6 +23,11 @@ _FRAME_POINTS = 5           # on a side, to which a frame is fitted
 class RateMap(Protocol):
     """Rates on the plane, without the fallbacks."""
 
+    @property
+    def cell_m(self) -> float:
+        """The shorter side of its cells, m; infinite where it has none."""
+        ...
+
     def rates_at(self, places: npt.ArrayLike) -> Floats:
         """Places (n, 2), m -> rates (n,), kg/ha; NaN where the map says nothing."""
         ...
@@ -100,6 +105,10 @@ class GridMap:
         if self.rate_kg_ha.ndim != 2:
             raise ValueError(f"a grid's rates have {self.rate_kg_ha.ndim} axes: allowed 2 (rows, columns)")
 
+    @property
+    def cell_m(self) -> float:
+        return 1.0 / max(math.hypot(*self.frame.column[1:3]), math.hypot(*self.frame.row[1:3]))
+
     def rates_at(self, places: npt.ArrayLike) -> Floats:
         points = np.asarray(places, dtype=np.float64).reshape(-1, 2)
         column, row = self.frame.at(points[:, 0], points[:, 1])
@@ -158,6 +167,7 @@ class ZoneMap:
         if len(rings) != len(self.rate_kg_ha):
             raise ValueError(f"{len(rings)} zones, {len(self.rate_kg_ha)} rates: allowed as many as zones")
         self.shapes = polygons(rings)
+        self.cell_m = math.inf
         self._edges = shapely.boundary(self.shapes)
         self._tree = shapely.STRtree(self.shapes)
 

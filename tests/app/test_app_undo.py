@@ -29,7 +29,7 @@ SIZE = (120, 40)
 CHANGES = {
     Do.STRATEGY: "speed_first", Do.SOURCE: "manual", Do.NUDGE: 10.0, Do.MANUAL_RATE: 123.0, Do.REFILL: 40.0,
     Do.ALLOW_REVERSE: True, Do.ALLOW_OUTSIDE: True, Do.ALLOW_MAP_ELSEWHERE: True, Do.GO_ON_UNLOGGED: True,
-    Do.FLOW_TRIM: False, Do.LOOK_AHEAD: False, Do.NO_DOUBLE: False, Do.SECTION: "2 off",
+    Do.ALLOW_NO_WHEEL: True, Do.FLOW_TRIM: False, Do.LOOK_AHEAD: False, Do.NO_DOUBLE: False, Do.SECTION: "2 off",
     Do.STRIP: "nrich 0.7120 0.0041 38",
 }
 

@@ -6,6 +6,7 @@ import importlib.util
 import math
 import sys
 from collections.abc import Callable
+from math import cos, radians, sin
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -18,7 +19,7 @@ from control.geodesy import TangentPlane, apart_m
 from control.loop.tick import Tick
 from control.orders import Do, TargetSource
 from control.readings import Doubted, GnssFix, Measurements, Reading
-from control.sensing import Sensing
+from control.sensing import Sensing, SensingLimits
 from control.sensing.position_gate import PositionGate
 from control.sensing.walk_watch import WINDOWS_S
 from control.simulation.assembly import with_simulated_field
@@ -111,6 +112,25 @@ def test_map_mode_stops_after_two_seconds_without_a_place_that_can_be() -> None:
     stops = [k for k, tick in enumerate(work.ticks) if "position_lost" in tick.why_no_flow]
     assert 1.9 <= 0.05 * stops[0] <= 2.1 and stops == list(range(stops[0], len(work.ticks)))
     assert all(tick.sensed.refused_m is not None for tick in work.ticks)
+
+
+@pytest.mark.parametrize(("source", "turn_deg", "quality", "lasts_m"), [
+    (TargetSource.MAP, 0.0, 4, 9.8), (TargetSource.MAP, 0.0, 1, 2.5), (TargetSource.MAP, 20.0, 4, 2.5),
+    (TargetSource.POINT, 0.0, 4, 2.5)])
+def test_without_gnss_a_place_is_reckoned_as_long_as_it_is_good_enough(
+        source: TargetSource, turn_deg: float, quality: int, lasts_m: float) -> None:
+    """Half the width of 2.4 m, straight on and by RTK; else 2 s."""
+    limits = SensingLimits(reckoned_m=0.0 if source is TargetSource.POINT else 1.2)
+    sensing, plane, ok_m = Sensing(0.0, PLANE, limits), PLANE, 0.0
+    fix, east, north, course = None, 0.0, 0.0, 0.0
+    for k in range(800):
+        course += turn_deg * 0.05 if 9.0 < 0.05 * k < 12.0 else 0.0
+        east, north = east + 0.0625 * sin(radians(course)), north + 0.0625 * cos(radians(course))
+        if k % 4 == 0 and 0.05 * k < 10.0:
+            fix = GnssFix(0.05 * k, *plane.to_deg(east, north), quality, 12, 0.8, 1.25, course % 360.0)
+        found = sensing.update(Measurements(0.05 * k, gnss=fix, wheel_speed_mps=Reading(1.25, 0.05 * k)))
+        ok_m += 0.0625 * (found.position_ok and 0.05 * k >= 10.0)
+    assert ok_m == pytest.approx(lasts_m, abs=0.4)
 
 
 # -- the gate ------------------------------------------------------------------------------------------------------

@@ -151,6 +151,15 @@ GOES_ON = {
     "the operator may allow landing outside": (
         order(Do.ALLOW_OUTSIDE, True), tick(landing_inside=False, flows=True), order(Do.ALLOW_OUTSIDE, False),
         tick(landing_inside=False, flows=False)),
+    "with a dead wheel the operator may go on by a GNSS that speaks ten times a second, until STOP": (
+        tick(1.0, wheel_mps=0.0, gnss_period_s=0.1, why=("standstill",)), order(Do.ALLOW_NO_WHEEL, True),
+        order(Do.ACKNOWLEDGE, ""), tick(0.5, wheel_mps=0.0, gnss_period_s=0.1, flows=True, alarms=("wheel_fault",)),
+        tick(20.0, wheel_mps=0.0, gnss_period_s=0.1, flows=True),
+        tick(0.5, wheel_mps=0.0, gnss_period_s=0.2, why=("standstill",)),
+        tick(0.5, wheel_mps=0.0, gnss_period_s=0.1, flows=True),
+        tick(0.2, wheel_mps=0.0, gnss_period_s=0.1, speed_mps=0.25, gnss_mps=0.25, why=("low_speed",)),
+        tick(0.6, wheel_mps=0.0, gnss_period_s=0.1, gnss_age_s=1.1, why=("standstill",)),
+        *AGAIN, tick(0.5, wheel_mps=0.0, gnss_period_s=0.1, why=("standstill",))),
     "the operator may want the outside rate of a map elsewhere until STOP": (
         order(Do.ALLOW_MAP_ELSEWHERE, 1.0, refused="yes_or_no"), order(Do.ALLOW_MAP_ELSEWHERE, True),
         tick(map_elsewhere=True, flows=True), *AGAIN, tick(map_elsewhere=True, why=("map_elsewhere",))),

@@ -60,7 +60,7 @@ def test_an_order_of_another_room_is_refused(working):
     assert working().order(Do.NUDGE, 5.0).why == "not_for_safety"
 
 
-@pytest.mark.parametrize("do", [Do.ALLOW_REVERSE, Do.ALLOW_OUTSIDE, Do.GO_ON_UNLOGGED])
+@pytest.mark.parametrize("do", [Do.ALLOW_REVERSE, Do.ALLOW_OUTSIDE, Do.GO_ON_UNLOGGED, Do.ALLOW_NO_WHEEL])
 @pytest.mark.parametrize("value", ["yes", 1.0, 1, None])
 def test_an_allowance_is_yes_or_no_and_nothing_like_it(working, do, value):
     run = working()
