@@ -25,13 +25,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from manoeuvres import DT_S, GO_HELD, MANOEUVRES, Manoeuvre, sim_of, the_setup
+from manoeuvres import DT_S, GO, GO_HELD, MANOEUVRES, Manoeuvre, sim_of, the_setup
 from verdict import exit_code
 
 from control.field.job import Simulated
 from control.machine.machine import Machine
 from control.machine.planting import Planted
-from control.orders import Strategy, TargetSource
+from control.orders import Do, Order, Strategy, TargetSource
 from control.readings import DriveCommand
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.closed_loop import Record, simulated_run
@@ -45,12 +45,16 @@ from drivers.files.setup import Setup
 
 IN_THE_TUBE = ("carried_along", "singly", "between", "field_lag")      # nothing else: driven once
 STEADY, ZONES = "steady 4.5 km/h, from the second minute on", "map, abrupt zones"
+OUT = "map, GNSS silent for 6 s"
+BY_MAP = (ZONES, OUT)
+OUTAGES_S = {OUT: (45.0, 51.0)}
+DEAD_FROM_S = 60.0
 ZONE_M = 15.0
 ZONES_KG_HA = (300.0, 450.0, 150.0, 400.0, 200.0, 330.0, 120.0, 450.0)
 OF_OLD = {m.name: m for m in MANOEUVRES}
 DRIVEN = (Manoeuvre(STEADY, 100, 145, ()),
           OF_OLD["accelerating 3 to 7 km/h, 0.5 m/s2"], OF_OLD["decelerating 7 to 3 km/h, 0.5 m/s2"],
-          Manoeuvre(ZONES, 20, 90, ()), OF_OLD["stop and go, 6 s standing"])
+          Manoeuvre(ZONES, 20, 90, ()), Manoeuvre(OUT, 40, 60, ()), OF_OLD["stop and go, 6 s standing"])
 SHIFTS_M = np.arange(-1.2, 1.2001, 0.05)
 PROMISED_FROM = 3               # seeds
 TESTED_SD = 0.05                # of the carried share, after ten steps from 40 to 80 r/min
@@ -65,6 +69,7 @@ NOISY = ("wheel_0.02", "wheel_0.03", "wheel_0.04", "wheel_0.06", *TEETH_PERCENT)
 BURSTS = [("speed.wheel_slip", 15.0 if turn % 2 == 0 else 0.0, 40.0 + 20.0 * turn) for turn in range(6)]
 SPEEDS = ("slip_bursts", "gnss_late", "slip_bursts_gnss_late")
 # A battery that goes flat by and by: at once, more than 20 % below its model is a fault.
+OUTAGES = ("dead_wheel",)
 DRIVES = ("motor_12_slow", "motor_25_slow", "gate_4_short")
 PLANTED = {"slip_bursts": BURSTS, "slip_bursts_gnss_late": BURSTS,
            "motor_25_slow": [("shaft.gain", -12.0, 30.0), ("shaft.gain", -25.0, 60.0)]}
@@ -79,7 +84,7 @@ def any_machine(machine: Machine, name: str) -> Machine:
         return machine.model_copy(update={"noise": machine.noise.model_copy(update={"wheel_mps": float(name[6:])})})
     if name.endswith("gnss_late"):
         return with_effect(machine, "speed.gnss_latency", LATE_S)
-    return machine if name in TEETH_PERCENT or name in PLANTED else plausible(machine, name)
+    return machine if name in TEETH_PERCENT or name in (*PLANTED, *OUTAGES) else plausible(machine, name)
 
 
 class Drive(NamedTuple):
@@ -125,14 +130,17 @@ class Found(NamedTuple):
                 f"{self.gate_moves_per_min:9.0f}{self.gate_mm_per_min:8.0f}")
 
 
-class UnevenTeeth:
-    """A plant whose wheel reads each tooth by its own error; over a turn they come to nothing."""
+class OtherSenses:
+    """A plant whose wheel reads each tooth by its own error (over a turn they come to nothing), or gives no pulse from
+    a moment on; whose GNSS is silent for a while."""
 
-    def __init__(self, plant: Plant, percent: float, seed: int) -> None:
+    def __init__(self, plant: Plant, what: Drive) -> None:
         self.plant, self.machine, self.dt_s = plant, plant.machine, plant.dt_s
+        self._dead_s = DEAD_FROM_S if what.drives == "dead_wheel" else np.inf
+        self._out_s = OUTAGES_S.get(what.manoeuvre, (np.inf, np.inf))
         speed = plant.machine.speed
         self._tooth_m = speed.wheel_circumference_m / speed.pulses_per_turn
-        errors = np.random.default_rng(seed).normal(0.0, percent / 100.0, round(speed.pulses_per_turn))
+        errors = np.random.default_rng(what.seed).normal(0.0, what.teeth_percent / 100.0, round(speed.pulses_per_turn))
         self._errors = (errors - errors.mean()).tolist()
 
     @property
@@ -143,34 +151,40 @@ class UnevenTeeth:
         s = self.plant.step(command, enabled)
         assert self.truth is not None
         tooth = int(self.truth.driven_m / self._tooth_m) % len(self._errors)
-        return s._replace(wheel_mps=s.wheel_mps * (1.0 + self._errors[tooth]))
+        wheel_mps = 0.0 if s.time_s >= self._dead_s else s.wheel_mps * (1.0 + self._errors[tooth])
+        silent = self._out_s[0] <= s.time_s < self._out_s[1]
+        return s._replace(wheel_mps=wheel_mps, gnss=None if silent else s.gnss)
 
 
 def drive(what: Drive) -> tuple[dict[str, Any], list[Any]]:
     """Columns of `Record` and the changes made; works with trees that know nothing of this benchmark."""
     setup, manoeuvre = _knowing(what.known), next(m for m in DRIVEN if m.name == what.manoeuvre)
     sim = setup.job.simulated.model_dump() | sim_of(manoeuvre)
+    if what.drives == "dead_wheel":
+        sim["gnss_hz"] = 10.0
     if what.preview != "none":
         sim["speed_told"] = what.preview
     update: dict[str, Any] = {"strategy": Strategy(what.strategy), "simulated": Simulated.model_validate(sim)}
     profile = None
-    if what.manoeuvre == ZONES:
+    if what.manoeuvre in BY_MAP:
         update["target"] = setup.job.target.model_copy(update={"source": TargetSource.MAP, "map": "made here"})
     job = with_simulated_field(setup.job.model_copy(update=update), setup.machine)
-    if what.manoeuvre == ZONES:
+    if what.manoeuvre in BY_MAP:
         setup_plane = control_loop(setup.machine, setup.crop, setup.rule, setup.job).plane
         rates = np.resize(ZONES_KG_HA, (24, 1))
         grid = GridMap(frame_m((-50.0, -ZONE_M), 600.0, ZONE_M), rates)
         from control.geodesy import TangentPlane
         profile = MapProfile(Prescription(grid, Fallbacks()),
                              setup_plane or TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg))
-    plant: Any = simulated_machine(_of_this_tree(what.machine), job, what.seed, DT_S,
-                                   [Planted(*one) for one in what.planted])
-    if what.teeth_percent:
-        plant = UnevenTeeth(plant, what.teeth_percent, what.seed)
+    plant: Any = OtherSenses(simulated_machine(
+        _of_this_tree(what.machine), job, what.seed, DT_S, [Planted(*one) for one in what.planted]), what)
     loop = control_loop(setup.machine, setup.crop, setup.rule, job, prescription=profile)
     record = Record()
     orders = GO_HELD if manoeuvre.speeds and manoeuvre.speeds[0][1] == 0 else None
+    if what.drives == "dead_wheel":
+        orders = (*GO, (DEAD_FROM_S + 3.0, Order(Do.ACKNOWLEDGE, "")))
+        if hasattr(Do, "ALLOW_NO_WHEEL"):
+            orders += ((DEAD_FROM_S + 3.0, Order(Do.ALLOW_NO_WHEEL, True)),)
     for step in simulated_run(plant, loop, manoeuvre.end_s + 4.0, orders):
         record.add(step)
     return record.columns(), record.fired
@@ -361,7 +375,7 @@ def run() -> int:
     parser.add_argument("--out", type=Path, help="write the lines there too")
     given = parser.parse_args()
     chosen = [m for m in DRIVEN if any(word in m.name for word in given.only.split(","))]
-    groups = {"noisy": NOISY, "speeds": SPEEDS, "drives": DRIVES}
+    groups = {"outages": OUTAGES, "noisy": NOISY, "speeds": SPEEDS, "drives": DRIVES}
     strategies = given.strategies.split(",")
     machines = [name for word in given.machines.split(",") for name in groups.get(word, (word,))]
     trees = [(given.against, "none")] if given.against is not None else []
