@@ -9,8 +9,7 @@ A model M is a set of parts, refitted through the machine model (`search.py`), w
     S(M) = L + O + sum_k pi_k                           score of a model: its log posterior, but for a constant
     D(M, M') = g + (O - O') + (pi_k - pi'_j)            log odds of M over M', which has part j in place of part k
 
-L - L' counts as far as it holds by blocks of time as well: g is the smaller of the two (`whitened.even_gain`), and no
-more than M' has where its nominal value is moved as far as the part moves it: the prediction is then the same.
+L - L' counts as far as it holds by blocks of time as well: g is the smaller of the two (`whitened.even_gain`).
 Without a part in its place (pi'_j = 0) D is what part k is worth. A posterior sums over what may stand in a part's
 place: the part itself, each rival, something unknown, and nothing, with weights 1, exp(-D(M, rival)), exp(unknown),
 exp(-worth) (`InPlace.posterior`; Madigan and Raftery, JASA 89, 1994, 1535).
@@ -37,8 +36,8 @@ from .changepoint import changes
 from .dictionary import Dictionary
 from .drive_curve import started
 from .hypothesis import MAX_SWITCHES, EffectInstance, Hypothesis, replaced, without
-from .model import hidden_within, stood_for, untied
-from .nominal_values import MAX_OFFSET_SD, TIMED, settle
+from .model import stood_for, untied
+from .nominal_values import TIMED, settle
 from .onset import as_started, refined, stands_below, still_disobeys, stops
 from .quantised import encoder_steps
 from .robust import draw_in
@@ -183,26 +182,7 @@ class Scores:
                              columns.of_stops(more.parts))          # where a gate stopped is open in both
             even = min(abs(gain), even)
             gain = even if j is None else float(np.sign(gain)) * max(0.0, even)
-        if j is not None:
-            gain = max(gain, -self._most(other.parts[j], other.parts))
-        gain = min(gain, self._most(one.parts[k], one.parts))
         return gain + occam + self.prior(one.parts[k]) - (0.0 if j is None else self.prior(other.parts[j]))
-
-    def _most(self, part: EffectInstance, parts: Hypothesis) -> float:
-        """What a part of a hypothesis can gain over its nominal value."""
-        known = part.onset_s is not None or any(part.id in untied(other.id) for other in parts)
-        return np.inf if known else self._of_tolerance(part)
-
-    def _of_tolerance(self, part: EffectInstance) -> float:
-        """What a steady part gains over the nominal value that does the same, moved as far as its tolerance lets it."""
-        model, row = self.search.model, ROWS[part.id]
-        tolerance = hidden_within(part.id, model.machine)
-        if tolerance == 0.0:
-            return np.inf
-        moved = model.offsets.get(f"{row.stage}.{row.moves}", 0.0)
-        if abs(moved + part.size) > MAX_OFFSET_SD * tolerance:
-            return np.inf
-        return 0.5 * ((moved + part.size) ** 2 - moved ** 2) / tolerance ** 2
 
     def score(self, found: FittedHypothesis) -> float:
         """S: log evidence and log prior odds of a whole model."""
