@@ -43,7 +43,10 @@ from control.targets.prescription import Fallbacks, Prescription
 from control.targets.rate_map import GridMap, frame_m
 from drivers.files.setup import Setup
 
-IN_THE_TUBE = ("carried_along", "singly", "between", "field_lag")      # nothing else: driven once
+# Nothing else: driven once. standing_free: carried along, but a standing shaft does not slow what falls.
+STANDING_FREE = "standing_free"
+IN_THE_TUBE = ("carried_along", "singly", "between", "first_fill_half", "first_fill_all", STANDING_FREE, "field_lag")
+ENDS, END_M = "pass ends, last 8 m", 8.0
 STEADY, ZONES = "steady 4.5 km/h, from the second minute on", "map, abrupt zones"
 OUT = "map, GNSS silent for 6 s"
 BY_MAP = (ZONES, OUT)
@@ -54,13 +57,14 @@ ZONES_KG_HA = (300.0, 450.0, 150.0, 400.0, 200.0, 330.0, 120.0, 450.0)
 OF_OLD = {m.name: m for m in MANOEUVRES}
 DRIVEN = (Manoeuvre(STEADY, 100, 145, ()),
           OF_OLD["accelerating 3 to 7 km/h, 0.5 m/s2"], OF_OLD["decelerating 7 to 3 km/h, 0.5 m/s2"],
-          Manoeuvre(ZONES, 20, 90, ()), Manoeuvre(OUT, 40, 60, ()), OF_OLD["stop and go, 6 s standing"])
+          Manoeuvre(ZONES, 20, 90, ()), Manoeuvre(OUT, 40, 60, ()), OF_OLD["stop and go, 6 s standing"],
+          Manoeuvre(ENDS, 20, 200, (), {"pass_length_m": 60.0}, True))
 SHIFTS_M = np.arange(-1.2, 1.2001, 0.05)
 PROMISED_FROM = 3               # seeds
 TESTED_SD = 0.05                # of the carried share, after ten steps from 40 to 80 r/min
 HEAD = (f"{'manoeuvre':43}{'strategy':14}{'preview':8}{'machine':15}{'held %':>8}{'shifted':>9}{'shift m':>9}"
         f"{'place m':>9}{'shifted':>9}{'p95':>7}{'steps':>6}{'lost':>5}{'worst bin':>11}{'bare m':>8}"
-        f"{'gate/min':>9}{'mm/min':>8}")
+        f"{'bias %':>8}{'mean':>7}{'gate/min':>9}{'mm/min':>8}")
 
 
 TEETH_PERCENT = {"teeth_2": 2.0, "teeth_4": 4.0}
@@ -84,7 +88,7 @@ def any_machine(machine: Machine, name: str) -> Machine:
         return machine.model_copy(update={"noise": machine.noise.model_copy(update={"wheel_mps": float(name[6:])})})
     if name.endswith("gnss_late"):
         return with_effect(machine, "speed.gnss_latency", LATE_S)
-    return machine if name in TEETH_PERCENT or name in (*PLANTED, *OUTAGES) else plausible(machine, name)
+    return machine if name in TEETH_PERCENT or name in (*PLANTED, *OUTAGES, STANDING_FREE) else plausible(machine, name)
 
 
 class Drive(NamedTuple):
@@ -119,6 +123,8 @@ class Found(NamedTuple):
     lost: int
     worst_kg_ha: float          # landed on a bin
     bare_m: float               # of the way: below a tenth of what was wanted, a run
+    bias_percent: float
+    worst_mean_kg_ha: float     # of the worst bins, a run
     gate_moves_per_min: float
     gate_mm_per_min: float
 
@@ -127,7 +133,7 @@ class Found(NamedTuple):
         return (f"{self.manoeuvre:43}{self.strategy:14}{preview:8}{self.machine:15}{self.held_percent:8.2f}"
                 f"{self.shifted_percent:9.2f}{self.shift_m:+9.2f}{self.place_m:9.3f}{self.shifted_place_m:9.3f}"
                 f"{self.place_p95_m:7.3f}{self.steps:6d}{self.lost:5d}{self.worst_kg_ha:11.0f}{self.bare_m:8.2f}"
-                f"{self.gate_moves_per_min:9.0f}{self.gate_mm_per_min:8.0f}")
+                f"{self.bias_percent:+8.1f}{self.worst_mean_kg_ha:7.0f}{self.gate_moves_per_min:9.0f}{self.gate_mm_per_min:8.0f}")
 
 
 class OtherSenses:
@@ -212,10 +218,14 @@ def _knowing(known: dict[str, Any]) -> Setup:
     return replace(setup, machine=machine)
 
 
-def relanded(columns: dict[str, Any], machine: Machine) -> dict[str, Any]:
-    """The same run, fallen through another tube."""
+def relanded(columns: dict[str, Any], machine: Machine, free: bool = False) -> dict[str, Any]:
+    """The same run, fallen through another tube. free: from the command to stop on the pace stays."""
     from control.machine.fall import drop_s
-    settled = np.array([drop_s(machine.fall, n) for n in columns["shaft_rpm"].tolist()])
+    rpm = columns["shaft_rpm"]
+    if free:
+        commanded = columns["shaft_rpm_cmd"] > 0.0
+        rpm = rpm[np.maximum.accumulate(np.where(commanded, np.arange(len(rpm)), 0))]
+    settled = np.array([drop_s(machine.fall, n) for n in rpm.tolist()])
     return columns | {"settled_drop_s": settled, "drop_s": settled + machine.fall.latency_s,
                       "carried_share": np.full(len(settled), machine.fall.carried_share)}
 
@@ -227,6 +237,7 @@ class Judged(NamedTuple):
     lost: int
     worst_kg_ha: float
     bare_m: float
+    bias_percent: float
     gate_moves_per_min: float
     gate_mm_per_min: float
 
@@ -235,19 +246,23 @@ def judge(columns: dict[str, Any], fired: Sequence[Any], what: Manoeuvre, width_
     time_s, way = columns["time_s"], columns["driven_m"]
     rows = (time_s >= what.begin_s) & (time_s <= what.end_s)
 
-    def of(shift_m: float) -> tuple[float, float, float]:
+    def of(shift_m: float) -> tuple[float, float, float, float]:
         land = landing(columns, width_m, shift_m)
         centres = land.ground.centres_m()
         inside = (land.inside > 0.0) & (centres >= way[rows].min()) & (centres <= way[rows].max())
+        if what.edges:
+            ends = centres[:-1][np.diff(land.inside) < 0.0]
+            inside &= np.any((ends[:, None] >= centres) & (centres > ends[:, None] - END_M), axis=0)
         got, target = land.landed_kg_ha[inside], land.target_kg_ha[inside]
         return (100.0 * float(np.abs(got - target).sum() / max(1e-9, target.sum())), float(got.max(initial=0.0)),
-                0.25 * float((got < 0.1 * target).sum()))
+                0.25 * float((got < 0.1 * target).sum()), 100.0 * float((got - target).sum() / max(1e-9, target.sum())))
 
-    held, worst, bare = of(0.0)
+    held, worst, bare, bias = of(0.0)
     chosen = [f for f in fired if what.begin_s <= f.time_s <= what.end_s]
     places, lost = place_errors(columns, chosen, landing(columns, width_m), width_m)
     moved = moves({name: column[rows] for name, column in columns.items()}, [], width_m)
-    return Judged(held, np.array([of(shift)[0] for shift in SHIFTS_M]), places, lost, worst, bare,
+    each = [of(shift) for shift in SHIFTS_M]
+    return Judged(held, np.array([one[0] for one in each]), places, lost, worst, bare, bias,
                   moved.gate_moves_per_h / 60.0, moved.gate_travel_mm_per_h / 60.0)
 
 
@@ -261,6 +276,7 @@ def found(tree: str, manoeuvre: str, strategy: str, preview: str, machine: str, 
                  float(by_shift[best]), float(SHIFTS_M[best]), float(size.mean()), float(about.mean()),
                  float(np.percentile(about, 95)), len(places), sum(one.lost for one in each),
                  max(one.worst_kg_ha for one in each), statistics.fmean(one.bare_m for one in each),
+                 statistics.fmean(one.bias_percent for one in each), statistics.fmean(one.worst_kg_ha for one in each),
                  statistics.fmean(one.gate_moves_per_min for one in each),
                  statistics.fmean(one.gate_mm_per_min for one in each))
 
@@ -296,7 +312,7 @@ def measured(manoeuvres: Sequence[Manoeuvre], strategies: Sequence[str], preview
             for one, run in zip(drives, driven_by(tree, drives), strict=True):
                 runs.setdefault(one.drives, []).append(run)
             for name in machines:
-                each = [judge(relanded(columns, true[name]), fired, what, width_m)
+                each = [judge(relanded(columns, true[name], name == STANDING_FREE), fired, what, width_m)
                         for columns, fired in runs[kinds[name]]]
                 yield found("new" if tree is None else "old", what.name, strategy,
                             "tested" if lag_tested else preview, name, each)
@@ -365,7 +381,7 @@ def run() -> int:
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--only", default="", help="manoeuvres whose name contains one of these, comma separated")
     parser.add_argument("--strategies", default="opening_first,speed_first")
-    parser.add_argument("--machines", default=",".join(PLAUSIBLE),
+    parser.add_argument("--machines", default=",".join((*PLAUSIBLE, STANDING_FREE)),
                         help=f"also noisy ({', '.join(NOISY)}), speeds ({', '.join(SPEEDS)}) and drives "
                              f"({', '.join(DRIVES)})")
     parser.add_argument("--preview", default="none", help="none, set, plan, drive; comma separated")

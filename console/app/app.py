@@ -58,6 +58,7 @@ from console.locale import _, use
 from console.running import WorkerFailed
 from console.sweeps import Sweeps
 from console.worker.resume_alarms import AlarmBook
+from control.machine.machine import Machine
 from control.orders import Answer, Do, Order, State
 from drivers import day_clock
 from drivers.files.settings import Rates
@@ -122,6 +123,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.units = METRIC
         self.utc_offset_s = local_offset_s() if utc_offset_s is None else utc_offset_s
         self.limits_kg_ha, self.crop_limits_kg_ha, self.hopper_kg = limits_kg_ha, limits_kg_ha, hopper_kg
+        self.machine: Machine | None = None         # that runs; None: not known
         self.presets_kg_ha = (100.0, 150.0, 200.0)      # the settings' own take their place
         self.guide = GuideLine()
         self.sound = live
@@ -438,6 +440,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         limits = await asyncio.to_thread(at_work, log_path)
         if limits is not None:
             self.crop_limits_kg_ha, self.hopper_kg = (0.0, limits.most_rate_kg_ha), limits.hopper_kg
+            self.machine = limits.machine
             store = self.services.settings
             limit_rates(self, None if store is None else store.settings.manual_rate)
 

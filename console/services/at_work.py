@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from console.app.pages.job.service import AtWork, Earlier
 from console.worker import resume
+from control.machine.machine import Machine
 from drivers.files.run_meta import sidecar_meta
 
 
@@ -13,9 +14,13 @@ def at_work(log_path: str) -> AtWork | None:
         return None
     crop, machine = meta.crop or {}, meta.machine or {}
     try:
-        return AtWork(float(crop["max_rate_kg_ha"]), float(machine["flow"]["full_kg"]))
+        found = AtWork(float(crop["max_rate_kg_ha"]), float(machine["flow"]["full_kg"]))
     except (ValueError, KeyError, TypeError):
         return None
+    try:
+        return found._replace(machine=Machine.model_validate(machine))
+    except ValueError:
+        return found
 
 
 def earlier(log_path: str) -> Earlier | None:

@@ -1,12 +1,13 @@
 """Opening first and speed first: which pair of true shaft speed and opening gives a wanted flow."""
 from __future__ import annotations
 
+from math import pi, sin, sqrt
 from typing import NamedTuple
 
 from control.machine.machine import Machine
 from control.orders import Strategy
 
-from .inverse import Conditions, lowest_flow_kg_s, opening_for, shaft_for
+from .inverse import Conditions, flow_kg_s, lowest_flow_kg_s, opening_for, shaft_for
 from .trims import NOTHING_LEFT, Left
 
 
@@ -16,6 +17,43 @@ class Pair(NamedTuple):
     shaft_rpm: float
     opening_mm: float
     limited: str = ""
+
+
+class Reach(NamedTuple):
+    """What a strategy comes to on one machine at one rate and ground speed: lowest and highest rate by its own drive,
+    kg/ha; the smallest step of that drive, % of the flow; how far the lumps of one row lie apart, m; what 1 mm of the
+    gate and 1 r/min of the shaft change, % of the flow."""
+
+    low_kg_ha: float
+    high_kg_ha: float
+    step_percent: float
+    lumps_m: float
+    percent_mm: float
+    percent_rpm: float
+
+    def row_cv_percent(self, pulsation_percent: float, bin_m: float) -> float:
+        """CV along one row on the ground, by stretches of `bin_m`, %: a sine of that amplitude, as a roller's flutes
+        give it, averaged over a stretch."""
+        turns = pi * bin_m / self.lumps_m
+        return pulsation_percent / sqrt(2.0) * abs(sin(turns) / turns)
+
+
+def reach(machine: Machine, strategy: Strategy, rate_kg_ha: float, speed_mps: float) -> Reach | None:
+    """None where the machine stands, or nothing flows. Beyond the ends of the range the other drive helps."""
+    limits, sets = machine.limits, machine.set_points
+    to_kg_ha = 10_000.0 / (machine.geometry.working_width_m * speed_mps) if speed_mps > 0.0 else 0.0
+    pair = pair_for(machine, strategy, rate_kg_ha / to_kg_ha, sets.opening_mm) if to_kg_ha else Pair(0.0, 0.0)
+    by_shaft = strategy is Strategy.SPEED_FIRST
+    ends = ([(rpm, sets.opening_mm) for rpm in (limits.shaft_low_rpm, limits.shaft_high_rpm)] if by_shaft
+            else [(sets.shaft_rpm, mm) for mm in (limits.opening_low_mm, limits.opening_high_mm)])
+    low, high = (to_kg_ha * flow_kg_s(machine, *end) for end in ends)
+    if pair.shaft_rpm <= 0.0:
+        return None
+    flow = flow_kg_s(machine, *pair[:2])
+    percent_mm = 100.0 * (flow_kg_s(machine, pair.shaft_rpm, pair.opening_mm + 1.0) / flow - 1.0)
+    percent_rpm = 100.0 * (flow_kg_s(machine, pair.shaft_rpm + 1.0, pair.opening_mm) / flow - 1.0)
+    step = limits.shaft_resolution_rpm * percent_rpm if by_shaft else limits.opening_resolution_mm * percent_mm
+    return Reach(low, high, step, 60.0 * speed_mps / (machine.flow.flutes * pair.shaft_rpm), percent_mm, percent_rpm)
 
 
 def pair_for(machine: Machine, strategy: Strategy, wanted_kg_s: float, opening_now_mm: float,

@@ -132,9 +132,9 @@ class Sensing:
         moved_m = self._take_place(m, speed, dt, fix_new)
         if fix_new and m.gnss is not None:
             self._fix_s = m.gnss.time_s
-        told = (self._placed_s is not None and is_fresh(self._placed_s, now, max(silent_s, DEAD_RECKONING_S))
+        heard = (self._placed_s is not None and is_fresh(self._placed_s, now, max(silent_s, DEAD_RECKONING_S))
                 and (m.gnss is None or m.gnss.fix_quality > 0))
-        placed = self._east is not None and (told or self._reckons(source))
+        placed = self._east is not None and (heard or self._reckons(source))
         position_ok = placed and self._heading is not None
         east, north = self._outlet()
         return Sensed(now, speed, self._moving.acceleration_mps2, source, self._track_m, east, north, self._heading,

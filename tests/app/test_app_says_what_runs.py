@@ -19,10 +19,11 @@ from console.cli.screens import _join
 from console.link import WorkerGone
 from console.running import WorkerAddress
 from console.services.launcher import Launcher
+from control.machine.machine import Machine
 from control.orders import Alarm, Answer, Severity
 from control.safety import REFUSALS
 from control.targets.map_check import MapCheck
-from tests.app.harness import in_state, later, looked, settled, text_of, turned
+from tests.app.harness import in_state, later, looked, settled, tell, text_of, turned
 from tests.app.made_up.job import SampleJobService
 
 SIZES = ((120, 40), (80, 24))
@@ -173,6 +174,20 @@ async def test_the_limits_are_those_of_the_machine_that_runs(source, clock):
         assert app.screen.high == 180.0
         await pilot.press("escape", "f")
         assert app.screen.high == 250.0
+
+
+async def test_a_strategy_is_chosen_by_what_it_comes_to_on_this_machine(source, clock):
+    """The referee's table: 107 to 1283 kg/ha against 76 to 764, lumps 0.18 m apart against 0.80 at 120 kg/ha."""
+    services = Services(job=SampleJobService(), at_work=lambda _log: AtWork(450.0, 300.0, Machine()))
+    app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=services)
+    async with app.run_test(size=(120, 40)) as pilot:
+        await settled(app, pilot)
+        tell(source, {"target_rate_kg_ha": 120.0, "speed_used_mps": 1.25})
+        app.tick()
+        await pilot.press("t")
+        text = " ".join(app.screen.text.split())
+        assert "107 to 1283 kg/ha; at 120 kg/ha and 4.5 km/h: steps of 1.8 %, lumps along a row 0.18 m apart" in text
+        assert "76 to 764 kg/ha; at 120 kg/ha and 4.5 km/h: steps of 0.6 %, lumps along a row 0.80 m apart" in text
 
 
 # --- other consoles ---------------------------------------------------------------------------------------------------

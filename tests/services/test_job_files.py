@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from console.app.pages.job.map_words import is_doubtful, map_words
-from console.app.pages.job.service import AtWork, MapReading
+from console.app.pages.job.service import MapReading
 from console.app.units import METRIC
 from console.running import WorkerFailed
 from console.services.at_work import at_work, earlier
@@ -189,7 +189,9 @@ def test_the_files_of_a_worker_that_runs_are_its_logs(launcher, tmp_path):
 def test_the_limits_of_a_run_are_its_own(tmp_path):
     log = tmp_path / "run.csv"
     PlainLogWriter(log, run_meta({"flow": {"full_kg": 280.0}}, {"max_rate_kg_ha": 450.0})).close()
-    assert at_work(str(log)) == AtWork(450.0, 280.0) and at_work(str(tmp_path / "none.csv")) is None
+    found = at_work(str(log))
+    assert found is not None and found[:2] == (450.0, 280.0) and found.machine is not None
+    assert found.machine.flow.full_kg == 280.0 and at_work(str(tmp_path / "none.csv")) is None
 
 
 def test_an_export_of_nothing_is_one_line(desk, tmp_path):

@@ -11,6 +11,7 @@ from console.locale import N_
 from console.worker.resume_alarms import AlarmRecord
 from control.agronomy.strips import StripValue
 from control.field.job_names import JobNames as JobNames
+from control.machine.machine import Machine
 from control.targets.map_check import MapCheck
 
 if TYPE_CHECKING:
@@ -126,6 +127,7 @@ class AtWork(NamedTuple):
 
     most_rate_kg_ha: float
     hopper_kg: float
+    machine: Machine | None = None      # None: what its log says of it cannot be read
 
 
 Progress = Callable[[int, int, str], None]      # steps done, steps in all, what is being done

@@ -14,9 +14,11 @@ from console.app.reasons import why_no_start, why_not_ready
 from console.app.typed_number import in_words, inside
 from console.app.undo import ordered_source
 from console.locale import N_, _
-from control.orders import BY_MAP, STRATEGIES, Do, Order, TargetSource
+from control.metering.strategies import reach
+from control.orders import BY_MAP, STRATEGIES, Do, Order, Strategy, TargetSource
 
 FAR_CELLS = 10                  # of the trend, by which its cursor goes far
+SLOWEST_WORK_MPS = 1.25         # slower, or standing: the figures are for 4.5 km/h, the papers' speed
 
 if TYPE_CHECKING:
     from console.app.pages.run.page import RunScreen
@@ -42,15 +44,31 @@ def _give_new(page: RunScreen, do: Do, value: str | float, now: str | float) -> 
         page.app.give(do, value)
 
 
+def _reach_text(page: RunScreen, by: Strategy) -> str:
+    """What a strategy comes to on the machine that runs, at the target and the speed of now, or at a usual one."""
+    frame, machine, units = page.app.arrival.frame, page.app.machine, page.app.units
+    if frame is None or machine is None:
+        return ""
+    rate_kg_ha = frame.row.target_rate_kg_ha or frame.manual_rate_kg_ha
+    mps = max(frame.row.speed_used_mps or 0.0, SLOWEST_WORK_MPS)
+    of = reach(machine, by, rate_kg_ha, mps)
+    return "" if of is None else "\n   " + _(
+        "{low} to {high}; at {rate} and {speed}: steps of {step} %, lumps along a row {lumps} apart, 1 mm of the gate "
+        "is {mm} %, 1 r/min {rpm} %").format(
+            low=units.rate.text(of.low_kg_ha), high=units.rate.full(of.high_kg_ha), rate=units.rate.full(rate_kg_ha),
+            speed=units.speed.full(mps), step=f"{of.step_percent:.1f}", lumps=f"{of.lumps_m:.2f} m",
+            mm=f"{of.percent_mm:.1f}", rpm=f"{of.percent_rpm:.1f}")
+
+
 def strategy(page: RunScreen) -> None:
     frame = page.app.arrival.frame
     choices = [Choice(one.value, words.strategy_word(one.value)) for one in STRATEGIES]
     units, row = page.app.units, frame.row if frame else None
     text = "\n".join((
         _("opening first: the gate makes the rate, the shaft keeps its speed while it can (now {shaft})").format(
-            shaft=units.shaft.full(row.shaft_rpm_cmd if row else None)),
+            shaft=units.shaft.full(row.shaft_rpm_cmd if row else None)) + _reach_text(page, Strategy.OPENING_FIRST),
         _("speed first: the shaft makes the rate, the gate keeps its width while it can (now {opening})").format(
-            opening=units.opening.full(row.opening_mm_cmd if row else None))))
+            opening=units.opening.full(row.opening_mm_cmd if row else None)) + _reach_text(page, Strategy.SPEED_FIRST)))
     _ask_choice(page, ChoiceDialog(_("Strategy"), choices, (row.strategy if row else None) or "", text), Do.STRATEGY)
 
 
