@@ -49,7 +49,7 @@ def _reach_text(page: RunScreen, by: Strategy) -> str:
     frame, machine, units = page.app.arrival.frame, page.app.machine, page.app.units
     if frame is None or machine is None:
         return ""
-    rate_kg_ha = frame.row.target_rate_kg_ha or frame.manual_rate_kg_ha
+    rate_kg_ha = frame.row.target_rate_kg_ha or frame.manual_rate_kg_ha or 0.0
     mps = max(frame.row.speed_used_mps or 0.0, SLOWEST_WORK_MPS)
     of = reach(machine, by, rate_kg_ha, mps)
     return "" if of is None else "\n   " + _(
