@@ -23,7 +23,7 @@ from control.readings import DriveCommand, GnssFix, SpeedPlan
 from drivers.board.framing import Receiver
 from drivers.devices import agopengps, board_frames, gpsd, lag_rig, point_dose, rate_module_frames
 from drivers.devices.board_frames import CommandFrame, StatusFrame, encode_command, encode_status
-from drivers.devices.canopy_heads import PROTOCOLS, FieldMap, HeadDecoder
+from drivers.devices.canopy_heads import PROTOCOLS, HeadDecoder, HeadFields
 from drivers.devices.gnss import GnssDecoder
 from drivers.devices.nmea import Ignored, Rejected, parse
 from drivers.devices.rate_module_frames import FlowTarget, Relays, Status, encode_relays, encode_target
@@ -73,11 +73,11 @@ def nmea_said(data: bytes) -> list[Said]:
     return found
 
 
-def head_frame(layout: FieldMap, multiplexed: bool, chance: random.Random) -> bytes:
+def head_frame(layout: HeadFields, multiplexed: bool, chance: random.Random) -> bytes:
     return head_line(chance.uniform(-0.2, 0.95), layout, chance.randrange(1, 7) if multiplexed else None)
 
 
-def head_said(layout: FieldMap, multiplexed: bool, data: bytes) -> list[Said]:
+def head_said(layout: HeadFields, multiplexed: bool, data: bytes) -> list[Said]:
     decoder = HeadDecoder(layout, head=None if multiplexed else 1)
     decoder.feed(b"#\n", 0.0)                   # not the first line any more
     return list(decoder.feed(data, 0.0))

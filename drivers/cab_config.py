@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from drivers.datagrams import is_loopback, line_url, udp_address
-from drivers.devices.canopy_heads import PROTOCOLS, FieldMap
+from drivers.devices.canopy_heads import PROTOCOLS, HeadFields
 
 MOST_HEADS = 12
 MODULE_PORT, CONSOLE_PORT = 28888, 29999        # where rate modules listen, and where they answer
@@ -89,9 +89,9 @@ class HeadsConfig(_Config):
         return self.heads if self.multiplexed else len(self.ports)
 
     @property
-    def field_map(self) -> FieldMap:
+    def field_map(self) -> HeadFields:
         if self.layout is not None:
-            return FieldMap(self.layout.fields, self.layout.ndvi, self.layout.index_2)
+            return HeadFields(self.layout.fields, self.layout.ndvi, self.layout.index_2)
         return PROTOCOLS[self.protocol]
 
 

@@ -17,7 +17,7 @@ _PRINTABLE = re.compile(rb"[ -~]*")
 _HEAD = re.compile(rb"H([1-9]\d?)")
 
 
-class FieldMap(NamedTuple):
+class HeadFields(NamedTuple):
     """Which field of a head's line means what; the first field is 1, and 0 stands for "not on the line"."""
 
     fields: int
@@ -27,10 +27,10 @@ class FieldMap(NamedTuple):
     index_2_is: str = ""    # what that is: ndre, or "" where the head's owner chooses it
 
 
-PROTOCOLS: dict[str, FieldMap] = {
-    "greenseeker": FieldMap(fields=5, ndvi=3, index_2=4),
-    "acs430": FieldMap(fields=5, ndvi=2, index_2=1, index_2_is="ndre"),
-    "acs435": FieldMap(fields=8, ndvi=2, index_2=1, index_2_is="ndre"),
+PROTOCOLS: dict[str, HeadFields] = {
+    "greenseeker": HeadFields(fields=5, ndvi=3, index_2=4),
+    "acs430": HeadFields(fields=5, ndvi=2, index_2=1, index_2_is="ndre"),
+    "acs435": HeadFields(fields=8, ndvi=2, index_2=1, index_2_is="ndre"),
 }
 
 
@@ -65,7 +65,7 @@ class HeadDecoder(LineDecoder[HeadSample]):
 
     longest = 200
 
-    def __init__(self, fields: FieldMap, head: int | None = 1, heads: int = 6) -> None:
+    def __init__(self, fields: HeadFields, head: int | None = 1, heads: int = 6) -> None:
         for what, number in (("ndvi", fields.ndvi), ("index_2", fields.index_2)):
             lowest = 1 if what == "ndvi" else 0
             if not lowest <= number <= fields.fields:

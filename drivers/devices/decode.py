@@ -8,7 +8,7 @@ from typing import Any
 from control.readings import GnssFix
 from drivers.devices.agopengps import AgOpenGpsDecoder
 from drivers.devices.canopy_heads import PROTOCOLS as HEAD_PROTOCOLS
-from drivers.devices.canopy_heads import FieldMap, HeadDecoder, HeadSample
+from drivers.devices.canopy_heads import HeadDecoder, HeadFields, HeadSample
 from drivers.devices.capture import is_capture, received
 from drivers.devices.gnss import GnssDecoder
 from drivers.devices.gpsd import GpsdDecoder
@@ -59,7 +59,7 @@ def _gnss(data: bytes) -> tuple[list[Record], Counts]:
     return _through(GnssDecoder(live=False), _fix_record, data)
 
 
-def _heads(layout: FieldMap, multiplexed: bool, data: bytes) -> tuple[list[Record], Counts]:
+def _heads(layout: HeadFields, multiplexed: bool, data: bytes) -> tuple[list[Record], Counts]:
     return _through(HeadDecoder(layout, head=None if multiplexed else 1), _head_record, data)
 
 

@@ -5,7 +5,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Protocol
 
 from control.readings import DriveCommand, GnssFix
-from drivers.devices.canopy_heads import FieldMap
+from drivers.devices.canopy_heads import HeadFields
 from drivers.devices.nmea import MPS_PER_KNOT, checksum
 
 MODE_OF_QUALITY = {1: "A", 2: "D", 3: "P", 4: "R", 5: "F", 6: "E", 7: "M", 8: "S"}
@@ -75,7 +75,7 @@ def gnss_sentences(fix: GnssFix, talker: str = "GN") -> bytes:
             + sentence(f"{talker}VTG,{course},T,,M,{knots},N,{kmh},K,{mode}"))
 
 
-def head_line(ndvi: float, layout: FieldMap, head: int | None = None) -> bytes:
+def head_line(ndvi: float, layout: HeadFields, head: int | None = None) -> bytes:
     """One sample of one head in the given layout; `head` writes the multiplexed line's `H<n>,` in front.
 
     The second index repeats the NDVI; fields that the driver does not read are 0.

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 from drivers.cab import BoardConfig, Cab, CabConfig, GnssConfig, HeadsConfig
-from drivers.devices.canopy_heads import PROTOCOLS, FieldMap
+from drivers.devices.canopy_heads import PROTOCOLS, HeadFields
 from drivers.ports import Clock, MemoryPort, Port, memory_pair
 from drivers.virtual.board import VirtualBoard
 from drivers.virtual.encoders import EncodedPlant, gnss_sentences, head_line
@@ -32,7 +32,7 @@ class VirtualMachine:
 
     def __init__(self, plant: EncodedPlant, gnss: Port, heads: Sequence[Port], board: Port, start_s: float,
                  *,
-                 layout: FieldMap = PROTOCOLS["greenseeker"], multiplexed: bool = False,
+                 layout: HeadFields = PROTOCOLS["greenseeker"], multiplexed: bool = False,
                  opening_mm: float = OPENING_MM, extras: Sequence[Extra] = ()) -> None:
         self.board = VirtualBoard(opening_mm)
         self._extras = tuple(extras)

@@ -57,7 +57,7 @@ DIALOGS = {
     JumpScreen: lambda: JumpScreen((), ()),
     settings_page.ThemeDialog: lambda: settings_page.ThemeDialog("Theme", [Choice("day", "Day"), Choice("night", "N")],
                                                                  "day"),
-    settings_page.KeyDialog: lambda: settings_page.KeyDialog("start", "S"),
+    settings_page.KeyChoice: lambda: settings_page.KeyChoice("start", "S"),
     KeyDialog: lambda: KeyDialog("Key", "", Key("k", lambda: 0.0)),
     CommandPalette: CommandPalette,
 }

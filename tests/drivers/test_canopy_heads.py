@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.devices.canopy_heads import PROTOCOLS, FieldMap, HeadDecoder
+from drivers.devices.canopy_heads import PROTOCOLS, HeadDecoder, HeadFields
 
 
 def test_greenseeker_takes_ndvi_from_the_third_field_and_the_second_index_from_the_fourth():
@@ -51,11 +51,11 @@ def test_multiplexed_lines_keep_their_heads_apart():
 
 
 def test_own_layout():
-    sample, = HeadDecoder(FieldMap(fields=3, ndvi=3)).feed(b"a,b,0.5\n", 0.0)
+    sample, = HeadDecoder(HeadFields(fields=3, ndvi=3)).feed(b"a,b,0.5\n", 0.0)
     assert (sample.ndvi, sample.index_2) == (0.5, None)
 
 
-@pytest.mark.parametrize("layout", [FieldMap(5, 6), FieldMap(5, 0), FieldMap(5, 3, 6)])
+@pytest.mark.parametrize("layout", [HeadFields(5, 6), HeadFields(5, 0), HeadFields(5, 3, 6)])
 def test_a_layout_that_points_outside_the_line_is_refused(layout):
     with pytest.raises(ValueError, match=r"field map: .* allowed is"):
         HeadDecoder(layout)

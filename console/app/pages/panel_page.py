@@ -12,7 +12,7 @@ from console.app.layers import MapLayer
 from console.app.pages.log_page import EMPTY_MAP, LogPage
 from console.app.view import STALE_S, RunView, duration, look, wall_clock
 from console.app.widgets.field_map import FieldMap
-from console.app.widgets.heads import Heads
+from console.app.widgets.heads import HeadsPanel
 from console.app.widgets.items import Items
 from console.app.widgets.map_legend import LegendView, MapLegend
 from console.app.widgets.panel import Panel, line
@@ -51,7 +51,7 @@ class PanelScreen(LogPage):
             yield Rates(view.rates, id="rates")
             yield Tiles(view.tiles, id="tiles")
             yield TileGraphs(GraphsView(()), id="tile-graphs")
-            yield Heads(view.heads, id="heads")
+            yield HeadsPanel(view.heads, id="heads")
             yield Items(view.items, id="items-low")
             yield Trend(TrendView((), self.app.units.rate), id="trend")
         with Vertical(id="right"):
@@ -153,6 +153,6 @@ class PanelScreen(LogPage):
         super().show_numbers(view)
         self.query_one("#rates", Rates).show(view.rates)
         self.query_one("#tiles", Tiles).show(view.tiles)
-        self.query_one("#heads", Heads).show(view.heads)
+        self.query_one("#heads", HeadsPanel).show(view.heads)
         for items in self.query(Items):
             items.show(view.items)

@@ -14,7 +14,7 @@ def bar(share: float, width: int) -> tuple[str, str]:
     return "▄" * full, "▁" * (width - full)
 
 
-class Heads(Panel[HeadsView]):
+class HeadsPanel(Panel[HeadsView]):
     """A heading and three rows of two heads."""
 
     def lines(self, view: HeadsView, width: int, height: int) -> list[Content]:

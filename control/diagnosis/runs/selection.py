@@ -67,7 +67,7 @@ class RivalOf(NamedTuple):
     behind: float               # by so much of the log score
 
 
-class Posterior(NamedTuple):
+class Shares(NamedTuple):
     """Probabilities of a part, of each of its rivals, and of something unknown in its place; the rest is nothing's."""
 
     part: float
@@ -83,11 +83,11 @@ class InPlace(NamedTuple):
     rivals: tuple[RivalOf, ...] = ()
     unknown: float = -np.inf
 
-    def posterior(self, unlike: float = 0.0) -> Posterior:
+    def posterior(self, unlike: float = 0.0) -> Shares:
         """unlike : probability that it is something else altogether, by what the whole model leaves."""
         part, *rivals, unknown, _ = softmax([0.0, *(-one.behind for one in self.rivals), self.unknown, -self.worth])
         known = 1.0 - unlike
-        return Posterior(known * float(part), tuple(known * float(p) for p in rivals), max(unlike, float(unknown)))
+        return Shares(known * float(part), tuple(known * float(p) for p in rivals), max(unlike, float(unknown)))
 
 
 class WeighedModel(NamedTuple):

@@ -33,7 +33,7 @@ from console.app.pages.diagnosis.service import (
     WorkStopped,
 )
 from console.app.pages.diagnosis.source_list import SourceList, SourcesView
-from console.app.pages.diagnosis.verdict import Verdict
+from console.app.pages.diagnosis.verdict import VerdictPanel
 from console.app.pages.diagnosis.work_bar import WorkBar, WorkView
 from console.app.pages.page import Page
 from console.app.view import RunView
@@ -81,7 +81,7 @@ class DiagnosisScreen(Page):
             yield WorkBar(None, id="dia-work")
             yield Static("", id="dia-said", markup=False)
             yield SourceList(SourcesView((), 0, True, in_use()), id="dia-sources")
-            yield Verdict((), id="dia-verdict")
+            yield VerdictPanel((), id="dia-verdict")
             with Horizontal(id="dia-found"):
                 with Vertical(id="dia-left"):
                     yield Causes(CausesView((), 0, (), in_use()), id="dia-causes")
@@ -140,7 +140,7 @@ class DiagnosisScreen(Page):
             self._show_found(found)
 
     def _show_found(self, found: DiagnosisView) -> None:
-        self.query_one("#dia-verdict", Verdict).show(tuple(
+        self.query_one("#dia-verdict", VerdictPanel).show(tuple(
             shown.said(one, "" if len(self.found) == 1 else _("log") if not index else _("separating run"))
             for index, one in enumerate(self.found)))
         self.query_one("#dia-causes", Causes).show(shown.causes(found, self.cause, self.app.units))

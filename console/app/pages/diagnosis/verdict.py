@@ -25,7 +25,7 @@ class SaidVerdict(NamedTuple):
     lead: str = ""
 
 
-class Verdict(Panel[tuple[SaidVerdict, ...]]):
+class VerdictPanel(Panel[tuple[SaidVerdict, ...]]):
     """Rows: word and data; the sentence; what to do. Two verdicts stand one below the other, in fewer rows each."""
 
     def lines(self, view: tuple[SaidVerdict, ...], width: int, height: int) -> list[Content]:

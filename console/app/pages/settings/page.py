@@ -140,7 +140,7 @@ class SettingsScreen(Page):
             self.app.ask(NumberDialog(f"{row.group}: {row.label}", unit.name, low, high, to_si=unit.to_si),
                          lambda value: self._set(row.path, round(value, 3)))
         else:
-            self.app.ask(KeyDialog(row.label, row.shown), lambda key: self._take_key(row.path[1], key))
+            self.app.ask(KeyChoice(row.label, row.shown), lambda key: self._take_key(row.path[1], key))
 
     def _take_key(self, name: str, key: str) -> None:
         assert self.store is not None
@@ -228,7 +228,7 @@ class ThemeDialog(ChoiceDialog):
             self.app.theme = name
 
 
-class KeyDialog(Dialog[str | None]):
+class KeyChoice(Dialog[str | None]):
     """The next key that is pressed; Escape keeps the old one."""
 
     def __init__(self, label: str, now: str) -> None:
