@@ -160,7 +160,7 @@ LIES: dict[str, tuple[Lie, tuple[str, ...]]] = {
     **{f"shaft reads as commanded, turns x {k:g}": (Lie(turns=k, says=1.0 / k, at_s=BEGINS_S), (alarm,))
        for k, alarm in ((0.25, "flow_missing"), (0.5, "flow_disagrees"), (2.0, "flow_above"))},
     **{f"shaft reads x {k:g}, turns as commanded": (Lie(says=k, at_s=BEGINS_S), ())
-       for k in (0.25, 0.5, 2.0)}}
+       for k in (0.25, 0.5, 0.82, 2.0)}}
 
 
 def lied(lie: Lie) -> tuple[float, float, dict[str, float]]:

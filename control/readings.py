@@ -185,6 +185,11 @@ class ScaleSays(NamedTuple):
     trimmed_percent: float = 0.0        # the flow is moved so far
     refill_percent: float | None = None     # the scale's rise at the last refill is so far off the order's kg
 
+    @property
+    def agrees(self) -> bool:
+        """Nothing that it says is against what shaft and gate read."""
+        return self.off_kg == 0.0 and self.share is None and self.beyond_percent is None
+
 
 NOTHING_SAID = ScaleSays()
 

@@ -37,7 +37,7 @@ from control.metering.flow_trim import FlowTrim
 from control.metering.inverse import Conditions, flow_kg_s
 from control.metering.setting import Setting
 from control.metering.strategies import Pair
-from control.metering.trims import DriveTrim, TrimLimits
+from control.metering.trims import DriveTrim, Left, TrimLimits
 from control.orders import BY_CANOPY, Answer, Do, Order, State, Strategy, TargetSource
 from control.readings import DriveCommand, Measurements, Reading, SpeedPlan, announced_text, possible
 from control.safety import BenchRun, DriveLimits, Safety, SafetyLimits, Verdict, limited, limited_valves, refusal
@@ -286,7 +286,9 @@ class ControlLoop:
         planned = wanted.rate_kg_ha * (1.0 + choices.nudge_percent / 100.0)
         rate = min(self.crop.max_rate_kg_ha, planned)
         lag = reach.small_change_lag(self._queue.holding.rate_kg_ha, self.crop.fallback_rate_kg_ha)
-        left = self._drive_trim.left(self._setting.strategy is Strategy.SPEED_FIRST)
+        # Where the scale says that something else flows, a drive's reading may be wrong: nothing is made up by it.
+        left = self._drive_trim.left(self._setting.strategy is Strategy.SPEED_FIRST) if self._flow_trim.says.agrees \
+            else Left()
         pair = self._setting.pair(share * rate, moment.ahead.mps, now, moment.dt_s, self._expected.pair.opening_mm,
                                   moment.conditions, left)
         inside = self._ahead.landing_inside(

@@ -97,6 +97,17 @@ def test_behind_a_short_headland_the_heads_decide_from_the_edge_on(simulated: An
     assert worked == {"canopy"} and sum(row.target_rate_kg_ha == 0.0 for row in rows) > 400
 
 
+@pytest.mark.parametrize(("effects", "share"), [(FLAT, 1.0), ([*FLAT, "scale.gain=30"], 0.82)],
+                         ids=["the scale agrees", "the scale says otherwise"])
+def test_nothing_is_made_up_for_where_the_scale_disagrees(simulated: Any, effects: list[str], share: float) -> None:
+    """A reading may be what is wrong: a shaft read 18 % slow that turned as it should gave 21 % too much."""
+    run = simulated(150.0, "opening_first", effects)
+    columns = run.record.columns()
+    late = (columns["time_s"] > 120.0) & (columns["flowing"] > 0.0)
+    wanted_kg_s = columns["target_kg_ha"] * run.width_m * columns["speed_mps"] / 10_000.0
+    assert columns["flow_kg_s"][late].sum() == pytest.approx(share * wanted_kg_s[late].sum(), rel=0.02)
+
+
 def test_no_flow_outside_the_field(simulated: Any) -> None:
     run = simulated(120.0, sim={"pass_length_m": 60.0})         # two headlands
     columns = run.record.columns()
