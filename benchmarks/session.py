@@ -27,7 +27,7 @@ from console.app.units import METRIC
 from console.frame import DeviceDo, Frame
 from console.locale import ENGLISH, use
 from console.services.field import field_picture
-from console.worker.simulated_bench import PARKED
+from console.worker.assemble import PARKED
 from control.orders import Answer, Order
 
 SIZE = (120, 40)

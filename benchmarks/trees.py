@@ -20,12 +20,11 @@ def environment_of(tree: Path, before: Mapping[str, str] = os.environ) -> dict[s
 
 
 def worked(arguments: list[str], clock: Callable[[], float], wait: Callable[[float], object], until_s: float,
-           each: Callable[[Any], object] = lambda host: None, keep: Callable[[Any, Any], object] | None = None,
            **options: Any) -> Any:
     """The host of a control worker of the tree that this process was started with, once it has ended.
 
     arguments : of `python -m console.worker`. clock, wait : its time. An operator makes it ready and starts it; at
-    `until_s` it is asked to end. each : called after every wait. keep : gets the plant and its truth after every step.
+    `until_s` it is asked to end. options : of the host.
     """
     from console.worker.assemble import assemble
     from console.worker.host import Host
@@ -33,9 +32,6 @@ def worked(arguments: list[str], clock: Callable[[], float], wait: Callable[[flo
     from console.worker.requests import Ask
     from control.orders import Do, Order
     parts = assemble(options_from([*arguments, "--run-file", "none.json"]), clock)
-    if keep is not None:
-        plant: Any = parts.bench._plant                                         # type: ignore[attr-defined]
-        plant._keep = lambda truth: keep(plant, truth)
 
     def sleep(seconds: float) -> None:
         wait(max(seconds, 1e-9))
@@ -43,7 +39,6 @@ def worked(arguments: list[str], clock: Callable[[], float], wait: Callable[[flo
         state = host.newest.row.state if host.newest is not None else ""
         if clock() > 3.0 and state in ("off", "ready"):
             host.ask(Order(Do.READY if state == "off" else Do.START), lambda answer, _: None)
-        each(host)
         if clock() > until_s:
             host.ask(Ask.QUIT, lambda answer, _: None)
 

@@ -97,7 +97,7 @@ class Link:
         return await self._asked({"ask": "lag_test" if begin else "end_lag_test"}, timeout_s)
 
     async def stats(self, timeout_s: float = ANSWER_S) -> dict[str, float]:
-        """How punctual the worker's loop is (`console.worker.period`), what its link refused. Raises TimeoutError."""
+        """How punctual the worker's loop is (`console.worker.host`), what its link refused. Raises TimeoutError."""
         said = await self._ask({"ask": "stats"}, timeout_s)
         return dict(said.get("stats", {}))
 

@@ -18,15 +18,15 @@ TIMES = 12                  # in all: once for each page, and some; each leaves 
 class Sweeps:
     """Of one console. Call `tick` often: between a sweep and the tick after it little can have become garbage."""
 
-    def __init__(self) -> None:
-        self.left = TIMES
+    def __init__(self, lives: int = LIVES) -> None:
+        self.left, self._lives = TIMES, lives
         self._seen = _swept()
 
     def tick(self) -> None:
         if self.left == 0 or self._seen == _swept():
             return
         self._seen = _swept()
-        if len(gc.get_objects(generation=2)) > LIVES:
+        if len(gc.get_objects(generation=2)) > self._lives:
             self.left -= 1
             gc.freeze()
 

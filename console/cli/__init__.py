@@ -3,6 +3,7 @@ heavy is imported when it runs."""
 from __future__ import annotations
 
 import os
+import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
@@ -11,12 +12,83 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
-from console.cli.examples import ENDS, under
 from console.cli.plain_errors import guarded
-from console.cli.plain_help import PlainCommand
 from console.cli.plain_output import take_terminals
 from console.threads import few_for_matrices
+
+# Examples that stand under each command's help. A test parses every one of them.
+EXAMPLES: dict[str, tuple[str, ...]] = {
+    "run": ("topdress run", "topdress run --config job.yaml --config cab.yaml", "topdress run --effect shaft.gain=-6"),
+    "replay": ("topdress replay run.csv", "topdress replay run.csv --headless --out again.csv --strategy speed_first"),
+    "simulate": ("topdress simulate --summary",
+                 "topdress simulate --seconds 3600 --out run.csv --effect shaft.gain=-6"),
+    "diagnose": ("topdress diagnose run.csv", "topdress diagnose run.csv --report why.html --adopt mended.yaml",
+                 "topdress diagnose lag.csv catch.csv --machine huanghai"),
+    "compare": ("topdress compare huanghai mended.yaml other-day.csv",
+                "topdress compare old.yaml new.yaml a.csv b.csv --report compared.html"),
+    "watch": ("topdress watch run.csv", "topdress watch planter.csv --machine planter --to-end"),
+    "fleet": ("topdress fleet season --out report --price 2.8",
+              "topdress fleet s3://farm/logs/*.parquet --out report --scheduler tcp://barn:8786"),
+    "history": ("topdress history mended.yaml", "topdress history mended.yaml --undo --out before.yaml"),
+    "machine": ("topdress machine --from pump.csv --out my-pump.yaml --kind pump",
+                "topdress machine --from wheel.csv --out left.yaml --full-speed 650 --both-ways --noise 2 --running"),
+    "calibrate catch": ("topdress calibrate catch weighed.csv --out mine.yaml",),
+    "calibrate lag": ("topdress calibrate lag drops.csv --out mine.yaml --from-rpm 20 --to-rpm 60",
+                      "topdress calibrate lag --rig COM5 --board COM4 --out drops.csv"),
+    "calibrate wheel": ("topdress calibrate wheel run.csv --out mine.yaml",),
+    "calibrate heads": ("topdress calibrate heads run.csv --out mine.yaml",),
+    "info": ("topdress info", "topdress info --json"),
+    "extras": ("topdress extras",),
+    "effects": ("topdress effects", "topdress effects --json"),
+    "decode": ("topdress decode gnss receiver.bin", "topdress decode board board.bin --json"),
+    "import": ("topdress import yield.csv --guess --mapping yield.import.yaml",
+               "topdress import yield.csv --mapping yield.import.yaml --out yield-log.csv"),
+    "map": ("topdress map field.shp", "topdress map field.shp --column RATE --unit lb/ac --out task.zip",
+            "topdress map run.csv --out sheet.html"),
+    "field": ("topdress field ~/Documents/AgOpenGPS/Fields/North --job demo --out north.yaml",
+              "topdress field north.kml --out north.geojson", "topdress field north.yaml --out north"),
+    "record": ("topdress record run.csv --out farm.csv", "topdress record *.csv --price urea=0.42 --currency EUR"),
+    "reproduce": ("topdress reproduce --out papers",),
+    "check": ("topdress check job.yaml cab.yaml", "topdress check --schema machine"),
+    "devices": ("topdress devices",),
+    "serve": ("topdress serve",),
+    "serve-machine": ("topdress serve-machine --port 4100",),
+}
+ENDS = """Exit codes: 0 done; 1 a disk, port or line failed; 2 what was given is wrong; 3 nothing of the data could be
+judged; 70 a fault of topdress itself; 130 cancelled. Words are completed by the tab key after: topdress
+--install-completion."""
+
+
+def under(name: str) -> str:
+    """What stands below a command's help; each example on a line of its own."""
+    return "\b\nExamples:\n" + "\n".join(f"  {line}" for line in EXAMPLES[name])
+
+
+# Help in words: an argument's name says what it is, ranges are written out, no types and signs of Python.
+_TYPES = re.compile(r"^(  .*?)( <(?:str|int|float|path|list\[\w+\])>)( *)", re.MULTILINE)
+_NUMBER = r"-?[\d.]+(?:e[-+]?\d+)?"
+_RANGE = re.compile(rf"(?P<low>{_NUMBER})<=x<=(?P<high>{_NUMBER})|x>=(?P<least>{_NUMBER})|x<=(?P<most>{_NUMBER})")
+
+
+def ranges_in_words(text: str) -> str:
+    """`1<=x<=100` as from 1 to 100, `x>=0.0` as 0 or more, `x<=9` as at most 9."""
+    def words(found: re.Match[str]) -> str:
+        number = {name: value.removesuffix(".0") for name, value in found.groupdict().items() if value is not None}
+        if "low" in number:
+            return f"from {number['low']} to {number['high']}"
+        return f"{number['least']} or more" if "least" in number else f"at most {number['most']}"
+
+    return _RANGE.sub(words, text)
+
+
+class PlainCommand(TyperCommand):
+    def get_help(self, ctx: Any) -> str:
+        """What is left out leaves its room: the texts behind stay in their column."""
+        said = _TYPES.sub(lambda found: found[1] + " " * len(found[2]) + found[3] if found[3] else found[1],
+                          super().get_help(ctx))
+        return ranges_in_words(said)
 
 
 def _app() -> typer.Typer:

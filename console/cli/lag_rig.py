@@ -1,9 +1,12 @@
 """`topdress calibrate lag --rig URL`: the lag test on real bytes, to a lag bench table."""
 from __future__ import annotations
 
+import contextlib
+import os
+import select
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +14,6 @@ import typer
 
 from console.app.held_key import HeldKey
 from console.app.words import alarm_words, answer_words
-from console.cli.keys import Keys, keys
 from console.cli.plain_errors import CommandError
 from console.frame import Frame, LagTestView
 from control.log_row import LogRow
@@ -20,6 +22,46 @@ from drivers import day_clock
 
 if TYPE_CHECKING:
     from console.worker.host import Host
+
+
+# Keys of the terminal as they are pressed, without waiting for a line; POSIX and Windows.
+class Keys:
+    """`pressed`: what was typed since the last call, as text. Nothing where standard input is no terminal."""
+
+    def __init__(self, there: bool) -> None:
+        self.there = there
+
+    def pressed(self) -> str:
+        if not self.there:
+            return ""
+        if sys.platform == "win32":
+            import msvcrt
+            typed = ""
+            while msvcrt.kbhit():
+                typed += msvcrt.getwch()
+            return typed
+        ready = select.select([sys.stdin], [], [], 0.0)[0]
+        return os.read(sys.stdin.fileno(), 256).decode(errors="replace") if ready else ""
+
+
+@contextlib.contextmanager
+def keys() -> Iterator[Keys]:
+    """The keyboard until the end of the block; Ctrl+C still interrupts."""
+    if not sys.stdin.isatty():
+        yield Keys(False)
+        return
+    if sys.platform == "win32":
+        yield Keys(True)
+        return
+    import termios
+    import tty
+    before = termios.tcgetattr(sys.stdin)
+    try:
+        tty.setcbreak(sys.stdin)
+        yield Keys(True)
+    finally:
+        termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)
+
 
 HZ = 50.0
 HEARD_WITHIN_S = 10.0           # every device must have been heard by then

@@ -10,7 +10,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -37,9 +37,9 @@ class TabLink(Link):
     tablet = True
 
 
-async def link_to(operating: bool) -> Link:
+async def link_to(operating: bool, find: Callable[[], WorkerAddress | None] = find_running) -> Link:
     """To the worker that runs; without its token unless the tab operates. Raises WorkerFailed."""
-    where = await asyncio.to_thread(find_running)
+    where = await asyncio.to_thread(find)
     if where is None:
         raise WorkerFailed(_(NONE_RUNS))
     return TabLink(where if operating else where.looking_only())

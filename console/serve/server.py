@@ -15,7 +15,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import quote, urlsplit
 
 from aiohttp import WSCloseCode, web
@@ -34,21 +34,29 @@ MESSAGE_BYTES = 16_384      # of a tab's message: a paste
 MESSAGES_S = 100.0          # a second, each tab
 PING_CHARACTERS = 100
 CLOSES_WITHIN_S = 0.4       # a browser answers that its socket closes, or is not waited for
-MOST_CONNECTIONS = 64       # at once, six of each browser that loads the page; 1,024 files may be open
 COMES_AT_ONCE = 32          # that the system holds, and that may come on top of these in one turn
-CONNECTION_S = 30.0         # of one that is no tab, with headers, page and all: a browser makes another one
-LOOKED_S = 1.0              # how often
 LINES_A_MINUTE = 20         # of the log: who sends rubbish fills no disk with what is said of it
 HOST = re.compile(r"(\[[0-9a-fA-F:.]+\]|[A-Za-z0-9._-]+)(:\d{1,5})?")
 _PAGE = Path(__file__).with_name("page.html")
 
 
+class Room(NamedTuple):
+    """For connections that are no tab."""
+
+    connections: int = 64       # at once, six of each browser that loads the page; 1,024 files may be open
+    connection_s: float = 30.0  # of one, with headers, page and all: a browser makes another one
+    looked_s: float = 1.0       # how often
+
+
+ROOM = Room()
+
+
 class TabletServer(Server):
     """command: program and arguments, started once for each tab. host, port: where it listens."""
 
-    def __init__(self, command: Sequence[str], host: str, port: int) -> None:
+    def __init__(self, command: Sequence[str], host: str, port: int, room: Room = ROOM) -> None:
         super().__init__(" ".join(command), host=host, port=port, title="topdress")
-        self._arguments = tuple(command)
+        self._arguments, self._room = tuple(command), room
         self._page = _PAGE.read_text(encoding="utf-8")
         self._consoles: dict[TabConsole, web.WebSocketResponse] = {}
         self._asked: dict[web.WebSocketResponse, web.Request] = {}      # of each tab
@@ -72,13 +80,14 @@ class TabletServer(Server):
         await runner.setup()
         try:
             assert runner.server is not None
-            doors = Doors(runner.server, lambda: {request.protocol for request in self._asked.values()}, loop.time)
+            doors = Doors(runner.server, lambda: {request.protocol for request in self._asked.values()}, loop.time,
+                          self._room)
             listening = await loop.create_server(doors, self.host, self.port, backlog=COMES_AT_ONCE)
             try:
                 while not asked.is_set():
                     doors.look()
                     with contextlib.suppress(TimeoutError):
-                        await asyncio.wait_for(asked.wait(), LOOKED_S)
+                        await asyncio.wait_for(asked.wait(), self._room.looked_s)
             finally:
                 listening.close()
         finally:
@@ -180,14 +189,15 @@ async def _ended(console: TabConsole, tab: web.WebSocketResponse) -> None:
 
 class Doors:
     """Makes the protocol of each connection that is accepted, and room for it: a connection that is no tab has
-    `CONNECTION_S`, and of more than `MOST_CONNECTIONS` the oldest goes, of the address that has the most. So whoever
+    `room.connection_s`, and of more than `room.connections` the oldest goes, of the address that has the most. So who
     opens any number and says nothing takes neither all descriptors nor another one's place.
 
     server: of aiohttp. tabs: connections that are one; they are bounded by themselves, and stay.
     """
 
-    def __init__(self, server: web.Server, tabs: Callable[[], set[Any]], clock: Callable[[], float]) -> None:
-        self._server, self._tabs, self._clock = server, tabs, clock
+    def __init__(self, server: web.Server, tabs: Callable[[], set[Any]], clock: Callable[[], float],
+                 room: Room) -> None:
+        self._server, self._tabs, self._clock, self._room = server, tabs, clock, room
         self._since_s: dict[RequestHandler, float] = {}
 
     def __call__(self) -> RequestHandler:
@@ -203,8 +213,8 @@ class Doors:
         addresses = Counter(map(_address, open_now))
         most = max(addresses.values(), default=0)
         crowd = [one for one in open_now if addresses[_address(one)] == most]
-        over = [one for one in open_now if now_s - self._since_s[one] > CONNECTION_S]
-        for one in {*over, *crowd[:max(0, len(open_now) - MOST_CONNECTIONS + 1)]}:
+        over = [one for one in open_now if now_s - self._since_s[one] > self._room.connection_s]
+        for one in {*over, *crowd[:max(0, len(open_now) - self._room.connections + 1)]}:
             assert one.transport is not None
             one.transport.abort()
 

@@ -75,7 +75,7 @@ class Asked:
 
 
 @contextlib.contextmanager
-def cluster(scheduler: str | None, workers: int) -> Iterator[Any]:
+def cluster(scheduler: str | None, workers: int, connect_s: float = CONNECT_S) -> Iterator[Any]:
     """A Dask client: of the scheduler at an address, else of workers on this computer. Raises NoDask, OSError.
 
     Whoever reaches a Dask scheduler runs code as its user. So our own takes only who has a certificate of an authority
@@ -92,7 +92,7 @@ def cluster(scheduler: str | None, workers: int) -> Iterator[Any]:
         if name.startswith(LOUD):
             logging.getLogger(name).setLevel(logging.CRITICAL)
     if scheduler is not None:
-        with _of(scheduler, Client) as client:
+        with _of(scheduler, Client, connect_s) as client:
             yield client
         return
     with tempfile.TemporaryDirectory(prefix="topdress-fleet-", ignore_cleanup_errors=True) as room:
@@ -121,10 +121,10 @@ def _deaf() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _of(scheduler: str, make: Callable[..., Any]) -> Iterator[Any]:
+def _of(scheduler: str, make: Callable[..., Any], connect_s: float) -> Iterator[Any]:
     """A client of a scheduler that is there, with workers that can do the work. Raises OSError, in one line."""
     try:
-        client = make(scheduler, set_as_default=False, timeout=CONNECT_S)
+        client = make(scheduler, set_as_default=False, timeout=connect_s)
     except Exception as error:      # of an address that it does not know Dask has many words
         why = (str(error).splitlines() or ["nobody answers"])[0]
         raise OSError(f"{scheduler}: no Dask scheduler: {why}") from None
@@ -219,8 +219,9 @@ def _at_url(where: str, options: Options) -> list[str]:
     return [system.unstrip_protocol(name) for name in sorted(names) if _is_log(name.split("/")[-1]) or name == path]
 
 
-def diagnosed(client: Any, paths: Sequence[str], asked: Asked, out: Path, tell: Tell) -> Found:
-    """Every log's record. KeyboardInterrupt passes through: what is done is kept.
+def diagnosed(client: Any, paths: Sequence[str], asked: Asked, out: Path, tell: Tell,
+              record: Callable[..., dict[str, Any]] = record) -> Found:
+    """Every log's record, as `record` makes it. KeyboardInterrupt passes through: what is done is kept.
 
     Only workers that see the logs are asked. A fault that is not the log's own is tried once more when all else is
     done, and is never kept: the next run tries again. Raises OSError where no worker sees the logs.
@@ -313,8 +314,8 @@ def _kept(out: Path, key: str) -> dict[str, Any] | None:
 class _Work:
     """Tasks for the workers that see the logs."""
 
-    def __init__(self, client: Any, workers: Sequence[str]) -> None:
-        self._client, self._workers = client, list(workers)
+    def __init__(self, client: Any, workers: Sequence[str], join_s: float = JOIN_S, look_s: float = LOOK_S) -> None:
+        self._client, self._workers, self._join_s, self._look_s = client, list(workers), join_s, look_s
 
     def twice(self, work: Callable[..., Any], todo: Mapping[str, tuple[Any, ...]]) -> Iterator[tuple[str, Any, str]]:
         """As `once`; what failed for no fault of the log is done again when all else is done."""
@@ -366,10 +367,10 @@ class _Work:
         """Where no worker is left, and none comes for as long as the first was waited for, nobody would ever do what is
         asked: it is taken back."""
         missed = 0.0
-        while not over.wait(LOOK_S):
+        while not over.wait(self._look_s):
             with contextlib.suppress(Exception):            # that a scheduler is gone shows in its tasks
-                missed = 0.0 if self._client.nthreads() else missed + LOOK_S
-            if missed >= JOIN_S:
+                missed = 0.0 if self._client.nthreads() else missed + self._look_s
+            if missed >= self._join_s:
                 alone.set()
                 with contextlib.suppress(Exception):
                     self._client.cancel(list(running), force=True)

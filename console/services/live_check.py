@@ -114,15 +114,13 @@ def _pieces(rows: Columns) -> Iterator[Columns]:
         yield {name: array[begin:end] for name, array in rows.items()}
 
 
-def main(arguments: list[str]) -> int:
-    lower_priority()
-    threading.Thread(target=_end_with_stdin, daemon=True).start()
+def main(arguments: list[str], sleep: Callable[[float], None] = time.sleep) -> int:
     from drivers.files.config import ConfigError
     log, machine = Path(arguments[0]), arguments[1] if len(arguments) > 1 else None
     said: Departure | tuple[()] | None = ()
 
     def wait() -> bool:
-        time.sleep(POLL_S)
+        sleep(POLL_S)
         return True
     try:
         for look in followed(log, machine, wait):
@@ -152,4 +150,6 @@ def _say(what: dict[str, object]) -> None:
 
 
 if __name__ == "__main__":
+    lower_priority()
+    threading.Thread(target=_end_with_stdin, daemon=True).start()
     sys.exit(main(sys.argv[1:]))

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import datetime as dt
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,23 +16,71 @@ from console.worker.resume_assemble import before_of, go_on, job_to_go_on, start
 from console.worker.resume_field import logs_here
 from console.worker.resume_keeper import Keeper
 from console.worker.resume_tail import with_tail
-from console.worker.simulated_bench import SimulatedBench
 from control.field.job import Job, rule_of
 from control.machine.machine import Machine
 from control.machine.planting import parse_planted
-from control.orders import TargetSource
+from control.orders import State, TargetSource
+from control.readings import DriveCommand, Measurements
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
+from control.simulation.plant import Plant
 from drivers import day_clock
 from drivers.cab import BoardConfig, Cab, CabConfig
 from drivers.cab_config import MODULE_STOPS_S
+from drivers.cab_line import DeviceLine
+from drivers.device_status import DeviceStatus
 from drivers.devices.board_frames import SILENT_HOST_S
+from drivers.devices.lag_rig import RigReadings
 from drivers.files.config import ConfigError, Loaded
 from drivers.files.kinds import CAB, MACHINE
 from drivers.files.prescriptions.for_job import LoopTargets, placed_of_job
 from drivers.files.run_log import RunLogWriter
 from drivers.files.run_meta import run_meta
 from drivers.files.setup import Setup, by_kind, disagreements, index_disagreements, setup_of
-from drivers.virtual.machine import virtual_cab
+from drivers.virtual.machine import VirtualMachine, virtual_cab
+
+# The simulated machine as a bench: stepped by the loop's own ticks, reached through the same bytes as a real one.
+PARKED = (State.OFF, State.READY, State.CALIBRATING)
+
+
+class SimulatedBench:
+    """A cab plugged into a virtual machine that is brought up to the tick's time before it is read.
+
+    Where the plant is given, its driver stands while the machine is off, ready or calibrating, and drives once it
+    works: `state` tells which.
+    """
+
+    def __init__(self, cab: Cab, machine: VirtualMachine, plant: Plant | None = None) -> None:
+        self._cab = cab
+        self._machine = machine
+        self._plant = plant
+        self.state: Callable[[], State] = lambda: State.OFF
+
+    def measure(self, now_s: float) -> Measurements:
+        if self._plant is not None:
+            self._plant.parked = self.state() in PARKED
+        self._machine.advance(now_s)
+        return self._cab.measure(now_s)
+
+    def command(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None:
+        self._cab.command(now_s, command, enabled)
+
+    def status(self, now_s: float) -> Sequence[DeviceStatus]:
+        return self._cab.status(now_s)
+
+    def line(self, name: str) -> DeviceLine | None:
+        return self._cab.line(name)
+
+    @property
+    def rig(self) -> RigReadings | None:
+        return self._cab.rig
+
+    def order_rig(self, run: int, arm: bool) -> None:
+        self._cab.order_rig(run, arm)
+
+    def close(self) -> None:
+        self._cab.close()
+        self._machine.close()
+
 
 PLANT_STEP_S = 0.02           # at most: what the simulated sensors say is late by less than that
 

@@ -23,8 +23,9 @@ Opener = Callable[[str, int, Clock], Port]
 class DeviceService:
     """For all devices of a bench. `tick` is called once a tick; nothing here blocks."""
 
-    def __init__(self, bench: Bench, log_path: str, files: SideFiles, opener: Opener = open_port) -> None:
-        self._bench, self._files, self._opener = bench, files, opener
+    def __init__(self, bench: Bench, log_path: str, files: SideFiles, opener: Opener = open_port,
+                 capture_bytes: int = CAPTURE_BYTES) -> None:
+        self._bench, self._files, self._opener, self._capture_bytes = bench, files, opener, capture_bytes
         self._stem = Path(log_path).with_suffix("") if log_path else None
         self._captures: dict[str, _Capture] = {}
         self._started = 0
@@ -48,7 +49,7 @@ class DeviceService:
     def tick(self, now_s: float, state: str | None) -> None:
         for test in self._tests.values():
             test.tick(now_s, state in BUSY)
-        for name in [name for name, one in self._captures.items() if one.size >= CAPTURE_BYTES]:
+        for name in [name for name, one in self._captures.items() if one.size >= self._capture_bytes]:
             self._end_capture(name)
 
     def test(self, name: str) -> DeviceTest | None:

@@ -40,9 +40,9 @@ class Keeper:
     """`take` on the loop's thread, `work` on the log writer's. `tally` is for the frames."""
 
     def __init__(self, path: Path, machine: Machine, started: Snapshot, loop: ControlLoop,
-                 utc_now: Callable[[], str]) -> None:
+                 utc_now: Callable[[], str], most_waiting: int = MAX_WAITING_ROWS) -> None:
         """started: what is known of the job already; of an earlier part all that it had done."""
-        self._path, self._loop, self._utc_now = path, loop, utc_now
+        self._path, self._loop, self._utc_now, self._most_waiting = path, loop, utc_now, most_waiting
         self._handed: SimpleQueue[_Handed] = SimpleQueue()
         self._taken_s = -inf
         self._quit = False
@@ -64,7 +64,7 @@ class Keeper:
         sums = None
         if seen.row.time_s - self._taken_s >= SUMS_S:
             self._taken_s, sums = seen.row.time_s, self._loop.sums
-        if self._handed.qsize() < MAX_WAITING_ROWS:         # as many as the log lets wait for a disk that hangs
+        if self._handed.qsize() < self._most_waiting:         # as many as the log lets wait for a disk that hangs
             self._handed.put(_Handed(seen, sums, self._loop.plane))
 
     def quit(self) -> None:

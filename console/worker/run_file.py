@@ -12,7 +12,7 @@ import json
 import os
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from console.knock import still_runs
@@ -30,9 +30,9 @@ YOUNG_S = 2.0                   # on a busy computer a worker takes as long to l
 class Right:
     """The right to be the worker of a run file: its lock, on whatever file has the lock's name."""
 
-    def __init__(self, path: Path, lock: io.FileIO, new: bool) -> None:
+    def __init__(self, path: Path, lock: io.FileIO, new: bool, sleep: Callable[[float], None]) -> None:
         self.path = path
-        self._lock, self._new = lock, new
+        self._lock, self._new, self._sleep = lock, new, sleep
         self._taken_s = time.monotonic()
         self._refused = False
 
@@ -53,7 +53,7 @@ class Right:
         Raises BlockingIOError in one line, OSError.
         """
         if self._new:
-            time.sleep(max(0.0, self._taken_s + SETTLED_S - time.monotonic()))
+            self._sleep(max(0.0, self._taken_s + SETTLED_S - time.monotonic()))
         self._refused = True                # until it is known that the run file is nobody else's
         _refuse_second(self.path)
         self._refused = False
@@ -69,7 +69,8 @@ class Right:
 
 
 @contextlib.contextmanager
-def held(path: Path) -> Iterator[Right]:
+def held(path: Path, epoch_s: Callable[[], float] = day_clock.epoch_s,
+         sleep: Callable[[float], None] = time.sleep) -> Iterator[Right]:
     """The right to be the worker of this run file, until the end of the block; a file left by one that died is removed.
 
     Raises BlockingIOError in one line where another worker has that right, OSError.
@@ -77,7 +78,7 @@ def held(path: Path) -> Iterator[Right]:
     private_folder(path.parent)
     missing = not path.with_suffix(".lock").exists()
     lock = _lock(path)
-    right = Right(path, lock, missing or _young(lock))
+    right = Right(path, lock, missing or _young(lock, epoch_s()), sleep)
     try:
         _refuse_second(path)
     except BlockingIOError:
@@ -139,10 +140,10 @@ def _lock(path: Path) -> io.FileIO:
     return lock
 
 
-def _young(lock: io.FileIO) -> bool:
+def _young(lock: io.FileIO, now_s: float) -> bool:
     """Whether a worker under which the lock's file was removed may not have locked this one yet: a console that looked
     makes it anew. A file of the future, as the computer's clock has it, is young."""
-    return day_clock.epoch_s() - os.fstat(lock.fileno()).st_ctime < YOUNG_S
+    return now_s - os.fstat(lock.fileno()).st_ctime < YOUNG_S
 
 
 def _refuse_second(path: Path) -> None:

@@ -1,6 +1,7 @@
 """The lag paper's geometry on the prescription map: eq 2 (which cell) and eq 4 and 5 (where a line meets an edge)."""
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import ceil, cos, floor, hypot, radians, sin
 
 from control.geodesy import TangentPlane
@@ -28,12 +29,12 @@ def paper_cell(distance_m: float, half_m: float) -> int:
     raise ValueError(f"{distance_m:g} m: eq 2 has no cell before the first")
 
 
-def cells_that_agree(count: int = 1001) -> tuple[int, int]:
-    """At how many of `count` distances up to 100 m eq 2 gives the cell in which they lie; an edge belongs to the cell
-    before it."""
+def cells_that_agree(count: int = 1001, cell: Callable[[float, float], int] = paper_cell) -> tuple[int, int]:
+    """At how many of `count` distances up to 100 m eq 2, `cell`, gives the cell in which they lie; an edge belongs to
+    the cell before it."""
     half = 0.5 * CELL_M
     places = [k * 100.0 / (count - 1) for k in range(count)]
-    return sum(paper_cell(at, half) == max(0, ceil(at / CELL_M - 0.5)) for at in places), count
+    return sum(cell(at, half) == max(0, ceil(at / CELL_M - 0.5)) for at in places), count
 
 
 def crossing(of: Point, towards: Point, a: Point, b: Point) -> Point:

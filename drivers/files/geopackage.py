@@ -38,7 +38,7 @@ class _LayerTable(NamedTuple):
     definition: str
 
 
-def read_geopackage(path: Path) -> list[Layer]:
+def read_geopackage(path: Path, longest_s: float = LONGEST_S) -> list[Layer]:
     """Raises Refused, BeyondLimits, OSError; KeyboardInterrupt at once, however long a view would take."""
     with path.open("rb") as file:
         if file.read(16) != b"SQLite format 3\0":
@@ -46,7 +46,7 @@ def read_geopackage(path: Path) -> list[Layer]:
     wal = path.with_name(f"{path.name}-wal")
     if wal.is_file() and wal.stat().st_size:
         raise Refused(path, "open in another program, which has not yet written all of it: close it there first")
-    until_s = time.monotonic() + LONGEST_S
+    until_s = time.monotonic() + longest_s
     try:
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)) as base:
             _fence(base, until_s)
@@ -57,7 +57,7 @@ def read_geopackage(path: Path) -> list[Layer]:
         if time.monotonic() < until_s:
             raise KeyboardInterrupt from None           # came while SQLite was at work, which ended it
         raise Refused(path, "a view or a table in it takes longer than {seconds:g} s: allowed are tables of shapes",
-                          seconds=LONGEST_S) from None
+                          seconds=longest_s) from None
 
 
 def _fence(base: sqlite3.Connection, until_s: float) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 import io
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 if sys.platform == "win32":
@@ -18,7 +19,7 @@ else:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
-def take_lock(path: Path) -> io.FileIO | None:
+def take_lock(path: Path, take: Callable[[int], None] = _take) -> io.FileIO | None:
     """The open file that holds the lock until it is closed; None where somebody else holds it.
 
     The file is made where needed and never removed: another process may be about to lock it. Where somebody else
@@ -26,7 +27,7 @@ def take_lock(path: Path) -> io.FileIO | None:
     folder is not there or its disk knows no locks.
     """
     while True:
-        lock = _taken(path)
+        lock = _taken(path, take)
         if lock is None or stands(lock, path):
             return lock
         lock.close()                # removed between its opening and its locking
@@ -42,10 +43,10 @@ def stands(lock: io.FileIO, path: Path) -> bool:
     return (ours.st_dev, ours.st_ino) == (there.st_dev, there.st_ino)
 
 
-def _taken(path: Path) -> io.FileIO | None:
+def _taken(path: Path, take: Callable[[int], None]) -> io.FileIO | None:
     file = io.FileIO(os.open(path, os.O_RDWR | os.O_CREAT, 0o600), "r+")
     try:
-        _take(file.fileno())
+        take(file.fileno())
     except (BlockingIOError, PermissionError):        # POSIX, Windows: held
         file.close()
         return None

@@ -1,15 +1,194 @@
 """Workbooks: the cells of their sheets, and the one table of one as comma-separated text for what reads texts."""
 from __future__ import annotations
 
+import copy
+import re
+import xml.parsers.expat as expat
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+from drivers.files.limits import CELLS, MB, BeyondLimits, held_to
+
+if TYPE_CHECKING:
+    from python_calamine import CalamineSheet
+
 import csv
 import datetime as dt
 import io
-from pathlib import Path
-from typing import Any
 
 from drivers.files.imports.trouble import TableError, listed
-from drivers.files.limits import DAMAGED_ZIP, BeyondLimits
-from drivers.files.sheet_limits import cells_of, check_sheets
+from drivers.files.limits import DAMAGED_ZIP
+
+# What the sheets of a workbook span, found out before its reader makes all their cells, empty ones too.
+#
+# The reader (calamine) makes every cell between the first and the last one, and ends the whole program where it cannot.
+# Everything is looked through as a stream and given up as soon as it is beyond the limit.
+CHUNK = 4 * MB
+# `(?<=...)` behind the literal: the search then runs at the speed of memory over what holds no reference
+_COLUMN = re.compile(rb'r="(?<=\sr=")([A-Z]{1,9})\d')
+_ROW = re.compile(rb'row[^>]{0,200}?\sr="(\d{1,9})"')
+_FAR_DOWN = re.compile(rb'r="(?<=\sr=")[A-Z]{1,9}(\d{6,12})"')
+
+
+def check_sheets(path: Path) -> None:
+    """Hold every sheet's cells against the limit, and every entry of the zip against the size that its directory says.
+
+    Raises BeyondLimits, OSError, and what zipfile raises of a damaged zip. Of .xls nothing is looked at: it has 65 536
+    rows of 256 columns at most.
+    """
+    if not zipfile.is_zipfile(path):
+        return
+    with zipfile.ZipFile(path) as archive:
+        for info in archive.infolist():
+            label = f"{path}: {info.filename}"
+            chunks = _unpacked(archive, info, label)
+            if path.suffix.lower() == ".ods":
+                spans = _of_document(chunks) if info.filename == "content.xml" else iter(())
+            elif path.suffix.lower() == ".xlsb" and info.filename.lower().endswith(".bin"):
+                spans = _of_records(chunks)         # in .xlsx such a file holds a printer's settings
+            else:
+                spans = _of_markup(chunks)
+            for cells in spans:
+                held_to(CELLS, cells, label)
+            for _ in chunks:
+                pass                            # to its end: what the directory says is held against what is there
+
+
+def cells_of(sheet: CalamineSheet, label: str) -> list[list[Any]]:
+    """All cells from the first row and column on. Raises BeyondLimits where those are too many."""
+    held_to(CELLS, sheet.total_height * sheet.total_width, label)
+    return sheet.to_python(skip_empty_area=False)
+
+
+def _unpacked(archive: zipfile.ZipFile, info: zipfile.ZipInfo, label: str) -> Iterator[bytes]:
+    """An entry's bytes, and at its end whether they are as many as the directory says: calamine takes all there are."""
+    stated = info.file_size
+    longer = copy.copy(info)
+    longer.file_size += 1
+    found = 0
+    with archive.open(longer) as entry:
+        for chunk in _chunks(entry):
+            found += len(chunk)
+            if found > stated:
+                raise BeyondLimits(label, "unpacks to more than the {stated} bytes that its directory says",
+                                   stated=stated)
+            yield chunk
+
+
+def _chunks(entry: IO[bytes]) -> Iterator[bytes]:
+    return iter(lambda: entry.read(CHUNK), b"")
+
+
+def _of_markup(chunks: Iterator[bytes]) -> Iterator[int]:
+    """Of a sheet of .xlsx, whatever its name, and of its strings: the cells so far, a little more than there are.
+
+    Rows times columns by the references of rows and cells; where cells have none, by the longest row.
+    """
+    columns: set[bytes] = set()
+    last_row = rows = cells = strings = widest = in_row = 0
+    rest = b""
+    for chunk in chunks:
+        text = rest + chunk
+        references = _COLUMN.findall(text)
+        columns.update(references)
+        stated = [*_ROW.findall(text), *_FAR_DOWN.findall(text)]
+        last_row = max(last_row, max(map(int, stated), default=0))
+        here = _tags(text, b"c")
+        if here > len(references):              # some name no column
+            first, *others = text.replace(b":row", b"<row").split(b"<row")
+            in_row += _tags(first, b"c")
+            for row in others:
+                widest, in_row = max(widest, in_row), _tags(row, b"c")
+            widest = max(widest, in_row)
+        cells, rows, strings = cells + here, rows + _tags(text, b"row"), strings + _tags(text, b"si")
+        width = max(widest, max((_number(name) for name in columns), default=0))
+        yield max(cells, strings, max(last_row, rows) * width)
+        rest = text[-300:]
+
+
+def _tags(text: bytes, name: bytes) -> int:
+    """Elements that begin with this name, with a prefix or without."""
+    return text.count(b"<" + name) + text.count(b":" + name)
+
+
+def _number(column: bytes) -> int:
+    number = 0
+    for letter in column:
+        number = number * 26 + letter - 64
+    return number
+
+
+def _of_document(chunks: Iterator[bytes]) -> Iterator[int]:
+    """Of .ods: a row and a cell may stand for many; those at the end that hold nothing do not count."""
+    total = in_row = filled = repeated = 0
+
+    def begin(name: str, attributes: dict[str, str]) -> None:
+        nonlocal in_row, filled, repeated
+        kind = name.rpartition(":")[2]
+        if kind == "table-row":
+            in_row, filled, repeated = 0, 0, _times(attributes, "rows")
+        elif kind in ("table-cell", "covered-table-cell"):
+            in_row += _times(attributes, "columns")
+            filled = in_row if any("value" in key or "formula" in key for key in attributes) else filled
+        elif kind == "p":
+            filled = in_row
+
+    def end(name: str) -> None:
+        nonlocal total
+        if name.rpartition(":")[2] == "table-row":
+            total += filled * repeated
+
+    parser = expat.ParserCreate()
+    parser.StartElementHandler, parser.EndElementHandler = begin, end
+    for chunk in chunks:
+        try:
+            parser.Parse(chunk, False)
+        except expat.ExpatError:
+            return                              # no document: the reader says so
+        yield total
+
+
+def _times(attributes: dict[str, str], what: str) -> int:
+    text = next((value for key, value in attributes.items() if key.endswith(f"number-{what}-repeated")), "1")
+    return int(text) if text.isdecimal() and len(text) < 10 else 1
+
+
+def _of_records(chunks: Iterator[bytes]) -> Iterator[int]:
+    """Of a sheet of .xlsb ([MS-XLSB] 2.1.4): record 0 begins a row and says its number, 1 to 11 are cells."""
+    last_row = last_column = -1
+    rest = b""
+    for chunk in chunks:
+        data, at = rest + chunk, 0
+        while (record := _record(data, at)) is not None:
+            kind, begin, at = record
+            if kind == 0 and at - begin >= 4:
+                last_row = max(last_row, int.from_bytes(data[begin:begin + 4], "little"))
+            elif kind <= 11 and at - begin >= 4:
+                last_column = max(last_column, int.from_bytes(data[begin:begin + 4], "little"))
+        rest = data[at:]
+        yield (last_row + 1) * (last_column + 1)
+
+
+def _record(data: bytes, at: int) -> tuple[int, int, int] | None:
+    """Kind, begin and end of a record's content; None where it is not all there."""
+    kind, at = _varying(data, at, 2)
+    size, begin = _varying(data, at, 4)
+    return (kind, begin, begin + size) if 0 <= begin and begin + size <= len(data) else None
+
+
+def _varying(data: bytes, at: int, most: int) -> tuple[int, int]:
+    """A number of seven bits a byte and where it ends; -1 where it is not all there."""
+    number = 0
+    for k in range(most):
+        if not 0 <= at + k < len(data):
+            return 0, -1
+        number |= (data[at + k] & 0x7F) << 7 * k
+        if data[at + k] < 0x80:
+            return number, at + k + 1
+    return number, at + most
+
 
 SUFFIXES = (".xlsx", ".xlsm", ".xls", ".xlsb", ".ods")
 

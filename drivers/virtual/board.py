@@ -5,9 +5,11 @@ import secrets
 from collections.abc import Callable
 
 from control.readings import DoseOrder, DriveCommand
+from control.simulation.plant import SensorReadings
 from drivers.board.framing import Newest
 from drivers.devices.board_frames import (
     ASK,
+    COUNTERS,
     FLAG_DRIVER_FAULT,
     FLAG_ENABLED,
     FLAG_HEARTBEAT_LOST,
@@ -18,6 +20,7 @@ from drivers.devices.board_frames import (
     BadFrame,
     CommandFrame,
     StatusFrame,
+    crc16,
     decode_command,
     encode_status,
     encode_word,
@@ -25,9 +28,60 @@ from drivers.devices.board_frames import (
     valves_of,
 )
 from drivers.devices.lines import Counts, LineCutter
-from drivers.devices.point_dose import DOSE, DOSE_WORD, decode_dose
-from drivers.virtual.doses import VirtualDoses
-from drivers.virtual.encoders import EncodedReadings
+from drivers.devices.point_dose import DOSE, DOSE_WORD, REPORT, DoseFrame, DoseState, decode_dose
+
+# Doses as the virtual board gives them: `D1` or `D3` in, one `DoseOrder` to the plant, `E1` out.
+REPORTED_S = 0.3                # what became of a dose is said again this long
+
+
+class VirtualDoses:
+    """One after the other; what the board's own program does (docs/protocol-slave-board.md) without its steps."""
+
+    def __init__(self) -> None:
+        self.given = 0
+        self._order: DoseOrder | None = None        # not yet at the plant
+        self._dose = 0
+        self._angle_deg = 0.0
+        self._begin_s = 0.0
+        self._ends_s: float | None = None           # of the one under way
+        self._report: str | None = None
+        self._reported_until_s = float("-inf")
+
+    def take(self, frame: DoseFrame, enabled: bool, now_s: float) -> None:
+        """One that is newer than all before it."""
+        if not enabled or self._ends_s is not None:
+            self._tell(frame.dose, DoseState.REFUSED, 0.0, now_s, now_s)
+            return
+        self._order = order = DoseOrder(frame.angle_deg, frame.shaft_rpm)
+        self._dose, self._angle_deg, self._begin_s = frame.dose, order.angle_deg, now_s
+        self._ends_s = now_s + order.angle_deg / (6.0 * order.shaft_rpm)
+        self._tell(frame.dose, DoseState.RUNNING, 0.0, now_s, now_s)
+
+    def order(self, enabled: bool, now_s: float) -> DoseOrder | None:
+        """The dose that begins in this step. A stop ends the one under way."""
+        if self._ends_s is not None and not enabled:
+            share = (now_s - self._begin_s) / (self._ends_s - self._begin_s)
+            self._tell(self._dose, DoseState.ABORTED, min(1.0, share) * self._angle_deg, self._begin_s, now_s)
+            self._order = self._ends_s = None
+        elif self._ends_s is not None and now_s >= self._ends_s - 1e-9:
+            self._tell(self._dose, DoseState.DONE, self._angle_deg, self._begin_s, self._ends_s)
+            self._ends_s = None
+        order, self._order = self._order, None
+        self.given += order is not None
+        return order
+
+    def report(self, seq: int, now_s: float) -> bytes:
+        """The line that follows a status line; empty where there is nothing to say."""
+        if self._report is None or now_s > self._reported_until_s:
+            return b""
+        payload = f"{REPORT},{seq % SEQUENCES},{self._report}".encode()
+        return b"$%b*%04X\r\n" % (payload, crc16(payload))
+
+    def _tell(self, dose: int, state: DoseState, turned_deg: float, begin_s: float, end_s: float) -> None:
+        begin, end = (round(at_s * 1e6) % COUNTERS for at_s in (begin_s, end_s))
+        self._report = f"{dose},{state:d},{turned_deg:.3f},{begin},{end}"
+        self._reported_until_s = end_s + REPORTED_S
+
 
 DOSE_FRAMES = DOSE.encode(), DOSE_WORD.encode()
 ASK_FRAME = ASK[1:].strip()
@@ -89,24 +143,22 @@ class VirtualBoard:
         """The dose that the plant begins in this step; to be asked once a step."""
         return self._doses.order(self.set_points(now_s)[1], now_s)
 
-    def status(self, sensed: EncodedReadings, now_s: float) -> bytes:
-        """The status line of this tick. A plant may tell the moment of its last pulse as `wheel_pulse_s` (on its own
-        clock, `Sensed.time_s`); otherwise a pulse is taken to have come at the end of its tick.
-        """
+    def status(self, sensed: SensorReadings, now_s: float) -> bytes:
+        """The status line of this tick. A pulse whose moment is not known is taken to have come at the end of its
+        tick."""
         if sensed.wheel_pulses != self._pulses:
             self._pulses = sensed.wheel_pulses
-            self._pulse_s = getattr(sensed, "wheel_pulse_s", None) or sensed.time_s
+            self._pulse_s = sensed.wheel_pulse_s or sensed.time_s
         enabled = self.set_points(now_s)[1]
         flags = (FLAG_ENABLED * enabled | FLAG_HEARTBEAT_LOST * self._heartbeat_lost
                  | FLAG_DRIVER_FAULT * self.driver_fault | FLAG_OLD_ORDER * (now_s < self._old_order_until_s)
                  | FLAG_WORD_UNUSED * (self._newest.word is not None and not self._newest.used))
-        switches = getattr(sensed, "valves_open", None)     # of a plant whose valves have some
         line = encode_status(StatusFrame(
             self._status_seq, max(self._newest.last, 0) % SEQUENCES, round(sensed.time_s * 1e6), self._pulses,
             round(self._pulse_s * 1e6), sensed.shaft_rpm, sensed.opening_mm, sensed.hopper_kg, sensed.supply_v,
             sensed.pitch_deg, sensed.roll_deg, sensed.work_switch, flags,
-            None if switches is None else valves_mask(switches), getattr(sensed, "shaft_effort", None),
-            getattr(sensed, "gate_effort", None)))
+            None if sensed.valves_open is None else valves_mask(sensed.valves_open), sensed.shaft_effort,
+            sensed.gate_effort))
         self._status_seq += 1
         report = self._doses.report(self._status_seq, now_s)
         self._status_seq += 1 if report else 0

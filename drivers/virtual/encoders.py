@@ -2,50 +2,13 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime, timedelta
-from typing import Protocol
 
-from control.readings import DriveCommand, GnssFix
+from control.readings import GnssFix
 from drivers.devices.canopy_heads import HeadFields
 from drivers.devices.nmea import MPS_PER_KNOT, checksum
 
 MODE_OF_QUALITY = {1: "A", 2: "D", 3: "P", 4: "R", 5: "F", 6: "E", 7: "M", 8: "S"}
 FIRST_MOMENT = datetime(2026, 4, 1, 6, 0, 0, tzinfo=UTC)    # where a fix carries no UTC of its own
-
-
-class EncodedReadings(Protocol):
-    """What the plant's sensors say after one tick; `control.simulation.plant.SensorReadings` has this shape."""
-
-    @property
-    def time_s(self) -> float: ...
-    @property
-    def gnss(self) -> GnssFix | None: ...
-    @property
-    def wheel_pulses(self) -> int: ...
-    @property
-    def ndvi(self) -> tuple[float, ...] | None: ...
-    @property
-    def shaft_rpm(self) -> float: ...
-    @property
-    def opening_mm(self) -> float: ...
-    @property
-    def hopper_kg(self) -> float: ...
-    @property
-    def supply_v(self) -> float: ...
-    @property
-    def pitch_deg(self) -> float: ...
-    @property
-    def roll_deg(self) -> float: ...
-    @property
-    def work_switch(self) -> bool | None: ...
-
-
-class EncodedPlant(Protocol):
-    """The machine behind the bytes: `step` advances it by `dt_s` under the set-points in force."""
-
-    @property
-    def dt_s(self) -> float: ...
-
-    def step(self, command: DriveCommand, enabled: bool) -> EncodedReadings: ...
 
 
 def sentence(payload: str) -> bytes:

@@ -5,6 +5,7 @@ import struct
 from typing import Protocol
 
 from control.readings import DriveCommand, GnssFix
+from control.simulation.plant import SensorReadings
 from drivers.datagrams import Datagrams
 from drivers.devices.agopengps import DRIVE, HEAD, POSITION
 from drivers.devices.rate_module_frames import (
@@ -23,7 +24,6 @@ from drivers.devices.rate_module_frames import (
     encode_status,
     encode_trace,
 )
-from drivers.virtual.encoders import EncodedReadings
 
 STATUS_EVERY_S = 0.2
 LABEL_EVERY_S = 2.0
@@ -38,7 +38,7 @@ class Extra(Protocol):
         """What the drives shall follow: the command as it stands, or changed."""
         ...
 
-    def after(self, sensed: EncodedReadings, begin_s: float) -> None: ...
+    def after(self, sensed: SensorReadings, begin_s: float) -> None: ...
 
 
 class VirtualAgOpenGps:
@@ -50,7 +50,7 @@ class VirtualAgOpenGps:
     def before(self, begin_s: float, command: DriveCommand, enabled: bool) -> tuple[DriveCommand, bool]:
         return command, enabled
 
-    def after(self, sensed: EncodedReadings, begin_s: float) -> None:
+    def after(self, sensed: SensorReadings, begin_s: float) -> None:
         if sensed.gnss is not None:
             for frame in agopengps_frames(sensed.gnss):
                 self._port.write(frame)
@@ -114,7 +114,7 @@ class VirtualRateModule:
             return 0.0
         return target.units_per_min * target.pulses_per_unit / self._pulses_per_turn
 
-    def after(self, sensed: EncodedReadings, begin_s: float) -> None:
+    def after(self, sensed: SensorReadings, begin_s: float) -> None:
         counts = bool(self._relays)
         command = self._target.pulses_per_unit if self._target else self._pulses_per_turn
         pulse_hz = max(0.0, sensed.shaft_rpm) / 60.0 * self._pulses_per_turn if counts else 0.0

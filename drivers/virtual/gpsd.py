@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from typing import Any, Protocol
 
 from control.readings import DriveCommand, GnssFix
+from control.simulation.plant import SensorReadings
 from drivers.ports import UNPLUGGED, Clock, Port, PortState
-from drivers.virtual.encoders import EncodedReadings
 from drivers.virtual.faults import PortFaults, Spoiler
 from drivers.virtual.served_line import ServedLine
 
@@ -55,7 +55,7 @@ class VirtualGpsd:
             session.hear()
         return command, enabled
 
-    def after(self, sensed: EncodedReadings, begin_s: float) -> None:
+    def after(self, sensed: SensorReadings, begin_s: float) -> None:
         if sensed.gnss is not None:
             for session in self._sessions.values():
                 session.tell(sensed.gnss)

@@ -3,35 +3,17 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable
-from typing import Protocol
 
 from control.readings import DriveCommand
+from control.simulation.plant import SensorReadings, Truth
 from drivers.board.lag_rig import RigPins, RigProgram, RigSettings
 from drivers.ports import Port
-from drivers.virtual.encoders import EncodedReadings
 
 ROUNDS = 10                     # of the rig's program, a step of the plant
 PLATE_AT_REST = 500
 GRANULE = 80
 LEAST_FLOW_KG_S = 1e-4
 LEAST_STEP_S = 1e-6             # a drop time of nothing
-
-
-class TruthNow(Protocol):
-    """What really happened in a step; `control.simulation.plant.Truth` has this shape."""
-
-    @property
-    def time_s(self) -> float: ...
-    @property
-    def shaft_rpm(self) -> float: ...
-    @property
-    def flow_kg_s(self) -> float: ...
-    @property
-    def drop_s(self) -> float: ...
-    @property
-    def settled_drop_s(self) -> float: ...
-    @property
-    def carried_share(self) -> float: ...
 
 
 class _Pins(RigPins):
@@ -57,7 +39,7 @@ class _Pins(RigPins):
 class VirtualLagRig:
     """An extra of the virtual machine. `truth` gives what the plant really did in the newest step."""
 
-    def __init__(self, port: Port, truth: Callable[[], TruthNow | None]) -> None:
+    def __init__(self, port: Port, truth: Callable[[], Truth | None]) -> None:
         self._pins = _Pins(port)
         self._settings = RigSettings()
         self._program = RigProgram(self._pins, self._settings)
@@ -71,7 +53,7 @@ class VirtualLagRig:
     def before(self, begin_s: float, command: DriveCommand, enabled: bool) -> tuple[DriveCommand, bool]:
         return command, enabled
 
-    def after(self, sensed: EncodedReadings, begin_s: float) -> None:
+    def after(self, sensed: SensorReadings, begin_s: float) -> None:
         truth = self._truth()
         if truth is None:
             return
@@ -85,7 +67,7 @@ class VirtualLagRig:
             self._round(self._last_s + share * step_s, from_rpm + share * (truth.shaft_rpm - from_rpm), step_s / ROUNDS)
         self._last_s, self._rpm = truth.time_s, truth.shaft_rpm
 
-    def _carry(self, truth: TruthNow) -> None:
+    def _carry(self, truth: Truth) -> None:
         """What falls goes on by a step, as `control.machine.landing.falls_s` has it."""
         step_s, share = truth.time_s - self._last_s, truth.carried_share
         stream = share / max(truth.settled_drop_s, LEAST_STEP_S)

@@ -4,11 +4,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal
 
+from control.simulation.plant import Plant
 from drivers.cab import BoardConfig, Cab, CabConfig, GnssConfig, HeadsConfig
 from drivers.devices.canopy_heads import PROTOCOLS, HeadFields
 from drivers.ports import Clock, MemoryPort, Port, memory_pair
 from drivers.virtual.board import VirtualBoard
-from drivers.virtual.encoders import EncodedPlant, gnss_sentences, head_line
+from drivers.virtual.encoders import gnss_sentences, head_line
 from drivers.virtual.extras import Extra
 
 OPENING_MM = 25.0               # where the gate stands at power-on, as the nominal machine has it
@@ -30,7 +31,7 @@ class VirtualMachine:
     extras : what else is plugged in; those that steer the drives have the last word, in their order.
     """
 
-    def __init__(self, plant: EncodedPlant, gnss: Port, heads: Sequence[Port], board: Port, start_s: float,
+    def __init__(self, plant: Plant, gnss: Port, heads: Sequence[Port], board: Port, start_s: float,
                  *,
                  layout: HeadFields = PROTOCOLS["greenseeker"], multiplexed: bool = False,
                  opening_mm: float = OPENING_MM, extras: Sequence[Extra] = ()) -> None:
@@ -89,7 +90,7 @@ class VirtualMachine:
             port.write(head_line(value, self._layout))
 
 
-def virtual_cab(plant: EncodedPlant, clock: Clock, heads: int = 6, *, protocol: str = "greenseeker",
+def virtual_cab(plant: Plant, clock: Clock, heads: int = 6, *, protocol: str = "greenseeker",
                 multiplexed: bool = False,
                 board: BoardConfig | None = None, opening_mm: float = OPENING_MM,
                 index: Literal["ndvi", "ndre"] = "ndvi", extras: Sequence[Extra] = ()) -> tuple[Cab, VirtualMachine]:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from control.readings import DriveCommand
-from drivers.virtual.encoders import EncodedReadings
+from control.simulation.plant import SensorReadings
 
 RUNAWAY_RPM = 70.0          # the nominal machine's set-point
 RUNAWAY_MM = 60.0           # wide open
@@ -33,5 +33,5 @@ class VirtualRunaway:
             return command, enabled
         return command._replace(shaft_rpm=now.shaft_rpm), True
 
-    def after(self, sensed: EncodedReadings, begin_s: float) -> None:
+    def after(self, sensed: SensorReadings, begin_s: float) -> None:
         """It listens to no sensor."""

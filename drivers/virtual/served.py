@@ -1,25 +1,138 @@
 """The virtual machine served to other programs: TCP ports, pseudo-terminals and UDP, with faults on a time line."""
 from __future__ import annotations
 
+import contextlib
+import os
+import select
+import socket
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
+from control.simulation.plant import Plant
 from drivers.datagrams import Datagrams, UdpPort
 from drivers.devices.canopy_heads import PROTOCOLS
-from drivers.ports import Clock, Port, PortState
-from drivers.virtual.encoders import EncodedPlant
+from drivers.ports import READ_TIMEOUT_S, Clock, Port, PortState, SocketStream, ThreadedPort
 from drivers.virtual.extras import Extra, VirtualAgOpenGps, VirtualRateModule
 from drivers.virtual.faults import PortFaults, Spoiler
 from drivers.virtual.gpsd import GpsdServer, VirtualGpsd
 from drivers.virtual.lag_rig import VirtualLagRig
-from drivers.virtual.listen import ListeningPort
 from drivers.virtual.machine import OPENING_MM, VirtualMachine
-from drivers.virtual.pseudo_terminal import TerminalPort
 from drivers.virtual.runaway import Runaway, VirtualRunaway
 from drivers.virtual.served_line import ServedLine
 from drivers.virtual.timeline import DRIVES, TimedFault, faults_at, runaway_at
+
+
+# A pseudo-terminal as the virtual machine's end of a serial line, under a name that stays. POSIX systems only.
+class TerminalPort(ThreadedPort):
+    """The device's end; a program opens the name `link` as it would a serial port. Connected while one has it open.
+
+    Raises
+    ------
+    OSError : the system has no pseudo-terminals, or the link cannot be made.
+    """
+
+    def __init__(self, link: Path, clock: Clock) -> None:
+        self._link = link
+        self._master = -1
+        self._make()
+        super().__init__(str(link), self._wait_for_a_program, clock, first_back_off_s=0.01, longest_back_off_s=0.01)
+
+    def let_go(self) -> None:
+        """Unplugged: the terminal and its name are gone, as when a USB plug is pulled."""
+        if self._master >= 0:
+            with contextlib.suppress(OSError):
+                os.close(self._master)
+            self._master = -1
+            self._link.unlink(missing_ok=True)
+
+    def close(self) -> None:
+        super().close()
+        self.let_go()
+
+    def _wait_for_a_program(self) -> _MasterStream:
+        if self._master < 0:
+            self._make()
+        poll = select.poll()
+        poll.register(self._master, select.POLLIN)
+        if any(event & select.POLLHUP for _, event in poll.poll(0)):
+            raise TimeoutError("no program has it open")
+        return _MasterStream(self._master)
+
+    def _make(self) -> None:
+        if sys.platform == "win32":
+            raise OSError("this system has no pseudo-terminals")
+        import tty
+        self._master, slave = os.openpty()
+        tty.setraw(slave)
+        name = os.ttyname(slave)
+        os.set_blocking(self._master, False)
+        os.close(slave)
+        self._link.parent.mkdir(parents=True, exist_ok=True)
+        self._link.unlink(missing_ok=True)
+        self._link.symlink_to(name)
+
+
+class _MasterStream:
+    """Reading ends with OSError when the program closes its end; what it does not take in time is lost."""
+
+    def __init__(self, master: int) -> None:
+        self._master = master
+
+    def read(self) -> bytes:
+        if not select.select([self._master], [], [], READ_TIMEOUT_S)[0]:
+            return b""
+        return os.read(self._master, 4096)
+
+    def write(self, data: bytes) -> None:
+        with contextlib.suppress(BlockingIOError):
+            os.write(self._master, data)
+
+    def close(self) -> None:
+        """The terminal outlives the program that had it open."""
+
+
+# A port that waits for one TCP client at a time: the virtual machine's end of a `socket://` line.
+class ListeningPort(ThreadedPort):
+    """Listens at once; connected while a client is there; a next client is taken when the one before has gone.
+
+    Raises
+    ------
+    OSError : the address cannot be listened on.
+    """
+
+    def __init__(self, host: str, number: int, clock: Clock) -> None:
+        self._server: socket.socket | None = socket.create_server((host, number))
+        self._server.settimeout(READ_TIMEOUT_S)
+        self.number: int = self._server.getsockname()[1]
+        self._address = host, self.number
+        super().__init__(f"socket://{host}:{self.number}", self._accept, clock,
+                         first_back_off_s=0.01, longest_back_off_s=0.01)
+
+    def let_go(self) -> None:
+        """Unplugged: nobody can connect."""
+        if self._server is not None:
+            with contextlib.suppress(OSError):
+                self._server.close()
+            self._server = None
+
+    def close(self) -> None:
+        super().close()
+        self.let_go()
+
+    def _accept(self) -> SocketStream:
+        """On the reader's thread, the only one that touches the listening socket while the port is open."""
+        if self._server is None:
+            self._server = socket.create_server(self._address)
+            self._server.settimeout(READ_TIMEOUT_S)
+        try:
+            connection, _ = self._server.accept()
+        except TimeoutError:
+            raise TimeoutError("no client yet") from None
+        return SocketStream(connection)
+
 
 FIRST_PORT = 4100
 TRUE_PULSES_PER_TURN = 360.0        # of the virtual rate module's encoder
@@ -105,7 +218,7 @@ class ServedMachine:
     OSError : a port is taken, or there are no pseudo-terminals.
     """
 
-    def __init__(self, plant: EncodedPlant, serve: Serve, clock: Clock) -> None:
+    def __init__(self, plant: Plant, serve: Serve, clock: Clock) -> None:
         self._serve = serve
         self._clock = clock
         self._start_s = clock()
@@ -149,7 +262,7 @@ class ServedMachine:
     def close(self) -> None:
         self._close_lines()
 
-    def _built(self, plant: EncodedPlant, serve: Serve) -> VirtualMachine:
+    def _built(self, plant: Plant, serve: Serve) -> VirtualMachine:
         heads = [f"head_{n}" for n in range(1, serve.heads + 1)]
         lines: dict[str, ServedLine] = {}
         for place, device in enumerate(("gnss", *heads, "board", "gpsd", "lag_rig")):

@@ -41,9 +41,9 @@ def test_when_the_bell_rings(until_s, alarms, heard):
     assert [k / 5 for k in range(round(until_s * 5)) if bell.due(k / 5, alarms(k / 5))] == heard
 
 
-async def test_the_bell_is_heard_unless_it_is_off(app, source, clock, monkeypatch):
+async def test_the_bell_is_heard_unless_it_is_off(app, source, clock):
     heard = []
-    monkeypatch.setattr(app, "bell", lambda: heard.append(clock.now_s))
+    app.bell = lambda: heard.append(clock.now_s)
     async with app.run_test(size=SIZE):
         for sound, count in ((False, 0), (True, 1)):
             app.sound = sound
@@ -97,7 +97,7 @@ def test_an_alarm_strikes_three_times_and_a_caution_once():
     assert both.due(0.0, (AMBER, RED)) == 3, "the worst of what is new"
 
 
-async def test_a_sound_of_ones_own_takes_the_bells_place_and_never_holds_the_console(app, source, clock, monkeypatch):
+async def test_a_sound_of_ones_own_takes_the_bells_place_and_never_holds_the_console(app, source, clock):
     heard, played, waited = [], [], threading.Event()
 
     def play(command):
@@ -105,7 +105,7 @@ async def test_a_sound_of_ones_own_takes_the_bells_place_and_never_holds_the_con
         played.append(command)
         return "no such player" if len(played) > 1 else ""
 
-    monkeypatch.setattr(app, "bell", lambda: heard.append(clock.now_s))
+    app.bell = lambda: heard.append(clock.now_s)
     app.services = replace(app.services, play=play)
     async with app.run_test() as pilot:
         app.sound, app.sounds = True, {3: "play siren", 1: ""}

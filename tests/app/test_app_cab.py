@@ -11,7 +11,7 @@ from console.app.guide_line import GuideLine
 from console.app.layers import MapLayer, scale_of
 from console.app.name_dialog import NameDialog
 from console.app.number_dialog import NumberDialog
-from console.app.pages.run.light_bar import LIGHTS, LightBar, light_view
+from console.app.pages.run.page import LIGHTS, LightBar, light_view
 from console.app.units import IMPERIAL, METRIC
 from console.app.worked import Worked
 from control.geodesy import TangentPlane

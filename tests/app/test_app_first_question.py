@@ -86,9 +86,8 @@ async def test_hold_and_stop_work_under_it_and_a_machine_that_was_started_is_lef
         assert full.screen is full.page, "nothing is asked while it works"
 
 
-async def test_nothing_to_choose_from_is_no_question(full, monkeypatch):
-    desk = full.services.job
-    monkeypatch.setattr(desk, "recent", lambda: ())
+async def test_nothing_to_choose_from_is_no_question(full):
+    full.services.job.recent = lambda: ()
     async with full.run_test(size=(120, 40)) as pilot:
         await asked(full, pilot)
         assert full.screen is full.page

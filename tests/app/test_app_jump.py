@@ -11,7 +11,7 @@ from console.app.dialogs import ChoiceDialog
 from console.app.screens.help import HelpScreen
 from console.app.screens.jump import JumpScreen, labels, letters, places_of
 from console.app.widgets.key_bar import KeyBar
-from console.app.widgets.page_bar import PageBar
+from console.app.widgets.status_line import PageBar
 from control.orders import Do
 
 SIZE = (120, 40)

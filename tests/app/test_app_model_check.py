@@ -4,7 +4,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from console.app.app import TopdressApp
-from console.app.pages.run.model_check import ModelCheck, model_check_texts
+from console.app.pages.run.page import ModelCheck, model_check_texts
 from console.app.services import Services
 from console.locale import use
 from console.reports.live_words import departure_line

@@ -157,7 +157,7 @@ async def test_a_job_that_was_cut_off_is_looked_for_beside_the_screen(app):
     assert seen == []
 
 
-async def test_settings_that_cannot_be_kept_are_those_of_the_file_again(app, monkeypatch):
+async def test_settings_that_cannot_be_kept_are_those_of_the_file_again(app):
     def full(_settings):
         raise OSError(28, "No space left on device")
 
@@ -168,7 +168,7 @@ async def test_settings_that_cannot_be_kept_are_those_of_the_file_again(app, mon
         page.take(store.settings.model_copy(update={"sound": False}))
         await settled(app, pilot)
         kept = store.settings
-        monkeypatch.setattr(store, "write", full)
+        store.write = full
         page.take(kept.model_copy(update={"units": "imperial"}))
         page.take(store.settings.model_copy(update={"theme": "night"}))
         await settled(app, pilot)

@@ -8,7 +8,7 @@ import pytest
 from console.app.app import TopdressApp
 from console.app.history import Point, point_of
 from console.app.view import applied_kg_ha
-from console.app.widgets.tile_graphs import TileGraphs, graph
+from console.app.widgets.tiles import TileGraphs, graph
 from console.app.widgets.trend import Trend, TrendView
 from tests.app.gallery import StillSource
 

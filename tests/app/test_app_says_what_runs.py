@@ -40,10 +40,10 @@ async def test_a_fault_whose_cause_is_gone_says_what_is_next(app, source, shown,
             assert "no alarms" not in text, where
 
 
-async def test_a_page_that_is_just_being_made_says_what_is_known(app, source, shown, monkeypatch, pilot):
+async def test_a_page_that_is_just_being_made_says_what_is_known(app, source, shown, pilot):
     """On a busy computer "NO DATA", "waiting for the first values" stood over a machine at work for seconds."""
     await later(app, pilot)
-    monkeypatch.setattr(app, "tick", lambda: None)          # its first look is late
+    app.tick = lambda: None          # its first look is late
     for where in ("map", "trends", "devices", "calibrate", "diagnosis", "job", "settings"):
         app.turn_to(where)
         await pilot.pause()
@@ -52,13 +52,13 @@ async def test_a_page_that_is_just_being_made_says_what_is_known(app, source, sh
         assert "all is well" not in text, "nothing was looked at yet"
 
 
-async def test_a_page_that_was_left_does_not_come_back_with_what_it_said_then(app, source, shown, monkeypatch, pilot):
+async def test_a_page_that_was_left_does_not_come_back_with_what_it_said_then(app, source, shown, pilot):
     app.turn_to("job")
     await pilot.pause()
     app.turn_to("run")
     await pilot.pause()
     in_state(source, "held")
-    monkeypatch.setattr(app, "call_after_refresh", lambda *ignored: None)
+    app.call_after_refresh = lambda *ignored: None
     app.turn_to("job")
     await pilot.pause()
     assert "HELD" in shown(app)[0]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from console.app.app import TopdressApp
-from console.app.pages.run.allowing import allow_choices
+from console.app.pages.run.keys import allow_choices
 from console.app.pages.run.section_bar import section_choices, section_parts
 from console.app.words import SECTIONS
 from console.app.worked import KINDS, Spot, Worked, spot_of

@@ -11,9 +11,8 @@ from console.app.action import ANYWHERE
 from console.app.app import TopdressApp
 from console.app.dialogs import Choice
 from console.app.pages.all import SCREENS
-from console.app.pages.settings.page import ThemeDialog
+from console.app.pages.settings.page import SettingsList, ThemeDialog
 from console.app.pages.settings.service import SettingsStore
-from console.app.pages.settings.settings_list import SettingsList
 from console.app.services import Services
 from console.app.settings import clash, keymap_problem, theme_of
 from console.locale import in_use, languages

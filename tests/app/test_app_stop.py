@@ -17,7 +17,7 @@ from console.app.number_dialog import NumberDialog
 from console.app.pages.job.map_dialog import MapDialog
 from console.app.pages.job.service import MapReading
 from console.app.pages.settings import page as settings_page
-from console.app.pages.trends.channel_dialog import ChannelDialog
+from console.app.pages.trends.page import ChannelDialog
 from console.app.screens.alarm_list import AlarmList
 from console.app.screens.gone import GoneScreen
 from console.app.screens.help import HelpScreen

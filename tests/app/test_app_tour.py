@@ -7,7 +7,7 @@ import pytest
 
 from console.app.app import TopdressApp
 from console.app.tour import READ_S, STEPS, Tour
-from console.app.widgets.tour_bar import TourBar
+from console.app.widgets.status_line import TourBar
 
 SIZE = (120, 40)
 

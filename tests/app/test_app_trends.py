@@ -9,7 +9,7 @@ import pytest
 from console.app.app import TopdressApp
 from console.app.braille import Piece, traced
 from console.app.pages.replay.service import ReplayJob
-from console.app.pages.trends.channel_dialog import ChannelDialog
+from console.app.pages.trends.page import ChannelDialog
 from console.app.pages.trends.plots import Plots
 from console.app.replay_source import ReplaySource
 from tests.app.gallery import Picture, StillClock, StillSource, settle, still_app

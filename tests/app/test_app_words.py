@@ -83,7 +83,7 @@ def test_every_text_is_translated_and_keeps_its_values(language):
 
 def test_the_refusals_of_a_prescription_are_found():
     """Of each reader at least one: a new way of refusing may not slip by the test above."""
-    assert {"words.py", "rate_column.py", "csv_zones.py", "lattice.py", "raster.py", "layers.py", "isoxml_read.py",
+    assert {"words.py", "features.py", "csv_zones.py", "lattice.py", "raster.py", "layers.py", "isoxml_read.py",
             "task_files.py", "shapes.py", "limits.py", "archives.py"} <= set(refused().values())
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from console.app.held_key import KEY_GAP_S, SECOND_PRESS_S, HeldKey
 from console.app.pages.calibrate.catch import LEAST_REVOLUTIONS, CatchRun
-from console.app.pages.calibrate.heads import CHECK_S, HeadsCheck
+from console.app.pages.calibrate.heads_calibration import CHECK_S, HeadsCheck
 from console.app.pages.calibrate.wheel import LEAST_M, WheelRun, WheelSample
 
 

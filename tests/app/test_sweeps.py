@@ -5,8 +5,9 @@ import gc
 
 import pytest
 
-from console import sweeps
-from console.sweeps import Sweeps
+from console.sweeps import TIMES, Sweeps
+
+LIVES = 4000                # more than pytest itself makes meanwhile
 
 
 class Living:
@@ -15,8 +16,7 @@ class Living:
 
 
 @pytest.fixture
-def thawed(monkeypatch):
-    monkeypatch.setattr(sweeps, "LIVES", 4000)          # more than pytest itself makes meanwhile
+def thawed():
     gc.collect()
     gc.freeze()
     yield
@@ -26,29 +26,29 @@ def thawed(monkeypatch):
 
 
 def test_what_lives_is_not_swept_again(thawed):
-    one = Sweeps()
-    lives = [Living() for _ in range(sweeps.LIVES)]
+    one = Sweeps(LIVES)
+    lives = [Living() for _ in range(LIVES)]
     one.tick()
-    assert one.left == sweeps.TIMES, "before a sweep nobody knows what lives"
+    assert one.left == TIMES, "before a sweep nobody knows what lives"
     gc.collect()
-    assert len(gc.get_objects(generation=2)) > sweeps.LIVES
+    assert len(gc.get_objects(generation=2)) > LIVES
     one.tick()
-    assert len(gc.get_objects(generation=2)) < sweeps.LIVES and len(lives) == sweeps.LIVES
+    assert len(gc.get_objects(generation=2)) < LIVES and len(lives) == LIVES
 
 
 def test_once_after_a_sweep_and_not_for_ever(thawed):
-    one = Sweeps()
+    one = Sweeps(LIVES)
     kept = []
-    for look in range(2 * sweeps.TIMES):
-        kept.append([Living() for _ in range(sweeps.LIVES)])
+    for look in range(2 * TIMES):
+        kept.append([Living() for _ in range(LIVES)])
         gc.collect()
         one.tick()
         one.tick()
-        assert one.left == max(0, sweeps.TIMES - 1 - look)
+        assert one.left == max(0, TIMES - 1 - look)
 
 
 def test_little_is_left_to_the_sweeps_of_python(thawed):
-    one = Sweeps()
+    one = Sweeps(LIVES)
     gc.collect()
     one.tick()
-    assert one.left == sweeps.TIMES
+    assert one.left == TIMES

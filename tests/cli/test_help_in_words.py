@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import io
-import os
 import re
 import shlex
 from pathlib import Path
@@ -11,10 +10,8 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from console.cli import app, asked, plain_output
-from console.cli.examples import EXAMPLES
+from console.cli import EXAMPLES, app, asked, plain_output, ranges_in_words
 from console.cli.plain_errors import OUR_FAULT, guarded
-from console.cli.plain_help import ranges_in_words
 from tests.places import PAPERS
 
 TYPES = re.compile(r"<(str|int|float|path|list|Path)|int range|float range")
@@ -94,7 +91,7 @@ def drawn(text: str, columns: int, complains: bool, monkeypatch, **environment: 
     """What stands on a terminal of so many columns."""
     held = io.BytesIO()
     with monkeypatch.context() as here:             # only here: pytest asks for the terminal's size as well
-        here.setattr(plain_output.shutil, "get_terminal_size", lambda: os.terminal_size((columns, 24)))
+        here.setenv("COLUMNS", str(columns))
         here.delenv("NO_COLOR", raising=False)
         here.setenv("TERM", "xterm")
         for name, value in environment.items():

@@ -12,7 +12,7 @@ from click.testing import Result
 from typer.testing import CliRunner
 
 from console.cli import app
-from console.cli.adopting import adopt
+from console.cli.diagnose import adopt
 from console.reports.said import sorted_out
 from control.diagnosis.result import UNKNOWN, Rival
 from control.diagnosis.tables import diagnose_tables

@@ -15,7 +15,7 @@ from console.app.pages.diagnosis import shown
 from console.app.pages.diagnosis.adoption import offer_of, sure
 from console.app.pages.diagnosis.service import DiagnosisView
 from console.app.pages.diagnosis.words import adopted_title
-from console.cli.adopting import adopt
+from console.cli.diagnose import adopt
 from console.services.diagnosis_job import DiagnosisOrder, work
 from control.diagnosis.extend import extend, not_adoptable
 from control.diagnosis.result import Cause, Diagnosis, Rival

@@ -3,11 +3,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 
 from control.readings import DriveCommand, GnssFix
+from control.simulation.plant import SensorReadings
 from tests.places import RECEIVERS
 
 
@@ -53,21 +53,6 @@ def recordings() -> list[Path]:
     return sorted(RECEIVERS.glob("*.log"))
 
 
-class FakeSensed(NamedTuple):
-    time_s: float
-    gnss: GnssFix | None
-    wheel_pulses: int
-    ndvi: tuple[float, ...] | None
-    shaft_rpm: float
-    opening_mm: float
-    hopper_kg: float
-    supply_v: float
-    pitch_deg: float
-    roll_deg: float
-    work_switch: bool | None
-    wheel_pulse_s: float
-
-
 class FakePlant:
     """Drives follow at once; GNSS at 5 Hz, heads at 2 Hz; the wheel turns at `speed_mps`, 16 pulses in 2.5 m."""
 
@@ -79,7 +64,7 @@ class FakePlant:
         self.way_m = 0.0
         self.commands: list[tuple[DriveCommand, bool]] = []
 
-    def step(self, command: DriveCommand, enabled: bool) -> FakeSensed:
+    def step(self, command: DriveCommand, enabled: bool) -> SensorReadings:
         self.steps += 1
         self.way_m += self.speed_mps * self.dt_s
         self.commands.append((command, enabled))
@@ -89,8 +74,8 @@ class FakePlant:
         fix = GnssFix(now_s, 34.28 + self.way_m / 111_195.0, 119.88, 4, 14, 0.8, self.speed_mps, 359.9,
                       f"2026-04-01T06:{int(now_s) // 60:02d}:{int(now_s) % 60:02d}.{round(now_s * 1000) % 1000:03d}Z")
         ndvi = tuple(0.40 + 0.01 * head for head in range(self.heads))
-        return FakeSensed(
-            now_s, fix if self.steps % round(0.2 / self.dt_s) == 0 else None, pulses,
+        return SensorReadings(
+            now_s, fix if self.steps % round(0.2 / self.dt_s) == 0 else None, self.speed_mps, pulses,
             ndvi if self.steps % round(0.5 / self.dt_s) == 0 else None,
             command.shaft_rpm if enabled else 0.0, command.opening_mm, 250.05, 13.5, 1.5, -0.5, True,
             now_s - (over_m / self.speed_mps if self.speed_mps else 0.0))

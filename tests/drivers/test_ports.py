@@ -17,8 +17,8 @@ from drivers.cab import Cab, CabConfig
 from drivers.datagrams import UdpPort
 from drivers.ports import MAX_BUFFERED_BYTES, MAX_QUEUED_WRITES, SerialStream, ThreadedPort, memory_pair, open_port
 from drivers.virtual.faults import FaultyPort, PortFaults
-from drivers.virtual.listen import ListeningPort
 from drivers.virtual.machine import VirtualMachine
+from drivers.virtual.served import ListeningPort
 
 
 def wait_for(what, seconds: float = 30.0) -> None:

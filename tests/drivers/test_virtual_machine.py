@@ -13,8 +13,8 @@ from drivers.devices.board_frames import CommandFrame, encode_command
 from drivers.devices.gnss import GnssDecoder
 from drivers.virtual.board import VirtualBoard
 from drivers.virtual.encoders import gnss_sentences
-from drivers.virtual.listen import ListeningPort
 from drivers.virtual.machine import VirtualMachine, virtual_cab
+from drivers.virtual.served import ListeningPort
 
 RUN = DriveCommand(60.0, 30.0)
 

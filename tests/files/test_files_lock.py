@@ -57,17 +57,15 @@ def test_a_lock_whose_file_was_removed_does_not_stand(tmp_path: Path) -> None:
     second.close()
 
 
-def test_what_is_locked_is_the_file_of_that_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_locked_is_the_file_of_that_name(tmp_path: Path) -> None:
     """Removed between its opening and its locking: locked anew, or two would hold it."""
     path, removed = tmp_path / "a.lock", []
-    take = lock_module._take
 
     def later(handle: int) -> None:
         if not removed:
             removed.append(path.unlink())
-        take(handle)
+        lock_module._take(handle)
 
-    monkeypatch.setattr(lock_module, "_take", later)
-    lock = take_lock(path)
+    lock = take_lock(path, later)
     assert lock is not None and stands(lock, path) and removed
     lock.close()

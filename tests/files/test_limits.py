@@ -27,11 +27,11 @@ from drivers.files.bench_table import read_bench_table
 from drivers.files.config import ConfigError
 from drivers.files.imports.read import read_raw
 from drivers.files.limits import LIMITS, BeyondLimits, check_file, check_text, read_json
-from drivers.files.prescriptions.plants import read_plants
+from drivers.files.prescriptions.for_job import read_plants
 from drivers.files.prescriptions.read import read_prescription
 from drivers.files.read_log import read_log
 from drivers.files.setup import by_kind
-from drivers.files.sheet_limits import check_sheets
+from drivers.files.sheet_text import check_sheets
 
 PAGE = Path(__file__).parents[2] / "docs" / "limits.md"
 

@@ -11,7 +11,7 @@ import pytest
 
 from drivers.files.bench_table import read_bench_table
 from drivers.files.config_error import ConfigError
-from drivers.files.prescriptions.plants import read_plants
+from drivers.files.prescriptions.for_job import read_plants
 from drivers.files.prescriptions.read import read_prescription
 from drivers.files.read_log import read_log
 from drivers.files.setup import by_kind

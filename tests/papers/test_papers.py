@@ -15,7 +15,7 @@ from control.machine.fall import drop_s
 from control.machine.landing import carried_s
 from control.machine.machine import Machine
 from control.machine.start import first_fall_s, response_s, start_lag_s
-from control.papers import map_geometry, published
+from control.papers import published
 from control.papers.claims import ledger
 from control.papers.claims_decision import decision_claims, grain_n, yields
 from control.papers.claims_lag import lag_claims
@@ -307,10 +307,9 @@ def test_printed_yields_do_not_follow_from_the_sample_weights() -> None:
     assert yields().rows[0][7] == pytest.approx(2277.0, abs=1.0)
 
 
-def test_eq_2_is_right_and_eq_5_halves_the_way(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_eq_2_is_right_and_eq_5_halves_the_way() -> None:
     asked = []
-    monkeypatch.setattr(map_geometry, "paper_cell", lambda at, half: asked.append(at) or paper_cell(at, half))
-    assert cells_that_agree() == (1001, 1001)
+    assert cells_that_agree(cell=lambda at, half: asked.append(at) or paper_cell(at, half)) == (1001, 1001)
     assert asked == pytest.approx(np.linspace(0.0, 100.0, 1001))
     rows = boundary_table().rows
     assert rows[0][1:] == (pytest.approx(10.0, abs=0.01), pytest.approx(20.0, abs=0.01))

@@ -11,7 +11,6 @@ import pytest
 
 from console.app.history import TREND_POINTS, History
 from console.app.worked import CELLS_M, MOST_TILES
-from console.worker import resume_keeper
 from console.worker.resume import Snapshot
 from console.worker.resume_ground import TRACK_PLACES, Done
 from console.worker.resume_keeper import Keeper
@@ -81,15 +80,14 @@ def test_the_worker_s_ground_grows_with_the_ground_alone():
     assert ceil(hectares) == 13
 
 
-def test_what_waits_for_a_disk_that_hangs_is_bounded(tmp_path, monkeypatch):
+def test_what_waits_for_a_disk_that_hangs_is_bounded(tmp_path):
     class Loop:
         sums = flow_trim = plane = None
 
     class Tick:
         row = LogRow(1.0)
 
-    monkeypatch.setattr(resume_keeper, "MAX_WAITING_ROWS", 50)
-    keeper = Keeper(Path(tmp_path / "a.resume.json"), Machine(), Snapshot("a.csv"), Loop(), lambda: "")
+    keeper = Keeper(Path(tmp_path / "a.resume.json"), Machine(), Snapshot("a.csv"), Loop(), lambda: "", 50)
     for _ in range(100):
         keeper.take(Tick())
     assert keeper._handed.qsize() == 50

@@ -204,16 +204,14 @@ def test_a_token_file_is_made_for_its_owner_alone_or_checked(tmp_path):
     assert token_in(path) is None and token_in(tmp_path / "none") is None and token_in(None) is None
 
 
-async def test_a_tab_begins_without_the_token_and_gets_it_only_to_operate(monkeypatch):
+async def test_a_tab_begins_without_the_token_and_gets_it_only_to_operate():
     where = WorkerAddress(1, "secret", 1)
-    monkeypatch.setattr(tablet, "find_running", lambda: where)
     app = tablet.tab_app(where, "abcd2345")
     assert app.looking and app.source.where.token is None
-    assert (await tablet.link_to(False)).where.token is None
-    assert (await tablet.link_to(True)).where.token == "secret"
-    monkeypatch.setattr(tablet, "find_running", lambda: None)
+    assert (await tablet.link_to(False, lambda: where)).where.token is None
+    assert (await tablet.link_to(True, lambda: where)).where.token == "secret"
     with pytest.raises(WorkerFailed, match="The console on the machine is not running"):
-        await tablet.link_to(True)
+        await tablet.link_to(True, lambda: None)
 
 
 def test_limits_come_from_the_log_of_the_job_at_work(tmp_path):
@@ -464,9 +462,9 @@ def test_an_address_of_ipv6_counts_as_its_network(address, counted):
 # --- a crowd at the door ---------------------------------------------------------------------------------------------
 
 @contextlib.asynccontextmanager
-async def listening(free_port):
+async def listening(free_port, **room):
     """The whole server; gives how often a half-open connection from an address can be made, and what became of it."""
-    server = TabletServer(["sleep", "60"], "127.0.0.1", free_port)
+    server = TabletServer(["sleep", "60"], "127.0.0.1", free_port, server_module.Room(**room))
     task = asyncio.create_task(server._serve())
     made = []
 
@@ -507,10 +505,9 @@ async def ended(reader):
 
 
 @linux
-async def test_half_open_connections_take_neither_all_places_nor_those_of_another_address(free_port, monkeypatch):
+async def test_half_open_connections_take_neither_all_places_nor_those_of_another_address(free_port):
     """With 1,100 of them no page came, and 292 MB of traces were written in a minute."""
-    monkeypatch.setattr(server_module, "MOST_CONNECTIONS", 10)
-    async with listening(free_port) as (half, page, socket_address):
+    async with listening(free_port, connections=10) as (half, page, socket_address):
         other = await half("127.0.0.2")
         async with aiohttp.ClientSession() as session:
             tab = await session.ws_connect(socket_address)
@@ -524,10 +521,9 @@ async def test_half_open_connections_take_neither_all_places_nor_those_of_anothe
             await tab.close()
 
 
-async def test_a_connection_that_is_no_tab_has_its_time(free_port, monkeypatch):
-    monkeypatch.setattr(server_module, "CONNECTION_S", 0.3)
-    monkeypatch.setattr(server_module, "LOOKED_S", 0.05)
-    async with listening(free_port) as (half, page, socket_address), aiohttp.ClientSession() as session:
+async def test_a_connection_that_is_no_tab_has_its_time(free_port):
+    async with (listening(free_port, connection_s=0.3, looked_s=0.05) as (half, page, socket_address),
+                aiohttp.ClientSession() as session):
         tab, silent = await session.ws_connect(socket_address), await half()
         assert not await ended(silent)
         await asyncio.sleep(0.5)
@@ -560,14 +556,14 @@ def test_a_tab_has_little_memory_and_no_first_claim_on_the_processor():
     assert int(said[0]) > 0 and int(said[1]) == TAB_BYTES
 
 
-async def test_a_tab_has_the_name_that_its_address_says_or_where_it_is(monkeypatch):
+async def test_a_tab_has_the_name_that_its_address_says_or_where_it_is():
     """And a name that is no name harms neither page nor socket."""
     server, heard = TabletServer(["x"], "127.0.0.1", 0), []
 
     async def serve_tab(tab, name, width, height):
         heard.append((name, width))
 
-    monkeypatch.setattr(server, "_serve_tab", serve_tab)
+    server._serve_tab = serve_tab
     runner = aiohttp.web.AppRunner(await server._make_app())
     await runner.setup()
     site = aiohttp.web.TCPSite(runner, "127.0.0.1", 0)

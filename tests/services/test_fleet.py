@@ -78,12 +78,11 @@ def client() -> Any:
 
 
 @pytest.fixture
-def diagnosed(tmp_path: Path, client: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
+def diagnosed(tmp_path: Path, client: Any) -> Any:
     """All logs of a fleet into `out` of this test, asked of what stands in the place of `record`."""
     def work(logs: list[str], asked: Asked, about: Any = None, tell: Any = quiet, retry: bool = False) -> Any:
-        monkeypatch.setattr(fleet, "record", asked.answer)
         wanted = fleet.Asked(MACHINE, about or {}, "s", retry=retry)
-        return fleet.diagnosed(client, logs, wanted, tmp_path / "out", tell)
+        return fleet.diagnosed(client, logs, wanted, tmp_path / "out", tell, asked.answer)
     return work
 
 
@@ -198,10 +197,10 @@ def test_each_log_is_diagnosed_once_and_broken_ones_are_listed(tmp_path: Path, l
     assert asked.so_far[4:] == [logs[0]]               # what is known of it is part of it
 
 
-def test_few_tasks_wait_in_the_cluster(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_few_tasks_wait_in_the_cluster(client: Any) -> None:
     """Else a cancel waits for all logs; and each task that is done brings the next one."""
     asked, submit = [], client.submit
-    monkeypatch.setattr(client, "submit", lambda *words, **more: asked.append(words) or submit(*words, **more))
+    client.submit = lambda *words, **more: asked.append(words) or submit(*words, **more)
     done = fleet._Work(client, list(client.nthreads())).once(len, {str(k): ("x" * k,) for k in range(20)})
     ahead = fleet.AHEAD * sum(client.nthreads().values())
     assert ahead < 20
@@ -271,11 +270,10 @@ def test_a_full_disk_ends_it_and_keeps_what_is_done(tmp_path: Path, logs: list[s
     assert found.known == 2 and len(found.records) == 4
 
 
-def test_a_scheduler_that_is_not_there_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scheduler_that_is_not_there_is_one_line() -> None:
     pytest.importorskip("distributed", reason="the extra `fleet` is not installed")
-    monkeypatch.setattr(fleet, "CONNECT_S", 0.5)
     for address in ("tcp://127.0.0.1:9", "nowhere", "http://127.0.0.1:9"):
-        with pytest.raises(OSError) as raised, fleet.cluster(address, 1):
+        with pytest.raises(OSError) as raised, fleet.cluster(address, 1, connect_s=0.5):
             pass
         assert str(raised.value).startswith(f"{address}: no Dask scheduler: ") and "\n" not in str(raised.value)
 
@@ -552,14 +550,13 @@ def test_the_owner_reads_what_the_machine_does_and_what_to_do(effect, size, lang
         use("en")
 
 
-def test_where_no_worker_is_left_it_ends_in_one_line(monkeypatch):
+def test_where_no_worker_is_left_it_ends_in_one_line():
     """Killed, or a node that went: its tasks would wait for another worker without end."""
     distributed = pytest.importorskip("distributed")
-    monkeypatch.setattr(fleet, "JOIN_S", 1.0)
-    monkeypatch.setattr(fleet, "LOOK_S", 0.2)
     threads = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
     with distributed.LocalCluster(**threads) as local, distributed.Client(local, set_as_default=False) as client:
-        asked = fleet._Work(client, list(client.nthreads())).once(time.sleep, dict.fromkeys("abc", (4.0,)))
+        work = fleet._Work(client, list(client.nthreads()), join_s=1.0, look_s=0.2)
+        asked = work.once(time.sleep, dict.fromkeys("abc", (4.0,)))
         threading.Timer(0.5, local.scale, (0,)).start()
         with pytest.raises(OSError, match="no worker is left: what is done is kept"):
             list(asked)

@@ -37,31 +37,34 @@ from drivers.files.run_log import PlainLogWriter
 from drivers.files.run_meta import run_meta
 
 
+class NoWorker(Launcher):
+    """Notes what a worker would be started with."""
+
+    def __init__(self, logs):
+        super().__init__((), (), 1, 20.0, str(logs / "run.csv"), logs.parent / "trouble")
+        self.starts, self.fails = [], False
+
+    async def link(self, resumed=None):
+        if self.fails:
+            raise WorkerFailed("no port")
+        self.starts.append((self.config, self.seed, resumed))
+
+
 @pytest.fixture
 def launcher(tmp_path):
-    return Launcher((), (), 1, 20.0, str(tmp_path / "logs" / "run.csv"), tmp_path / "trouble")
+    return NoWorker(tmp_path / "logs")
 
 
 @pytest.fixture
-def starts(monkeypatch):
-    """What a worker is started with; none is."""
-    done = []
-    monkeypatch.setattr(Launcher, "start", lambda self, resumed=None: done.append((self.config, self.seed, resumed)))
-    monkeypatch.setattr("console.link.Link", lambda where, name: where)
-    return done
-
-
-@pytest.fixture
-def desk(launcher, tmp_path, starts):
+def desk(launcher, tmp_path):
     return JobFiles(launcher, tmp_path)
 
 
 def test_a_start_that_fails_leaves_the_files_of_before(desk, launcher):
     desk.take("job", str(shipped("jobs")["map_demo"]))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Launcher, "start", lambda self, resumed=None: (_ for _ in ()).throw(WorkerFailed("no port")))
-        with pytest.raises(WorkerFailed):
-            asyncio.run(desk.restart())
+    launcher.fails = True
+    with pytest.raises(WorkerFailed):
+        asyncio.run(desk.restart())
     assert launcher.config == () and desk.facts().setup.job.target.source == "canopy"
 
 
@@ -138,23 +141,23 @@ def test_a_shipped_file_by_its_name_is_the_same_file(tmp_path):
     assert others_than(("demo",), (str(shipped("jobs")["demo"]),)) == ()
 
 
-async def test_begin_anew_is_not_asked_again(desk, launcher, starts):
+async def test_begin_anew_is_not_asked_again(desk, launcher):
     launcher.logs.mkdir(exist_ok=True)
     saved = dt.datetime.now(dt.UTC).isoformat()
     resume.write(resume.snapshot_path(launcher.logs / "a.csv"),
                  Snapshot("a.csv", began_utc=saved, saved_utc=saved, sums=Sums(area_ha=1.2), config=("demo",), seed=7))
     offer = desk.offer()
     await desk.resume(offer)
-    assert starts == [(("demo",), 7, Path(offer.path))]
+    assert launcher.starts == [(("demo",), 7, Path(offer.path))]
     await desk.anew(offer)
-    assert starts[-1][2] is None and desk.offer() is None
+    assert launcher.starts[-1][2] is None and desk.offer() is None
 
 
 @pytest.mark.parametrize(("box", "far", "anew", "named"), [
     ((0.0, 60.0), False, False, True), ((0.0, 60.0), False, True, False), ((0.0, 60.0), True, False, False),
     ((-60.0, 20.0), False, False, False)])
-async def test_a_start_with_another_file_goes_on_with_what_was_left_on_its_field(desk, launcher, tmp_path, starts,
-                                                                                 box, far, anew, named):
+async def test_a_start_with_another_file_goes_on_with_what_was_left_on_its_field(desk, launcher, tmp_path, box, far,
+                                                                                 anew, named):
     """Anew: that job is ended, and asked about no more. What lies elsewhere is no concern of it."""
     demo = load(shipped("jobs")["demo"], JOB).model
     field = demo.field.model_copy(update={"origin_lat_deg": 36.0 if far else demo.field.origin_lat_deg})
@@ -168,7 +171,7 @@ async def test_a_start_with_another_file_goes_on_with_what_was_left_on_its_field
     desk.take("job", str(tmp_path / "other.yaml"))
     assert (desk.offer() is None) is far
     await desk.restart(anew)
-    assert [(config, resumed) for config, _, resumed in starts] == [
+    assert [(config, resumed) for config, _, resumed in launcher.starts] == [
         ((str(tmp_path / "other.yaml"),), path if named else None)]
     assert resume.read(path).finished is anew and (desk.offer() is None) is (far or anew)
 

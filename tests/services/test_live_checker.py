@@ -7,7 +7,6 @@ import subprocess
 import sys
 import tempfile
 import time
-import types
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,6 @@ from console.services.live_check import followed
 from console.services.live_checker import LiveChecker
 from control.diagnosis.live import watch
 from control.diagnosis.result import Departure
-from drivers.files import growing_log
 from drivers.files.growing_log import GrowingLog
 from drivers.files.imports import text
 from drivers.files.log_store import write_store
@@ -200,25 +198,20 @@ def test_rows_at_once_are_gone_through_as_they_would_have_come(path: Path) -> No
 
 
 def test_what_departed_before_it_was_started_is_not_said_as_if_it_did_now(
-        path: Path, looks: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+        path: Path, looks: Any, capsys: pytest.CaptureFixture[str]) -> None:
     """A console that is started again goes through the rows of the morning: only what stands now is said."""
     looks(lambda now_s: FOUND if now_s < 500.0 else None)
-    monkeypatch.setattr(live_check, "lower_priority", lambda: None)
-    monkeypatch.setattr(live_check.threading, "Thread", lambda **_: types.SimpleNamespace(start=lambda: None))
-
     def end(_: float) -> None:
         raise OSError("enough")
-    monkeypatch.setattr(live_check.time, "sleep", end)
     path.write_text(HEADER + rows(0, 6300))
-    live_check.main([str(path), "huanghai"])
+    live_check.main([str(path), "huanghai"], end)
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [line.get("departure", "ended") for line in lines] == [None, "ended"]
 
 
-def test_a_log_that_is_read_in_parts_is_behind_until_the_last(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(growing_log, "MOST_BYTES", 2000)
+def test_a_log_that_is_read_in_parts_is_behind_until_the_last(path: Path) -> None:
     path.write_text(HEADER + rows(0, 200))
-    growing, behind, count = GrowingLog(path), [], 0
+    growing, behind, count = GrowingLog(path, most_bytes=2000), [], 0
     while more := times(growing):
         behind.append(growing.behind)
         count += len(more)

@@ -27,7 +27,8 @@ def made(tmp_path):
     bench = SimpleNamespace(line=lambda name: line if name == "head_1" else None)
     files = SideFiles()
     made = SimpleNamespace(line=line, device=device, files=files, now_s=0.0, opened=[],
-                           desk=DeviceService(bench, str(tmp_path / "run.csv"), files, lambda *a: made.opener(*a)))
+                           desk=DeviceService(bench, str(tmp_path / "run.csv"), files, lambda *a: made.opener(*a),
+                                              1_000))
 
     def order(do, state="ready", name="head_1"):
         return made.desk.order(DeviceOrder(name, do), made.now_s, state)
@@ -97,13 +98,12 @@ def test_a_capture_holds_what_came_and_went_with_times(made, tmp_path):
     assert made.desk.capture_path("head_1").endswith("run.head_1.2.capture"), "the one before stays as it is"
 
 
-def test_a_capture_ends_by_itself_before_it_fills_the_disk(made, monkeypatch, tmp_path):
-    monkeypatch.setattr(device_service, "CAPTURE_BYTES", 200)
+def test_a_capture_ends_by_itself_before_it_fills_the_disk(made, tmp_path):
     made.order(DeviceDo.CAPTURE)
-    made.run(1.0, said=HEAD)
+    made.run(5.0, said=HEAD)
     assert made.desk.capture_path("head_1") == ""
     made.files.close()
-    assert 200 <= (tmp_path / "run.head_1.1.capture").stat().st_size < 300
+    assert 1_000 <= (tmp_path / "run.head_1.1.capture").stat().st_size < 1_100
 
 
 def test_a_capture_that_cannot_be_written_is_told_and_stops_nothing(made, tmp_path):

@@ -8,8 +8,8 @@ import pytest
 
 from console.frame import DeviceDo
 from console.worker import limits
+from console.worker.host import Steady
 from console.worker.requests import Ask, DeviceOrder
-from console.worker.steady import Steady
 from control.orders import Answer, Do, Order, SectionState
 
 

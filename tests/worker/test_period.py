@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from console.worker.period import BINS, Durations, Punctuality
+from console.worker.host import BINS, Durations, Punctuality
 
 
 @pytest.mark.parametrize("share", [0.5, 0.99, 0.999])

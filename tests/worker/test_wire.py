@@ -10,7 +10,7 @@ import pytest
 from console.frame import DeviceTest, DeviceView, Frame, LagTestView, Tally, from_json
 from console.worker import run_file, wire
 from console.worker.limits import MOVES_S, STANDS_S
-from console.worker.telling import Telling
+from console.worker.link_server import Telling
 from control.agronomy.strips import Strips
 from control.field.totals import Totals
 from control.log_row import LogRow
@@ -73,43 +73,31 @@ def test_a_frame_that_is_none_is_one_line():
 
 # --- The right to be the worker of a run file: what a start waits for ------------------------------------------------
 
-@pytest.fixture
-def waited(monkeypatch):
-    """Seconds that a start waited."""
+def waited(path, now_s=None):
+    """Seconds that a start at such a time of the computer's clock waited."""
     slept: list[float] = []
-    monkeypatch.setattr(run_file.time, "sleep", slept.append)
+    with run_file.held(path, lambda: time.time() if now_s is None else now_s, slept.append) as right:
+        right.confirm()
     return slept
 
 
-def confirmed(path):
-    with run_file.held(path) as right:
-        right.confirm()
+def test_the_first_start_waits_for_a_worker_whose_lock_was_removed(tmp_path):
+    assert waited(tmp_path / "run" / "worker.json") == [pytest.approx(run_file.SETTLED_S, abs=0.2)]
 
 
-def test_the_first_start_waits_for_a_worker_whose_lock_was_removed(tmp_path, waited):
-    confirmed(tmp_path / "run" / "worker.json")
-    assert waited == [pytest.approx(run_file.SETTLED_S, abs=0.2)]
-
-
-def test_a_clean_start_waits_for_nobody(tmp_path, waited, monkeypatch):
+def test_a_clean_start_waits_for_nobody(tmp_path):
     """No run file is there, as after every clean end, and the lock's file is an old one."""
     path = tmp_path / "worker.json"
     take_lock(path.with_suffix(".lock")).close()
-    now = time.time()
-    monkeypatch.setattr(run_file.day_clock, "epoch_s", lambda: now + run_file.YOUNG_S + 0.1)
-    confirmed(path)
-    assert waited == []
+    assert waited(path, time.time() + run_file.YOUNG_S + 0.1) == []
 
 
 @pytest.mark.parametrize("later_s", [0.0, 1.5, -3600.0], ids=["at once", "a busy computer", "its clock was put back"])
-def test_a_lock_that_somebody_just_made_anew_is_not_believed(tmp_path, waited, monkeypatch, later_s):
+def test_a_lock_that_somebody_just_made_anew_is_not_believed(tmp_path, later_s):
     """By a console that looked: the worker under which the lock was removed has not locked this one yet."""
     path = tmp_path / "worker.json"
     take_lock(path.with_suffix(".lock")).close()
-    now = time.time()
-    monkeypatch.setattr(run_file.day_clock, "epoch_s", lambda: now + later_s)
-    confirmed(path)
-    assert waited == [pytest.approx(run_file.SETTLED_S, abs=0.2)]
+    assert waited(path, time.time() + later_s) == [pytest.approx(run_file.SETTLED_S, abs=0.2)]
 
 
 # --- When frames are told: seldom while the machine stands, often while it moves, at once where a word changes -------

@@ -19,11 +19,9 @@ from console.app.view import AlarmsView, RunView, look, without_machine, without
 from console.app.widgets.alarm_bar import AlarmBar, rows_needed
 from console.app.widgets.canvas import Canvas
 from console.app.widgets.key_bar import KeyBar, KeysView
-from console.app.widgets.page_bar import PageBar, PagesView
 from console.app.widgets.panel import Panel, fit, line, wrapped
-from console.app.widgets.small import Small, SmallView
-from console.app.widgets.status_line import StatusLine
-from console.app.widgets.tour_bar import TourBar, TourView, rows_of
+from console.app.widgets.rates import Small, SmallView
+from console.app.widgets.status_line import PageBar, PagesView, StatusLine, TourBar, TourView, rows_of
 from console.frame import Frame
 from console.locale import _
 

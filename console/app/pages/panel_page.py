@@ -12,13 +12,11 @@ from console.app.layers import MapLayer
 from console.app.pages.log_page import EMPTY_MAP, LogPage
 from console.app.view import STALE_S, RunView, duration, look, wall_clock
 from console.app.widgets.field_map import FieldMap
-from console.app.widgets.heads import HeadsPanel
 from console.app.widgets.items import Items
 from console.app.widgets.map_legend import LegendView, MapLegend
 from console.app.widgets.panel import Panel, line
 from console.app.widgets.rates import Rates
-from console.app.widgets.tile_graphs import CHANNELS, GraphsView, TileGraphs, graph
-from console.app.widgets.tiles import Tiles
+from console.app.widgets.tiles import CHANNELS, GraphsView, HeadsPanel, TileGraphs, Tiles, graph
 from console.app.widgets.trend import CursorReading, Trend, TrendView, columns_of
 from console.frame import Frame
 from console.locale import _

@@ -2,12 +2,85 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 from rich.cells import cell_len
+from textual import events
 from textual.content import Content
 
+from console.app.action import Action
 from console.app.view import StatusView
-from console.app.widgets.panel import Panel, Part, line, spread
+from console.app.widgets.panel import Panel, Part, at_cell, fit, in_row, line, spread, wrapped
+from console.locale import _
+
+
+# Rows under the alarms: what the guided tour asks for, and how to skip or end it. The last row is clickable.
+class TourView(NamedTuple):
+    number: int
+    of: int
+    text: str
+
+
+def ends(width: int) -> tuple[tuple[str, str, int], ...]:
+    """What can be clicked: action id, text, first cell."""
+    texts = ("tour_next", f" ^N {_('next')} "), ("tour_end", f" ^E {_('end the tour')} ")
+    return in_row(texts, width - sum(cell_len(text) for _action, text in texts))
+
+
+def rows_of(text: str, width: int) -> int:
+    """Rows that the bar needs."""
+    return max(1, len(wrapped(text, width - 2))) + 1
+
+
+class TourBar(Panel[TourView | None]):
+    def lines(self, view: TourView | None, width: int, height: int) -> list[Content]:
+        if view is None:
+            return []
+        (_skip_id, skip, start), (_end_id, end, _start) = ends(width)
+        style = "$background on $primary"
+        lead = fit(f" {_('guided tour')} {view.number}/{view.of}", start)
+        return [*(line((fit(f" {row}", width), f"bold {style}")) for row in wrapped(view.text, width - 2)),
+                line((lead, style), (skip, "bold reverse"), (end, "bold reverse"))]
+
+    def places(self) -> tuple[tuple[int, int], ...]:
+        last = self.content_size.height - 1
+        return tuple((start, last) for _action, _text, start in ends(self.content_size.width)) if self.view else ()
+
+    async def on_click(self, event: events.Click) -> None:
+        event.stop()
+        action = at_cell(ends(self.content_size.width), event.x) if event.y == self.content_size.height - 1 else None
+        if action is not None:
+            await self.run_action(f"app.do('{action}')")
+
+
+# The row of pages with their F-keys, clickable; the one that is open stands out.
+class PagesView(NamedTuple):
+    """actions: those that open a page; where: the page that is open."""
+
+    actions: tuple[Action, ...]
+    where: str
+
+
+class PageBar(Panel[PagesView]):
+    def lines(self, view: PagesView, width: int, height: int) -> list[Content]:
+        parts: list[Part] = [(text, "bold reverse" if name == f"{view.where}_screen" else "$muted")
+                             for name, text, _start in self._row(width)]
+        return [line(*parts)]
+
+    def _row(self, width: int) -> tuple[tuple[str, str, int], ...]:
+        """Ids of the actions that fit."""
+        row = in_row((action.id, f" {action.shown} {_(action.label)} ") for action in self.view.actions)
+        return tuple(one for one in row if one[2] + cell_len(one[1]) <= width)
+
+    def places(self) -> tuple[tuple[int, int], ...]:
+        return tuple((start, 0) for _name, _text, start in self._row(self.content_size.width))
+
+    async def on_click(self, event: events.Click) -> None:
+        event.stop()
+        name = at_cell(self._row(self.content_size.width), event.x)
+        if name is not None:
+            await self.run_action(f"app.do('{name}')")
+
 
 GIVES_WAY: tuple[Callable[[StatusView], StatusView], ...] = (
     lambda view: view._replace(elapsed=""), lambda view: view._replace(clock=""),

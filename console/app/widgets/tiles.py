@@ -1,12 +1,100 @@
 """Speed, shaft, opening, hopper: a label, numerals of 3 rows, and what was commanded or is left."""
 from __future__ import annotations
 
-from rich.cells import cell_len
-from textual.content import Content
+from collections.abc import Sequence
+from typing import ClassVar, NamedTuple
 
+from rich.cells import cell_len
+from rich.segment import Segment
+from textual.content import Content
+from textual.strip import Strip
+
+from console.app.braille import BLANK, trace
 from console.app.digits import ROWS, draw, largest
-from console.app.view import Tile
-from console.app.widgets.panel import Panel, Part, fit, fullest, line, solid
+from console.app.view import Head, HeadsView, Tile
+from console.app.widgets.canvas import Canvas
+from console.app.widgets.panel import Panel, Part, fit, fullest, line, solid, spread
+from console.locale import _
+
+
+# The NDVI heads as small bars, the dropped ones marked, with the fused value that the decision used.
+def bar(share: float, width: int) -> tuple[str, str]:
+    """The filled and the empty part of a bar of `width` cells: half as high as its row, so that bars stay apart."""
+    full = round(max(0.0, min(1.0, share)) * width)
+    return "▄" * full, "▁" * (width - full)
+
+
+class HeadsPanel(Panel[HeadsView]):
+    """A heading and three rows of two heads."""
+
+    def lines(self, view: HeadsView, width: int, height: int) -> list[Content]:
+        style = "$stale" if view.fused.stale else "bold"
+        rows = [spread([(" NDVI ", "bold"), (view.fused.text, style)], [(f"{view.valid} ", "$muted")], width)]
+        half = width // 2
+        count = (len(view.heads) + 1) // 2
+        for row in range(count):
+            parts: list[Part] = []
+            for head in (view.heads[row], view.heads[row + count]) if row + count < len(view.heads) else (
+                    view.heads[row],):
+                parts += self._head(head, half, view.fused.stale)
+            rows.append(line(*parts))
+        return rows
+
+    @staticmethod
+    def _head(head: Head, width: int, stale: bool) -> list[Part]:
+        room = width - 11
+        if head.dropped:
+            word = f" ✖ {_('dropped')} "
+            return [(f" {head.number} ", "bold $on-alarm-amber on $alarm-amber"), " ",
+                    (fit(word, room), "$on-alarm-amber on $alarm-amber"), (f" {head.value:>5} ", "$stale")]
+        style = "$stale" if stale else "$target"
+        full, rest = bar(head.share or 0.0, room)
+        return [(f" {head.number} ", "bold"), " ", (full, style), (rest, "$muted"),
+                (f" {head.value:>5} ", "$stale" if stale else "")]
+
+
+# How the values of the tiles ran over the last minutes: a small graph under each tile, where the terminal is large.
+CHANNELS = ("speed_used_mps", "shaft_rpm", "opening_mm", "hopper_kg")      # of the tiles, in their order
+LEAST_SHARE = 0.05             # of the largest value: less than that is shown as a flat line, not as a mountain
+
+Graph = tuple[tuple[float, float | None], ...]       # (share of the time, share of the height); None breaks the line
+
+
+class GraphsView(NamedTuple):
+    graphs: tuple[Graph, ...]
+    stale: bool = False
+
+
+def graph(times_s: Sequence[float], values: Sequence[float], from_s: float, span_s: float) -> Graph:
+    """Values, NaN where unknown, on a scale of their own."""
+    known = [value for value in values if value == value]
+    if not known:
+        return ()
+    low, high = min(known), max(known)
+    least = LEAST_SHARE * max(abs(low), abs(high)) or 1.0
+    if high - low < least:
+        low, high = 0.5 * (low + high) - 0.5 * least, 0.5 * (low + high) + 0.5 * least
+    return tuple((round((time_s - from_s) / span_s, 3),
+                  round((value - low) / (high - low), 2) if value == value else None)
+                 for time_s, value in zip(times_s, values, strict=True))
+
+
+class TileGraphs(Canvas[GraphsView]):
+    COMPONENT_CLASSES: ClassVar[set[str]] = {"trend--applied", "trend--stale"}
+
+    def paint(self, view: GraphsView, width: int, height: int) -> list[Strip]:
+        each = width // len(CHANNELS)
+        style = self.style("trend--stale" if view.stale else "trend--applied")
+        dots = [trace(one, each - 2, height) for one in view.graphs]
+        rows = []
+        for row in range(height):
+            segments: list[Segment] = []
+            for cells in dots:
+                drawn = "".join(chr(BLANK | cells[place]) if (place := (column, row)) in cells else " "
+                                for column in range(each - 2))
+                segments += [Segment(" ", self.rich_style), Segment(drawn, style), Segment(" ", self.rich_style)]
+            rows.append(Strip(segments).adjust_cell_length(width, self.rich_style))
+        return rows
 
 
 class Tiles(Panel[tuple[Tile, ...]]):

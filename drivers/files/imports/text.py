@@ -19,12 +19,79 @@ from drivers.files.imports.dialect import DELIMITERS, SAMPLE_BYTES, Dialect, dia
 from drivers.files.imports.mapping import Source
 from drivers.files.imports.raw import RawTable, header_of, unique
 from drivers.files.imports.trouble import ImportTrouble, TableError, listed
-from drivers.files.limits import check_text
-from drivers.files.long_lines import without_long_lines
-from drivers.files.quotes import unclosed_quote
+from drivers.files.limits import LINE, check_text
 
 if TYPE_CHECKING:
     import polars as pl
+
+
+# Rows that are longer than any row may be: they are left out and said, the others are read.
+_UTF16 = (b"\xff\xfe", b"\xfe\xff")
+
+
+def without_long_lines(data: bytes) -> tuple[bytes, list[Finding]]:
+    """The text without the lines below its first that are longer than `LINE`, where others are left there; and what
+    there is to say.
+
+    Zero bytes, as a power loss leaves them, do not count; UTF-16 is left as it is.
+    """
+    long = [] if data.startswith(_UTF16) else _long_lines(data)
+    if not long:
+        return data, []
+    starts_at = data.count(b"\n", 0, long[0][0]) + 1
+    said = Finding("long_row", f"{many(len(long))} left out, the first in line {starts_at} with "
+                   f"{long[0][1] - long[0][0]:,} bytes: allowed up to {LINE.most:,}", rows=len(long))
+    ends = [0, *(min(end + 1, len(data)) for _start, end in long)]
+    kept = b"".join([data[end:start] for end, start in zip(ends, [*(start for start, _end in long), len(data)],
+                                                           strict=True)])
+    return (kept, [said]) if kept.partition(b"\n")[2].strip() else (data, [])
+
+
+def _long_lines(data: bytes) -> list[tuple[int, int]]:
+    """First byte and line end of each. A line so long has no line end in one of the places half as long as is allowed:
+    only those are looked at."""
+    half, place, found = LINE.most // 2, 0, list[tuple[int, int]]()
+    while place + half <= len(data):
+        if data.find(b"\n", place, place + half) >= 0:
+            place += half
+            continue
+        start, end = data.rfind(b"\n", 0, place) + 1, data.find(b"\n", place)
+        end = len(data) if end < 0 else end
+        if start > 0 and end - start - data.count(b"\0", start, end) > LINE.most:
+            found.append((start, end))
+        place += half * max(1, (end - place) // half)
+    return found
+
+
+# Quotes in text tables: one that is opened and never closed swallows the rows behind it.
+MOST_LINES = 5              # of one cell with line breaks, as headers of spreadsheets have them
+_STARTS = b",;\t| "
+
+
+def unclosed_quote(data: bytes) -> int | None:
+    """The line (from 1) with a quote that is opened and not closed within a cell's few lines; None: there is none.
+
+    A last line without its line end does not count: it was cut.
+    """
+    if b'"' not in data:
+        return None
+    opened = 0
+    for number, line in enumerate(data.split(b"\n")[:-1], start=1):
+        if opened and number - opened > MOST_LINES:
+            return opened
+        if b'"' not in line:
+            continue
+        if opened:
+            opened = 0 if line.count(b'"') % 2 else opened
+        elif line.count(b'"') % 2 and _opens(line):
+            opened = number
+    return opened or None
+
+
+def _opens(line: bytes) -> bool:
+    """Whether a quote stands where a cell begins: one behind a number is the sign for inches."""
+    return any(line[at:at + 1] == b'"' and (at == 0 or line[at - 1] in _STARTS) for at in range(len(line)))
+
 
 NO_HEADER = "no_header"         # of a finding
 # Findings that an import has no need to say: its import file says how the text is written.

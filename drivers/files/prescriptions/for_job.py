@@ -1,8 +1,11 @@
 """Map, plant list, index map and done ground that a job names, laid on the plane that its loop works on."""
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 from typing import TypedDict
+
+import numpy as np
 
 from control.field.done_ground import DoneGround
 from control.field.job import Job
@@ -13,9 +16,55 @@ from control.targets.map_check import MapCheck, map_check
 from control.targets.map_profile import MapProfile
 from control.targets.plants import PlantList
 from control.targets.prescription import on_plane, rates_on
+from control.targets.rate_map import Floats
 from drivers.files.archives import files_of
-from drivers.files.prescriptions.plants import read_plants
+from drivers.files.limits import check_file
 from drivers.files.prescriptions.words import ZONE_FACTOR, Imported, PrescriptionError, RateQuestion
+from drivers.plain_text import PlaceInFile
+
+
+# Plant lists: CSV with lat_deg and lon_deg, or GeoJSON points.
+def read_plants(path: Path) -> Floats:
+    """Places (n, 2), latitude and longitude, in the file's order. Raises Refused in one line, OSError."""
+    if not path.exists():
+        raise PrescriptionError(path, "not there", ": allowed is a CSV with lat_deg and lon_deg, or GeoJSON points")
+    check_file(path)
+    rows = _geojson(path) if path.suffix.lower() in (".geojson", ".json") else _csv(path)
+    if not rows:
+        raise PrescriptionError(path, "no plants: allowed is at least one")
+    places = np.array(rows, dtype=np.float64)
+    bad = np.flatnonzero(~((np.abs(places[:, 0]) <= 90.0) & (np.abs(places[:, 1]) <= 180.0)))
+    if len(bad):
+        lat, lon = places[bad[0]]
+        raise PrescriptionError(PlaceInFile(str(path)).at("plant {plant}", plant=bad[0] + 1),
+                                "{lat:g}, {lon:g}: allowed are "
+                                "degrees, latitude -90 to 90, longitude -180 to 180", lat=lat, lon=lon)
+    return places
+
+
+def _csv(path: Path) -> list[tuple[float, float]]:
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+        reader = csv.DictReader(file)
+        names = reader.fieldnames or []
+        for name in ("lat_deg", "lon_deg"):
+            if name not in names:
+                raise PrescriptionError(path, "column {column} missing: allowed is a header with lat_deg and lon_deg",
+                                        column=name)
+        rows = []
+        for number, row in enumerate(reader, start=2):
+            try:
+                rows.append((float(row["lat_deg"] or ""), float(row["lon_deg"] or "")))
+            except ValueError:
+                raise PrescriptionError(PlaceInFile(str(path)).at("line {line}", line=number),
+                                        "{lat}, {lon}: allowed are "
+                                        "numbers", lat=row["lat_deg"], lon=row["lon_deg"]) from None
+        return rows
+
+
+def _geojson(path: Path) -> list[tuple[float, float]]:
+    from drivers.files.layers import read_geojson  # most jobs name no plants
+    points = read_geojson(path, ["Point"]).shapes
+    return [(point.y, point.x) for point in points if point is not None and not point.is_empty]
 
 
 def map_of_job(job: Job, folder: Path) -> MapProfile | None:

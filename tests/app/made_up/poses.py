@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 from console.app.pages.calibrate.catch import Turned
 from console.app.pages.calibrate.catch_calibration import CatchCalibration
-from console.app.pages.calibrate.heads import CHECK_S
-from console.app.pages.calibrate.heads_calibration import HeadsCalibration
+from console.app.pages.calibrate.heads_calibration import CHECK_S, HeadsCalibration
 from console.app.pages.calibrate.page import CalibrateScreen
 from console.app.pages.calibrate.wheel import WheelDrive
 from console.app.pages.calibrate.wheel_calibration import WheelCalibration

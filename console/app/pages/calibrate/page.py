@@ -1,18 +1,21 @@
 """The Calibrate screen: four guided sequences; what turns the shaft turns it only while a key or button is held."""
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable, Sequence
 from functools import partial
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 from textual import events
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
+from textual.content import Content
 from textual.screen import ModalScreen
 from textual.timer import Timer
 from textual.worker import Worker
 
+from console.app import words
 from console.app.action import CALIBRATE, bindings
+from console.app.held_key import HeldKey
 from console.app.name_dialog import NameDialog
 from console.app.pages.calibrate.calibration import Calibration, FrameSeen
 from console.app.pages.calibrate.catch_calibration import CatchCalibration
@@ -21,18 +24,112 @@ from console.app.pages.calibrate.guide import Guide, GuideView
 from console.app.pages.calibrate.heads_calibration import HeadsCalibration
 from console.app.pages.calibrate.keys import ACTIONS
 from console.app.pages.calibrate.lag_calibration import LagCalibration
-from console.app.pages.calibrate.runner import Runner
 from console.app.pages.calibrate.service import CalibrateService
 from console.app.pages.calibrate.sheet import Sheet
-from console.app.pages.calibrate.tabs_row import TabsRow, TabsView
 from console.app.pages.calibrate.wheel_calibration import WheelCalibration
 from console.app.pages.page import Page
 from console.app.view import RunView
 from console.app.widgets.chips import Chips
-from console.app.widgets.panel import Picked
+from console.app.widgets.panel import Panel, Part, Picked, at_cell, in_row, line
 from console.frame import Frame
 from console.locale import _
-from control.orders import Order
+from control.orders import Answer, Do, Order
+
+# Runs shaft and gate while a key or button is held: orders out, repeated, and a release the moment it is let go.
+REPEAT_S = 0.1                # the control worker stops 0.5 s after the last one
+
+Give = Callable[[Order], Awaitable[Answer]]
+Start = Callable[[Awaitable[None]], object]
+
+
+class Runner:
+    """give: sends one order and waits for its answer. start: runs a coroutine in the background."""
+
+    def __init__(self, give: Give, start: Start) -> None:
+        self.held = HeldKey()
+        self.said = ""                # why it does not run, in words
+        self._give, self._start = give, start
+        self._running = False
+        self._sent_s = -REPEAT_S
+
+    def key(self, now_s: float) -> None:
+        self.held.key(now_s)
+        if self.held.armed:
+            self.said = _("Keep it pressed: the shaft turns while the key or the mouse button is down.")
+
+    def mouse(self, down: bool) -> None:
+        self.held.mouse(down)
+
+    def let_go(self, now_s: float, settings: Sequence[Order] = ()) -> None:
+        self.held.let_go()
+        self.tick(now_s, settings)
+
+    def tick(self, now_s: float, settings: Sequence[Order]) -> None:
+        """Send what is due; settings: orders for shaft and gate at the beginning of a run."""
+        if not self.held.down(now_s):
+            if self._running:
+                self._running = False
+                self._start(self._end())
+        elif not self._running:
+            self._running, self._sent_s, self.said = True, now_s, ""
+            self._start(self._begin(tuple(settings), now_s))
+        elif now_s - self._sent_s >= REPEAT_S - 1e-3:
+            self._sent_s = now_s
+            self._start(self._repeat(now_s))
+
+    async def _begin(self, settings: tuple[Order, ...], now_s: float) -> None:
+        for order in (Order(Do.CALIBRATE), *settings):
+            if not self._running or not self._kept(await self._give(order), now_s):
+                return
+
+    async def _repeat(self, now_s: float) -> None:
+        if self._running:
+            self._kept(await self._give(Order(Do.CALIBRATE)), now_s)
+
+    async def _end(self) -> None:
+        await self._give(Order(Do.RELEASE))
+
+    def _kept(self, answer: Answer, now_s: float) -> bool:
+        """A refusal ends the run; a late answer does not, the worker's own watch decides."""
+        if answer.accepted or answer.why == "no_answer":
+            return True
+        if self._running:
+            self._running = False
+            self.said = words.answer_words(answer.why)
+            self.held.block(now_s)
+            self._start(self._end())
+        return False
+
+
+# A row of choices, one of them open; a click or the arrows take another.
+class TabsView(NamedTuple):
+    names: tuple[str, ...]
+    at: int
+    hint: str = ""
+
+
+class TabsRow(Panel[TabsView]):
+    """Posts Picked."""
+
+    def _row(self) -> tuple[tuple[int, str, int], ...]:
+        texts = (f"[{name}]" if index == self.view.at else f" {name} " for index, name in enumerate(self.view.names))
+        return tuple((index, text, start + index) for index, text, start in in_row(enumerate(texts), 1))    # gaps
+
+    def lines(self, view: TabsView, width: int, height: int) -> list[Content]:
+        parts: list[Part] = [" "]
+        for index, text, _start in self._row():
+            parts += [(text, "bold reverse" if index == view.at else ""), " "]
+        return [line(*parts, (view.hint, "$muted"))]
+
+    def places(self) -> tuple[tuple[int, int], ...]:
+        return tuple((start, 0) for _index, _text, start in self._row())
+
+    def on_click(self, event: events.Click) -> None:
+        event.stop()
+        index = at_cell(self._row(), event.x)
+        if index is not None:
+            self.post_message(Picked(index))
+
 
 WATCH_S = 0.05                # how often a held key is looked at
 COMPUTED = frozenset({"cal_shaft", "cal_opening", "cal_weigh", "cal_table", "cal_fit"})     # by the machine's file

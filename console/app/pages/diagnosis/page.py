@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, NamedTuple
 
+from textual import events
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
+from textual.content import Content
+from textual.message import Message
 from textual.widgets import Static
 from textual.worker import Worker, WorkerState
 
@@ -17,7 +20,6 @@ from console.app.dialogs import TextDialog
 from console.app.pages.diagnosis import shown, words
 from console.app.pages.diagnosis.causes import Causes, CausesView
 from console.app.pages.diagnosis.channel_table import ChannelsView, ChannelTable
-from console.app.pages.diagnosis.expected import Expected, expected_s
 from console.app.pages.diagnosis.keys import ACTIONS, diagnose
 from console.app.pages.diagnosis.residual_plot import ResidualPlot
 from console.app.pages.diagnosis.run_plan import PlanView, RunPlanPanel
@@ -32,14 +34,127 @@ from console.app.pages.diagnosis.service import (
     Tell,
     WorkStopped,
 )
-from console.app.pages.diagnosis.source_list import SourceList, SourcesView
 from console.app.pages.diagnosis.verdict import VerdictPanel
-from console.app.pages.diagnosis.work_bar import WorkBar, WorkView
+from console.app.pages.diagnosis.words import KINDS
 from console.app.pages.page import Page
-from console.app.view import RunView
+from console.app.view import RunView, duration
 from console.app.widgets.chips import Chip, Chips
+from console.app.widgets.panel import Panel, fit, line, right, solid
 from console.frame import Frame
 from console.locale import _, in_use
+
+# Data to diagnose, newest first: a row a file. A click chooses, a second one on the same row begins.
+HEAD_ROWS = 2
+
+
+class SourcesView(NamedTuple):
+    sources: tuple[DiagnosisSource, ...]
+    at: int
+    looking: bool               # True while the folders are read
+    language: str
+
+
+def first_row(at: int, count: int, room: int) -> int:
+    """First file shown so that the chosen one is in sight."""
+    return max(0, min(at - room // 2, count - room))
+
+
+class SourceList(Panel[SourcesView]):
+    class Picked(Message):
+        def __init__(self, index: int) -> None:
+            super().__init__()
+            self.index = index
+
+    def lines(self, view: SourcesView, width: int, height: int) -> list[Content]:
+        rows = [line((fit(f" {_('Which data is to be checked?')}", width), "bold $primary"))]
+        if not view.sources:
+            said = _("reading the folders") if view.looking else _("no log or table here; / types a path")
+            return [*rows, line((f" {said}", "$muted"))]
+        rows.append(line((self._row(_("changed"), _("kind"), _("size"), _("file"), width), "$muted")))
+        room = max(1, height - HEAD_ROWS)
+        first = first_row(view.at, len(view.sources), room)
+        for index, source in enumerate(view.sources[first:first + room], first):
+            mark = f"  < {_('now')}" if source.working else ""
+            text = self._row(source.changed, _(KINDS.get(source.kind, source.kind)), source.size, source.name + mark,
+                             width, ">" if index == view.at else " ")
+            rows.append(line((text, "bold $on-select on $select" if index == view.at else "")))
+        return rows
+
+    @staticmethod
+    def _row(changed: str, kind: str, size: str, name: str, width: int, mark: str = " ") -> str:
+        return fit(f"{mark}{fit(changed, 17)} {fit(kind, 13)} {right(size, 9)}  {name}", width)
+
+    def places(self) -> tuple[tuple[int, int], ...]:
+        shown = min(len(self.view.sources), max(1, self.content_size.height - HEAD_ROWS))
+        return tuple((0, HEAD_ROWS + row) for row in range(shown))
+
+    def on_click(self, event: events.Click) -> None:
+        event.stop()
+        room = max(1, self.content_size.height - HEAD_ROWS)
+        index = first_row(self.view.at, len(self.view.sources), room) + event.y - HEAD_ROWS
+        if event.y >= HEAD_ROWS and index < len(self.view.sources):
+            self.post_message(self.Picked(index))
+
+
+# How far long work is: stage, bar, share, time left, how to cancel it.
+class WorkView(NamedTuple):
+    """percent, left_s: rounded to what is shown; left_s None where it takes longer than was thought."""
+
+    title: str
+    stage: str
+    percent: int
+    left_s: int | None
+
+
+class WorkBar(Panel[WorkView | None]):
+    """Three rows; nothing where the view is None."""
+
+    def lines(self, view: WorkView | None, width: int, height: int) -> list[Content]:
+        if view is None:
+            return []
+        left = f"   {_('longer than expected')}" if view.left_s is None else (
+            f"   {_('about {time} left').format(time=duration(view.left_s))}")
+        room = max(10, min(60, width - 12))
+        full = round(room * view.percent / 100)
+        return [line((fit(f" {view.title}", width), "bold $primary")),
+                line(" ", *solid("█" * full, "$target"), *solid("░" * (room - full), "$muted"),
+                     (f" {view.percent:3d} %", "bold")),
+                line((fit(f" {view.stage}{left}   {_('Esc cancels')}", width), ""))]
+
+
+# How far long work is and how long it still takes: by how much there is to read at first, by its own pace later.
+START_S = 3.0               # imports and reading, whatever the size
+S_PER_MB = 0.6              # of a run log, on two cores
+MOST_BY_TIME = 0.3          # of the bar, that time alone may fill: it must not stand at its end for minutes
+ENOUGH = 0.2                # of the work, to tell its pace
+
+
+def expected_s(megabytes: float) -> float:
+    """Before anything is known of this computer's pace."""
+    return START_S + S_PER_MB * megabytes
+
+
+class Expected:
+    """The bar moves from the start and never back; the time left is reported from the start, and never less than
+    none."""
+
+    def __init__(self, whole_s: float) -> None:
+        self._whole_s = max(1.0, whole_s)
+        self._shown = 0.0
+
+    def at(self, gone_s: float, share: float) -> tuple[float, float | None]:
+        """Share of the work to show, and seconds left; None: longer than was thought, and nobody knows how long.
+
+        share: as the work itself tells it. Its own pace counts alone once `ENOUGH` is done.
+        """
+        own_s = gone_s / share if share > 0.0 else self._whole_s
+        trust = min(1.0, share / ENOUGH)
+        whole_s = (1.0 - trust) * self._whole_s + trust * own_s
+        by_time = min(MOST_BY_TIME, gone_s / max(whole_s, 1e-9))
+        self._shown = max(self._shown, min(1.0, max(share, by_time)))
+        left_s = whole_s - gone_s
+        return self._shown, left_s if left_s > 0.0 else None
+
 
 View = Literal["causes", "channels", "over", "time", "run"]
 Work = Callable[[Tell, Stop], DiagnosisView | ComparedShown]

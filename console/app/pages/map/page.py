@@ -17,16 +17,14 @@ from console.app.laid import LaidFile, LaidView
 from console.app.layers import LABELS, MapLayer
 from console.app.pages.log_page import EMPTY_MAP, LogPage
 from console.app.pages.map.keys import ACTIONS
-from console.app.pages.map.laid_files import LaidFiles
-from console.app.pages.map.laid_legend import LaidLegend, LaidLegendView, label_of
-from console.app.pages.map.map_bar import MapBar, MapBarView, ReadingLine
-from console.app.pages.map.map_pane import MapPane, Place
+from console.app.pages.map.laid_legend import LaidFiles, LaidLegend, LaidLegendView, label_of
+from console.app.pages.map.map_pane import MapBar, MapBarView, MapPane, Place, ReadingLine
 from console.app.pages.map.reading import PlaceReading, job_items, reading
 from console.app.pages.replay.service import ReplayJob
 from console.app.view import STALE_S, RunView, look
 from console.app.widgets.items import Items
 from console.app.widgets.map_legend import LegendView, MapLegend
-from console.app.widgets.seat_rates import SeatRates
+from console.app.widgets.rates import SeatRates
 from console.frame import Frame
 from console.locale import _
 

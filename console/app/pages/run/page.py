@@ -1,19 +1,112 @@
 """The Run screen: the machine at work."""
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
+from rich.cells import cell_len
 from textual.app import ComposeResult
+from textual.content import Content
 
 from console.app.action import RUN, Action, bindings
+from console.app.guide_line import GuideLine
 from console.app.held_key import HeldKey
 from console.app.pages.panel_page import PanelScreen
 from console.app.pages.run.keys import ACTIONS
-from console.app.pages.run.light_bar import LightBar, light_view
-from console.app.pages.run.model_check import ModelCheck, model_check_texts
 from console.app.pages.run.section_bar import SectionBar
-from console.app.view import AlarmsView, RunView
+from console.app.units import Units
+from console.app.view import AlarmsView, RunView, Shown, duration, wall_clock
+from console.app.widgets.panel import Panel, Part, fit, fullest, line
 from console.frame import Frame
+from console.locale import _
+from console.reports.live_words import departure_line, offer, todo
+from control.diagnosis.result import Departure
+from control.orders import State
+
+
+# One line on the Run page: how the machine departs from its model, since when, probably why.
+#
+# It is empty while the machine turns; at hold it also says what can be done about it.
+class ModelCheck(Panel[tuple[str, ...]]):
+    """The line, in the fullest of its forms that fits; hidden by the page while there is nothing to say."""
+
+    def lines(self, view: tuple[str, ...], width: int, height: int) -> list[Content]:
+        text = next((text for text in view if cell_len(text) <= width), view[-1] if view else "")
+        return [line((fit(text, width), "$warning" if text else ""))]
+
+
+def model_check_texts(found: Departure, frame: Frame, utc_offset_s: float) -> tuple[str, ...]:
+    """What is said, the fullest form first; nothing while the machine turns. utc_offset_s: local time minus UTC.
+
+    At work the name counts for more than the time; at hold what can be done counts for more than both.
+    """
+    if turns(frame):
+        return ()
+    since = ""
+    if found.since_s is not None:
+        since = wall_clock(frame.row.utc, utc_offset_s, frame.row.time_s - found.since_s)[:5] or duration(found.since_s)
+    full, named, dated, plain = (departure_line(found, time, why) for time, why in
+                                 ((since, True), ("", True), (since, False), ("", False)))
+    if frame.row.state == State.HELD:
+        pairs = [(full, todo(found)), (full, offer(found)), (named, offer(found)), (dated, offer(found)),
+                 (plain, offer(found))]
+    else:
+        pairs = [(said, "F9") for said in (full, named, dated, plain)]
+    forms = [_("check: {said}; {todo}").format(said=said, todo=end) for said, end in pairs]
+    return (*forms, _("check: {said}; {todo}").format(said=plain, todo="F9"))
+
+
+def turns(frame: Frame) -> bool:
+    """Whether the machine works and yet spreads nothing here: a headland, a turn."""
+    row = frame.row
+    return row.state == State.WORKING and (row.work_switch == 0 or not row.target_rate_kg_ha)
+
+
+# One row on the Run page: how far the machine is off the A-B line, as lights to either side. It does not steer.
+LIGHT_M = 0.1           # of each light: a tenth of a metre, as the light bars of other makers are set at first
+LIGHTS = 8              # to either side
+LIT, DARK = "█", "·"
+
+
+class LightView(NamedTuple):
+    """lights: to the left negative, to the right positive, 0: on the line. said: the distance off it in words."""
+
+    lights: int
+    said: Shown
+    track: str
+
+
+def light_view(guide: GuideLine, frame: Frame | None, stale: bool, units: Units) -> LightView | None:
+    """None while there is no line, or no place to hold against it."""
+    if frame is None or frame.place_m is None:
+        return None
+    off = guide.off(frame.place_m, frame.row.heading_deg)
+    if off is None:
+        return None
+    near = units.fine_distance._replace(decimals=2 if units.id == "metric" else 1)
+    lights = max(-LIGHTS, min(LIGHTS, round(off.right_m / LIGHT_M)))
+    text = near.full(abs(off.right_m))
+    said = (_("{distance} right of the line") if lights > 0 else _("{distance} left of the line") if lights < 0 else
+            _("on the line, {distance}")).format(distance=text)
+    return LightView(lights, Shown(said, stale), _("track {number}").format(number=f"{off.number:+d}" if off.number
+                                                                          else "A-B"))
+
+
+class LightBar(Panel[LightView | None]):
+    """Lights stand on the side where the machine is: steer away from them."""
+
+    def lines(self, view: LightView | None, width: int, height: int) -> list[Content]:
+        if view is None:
+            return []
+        left = DARK * (LIGHTS + min(0, view.lights)) + LIT * max(0, -view.lights)
+        after = LIT * max(0, view.lights) + DARK * (LIGHTS - max(0, view.lights))
+        lit = "$stale" if view.said.stale else "$alarm-amber" if view.lights else "$target"
+        middle: Part = (" ◆ " if not view.lights else " ┃ ", f"bold {lit}")
+        bar = 2 * LIGHTS + 3
+        text = f" {view.said.text}"
+        track = fullest((f"{view.track} ", ""), width - bar - cell_len(text) - 2)
+        gap = " " * max(0, width - bar - cell_len(text) - cell_len(track) - 1)
+        return [line(" ", (left, f"bold {lit}"), middle, (after, f"bold {lit}"),
+                     (text, "$stale" if view.said.stale else "bold"), gap, (track, "$muted"))]
 
 
 class RunScreen(PanelScreen):
