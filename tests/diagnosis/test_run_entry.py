@@ -9,6 +9,7 @@ from importlib import import_module
 from math import exp
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import control
@@ -123,3 +124,17 @@ def test_a_name_in_whose_place_something_unknown_stands_for_certain_is_not_liste
     assert found.verdict == "unexplained" and found.causes == () and [
         (u.channel, u.variable) for u in found.unexplained] == [("shaft", ""), ("shaft", "shaft_rpm")]
     assert not [gain for gain in found.gain if gain.of == "names"]
+
+
+@pytest.mark.parametrize(("begin_percent", "end_percent"), [(4.0, 4.0), (2.0, 4.0)])
+def test_an_interval_holds_the_sizes_that_a_fault_goes_through(begin_percent, end_percent):
+    """A wheel that wears all along is none of the catalogue's courses: one size says no more than how far it goes."""
+    rng, time_s = np.random.default_rng(1), np.arange(0.0, 600.0, 0.1)
+    speed_mps = 1.3 + 0.2 * np.sin(time_s / 7.0)
+    more = 1.0 + 0.01 * np.linspace(begin_percent, end_percent, len(time_s))
+    found = diagnose_run({"time_s": time_s, "speed_mps": speed_mps + 0.03 * rng.standard_normal(len(time_s)),
+                          "wheel_speed_mps": more * speed_mps + 0.02 * rng.standard_normal(len(time_s))}, Machine())
+    [size] = [cause.size for cause in found.causes]
+    most_percent = abs(end_percent - begin_percent)
+    assert size.low < begin_percent + 0.1 and size.high > end_percent - 0.1
+    assert size.high - size.low < 0.25 + most_percent

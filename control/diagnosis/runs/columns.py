@@ -24,6 +24,7 @@ from .smooth import TABLES, series, span
 Array = npt.NDArray[np.float64]
 
 BENDS = (0.3, 0.15)         # of the size, by which a growth may differ from an even one: half-wave, whole wave (1 s.d.)
+WAVES = 2                   # half-waves of the shapes in which a size may go in time: up or down, and there and back
 TRAIT_SHARE = 0.5           # of a tolerance, by which it may differ from case to case within one machine
 REFILL_SD_KG = 0.5          # of what the operator wrote down; on the nominal machine, as the next
 WRITTEN = "refill"          # ... which has the tails of a Cauchy distribution: the wrong bag, or a slip of the pen
@@ -302,6 +303,21 @@ class Columns:
                                                     {name: one / part.size for name, one in change.items()},
                                                     ROWS[part.id].on(self.model.machine).usual)
         return self._kept[(parts, part)]
+
+    def over_time(self, slope: Column, part: EffectInstance) -> list[Column]:
+        """A part's slope in the course of smooth shapes of the time for which it is there: its size, were it not the
+        same all along."""
+        found: list[dict[str, Array]] = [{} for _ in range(WAVES)]
+        for channel in (c for c in self.model.channels if c.name in slope.coefficients):
+            time_s, series = channel.grid.even_s, series_of(slope.coefficients[channel.name], channel.cut)
+            begin_s = time_s[0] if part.onset_s is None else part.onset_s
+            end_s = time_s[-1] if part.until_s is None else part.until_s
+            share = np.clip((time_s - begin_s) / max(1e-9, end_s - begin_s), 0.0, 1.0)
+            for waves, shape in enumerate(found, start=1):
+                shape[channel.name] = with_course(series, np.cos(waves * np.pi * share), channel.copies,
+                                                  adds_up(part, channel.name))
+        return [_column(self.model, Label(Role.FORM, part.id, slope.label.part), shape, max(1e-9, abs(part.size)))
+                for shape in found]
 
     def trace(self, parts: Hypothesis, k: int) -> Column:
         """What the whole of part k does, the others in place."""

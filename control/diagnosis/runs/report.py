@@ -48,7 +48,7 @@ from control.machine.shaft import swing
 from .channels import channels
 from .cost import field_cost
 from .findings import is_steady, mistaken_row, mistaken_unit, rows_doubted
-from .gain import measure_gain
+from .gain import measure_gain, spread_in_time
 from .hypothesis import EffectInstance, schedule
 from .intermittent import ReadOff
 from .log import gate
@@ -208,9 +208,11 @@ def report(data: RunData, machine: Machine, judged: Sequence[GroupResult], read_
     for one in judged:
         rest = remains(one, {ROWS[each.part.id].channels[0] for each in read_off})
         doubt = mistaken_unit(data.shaft, machine) if "shaft" in one.search.model.names else 0.0
-        named = [_cause(one, k, machine, data, max(unknown_share(one, k, rest), doubt * is_steady(part),
-                                                   mistaken_row(part, one.found.sd[k], data, machine)))
-                 for k, part in enumerate(one.found.parts)]
+        varies = spread_in_time(one)
+        named = [_cause(one, k, float(np.hypot(sd, varies.get(k, 0.0))), machine, data,
+                        max(unknown_share(one, k, rest), doubt * is_steady(part),
+                            mistaken_row(part, sd, data, machine)))
+                 for k, (part, sd) in enumerate(zip(one.found.parts, one.found.sd, strict=True))]
         findings = (*findings, *rows_doubted(tuple(zip(one.found.parts, one.found.sd, strict=True)), data, machine))
         named = [cause for cause in named if cause.probability > LISTED or not rest]
         causes += named
@@ -331,9 +333,10 @@ def _read_off_cause(seen: ReadOff, machine: Machine, data: RunData) -> Cause:
                  field_cost(seen.part, machine, data))
 
 
-def _cause(one: GroupResult, k: int, machine: Machine, data: RunData, left: float) -> Cause:
-    """left : probability that the name is something else altogether, by what the whole model leaves."""
-    part, sd, place = one.found.parts[k], one.found.sd[k], one.places[k]
+def _cause(one: GroupResult, k: int, sd: float, machine: Machine, data: RunData, left: float) -> Cause:
+    """sd : of the part's size. left : probability that the name is something else altogether, by what the whole model
+    leaves."""
+    part, place = one.found.parts[k], one.places[k]
     entry = CATALOGUE[part.id]
     unit = unit_of(part.id, machine)
     if entry.effect.onset_only:
