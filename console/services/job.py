@@ -5,10 +5,10 @@ import contextlib
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from console.app.field_picture import Ring
 from console.app.pages.job.service import (
     GATHERING,
     READING,
@@ -16,6 +16,7 @@ from console.app.pages.job.service import (
     Cancelled,
     Facts,
     File,
+    JobCard,
     JobNames,
     MapFile,
     MapPreview,
@@ -60,10 +61,11 @@ class JobFiles:
     """`console.app.pages.job.service.JobService` on real files."""
 
     def __init__(self, launcher: Launcher, folder: Path | None = None) -> None:
-        """folder: of the user's own files; new job files go to its folder jobs."""
+        """folder: of the user's own files; jobs that are changed are in its folder jobs."""
         self._launcher = launcher
         self._folder = folder or data_folder()
         self._next: tuple[str, ...] | None = None       # files of a start that is asked about; not those in use
+        self._changed: tuple[Path, Path] | None = None  # of these a job: where it stands, and its next version
         self._checked: tuple[object, MapCheck | Refused | OSError] | None = None  # of the map as it stood
         self._scratch: tempfile.TemporaryDirectory[str] | None = None   # of maps that are only looked at
 
@@ -164,9 +166,10 @@ class JobFiles:
         how = "" if strip.se is None else f", standard error {strip.se:.4f}, {strip.samples} samples"
         with one_line():
             said = f"{what} taken back" if strip.ndvi is None else f"{what}: NDVI {strip.ndvi:.4f}{how}"
-            path = self._new_job({f"ndvi_{strip.which}": strip.ndvi}, said)
-            self._launcher.config, self._next = self._next or self._launcher.config, None
-            return path
+            self._new_job({f"ndvi_{strip.which}": strip.ndvi}, said)
+            self._settle()
+            self._launcher.config, self._next, self._changed = self._next or self._launcher.config, None, None
+            return str(_path_of(self._found(), JOB.format, "demo"))
 
     def maps(self) -> tuple[MapFile, ...]:
         from console.services.sticks import maps_in, places
@@ -257,33 +260,52 @@ class JobFiles:
                                   "product_file": who.product_file or None, "operator": who.operator,
                                   "field": field}, "Names given in the cab")
 
-    def outline(self, job: str) -> tuple[Ring, ...]:
-        from control.field.boundary import Boundary
-        with contextlib.suppress(ConfigError, ValueError):
-            ground = load(Path(job), JOB).model.field
-            if ground.boundary_m:
-                return Boundary(ground.boundary_m, ground.holes_m).rings
-        return ()
+    def cards(self) -> tuple[tuple[File, JobCard | None], ...]:
+        from console.services.recent import card, done_of_jobs
+        now = _path_of(self._found(), JOB.format, "demo")
+        done = done_of_jobs(self._launcher.logs)
+        return tuple((file, card(Path(file.value), done)) for file in self._files(JOB.folder, now))
 
     def _new_job(self, changes: dict[str, object], comment: str) -> str:
-        found = self._found()
-        path = _path_of(found, JOB.format, "demo")
-        job = load(path, JOB).model
-        folder = path.parent
+        """A job of the user's stays the same file and keeps what it was before in the folder history; one of others is
+        taken over under its own name."""
+        from drivers.files.atomic import free_path
+        path = _path_of(self._found(), JOB.format, "demo")
+        loaded = load(path, JOB)
+        job, folder, own = loaded.model, path.parent, self._folder / JOB.folder
+        place = path if folder.resolve() == own.resolve() else free_path(own, job.id, ".yaml")
         crop = _from(folder, job.crop)
         product_file = None if job.product_file is None else _from(folder, job.product_file)
-        name = f"{job.id.split('-')[0]}-{day_clock.local_now():%Y%m%d-%H%M%S}"
-        new = job.model_copy(update={"crop": crop, "product_file": product_file, "id": name} | changes).with_files(
-            lambda named: str((folder / named).resolve()))
-        place = self._folder / "jobs" / f"{name}.yaml"
+        new = job.model_copy(update={"crop": crop, "product_file": product_file, "id": place.stem} | changes
+                             ).with_files(lambda named: str((folder / named).resolve()))
+        now = day_clock.local_now()
+        kept = free_path(own / "history", f"{place.stem}-{now:%Y%m%d-%H%M%S}", ".yaml") if place == path else place
         try:
-            place.parent.mkdir(parents=True, exist_ok=True)
-            save(place, new, JOB, f"From {path.name}. {comment}")
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            before = _comments(path) if place == path else [f"From {path.name}."]
+            save(kept, new, JOB, "\n".join([*before, f"{now:%Y-%m-%d %H:%M} {comment}"]))
         except OSError as error:
-            raise ValueError(f"{place}: {error.strerror or error}") from None
-        self._check(JOB.format, str(place))
-        self._replace(JOB.format, str(place))
-        return str(place)
+            raise ValueError(f"{kept}: {error.strerror or error}") from None
+        self._replace(JOB.format, str(kept))
+        self._changed = place, kept
+        return str(kept)
+
+    def _settle(self) -> None:
+        """What was changed takes its place, and what stood there goes into the history; a second time back. Raises
+        ValueError."""
+        from drivers.files.atomic import write_atomically
+        if self._changed is None:
+            return
+        place, kept = self._changed
+        if kept != place:
+            try:
+                new, old = kept.read_bytes(), place.read_bytes()
+                write_atomically(place, new)
+                write_atomically(kept, old)
+            except OSError as error:
+                raise ValueError(f"{place}: {error.strerror or error}") from None
+        if self._next is not None:
+            self._next = tuple(str(place) if file == str(kept) else file for file in self._next)
 
     def _check(self, kind: str, value: str) -> None:
         """The new set of files together. Raises ConfigError."""
@@ -303,17 +325,23 @@ class JobFiles:
         return by_kind(self._launcher.config)
 
     def drop(self) -> None:
-        self._next = None
+        if self._changed is not None and self._changed[0] != self._changed[1]:
+            self._changed[1].unlink(missing_ok=True)
+        self._next = self._changed = None
 
     async def restart(self, anew: bool = False) -> Link:
         """Raises WorkerFailed, ValueError, OSError; the files are then those of before."""
         before, left = self._launcher.config, self._left()
+        self._settle()
         self._launcher.config, self._next = self._next or before, None
         try:
             return await self._begin(left, anew)
         except (RuntimeError, ValueError, OSError):
             self._launcher.config = before
+            self._settle()
             raise
+        finally:
+            self._changed = None
 
     async def _begin(self, left: Sequence[OpenJob], anew: bool) -> Link:
         """A worker on a field on which these jobs were left, the newest first."""
@@ -458,6 +486,12 @@ def _is_simulated(found: dict[str, Loaded[BaseModel]]) -> bool:
 def _path_of(found: dict[str, Loaded[BaseModel]], kind: str, nominal: str) -> Path:
     folder = {JOB.format: JOB.folder, MACHINE.format: MACHINE.folder}[kind]
     return found[kind].path if kind in found else shipped(folder)[nominal]
+
+
+def _comments(path: Path) -> list[str]:
+    """What stands at the head of a file of ours: its history, a line a change."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    return [line.removeprefix("# ") for line in takewhile(lambda line: line.startswith("#"), lines)]
 
 
 def _from(folder: Path, name: str) -> str:

@@ -4,12 +4,17 @@ from __future__ import annotations
 import contextlib
 from pathlib import Path
 
-from console.app.pages.job.service import Recent
+from console.app.pages.job.service import JobCard, Recent
+from console.services.field import picture_of
+from console.worker import resume
+from console.worker.snapshots import newest_first
+from control.orders import TargetSource
 from drivers.files.config import load, load_any, shipped
 from drivers.files.config_error import ConfigError
 from drivers.files.kinds import CAB, JOB, KINDS, MACHINE
 from drivers.files.run_meta import RunMeta, meta_from_yaml
 
+WIDTH_M = 2.4           # of a machine: an outline needs none
 LOOKED_AT = 60          # of the newest logs, a week of a contractor's; and of the jobs
 
 
@@ -28,6 +33,30 @@ def recent(logs: Path, own: Path) -> tuple[Recent, ...]:
                 job = load(path, JOB).model
                 found[str(path),] = Recent((str(path),), job.title or path.stem, job.field.title)
     return tuple(found.values())
+
+
+def done_of_jobs(logs: Path) -> dict[Path, tuple[float, str]]:
+    """Hectares done and when, of the newest run of each job file that a worker of these logs was started with."""
+    found: dict[Path, tuple[float, str]] = {}
+    for path in newest_first(logs):
+        with contextlib.suppress(OSError, ValueError):
+            kept = resume.read(path)
+            for file in kept.config:
+                found.setdefault(Path(file).resolve(), (kept.area_ha, kept.saved_utc))
+    return found
+
+
+def card(path: Path, done: dict[Path, tuple[float, str]]) -> JobCard | None:
+    """None: it cannot be read. A plan is looked at only where there is no outline: a large one takes seconds."""
+    with contextlib.suppress(OSError, ValueError, ConfigError):
+        job = load(path, JOB).model
+        drawn = job if not job.field.boundary_m else job.model_copy(update={
+            "target": job.target.model_copy(update={"map": None, "source": TargetSource.CANOPY})})
+        done_ha, worked_utc = done.get(path.resolve(), (0.0, ""))
+        return JobCard(job.title or job.id, job.field.title, Path(job.crop).stem,
+                       "" if job.target.map is None else Path(job.target.map).name, done_ha, worked_utc,
+                       picture_of(drawn, path.parent, WIDTH_M))
+    return None
 
 
 def _newest(folder: Path, most: int) -> list[Path]:

@@ -123,7 +123,8 @@ async def test_the_list_of_jobs_draws_their_fields(full, shown, pilot):
     await opened(full, pilot)
     await pilot.press("j")
     text = "\n".join(shown(full))
-    assert "division-2" in text and any(0x2800 < ord(letter) < 0x2900 for letter in text)
+    assert all(part in text for part in ("division 2  winter_wheat", "map north.geojson", "1.18 ha done, 2026-03-18"))
+    assert any(0x2800 < ord(letter) < 0x2900 for letter in text)
 
 
 async def test_after_a_calibration_or_an_adoption_it_is_asked_whether_to_use_it_now(full, desk, source, pilot):

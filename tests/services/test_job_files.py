@@ -288,9 +288,47 @@ def test_names_go_into_a_new_job_and_come_back(desk, launcher):
         desk.take_names(JobNames("x" * 200))
 
 
-def test_a_job_s_outline(desk, tmp_path):
-    assert desk.outline(str(tmp_path / "gone.yaml")) == ()
-    assert all(len(ring) >= 3 for ring in desk.outline(str(shipped("jobs")["demo"])))
+def test_a_job_s_card(desk, launcher, tmp_path):
+    desk.take_strip(StripValue("nrich", 0.71))
+    launcher.logs.mkdir(exist_ok=True)
+    resume.write(resume.snapshot_path(launcher.logs / "a.csv"), Snapshot(
+        "a.csv", saved_utc="2026-03-18T07:02:00+00:00", config=launcher.config, sums=Sums(area_ha=1.2)))
+    (tmp_path / "jobs" / "broken.yaml").write_text("format: topdress-job/1\nid: 7\n", encoding="utf-8")
+    listed = desk.cards()
+    cards = {file.label: card for file, card in listed}
+    assert listed[0][0].value == launcher.config[0] and cards["broken"] is None
+    mine, by_map = listed[0][1], cards["map_demo"]
+    assert (mine.field, mine.crop, mine.map) == ("Huanghai, division 2", "huanghai_wheat", "")
+    assert (mine.done_ha, mine.worked_utc[:10]) == (1.2, "2026-03-18")
+    assert by_map.map == "map_demo.geojson" and by_map.picture.planned is not None and by_map.worked_utc == ""
+
+
+def test_a_job_that_is_changed_stays_the_same_job_with_a_history(desk, launcher, tmp_path):
+    jobs = tmp_path / "jobs"
+
+    def versions():
+        return [load(path, JOB).model.ndvi_nrich for path in sorted((jobs / "history").glob("*.yaml"))]
+
+    desk.take_strip(StripValue("nrich", 0.71))
+    desk.take_strip(StripValue("nrich", 0.72))
+    desk.take_names(JobNames(client="Li Ming"))
+    assert load(jobs / "demo.yaml", JOB).model.client == "" == desk.facts().setup.job.client, "nothing has it yet"
+    desk.drop()
+    assert versions() == [0.71], "what was not taken is not kept"
+    desk.take_names(JobNames(client="Li Ming"))
+    asyncio.run(desk.restart())
+    desk.take("crop", str(shipped("crops")["osu_winter_wheat_2006"]))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Launcher, "start", lambda self, resumed=None: (_ for _ in ()).throw(WorkerFailed("no port")))
+        with pytest.raises(WorkerFailed):
+            asyncio.run(desk.restart())
+    job = load(jobs / "demo.yaml", JOB).model
+    assert (job.id, job.client, job.ndvi_nrich) == ("demo", "Li Ming", 0.72) and "huanghai" in job.crop
+    assert [path.name for path in jobs.glob("*.yaml")] == ["demo.yaml"]
+    assert launcher.config == (str(jobs / "demo.yaml"),)
+    said = (jobs / "demo.yaml").read_text(encoding="utf-8").splitlines()[:4]
+    assert said[0] == "# From demo.yaml." and [line.split(" ", 3)[3] for line in said[1:]] == [
+        "N-rich strip: NDVI 0.7100", "N-rich strip: NDVI 0.7200", "Names given in the cab"]
 
 
 def _geojson(path, *corners):

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from console.app.field_picture import FieldPicture, Planned, Ring
+from console.app.field_picture import FieldPicture, Planned
 from console.app.pages.job.service import (
     Cancelled,
     Facts,
     File,
+    JobCard,
     JobNames,
     MapFile,
     MapPreview,
@@ -146,8 +147,11 @@ class SampleJobService:
         self._fail()
         return "jobs/division-2-who.yaml"
 
-    def outline(self, job: str) -> tuple[Ring, ...]:
-        return (((0.0, 0.0), (60.0, -4.0), (64.0, 40.0), (20.0, 55.0)),) if "division" in job else ()
+    def cards(self) -> tuple[tuple[File, JobCard | None], ...]:
+        ring = ((0.0, 0.0), (60.0, -4.0), (64.0, 40.0), (20.0, 55.0))
+        known = {"division-2": JobCard("Topdressing winter wheat, division 2", "division 2", "winter_wheat",
+                                       "north.geojson", 1.18, "2026-03-18T07:02:00+00:00", FieldPicture("", (ring,)))}
+        return tuple((file, known.get(file.label)) for file in self.known.jobs)
 
     async def restart(self, anew: bool = False) -> FrameSource:
         return self._source("restart anew" if anew else "restart")

@@ -17,9 +17,11 @@ from console.app.pages.job.day import (
     strips_now,
 )
 from console.app.pages.job.nrich import LEAST_M, StripRun
-from console.app.pages.job.service import File, JobService
+from console.app.pages.job.service import File, JobCard, JobService
 from console.app.reasons import why_no_start, why_not_ready
-from console.app.small_map import outline
+from console.app.small_map import preview
+from console.app.units import Units
+from console.app.widgets.panel import fit
 from console.locale import N_, _
 from control.agronomy.strips import StripValue
 from control.orders import Do, Order, State
@@ -27,7 +29,8 @@ from control.orders import Do, Order, State
 if TYPE_CHECKING:
     from console.app.pages.job.page import JobScreen
 
-THUMB = (16, 2)             # columns and rows of a field's outline in the list of jobs
+THUMB = (9, 4)              # columns and rows of a field's picture in the list of jobs
+CARD_CELLS = 34             # next to it: together the list's room at 60 columns
 Kind = Literal["job", "crop", "machine"]
 P = ParamSpec("P")
 ENDINGS = ((".geojson", "GeoJSON"), (".shp", "shapefile"), (".zip", "ISO 11783-10"), (".csv", "CSV"))
@@ -59,7 +62,7 @@ def strip(page: JobScreen) -> None:
             _use_strip(page, value)
 
     text = _("Mean over {way}, CV {cv} %, standard error {se}, {samples} samples. It counts from the next decision on, "
-             "and goes into a new job file.").format(
+             "and is kept with the job.").format(
         way=page.app.units.distance.full(so_far.length_m), cv=f"{so_far.cv_percent or 0.0:.1f}",
         se="--" if so_far.se is None else f"{so_far.se:.3f}", samples=so_far.samples)
     title = _(STRIP_TITLES[page.strip.which]).format(ndvi=f"{so_far.ndvi:.3f}")
@@ -118,13 +121,13 @@ def _ask_file(page: JobScreen, service: JobService, kind: Kind) -> None:
     if page.facts is None:
         page.app.notice(page.trouble or _("being read"))
         return
-    files: tuple[File, ...] = {"job": page.facts.jobs, "crop": page.facts.crops,
-                               "machine": page.facts.machines}[kind]
     now = {"job": page.facts.job_file, "crop": page.facts.crop_file, "machine": page.facts.machine_file}[kind]
     if kind == "job":
-        page.app.list_files(lambda: [Choice(one.value, _drawn(one, service)) for one in files],
-                       lambda choices: _choose_file(page, service, kind, choices, now))
+        page.app.list_files(lambda: [Choice(file.value, card_lines(file, card, page.app.units))
+                                     for file, card in service.cards()],
+                            lambda choices: _choose_file(page, service, kind, choices, now))
     else:
+        files = page.facts.crops if kind == "crop" else page.facts.machines
         _choose_file(page, service, kind, [Choice(one.value, one.label) for one in files], now)
 
 
@@ -142,10 +145,19 @@ def _choose_file(page: JobScreen, service: JobService, kind: Kind, choices: list
     page.ask_path(title, choices, kind, chosen, now)
 
 
-def _drawn(file: File, service: JobService) -> str:
-    """A job's name along with its field."""
-    rows = outline(service.outline(file.value), *THUMB)
-    return "\n".join((f"{file.label:<22}{rows[0]}", *(f"{'':<26}{row}" for row in rows[1:]))) if rows else file.label
+def card_lines(file: File, card: JobCard | None, units: Units) -> str:
+    """A job's card: a small picture, and what it is known by."""
+    if card is None:
+        return file.label
+    said = [card.title, "  ".join(part for part in (card.field, card.crop) if part)]
+    if card.map:
+        said.append(_("map {name}").format(name=card.map))
+    said.append(_("{area} done, {day}").format(area=units.area.full(card.done_ha), day=card.worked_utc[:10])
+                if card.worked_utc else _("not worked yet"))
+    rows = [fit(text, CARD_CELLS).rstrip() for text in said]
+    drawn = preview(card.picture, *THUMB)
+    return "\n".join(f"{drawn[k] if k < len(drawn) else '':<{THUMB[0]}}  {rows[k] if k < len(rows) else ''}".rstrip()
+                     for k in range(max(len(rows), len(drawn))))
 
 
 @_with_files
@@ -186,7 +198,7 @@ ACTIONS = on(
     Action("job_details", "v", "V", N_("details"), N_("The whole checklist, in full."), details, bar=4, locked=True),
     Action("job_file", "j", "J", N_("job"), N_("Changes over to another job; the machine goes to OFF for it."),
            lambda page: _ask_file(page, "job"), bar=4),
-    Action("job_crop", "q_1", "Q1", N_("crop"), N_("Takes another crop: a new job file names it."),
+    Action("job_crop", "q_1", "Q1", N_("crop"), N_("Takes another crop; the job keeps what it was before."),
            lambda page: _ask_file(page, "crop")),
     Action("job_machine", "q_2", "Q2", N_("machine"), N_("Takes another machine file."),
            lambda page: _ask_file(page, "machine")),

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from console.app.field_picture import FieldPicture, Ring
+from console.app.field_picture import FieldPicture
 from console.app.source import FrameSource
 from console.locale import N_
 from console.worker.resume_alarms import AlarmRecord
@@ -57,6 +57,19 @@ class Facts:
         job, product = self.setup.job, self.setup.product
         return JobNames(job.client, job.farm, self.field, job.product or ("" if product is None else product.name),
                         job.operator, self.product_file)
+
+
+class JobCard(NamedTuple):
+    """What an operator knows a job by. map: its file's name. done_ha, worked_utc: of its newest run, 0 and empty where
+    there is none. picture: the field's outline, else what its map plans."""
+
+    title: str
+    field: str
+    crop: str
+    map: str = ""
+    done_ha: float = 0.0
+    worked_utc: str = ""
+    picture: FieldPicture | None = None
 
 
 class MapFile(NamedTuple):
@@ -155,7 +168,7 @@ class JobService(Protocol):
         """What was taken last is not wanted: the next start has the files that run."""
 
     def take_strip(self, strip: StripValue) -> str:
-        """A new job file with this NDVI of a strip, or without one, which the worker knows already; returns where it
+        """The job with this NDVI of a strip, or without one, which the worker knows already; returns where it
         stands."""
 
     def maps(self) -> tuple[MapFile, ...]:
@@ -169,17 +182,17 @@ class JobService(Protocol):
         """Reads a prescription for the job; nothing of the job changes."""
 
     def take_map(self, preview: MapPreview) -> str:
-        """A new job file with this map, for `restart`; returns where it stands."""
+        """The job with this map, for `restart`; returns where it stands."""
 
     def take_boundary(self, ring_deg: tuple[tuple[float, float], ...]) -> str:
-        """A new job file with this ring of latitude and longitude as the field's edge, for `restart`; returns where it
+        """The job with this ring of latitude and longitude as the field's edge, for `restart`; returns where it
         stands."""
 
     def take_names(self, who: JobNames) -> str:
-        """A new job file with these names, for `restart`; returns where it stands."""
+        """The job with these names, for `restart`; returns where it stands."""
 
-    def outline(self, job: str) -> tuple[Ring, ...]:
-        """Of a job file's field, east and north in m; () where it has none or cannot be read."""
+    def cards(self) -> tuple[tuple[File, JobCard | None], ...]:
+        """The jobs of `facts`, the newest first; None: it cannot be read."""
 
     async def restart(self, anew: bool = False) -> FrameSource:
         """A worker with what was taken. The one before must have ended. What was left on its field goes on, or is ended
