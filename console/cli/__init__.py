@@ -38,6 +38,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "calibrate lag": ("topdress calibrate lag drops.csv --out mine.yaml --from-rpm 20 --to-rpm 60",
                       "topdress calibrate lag --rig COM5 --board COM4 --out drops.csv"),
     "calibrate wheel": ("topdress calibrate wheel run.csv --out mine.yaml",),
+    "calibrate effort": ("topdress calibrate effort run.csv --out mine.yaml",),
     "calibrate heads": ("topdress calibrate heads run.csv --out mine.yaml",),
     "info": ("topdress info", "topdress info --json"),
     "extras": ("topdress extras",),
@@ -106,7 +107,7 @@ COMMANDS = {                    # by name: the file next to this one, and its fu
     "record": "record.record",
     "reproduce": "reproduce.reproduce", "check": "check.check", "devices": "devices.devices", "serve": "serve.serve",
     "serve-machine": "serve_machine.serve_machine", "info": "info.info", "extras": "info.extras"}
-CALIBRATIONS = {name: f"calibrate.{name}" for name in ("catch", "lag", "wheel", "heads")}
+CALIBRATIONS = {name: f"calibrate.{name}" for name in ("catch", "lag", "wheel", "heads", "effort")}
 
 
 def console(context: typer.Context,

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import datetime as dt
 from collections.abc import Iterable
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from control.calibration.least_squares import FittedInterval
     from control.calibration.tube_fit import TubeFit
     from control.calibration.wheel_fit import WheelFit
+    from control.diagnosis.runs.effort_reference import EffortFit
     from control.machine.machine import Machine
 
 
@@ -162,6 +164,30 @@ def heads(data: Log, *, out: Out, machine: From = "huanghai", date: Date = None,
     _save(fitted, data, out)
 
 
+class EffortUnit(StrEnum):
+    """Of `effort_unit` in the machine file."""
+
+    DUTY = "%"
+    CURRENT = "A"
+    TORQUE = "N m"
+
+
+def effort(data: Log, *, out: Out, machine: From = "huanghai",
+           unit: Annotated[EffortUnit | None, typer.Option(help="What the drives tell; default: the machine "
+                                                           "file's.")] = None,
+           date: Date = None, force: Force = False) -> None:
+    """Fit how hard the drives of a sound machine work to a run log: what later logs are held against."""
+    from control.diagnosis.runs.effort_reference import fit_effort
+    from drivers.files.any_log import open_log
+    _log(data, out, "calibrate effort")
+    loaded = _started(data, out, machine, force)
+    fitted, found = fit_effort(dict(open_log(data).columns), loaded, str(data), date=_day(date).isoformat(),
+                               unit=None if unit is None else unit.value)
+    for fit in found:
+        _tell_effort(fit)
+    _save(fitted, data, out)
+
+
 def _table(data: Path, out: Path, command: str) -> None:
     """Raises WrongKind, CommandError: what is no bench table, and an ending that is none of a machine file."""
     refuse_other([data], TABLE)
@@ -217,6 +243,14 @@ def _tell_heads(fit: HeadsFit) -> None:
     for head in fit.heads:
         line = "" if head.slope is None else f", line {head.slope:.3f} x others {head.offset:+.3f}"
         typer.echo(f"head {head.number}  off by {_span(head.gain_percent)} %{line}{'  FOULED' if head.fouled else ''}")
+    _tell_notes(fit.notes)
+
+
+def _tell_effort(fit: EffortFit) -> None:
+    typer.echo(f"{fit.bins} half seconds of moving, {fit.mean:.4g} {fit.unit} on the mean, scatter {fit.scatter:.3g} "
+               f"{fit.unit}")
+    for place, interval, unit in fit.numbers:
+        typer.echo(f"{place}, {unit}  {_span(interval)}")
     _tell_notes(fit.notes)
 
 

@@ -20,7 +20,8 @@ Ranges are those of machine `{id}`. Where one is a share of figures of the machi
 FILE` gives another machine's.
 """
 STAGES = {"shaft": "Metering shaft", "gate": "Gate (opening)", "flow": "Flow out of the hopper",
-          "scale": "Hopper scale", "speed": "Ground speed", "heads": "Canopy heads", "fall": "Lag and place"}
+          "scale": "Hopper scale", "speed": "Ground speed", "heads": "Canopy heads", "fall": "Lag and place",
+          "effort": "How hard the drives work"}
 
 
 def markdown(catalogue: Mapping[str, Entry], machine: Machine = NOMINAL) -> str:

@@ -24,7 +24,7 @@ Array = npt.NDArray[np.float64]
 SLOW = 15                   # rows on either side: what changes more slowly is not the scale's noise
 AFTER_CHANGE_S = 3.0        # a drive has answered by then
 STAGE_OF_VIEW = {"shaft": ("shaft",), "gate": ("gate",), "flow": ("flow", "gate"), "scale": ("scale", "flow", "gate"),
-                 "speed": ("speed",), "heads": ("heads",)}
+                 "speed": ("speed",), "heads": ("heads",), "effort": ("effort", "flow"), "gate_effort": ("effort",)}
 RUN_WITH_TIME = ("time_s", "hopper_kg", "moved")
 FIRST = {"gate": ("opening_mm",), "speed": ("working", "speed_mps"), "heads": ("head", "ndvi")}
 TIME_MORE = 0.08            # of what an effect does must time tell beyond what any other axis tells
@@ -170,7 +170,8 @@ def _predictor(channel: ChannelSeries, machine: Machine) -> Callable[[tuple[Effe
 
 def _view(name: str, channel: ChannelSeries, data: RunData, machine: Machine) -> View:
     titles = {"shaft": "shaft speed", "gate": "opening", "scale": "scale reading", "speed": "wheel less GNSS speed",
-              "heads": "head less the mean of all heads"}
+              "heads": "head less the mean of all heads", "effort": "effort of the shaft's drive",
+              "gate_effort": "effort of the gate's drive"}
     copies = channel.copies
     time_s = np.tile(channel.grid.even_s, copies)
     axes = _recorded(data, time_s)

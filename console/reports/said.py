@@ -33,7 +33,8 @@ VERDICTS = {"none": ("nothing beyond noise", N_("NOTHING WRONG"), "-"), "named":
             "unexplained": ("structure that no known effect explains", N_("UNEXPLAINED"), "??"),
             "not_judged": ("not judged", N_("NOT JUDGED"), "??")}
 CHANNELS = {"shaft": N_("shaft"), "gate": N_("gate"), "flow": N_("flow"), "scale": N_("scale"), "speed": N_("speed"),
-            "heads": N_("heads"), "lag": N_("lag"), "place": N_("place")}
+            "heads": N_("heads"), "lag": N_("lag"), "place": N_("place"),
+            "effort": N_("effort"), "gate_effort": N_("gate's effort")}
 
 
 def channel_word(channel: str) -> str:

@@ -107,8 +107,10 @@ class EffectRow:
     def channels(self) -> tuple[str, ...]:
         """Channels of a run log that the effect moves, its own first; empty where no run log shows its stage."""
         if self.id == GATE_OFFSET.id:       # a read-back that is off opens the gate, and the flow, by as much
-            return "gate", "scale"
-        return {"fall": (), "flow": ("scale",)}.get(self.stage, (self.stage,))
+            return "gate", "scale", "effort"
+        if self.id in (EFFORT_GATE_FRICTION.id, EFFORT_GATE_DRAG.id):
+            return ("gate_effort",)
+        return {"fall": (), "flow": ("scale", "effort")}.get(self.stage, (self.stage,))
 
     @property
     def has_slope(self) -> bool:
@@ -198,6 +200,12 @@ LAG_COARSE_CLOCK = EffectRow("lag.coarse_clock", 0.1, costs=Costs.NEITHER)
 LAG_SPEED_SCALE = EffectRow("lag.speed_scale", 5.0, costs=Costs.PLACE)
 PLACE_LEVER_ARM = EffectRow("place.lever_arm", 1.0, costs=Costs.PLACE)
 PLACE_LATENCY = EffectRow("place.latency", 0.3, costs=Costs.PLACE)
+# Effort: friction by some ten per cent before anything is heard, as much drag; a load that is gone is 100 %.
+EFFORT_FRICTION = EffectRow("effort.friction", 20.0, (5.0,), only_adds=True, costs=Costs.NEITHER)
+EFFORT_DRAG = EffectRow("effort.drag", 20.0, (5.0,), costs=Costs.NEITHER)
+EFFORT_LOAD = EffectRow("effort.load", 50.0, (10.0,), costs=Costs.NEITHER)
+EFFORT_GATE_FRICTION = EffectRow("effort.gate_friction", 20.0, (5.0,), only_adds=True, costs=Costs.NEITHER)
+EFFORT_GATE_DRAG = EffectRow("effort.gate_drag", 20.0, (5.0,), costs=Costs.NEITHER)
 
 ROWS: dict[str, EffectRow] = {row.id: row for row in (
     SHAFT_GAIN, SHAFT_SLOW, SHAFT_DEAD_TIME, SHAFT_SECOND_ORDER, SHAFT_RAMP, SHAFT_DEAD_BAND, SHAFT_DEAD_ZONE,
@@ -207,7 +215,8 @@ ROWS: dict[str, EffectRow] = {row.id: row for row in (
     FLOW_OUTLET_UNEVEN, FLOW_BRIDGING, FLOW_LEAK, FLOW_SLOPE, FLOW_PULSATION, SCALE_GAIN, SCALE_DRIFT, SCALE_TILT,
     SPEED_WHEEL_SLIP, SPEED_WHEEL_RADIUS, SPEED_MISSED_PULSES, SPEED_GNSS_LATENCY, CANOPY_HEAD_FOULED, CANOPY_WARM_UP,
     CANOPY_SATURATION, LAG_OFFSET, LAG_REBOUND, LAG_FIRST_FILL, LAG_ASYMMETRY, LAG_COARSE_CLOCK, LAG_SPEED_SCALE,
-    PLACE_LEVER_ARM, PLACE_LATENCY)}
+    PLACE_LEVER_ARM, PLACE_LATENCY, EFFORT_FRICTION, EFFORT_DRAG, EFFORT_LOAD, EFFORT_GATE_FRICTION,
+    EFFORT_GATE_DRAG)}
 _unmatched = sorted(set(ROWS) ^ set(CATALOGUE))
 if _unmatched:
     raise RuntimeError(f"effects without a row, or rows without an effect: {', '.join(_unmatched)}")

@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple
 FORMAT = "topdress-diagnosis/1"
 UNKNOWN = "unknown"          # a rival that is no effect of the catalogue: something else
 RUN_CHANNELS = ("shaft", "gate", "flow", "scale", "speed", "heads")
-CHANNELS = (*RUN_CHANNELS, "lag", "place")
+CHANNELS = (*RUN_CHANNELS, "effort", "gate_effort", "lag", "place")
 
 Verdict = Literal["named", "none", "ambiguous", "unexplained", "not_judged"]
 NOTEBOOK = "console.reports.notebook"       # pages and pictures, and the machine files that come with topdress

@@ -17,7 +17,7 @@ import platformdirs
 from numba.extending import overload, register_jitable
 from numba.np.unsafe import ndarray
 
-from . import elements, fall, flow, forms, gate, heads, scale, shaft, speed, term_step
+from . import effort, elements, fall, flow, forms, gate, heads, scale, shaft, speed, term_step
 from .form import TermParams
 from .kept_code import KeptCode, named_apart
 from .over_log import Run, filling, mapped, with_room
@@ -40,7 +40,8 @@ def jitable(piece: F) -> F:
 
 
 for _piece in (elements.line_put, elements.line_mean, elements.line_held, elements.table_at, elements.stepped,
-               flow.bridged, flow.grams_per_rev, flow.common_factor, fall.start_drop_s, fall.drop_s,
+               flow.bridged, flow.grams_per_rev, flow.common_factor, flow.in_flutes,
+               effort.of_drive, effort.shaft_effort, effort.gate_effort, fall.start_drop_s, fall.drop_s,
                shaft.approach, shaft.free_swing, shaft.passes_s, shaft.free_for_s, shaft.swung, shaft.lag_s,
                shaft.fastest_rpm_s, shaft.follows, shaft.asked_rpm, shaft.dead_s, shaft.shaft_step,
                gate.gate_step, flow.flow_step, speed.speed_step, fall.fall_step,
@@ -110,6 +111,8 @@ flow_run = stage_run(flow.flow_step)
 speed_run = stage_run(speed.speed_step)
 scale_run = _compiled(mapped(scale.scale_reads))
 heads_run = _compiled(mapped(heads.head_reads))
+shaft_effort_run = _compiled(mapped(effort.shaft_effort))
+gate_effort_run = _compiled(mapped(effort.gate_effort))
 term_run = _compiled(term_step.over_rows(term_step.term_step))
 
 
@@ -130,4 +133,15 @@ def table_run(nodes: elements.Table, values: elements.Table, at: elements.Array)
     out = np.empty(len(at))
     for row in range(len(at)):
         out[row] = elements.table_at(nodes, values, at[row])
+    return out
+
+
+@compiled
+def flutes_run(p: flow.Flow, shaft_rpm: elements.Array, opening_mm: elements.Array, pitch_deg: elements.Array,
+               share_full: elements.Array, time_s: elements.Array, refilled: bool) -> elements.Array:
+    """`flow.in_flutes` over a log, without its terms: (rows, 2)."""
+    out = np.empty((len(time_s), 2))
+    for row in range(len(time_s)):
+        out[row, 0], out[row, 1] = flow.in_flutes(p, shaft_rpm[row], opening_mm[row], pitch_deg[row], share_full[row],
+                                                  time_s[row], 0.0, refilled)
     return out

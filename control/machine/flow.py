@@ -171,6 +171,16 @@ def common_factor(p: Flow, share_full: float, elapsed_s: float, pitch_deg: float
     return (1.0 - lost / 100.0) * (1.0 + more / 100.0)
 
 
+def in_flutes(p: Flow, shaft_rpm: float, opening_mm: float, pitch_deg: float, share_full: float, elapsed_s: float,
+              more_percent: float, refilled: bool) -> tuple[float, float]:
+    """What loads the rollers, g a revolution: what they move, and what stands packed before closed outlets."""
+    if share_full <= 0.0 or (p.bridging_percent > 0.0 and bridged(elapsed_s, p.bridging_percent)):
+        return 0.0, 0.0
+    mass = grams_per_rev(p, shaft_rpm, opening_mm)
+    moved = mass * common_factor(p, share_full, elapsed_s, pitch_deg, more_percent, refilled)
+    return moved, mass * p.blocked_percent / 100.0
+
+
 def flow_step(p: Flow, s: FlowState, u: FlowInput, dt_s: float) -> tuple[FlowState, FlowOutput]:
     """One step of `dt_s` with the inputs held; the flow is its mean over the step. Mass is conserved.
 

@@ -9,9 +9,10 @@ from typing import Any, NamedTuple
 
 from control.field.job import Job
 from control.geodesy import TangentPlane
+from control.machine.effort import EffortInput, gate_effort, shaft_effort
 from control.machine.elements import Array, in_lists, stepped
 from control.machine.fall import FallInput, drop_s, fall_start, fall_step
-from control.machine.flow import FlowInput, flow_start, flow_step
+from control.machine.flow import FlowInput, flow_start, flow_step, in_flutes
 from control.machine.form import SHAFT_ANGLE
 from control.machine.gate import GateInput, GateOutput, gate_start, gate_step
 from control.machine.heads import HeadInput, head_reads
@@ -130,6 +131,9 @@ class Plant:
                                    machine.geometry.heads, width, sim.heads_index)
         self._driver = Driver(sim, seed + 4)
         self._normal = Normals(seed + 1)
+        self._effort_normal = Normals(seed + 5)     # of its own: a drive that tells its effort changes nothing else
+        self._before = 0.0, machine.set_points.opening_mm, 0.0      # speed, opening, and the gate's speed
+        self._asked_rpm = 0.0
         noise = machine.noise
         self._scale_noise = Slow(self._normal, noise.scale_kg, noise.scale_correlation_s)
         self._supply = Slow(self._normal, SUPPLY_WANDER_V, 30.0)
@@ -172,7 +176,7 @@ class Plant:
         pitch = self._sim.slope_deg * cos(radians(pose.heading_deg - self._heading0)) + self._pitch.step(dt)
         supply = self.machine.shaft.nominal_supply_v + self._supply.step(dt)
         refill = self._refill(speed, dt)
-        rpm = command.shaft_rpm if enabled else 0.0
+        rpm = self._asked_rpm = command.shaft_rpm if enabled else 0.0
         self._take_dose(command.dose, enabled)
         if self.valves is not None:
             self.valves.tell(begin, command.valves if enabled else ())
@@ -306,7 +310,29 @@ class Plant:
             stepped(scale, true.scale.resolution_kg), supply + noise.supply_v * normal(),
             pitch + noise.pitch_deg * normal(), self._roll.step(dt), None, self._pulse_s,
             () if self._vision is None else self._vision.look(now, self._driven_m), self._driver.announced(),
-            self._sim.heads_index, None if self.valves is None else self.valves.open_now)
+            self._sim.heads_index, None if self.valves is None else self.valves.open_now,
+            *self._efforts(pitch, supply))
+
+    def _efforts(self, pitch: float, supply: float) -> tuple[float | None, float | None]:
+        """How hard shaft and gate work; None of a drive that tells none."""
+        true, dt = self._true, self.dt_s
+        rpm, opening = self._shaft_out[0], self._gate_out[0]
+        turned_rpm, stood_mm, moved_mm_s = self._before
+        moves = (opening - stood_mm) / dt
+        self._before = rpm, opening, moves
+        share = true.shaft.nominal_supply_v / max(1.0, supply)
+        shaft = gate = None
+        if true.has("effort"):
+            flutes = in_flutes(true.flow, rpm, opening, pitch, self._flow.hopper_kg / true.flow.full_kg,
+                               self._flow.time_s, self._more.flow_percent, self._flow.refills > 0.0)
+            shaft = true.effort.limit if true.shaft.stalled > 0.0 and self._asked_rpm != 0.0 else shaft_effort(
+                true.effort, EffortInput(rpm, (rpm - turned_rpm) / dt, share, *flutes))
+            shaft = min(max(0.0, shaft + self.machine.noise.effort * self._effort_normal.next()),
+                        true.effort.limit or 1000.0)
+        if true.has("gate_effort"):
+            gate = gate_effort(true.effort, EffortInput(moves, (moves - moved_mm_s) / dt, share))
+            gate = max(0.0, gate + self.machine.noise.effort * self._effort_normal.next())
+        return shaft, gate
 
     def _roll_wheel(self, wheel_mps: float, dt: float) -> None:
         """Count pulses; the newest one's time is where its distance was reached within the step."""

@@ -81,6 +81,7 @@ COMMANDS: dict[str, Callable[[str], list[str]]] = {
     "calibrate catch": lambda f: ["calibrate", "catch", f, "--out", "out.yaml"],
     "calibrate lag": lambda f: ["calibrate", "lag", f, "--out", "out.yaml"],
     "calibrate wheel": lambda f: ["calibrate", "wheel", f, "--out", "out.yaml"],
+    "calibrate effort": lambda f: ["calibrate", "effort", f, "--out", "out.yaml"],
     "calibrate heads": lambda f: ["calibrate", "heads", f, "--out", "out.yaml"],
     "map": lambda f: ["map", f, "--out", "out.geojson"],
     "check": lambda f: ["check", f],

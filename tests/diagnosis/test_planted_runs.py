@@ -178,7 +178,7 @@ def test_what_is_not_named_has_a_smallest_size_or_none_at_all() -> None:
     sizes = {n.id: n.smallest_detectable.value for n in of_nothing(1).not_shown}
     assert sizes["flow.pulsation"] is None and sizes["lag.offset"] is None
     assert 0.0 < sizes["shaft.gain"] < 1.0
-    assert set(sizes) == set(CATALOGUE)
+    assert set(sizes) == {one for one, entry in CATALOGUE.items() if Machine().has(entry.stage)}, "no effort"
 
 
 def test_a_constant_flow_error_is_ambiguous_and_the_next_run_would_tell() -> None:

@@ -10,6 +10,7 @@ import pytest
 from control.diagnosis.extend import extend
 from control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Size, TermFound
 from control.machine import compiled, over_log
+from control.machine.effort import EffortInput, gate_effort, shaft_effort
 from control.machine.fall import FallInput, fall_start, fall_step
 from control.machine.flow import FlowInput, FlowOutput, flow_start
 from control.machine.gate import GateInput, GateOutput, gate_start
@@ -30,7 +31,7 @@ flow.gain flow.zero_offset flow.fill_falloff flow.hopper_head flow.moisture_drif
 flow.outlet_uneven flow.bridging flow.leak flow.slope flow.pulsation speed.wheel_slip speed.wheel_radius
 speed.missed_pulses speed.gnss_latency canopy.head_fouled canopy.warm_up canopy.saturation scale.gain scale.drift
 scale.tilt lag.offset lag.rebound lag.first_fill lag.asymmetry lag.coarse_clock lag.speed_scale place.lever_arm
-place.latency""".split()
+place.latency effort.friction effort.drag effort.load effort.gate_friction effort.gate_drag""".split()
 
 BACKWARDS = {"shaft.back_gain", "shaft.back_zone"}      # tests/machine/test_nominal.py
 IN_ITS_TABLE = {"lag.coarse_clock", "lag.speed_scale", "place.lever_arm"}    # no stage step: they act on bench tables
@@ -67,6 +68,10 @@ def outputs(machine: Machine) -> dict[str, np.ndarray[Any, Any]]:
                                for h, t, p in zip(250.0 - 0.1 * time_s, time_s, pitch, strict=True)])
     found["heads"] = np.array([[head_reads(machine.heads, HeadInput(0.5 + 0.1 * np.sin(t), head, t))
                                 for head in range(1, 7)] for t in time_s[::20]])
+    works = machine.effort._replace(coulomb=8.0, viscous=0.6, load=0.06, gate_coulomb=0.5, gate_viscous=0.02)
+    found["effort"] = np.array([(shaft_effort(works, EffortInput(r, 0.0, 1.0, 5.0 * o)),
+                                 gate_effort(works, EffortInput(o - 20.0)))
+                                for r, o in zip(command, opening, strict=True)])
     state, falls = fall_start(), []
     for t, rpm in zip(time_s[::10], stopped[::10], strict=True):
         state, drop = fall_step(machine.fall, state, FallInput(rpm, 0.1 if rpm > 0 else 0.0, np.sign(np.sin(t))), 0.5)

@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import logsumexp
 
-from control.diagnosis.effects import ROWS
+from control.diagnosis.effects import ROWS, FoundBy
 from control.diagnosis.judgement.evidence import Column, Role, best_fitted, problem
 from control.diagnosis.judgement.noise import Noise, NoisePrior, coefficients, segments, series_of, start
 from control.diagnosis.judgement.prior import COURSE, course_of
@@ -196,7 +196,8 @@ def _tried(machine: Machine) -> dict[str, list[Candidate]]:
     found: dict[str, list[Candidate]] = {}
     for names in GROUPS.values():
         every = candidates(names, machine, len(HEADS), False)
-        for one in that_may_begin([c for c in every if ROWS[c.part.id].probe is not None]):
+        for one in that_may_begin([c for c in every if ROWS[c.part.id].probe is not None
+                                   and ROWS[c.part.id].found_by is not FoundBy.ONSET]):
             usual = one._replace(usual=ROWS[one.part.id].on(machine).usual)
             for channel in ROWS[one.part.id].channels:
                 found.setdefault(channel, []).append(usual)

@@ -12,8 +12,19 @@ from control.diagnosis.judgement import noise as noises
 from control.diagnosis.judgement.checks import LEVEL
 from control.diagnosis.judgement.noise import NoisePrior, Segments, as_one_band, segments
 from control.diagnosis.judgement.noise_fit import BAND_DOF
-from control.machine.compiled import flow_run, gate_run, heads_run, scale_run, shaft_run, speed_run
+from control.machine.compiled import (
+    flow_run,
+    flutes_run,
+    gate_effort_run,
+    gate_run,
+    heads_run,
+    scale_run,
+    shaft_effort_run,
+    shaft_run,
+    speed_run,
+)
 from control.machine.effect import HOPPER
+from control.machine.effort import EffortInput
 from control.machine.flow import FlowInput, FlowOutput, flow_start
 from control.machine.gate import GateInput, GateOutput, gate_start
 from control.machine.heads import HeadInput
@@ -24,6 +35,7 @@ from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start
 from control.machine.speed import SpeedInput, SpeedOutput, speed_start
 
 from .drives import Drive
+from .effort import DriveEffort
 from .grid import Grid, joined
 from .hopper import Hopper
 from .hypothesis import MAX_SWITCHES, Schedule, schedule, stages_of
@@ -235,6 +247,42 @@ def heads_channel(h: HeadContrasts, machine: Machine) -> ChannelSeries:
                          segments(length * len(used), bounds), prior, len(used))
 
 
+def effort_bins(e: DriveEffort) -> Callable[[Schedule], Array]:
+    """How hard a drive works in the mean of each bin, in the machine file's unit, NaN of one that is left out: (m,)."""
+    ways = _EFFORT[e.name]
+
+    def predict(plan: Schedule) -> Array:
+        efforts, rows = switches(plan, "effort", e.time_s)
+        flows, _ = switches(plan, "flow", e.time_s)
+        gates, _ = switches(plan, "gate", e.time_s)
+        at = np.searchsorted(rows, np.arange(len(e.time_s)), side="right")
+        reads = np.empty(len(e.time_s))
+        for k in sorted(set(at.tolist())):
+            now = at == k
+            opening = np.maximum(0.0, e.opening_mm[now] - gates[k].offset_mm)
+            flutes = flutes_run(flows[k], e.speed[now], opening, e.pitch_deg[now], e.share_full[now],
+                                e.time_s[now], e.refilled) if e.name == "effort" else np.zeros((int(now.sum()), 2))
+            reads[now] = ways(efforts[k], input_rows(
+                EffortInput, int(now.sum()), speed=e.speed[now], speed_per_s=e.speed_per_s[now],
+                supply_share=e.supply_share[now], grams_rev=flutes[:, 0], packed_g_rev=flutes[:, 1]))
+        return e.binned(reads)
+    return predict
+
+
+def effort_channel(e: DriveEffort, machine: Machine) -> ChannelSeries:
+    """How hard a drive works, on an even grid."""
+    bins = effort_bins(e)
+
+    def predict(plan: Schedule, step_s: float) -> Array:
+        return e.grid.of(bins(plan))
+    noise = machine.noise.effort
+    floor = noise / np.sqrt(max(1.0, e.rows_a_bin))
+    return _channel(e.name, machine.effort_unit, e.grid, e.binned(e.measured), predict, NoisePrior(noise, 1.0, floor))
+
+
+_EFFORT = {"effort": shaft_effort_run, "gate_effort": gate_effort_run}
+
+
 def channels(data: RunData, machine: Machine) -> dict[str, ChannelSeries]:
     """Every channel that the log can show, by name; flow and scale are read off the same reading."""
     found: dict[str, ChannelSeries] = {}
@@ -246,6 +294,8 @@ def channels(data: RunData, machine: Machine) -> dict[str, ChannelSeries]:
         found["scale"] = hopper_channel(data.hopper, machine)
     if data.speed is not None:
         found["speed"] = speed_channel(data.speed, machine)
+    for effort in data.efforts:
+        found[effort.name] = effort_channel(effort, machine)
     if data.heads is not None:
         found["heads"] = heads_channel(data.heads, machine)
     return found

@@ -31,6 +31,7 @@ WRITTEN = "refill"          # ... which has the tails of a Cauchy distribution: 
 UNKNOWN_KG = 20.0           # (1 s.d.) the level at the start, and a refill that nobody wrote down
 ROUNDING_SHARE = 0.1        # of an encoder's step: how well the mean error of rounding is known
 TURNS_SHARE = 1e-3          # of what a gain does at most: below, the shaft stands
+PACKED_SHARE = 0.5          # of what a blocked outlet loads the drive with (1 s.d.): nobody measured it
 MAX_KEPT = 200              # columns of candidates that are kept
 MOST_LATE = 8               # ... and sets of nuisances: one for each dead time
 LATENCY_STEP_S = 0.05       # difference for the slope of a GNSS reading's latency: half a row, as it is known
@@ -177,7 +178,10 @@ class Columns:
 
     def of_stops(self, parts: Hypothesis) -> list[Column]:
         """Where each gate that stuck stands."""
-        return [self._where_it_stands(parts, part) for part in parts if part.id == effects.GATE_STUCK.id]
+        return [self._where_it_stands(parts, part) for part in parts if part.id == effects.GATE_STUCK.id] + [
+            self._how_packed(parts) for part in parts
+            if part.id == effects.FLOW_BLOCKED_OUTLET.id and "effort" in self.model.names
+            and self.model.machine.effort.jam > 0.0]
 
     def _nuisances(self, parts: Hypothesis) -> list[Column]:
         late = tuple(part for part in parts if ROWS[part.id].moves == DEAD_TIME and part.onset_s is None)
@@ -195,6 +199,13 @@ class Columns:
         off = self.of_candidate(parts, EffectInstance(home.id, home.probe, (stuck.onset_s or 0.0) + HALT_S))
         return off._replace(label=Label(Role.READING),
                             sd=model.machine.gate.slew_mm_s * model.channel("gate").grid.step_s)
+
+    def _how_packed(self, parts: Hypothesis) -> Column:
+        """What stands before a closed outlet turns harder or easier, by the product and by how it closed."""
+        jam = self.model.base.by_name["effort"].jam
+        harder = self.model.run(parts, self.model.base.put("effort", jam=jam + 1.0), ("effort",))["effort"]
+        return _column(self.model, Label(Role.READING), {"effort": harder - self.model.predicted(parts)["effort"]},
+                       PACKED_SHARE * jam)
 
     def slopes(self, parts: Hypothesis) -> list[Column]:
         """Slope of the prediction in each part's size, at the hypothesis."""

@@ -24,7 +24,15 @@ from control.machine.machine import Machine
 from control.recordings.values import readable
 
 from .channels import ChannelSeries, channels, without_narrowband
-from .findings import between_rows, hardly_read, on_the_whole, turned_back, units_doubted, unsure_drives
+from .findings import (
+    between_rows,
+    hardly_read,
+    hidden_by_load,
+    on_the_whole,
+    turned_back,
+    units_doubted,
+    unsure_drives,
+)
 from .hypothesis import Hypothesis
 from .intermittent import ReadOff, without_spells
 from .log import Clean, gate
@@ -196,7 +204,7 @@ def judged_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, pat
     step(0.0, "data")
     log, data, read_off = series_of_log(columns, machine)
     findings = [*log.findings, *turned_back(log, machine), *unsure_drives(log, data), *hardly_read(log, data),
-                *units_doubted(data, machine)]
+                *units_doubted(data, machine), *hidden_by_load(data, machine)]
     with np.errstate(all="ignore"):         # what comes of it is looked at (`_sound`)
         seen = channels(data, machine)
     step(0.05, "channels")
@@ -260,8 +268,9 @@ def series_of_log(columns: Mapping[str, npt.NDArray[Any]], machine: Machine,
     log, part = in_steps.taken_back, in_steps.seen.part
     data = _run_data(log, machine, failed)
     if data.shaft is not None:
+        turned = _run_data(in_steps.turned, machine, failed)
         data = data._replace(shaft=data.shaft._replace(step=part.size, steps_from_s=part.onset_s),
-                             hopper=_run_data(in_steps.turned, machine, failed).hopper)
+                             hopper=turned.hopper, efforts=turned.efforts)
     data, in_spells = _without_spells(data, machine, failed)
     return log._replace(findings=(*log.findings, *failed)), data, (in_steps.seen, *in_spells)
 

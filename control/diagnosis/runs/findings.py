@@ -24,6 +24,7 @@ from .stages import RunData
 
 MUCH = 0.2                  # of the most that is asked, or read: below, dead zones and noise decide the ratio
 TICK_S = 0.05               # control's usual tick
+ONE_WAY_SHARE = 0.05        # of their sum, by which two ways differ: more than twice what sessions differ by
 LOST_SHARE = 0.01           # of the rows
 
 
@@ -145,6 +146,20 @@ def hardly_read(log: Clean, data: RunData) -> list[str]:
             "or there are too few"
             for word, seen in (("flow", data.hopper), ("speed", data.speed), ("heads", data.heads))
             if word in log.stages and seen is None]
+
+
+def hidden_by_load(data: RunData, machine: Machine) -> list[str]:
+    """Said of drives whose load pulls one way in the machine file's reference, so that a screw's other side, or a
+    gear's, never bears: friction there cannot show."""
+    own = machine.effort
+    found = []
+    for drive in data.efforts:
+        ways = (own.coulomb, own.coulomb_back) if drive.name == "effort" else (
+            own.gate_coulomb, own.gate_coulomb_back)
+        if min(ways) > 0.0 and abs(ways[0] - ways[1]) > ONE_WAY_SHARE * (ways[0] + ways[1]):
+            found.append(f"{drive.name}: its load pulls one way ({ways[0]:.3g} {machine.effort_unit} forwards, "
+                         f"{ways[1]:.3g} back): friction that bears on the other side does not show at this load")
+    return found
 
 
 def between_rows(log: Clean, ids: set[str]) -> list[str]:

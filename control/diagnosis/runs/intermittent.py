@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import binary_opening, median_filter
+from scipy.ndimage import binary_dilation, binary_opening, median_filter
 from scipy.special import betainc, betaln, expit, gammaln, logsumexp
 
 from control.diagnosis import effects
@@ -19,7 +19,8 @@ from control.diagnosis.judgement.prior import COURSE, ROBUST_SD, SAID, UNKNOWN, 
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
-from .channels import hopper_channel
+from .channels import effort_bins, hopper_channel
+from .effort import EFFORT, DriveEffort
 from .hopper import Hopper
 from .hypothesis import EffectInstance, schedule, stages_of
 from .model import GROUPS
@@ -65,7 +66,7 @@ class ReadOff(NamedTuple):
 def prior_odds(part: EffectInstance) -> float:
     """Log prior odds of an effect that is read off, among those of its group of channels."""
     channel = ROWS[part.id].channels[0]
-    names = next(names for names in GROUPS.values() if channel in names)
+    names = {name for names in GROUPS.values() if channel in names for name in names if name not in EFFORT}
     rivals = sum(bool(row.channels) and row.channels[0] in names for row in ROWS.values())
     return log_odds("steady" if part.onset_s is None else "begins", rivals)
 
@@ -78,12 +79,63 @@ def without_spells(data: RunData, machine: Machine) -> tuple[RunData, tuple[Read
         if seen is not None:
             data = data._replace(speed=speed)
             found.append(seen)
+    bare = None
+    for k, effort in enumerate(data.efforts):
+        if effort.name == "effort" and (bare := _without_load(effort, machine)) is not None:
+            data = data._replace(efforts=(*data.efforts[:k], bare.left, *data.efforts[k + 1:]))
+    seen = None
     if data.hopper is not None:
-        hopper, seen = _without_bridges(data.hopper, machine)
-        if seen is not None:
-            data = data._replace(hopper=hopper)
-            found.append(seen)
+        hopper, seen = _without_bridges(data.hopper, machine, bare)
+        data = data._replace(hopper=hopper)
+    if (seen := max((one for one in (seen, bare and bare.seen) if one is not None), key=lambda one: one.log_odds,
+                    default=None)) is not None:
+        found.append(seen)
     return data, tuple(found)
+
+
+class _Unloaded(NamedTuple):
+    """Spells in which the rollers turned without material: when, and the drive's effort without them."""
+
+    begin_s: Array
+    end_s: Array
+    left: DriveEffort
+    seen: ReadOff
+
+    def stood_s(self, time_s: Array) -> Array:
+        """For how long there was none until each time, s."""
+        return np.asarray(np.sum(np.clip(time_s[:, None] - self.begin_s, 0.0, self.end_s - self.begin_s), axis=1))
+
+
+def _without_load(e: DriveEffort, machine: Machine) -> _Unloaded | None:
+    """Spells in which the material's load was gone, one of which ended at least: an empty hopper's does not."""
+    bins, stages = effort_bins(e), stages_of(machine)
+    full = bins(schedule(stages, ()))
+    gone = bins(schedule(stages.put("effort", load=0.0), ())) - full
+    known = e.members > 0
+    left = e.binned(e.measured) - full
+    # From bin to bin: a load that grew for good is no noise.
+    sd = ROBUST_SD * float(np.nanmedian(np.abs(np.diff(left)))) / np.sqrt(2.0) + machine.noise.effort / np.sqrt(
+        e.rows_a_bin)
+    loaded = known & (gone < -sd)
+    if not loaded.any():
+        return None
+    usual = float(np.median(left[loaded] / gone[loaded]))       # a load that is less, or more, for good is no bridge
+
+    def unlike(share: float) -> Array:
+        """Student's t, as of the scale: a stone between the rollers is far from all."""
+        return np.asarray(0.5 * (FREEDOM + 1.0) * np.log1p(((left - share * gone) / sd) ** 2 / FREEDOM))
+    on, evidence = _spells(np.where(loaded, np.minimum(unlike(0.0), unlike(usual)) - unlike(1.0), 0.0))
+    on = binary_opening(on, np.ones(max(2, round(BLOCK_S / e.grid.step_s)), bool))
+    edges = np.diff(on.astype(np.int8), prepend=0, append=0)
+    begins, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
+    ended = bool(len(begins)) and bool(known[ends[0]:].any())
+    bridging = EffectInstance(effects.FLOW_BRIDGING.id, 100.0 * float(on[known].mean()))
+    odds = evidence + prior_odds(bridging)
+    if not ended or odds <= SAID:
+        return None
+    half_s = 0.5 * e.grid.step_s
+    return _Unloaded(e.middle_s[begins] - half_s, e.middle_s[ends - 1] + half_s, e.without(binary_dilation(on)),
+                     ReadOff(bridging, float(100.0 * len(begins) ** 0.5 / known.sum()), odds))
 
 
 def _where(data: RunData) -> list[Array]:
@@ -193,10 +245,11 @@ class _ScaleLevel(NamedTuple):
     after_gap: npt.NDArray[np.int64]    # samples before which rows are missing for long: the level is open there
 
 
-def _without_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, ReadOff | None]:
+def _without_bridges(h: Hopper, machine: Machine, bare: _Unloaded | None) -> tuple[Hopper, ReadOff | None]:
     """Spells in which the scale stands still though the shaft turns; the mass that stayed behind is taken off.
 
-    Long spells are seen block by block, short ones by the step that they leave in (reading - prediction) for good.
+    Long spells are seen block by block, short ones by the step that they leave in (reading - prediction) for good. bare
+    : what the drive tells of them: to the half second, and taken where the scale bears it out.
     """
     channel = hopper_channel(h, machine)
     predicted = channel.predict(schedule(stages_of(machine), ()), MOST_STEP_S)
@@ -205,12 +258,24 @@ def _without_bridges(h: Hopper, machine: Machine) -> tuple[Hopper, ReadOff | Non
     swell = np.maximum(1.0, median_filter(steps, SWELL) / max(float(np.median(steps)), 1e-9))
     level = _ScaleLevel(predicted, left, swell, *(np.searchsorted(h.grid.even_s, h.time_s[list(bins)])
                                                   for bins in (h.jumps, [end for end, _ in h.gaps])))
-    found = [one for one in (_long_bridges(h, level), _short_bridges(h, level)) if one is not None]
+    found = [one for one in (_long_bridges(h, level), _short_bridges(h, level), _by_load(h, level, bare))
+             if one is not None]
     if not found:
         return h, None
     stayed_kg, seen = max(found, key=lambda one: one[1].log_odds)
     at_s = h.time_s[:-1] + 0.5 * h.grid.step_s
     return h._replace(reading_kg=h.reading_kg - np.interp(at_s, h.grid.even_s, stayed_kg)), seen
+
+
+def _by_load(h: Hopper, level: _ScaleLevel, bare: _Unloaded | None) -> tuple[Array, ReadOff] | None:
+    """The spells that the drive tells: what stayed behind (m,), kg. None where the scale fell meanwhile."""
+    if bare is None:
+        return None
+    edges_s = np.append(h.grid.even_s, h.grid.even_s[-1] + h.grid.step_s) - 0.5 * h.grid.step_s
+    stands = np.diff(bare.stood_s(edges_s)) / h.grid.step_s
+    fell = stands * np.maximum(0.0, -np.diff(level.predicted, prepend=level.predicted[:1]))
+    rose = float(np.sum(stands * np.diff(level.left, prepend=level.left[:1])))
+    return (np.cumsum(fell), bare.seen) if rose > 0.5 * float(fell.sum()) else None
 
 
 def _short_bridges(h: Hopper, level: _ScaleLevel) -> tuple[Array, ReadOff] | None:

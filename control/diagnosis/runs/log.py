@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from control.log_row import COLUMNS, COMMANDS_HELD
+from control.log_row import COLUMNS, COMMANDS_HELD, EFFORTS
 from control.orders import State
 from control.recordings.finding import Finding
 from control.recordings.mended import mended
@@ -33,8 +33,9 @@ NEEDED = {
     "speed": ("speed_mps", "wheel_speed_mps"),
     "heads": HEADS[:3],
 }
+OF_EFFORT = {"effort": ("shaft_rpm", "shaft_effort"), "gate_effort": ("opening_mm", "gate_effort")}
 NUMBERS = ("shaft_rpm_cmd", "shaft_rpm", "opening_mm_cmd", "opening_mm", "hopper_kg", "supply_v", "pitch_deg",
-           "roll_deg", "heading_deg", "speed_mps", "wheel_speed_mps", "work_switch", *HEADS)
+           "roll_deg", "heading_deg", "speed_mps", "wheel_speed_mps", "work_switch", *HEADS, *EFFORTS)
 # Of the published columns, those that no diagnosis of a log reads: neither the channels nor `rates`.
 UNREAD = frozenset(COLUMNS) - {"time_s", *NUMBERS, "events", "state", "lat_deg", "lon_deg", "target_rate_kg_ha",
                                "applied_rate_kg_ha"}
@@ -230,8 +231,15 @@ def gate(columns: Mapping[str, npt.NDArray[Any]], has: Callable[[str], bool] = l
             stages.append(stage)
     if "flow" in stages:
         stages.append("scale")
+    stages += _of_effort(found, has, least)
     further = _further(read, {**found, "time_s": time}, findings)
     return Clean(time, step, found, read["events"], read["state"], tuple(stages), tuple(findings), further, held)
+
+
+def _of_effort(found: Mapping[str, Array], has: Callable[[str], bool], least: int) -> list[str]:
+    """Drives that tell how hard they work; few do, and nobody misses it of the others."""
+    return [stage for stage, needed in OF_EFFORT.items() if has(stage)
+            and all(np.isfinite(found[name]).sum() >= least for name in needed)]
 
 
 def _texts_and_further(columns: Mapping[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:

@@ -11,18 +11,21 @@ from control.diagnosis.effects import ROWS, SHAFT_SECOND_ORDER, SHAFT_SLOW
 from control.diagnosis.judgement import noise as noises
 from control.diagnosis.judgement.noise import coefficients
 from control.machine.effect import FULL_REVOLUTION, SLEW
+from control.machine.effort import OF_GATE, OF_SHAFT
 from control.machine.machine import CATALOGUE, Machine, of_nominal
 from control.machine.over_log import MOST_STEP_S
 
 from .channels import ChannelSeries
+from .effort import EFFORT
 from .hypothesis import EffectInstance, Hypothesis, Stages, schedule, stages_of
 from .stages import RunData
 
 Array = npt.NDArray[np.float64]
 
 GROUPS: dict[str, tuple[str, ...]] = {       # channels that share an effect are judged together
-    "shaft": ("shaft",), "metering": ("gate", "scale"), "speed": ("speed",), "heads": ("heads",),
+    "shaft": ("shaft",), "metering": ("gate", "scale", *EFFORT), "speed": ("speed",), "heads": ("heads",),
 }
+STEP_SHARE = 0.05           # of a value, for its slope
 HALT_S = 3.0                # around a drive's halt: how it runs down is nobody's effect
 GNSS_STAMP_SHARE = 0.25     # of a row: the speed in a row was read at some time within it
 ELECTRICAL = 0.04       # of the mechanical time constant: L / R of small DC motors is 1 to 2 ms of their 20 to 50 ms
@@ -58,6 +61,10 @@ def nuisances(channel: str, machine: Machine) -> tuple[Nuisance, ...]:
         return (Nuisance("flow", "gain_percent", 0.5, t.flow_percent),
                 Nuisance("flow", "zero_offset_g_rev", 0.5 * of_nominal(machine, FULL_REVOLUTION),
                          t.opening_mm * machine.flow.grams_per_rev_mm))
+    if channel in EFFORT:
+        own = OF_SHAFT if channel == "effort" else OF_GATE
+        return tuple(Nuisance("effort", field, STEP_SHARE * value, value * t.effort_percent / 100.0) for field in own
+                     if (value := getattr(machine.effort, field)) > 0.0)
     if channel == "speed":
         return (Nuisance("speed", "radius_percent", 0.2, t.wheel_percent),)
     return ()

@@ -150,12 +150,6 @@ def _last_obeyed(asked: npt.NDArray[np.bool_], obeyed: npt.NDArray[np.bool_], st
     return last + 1 if asked[last + 1:].sum() * step_s > MIN_STILL_S else None
 
 
-def as_started(part: EffectInstance) -> EffectInstance:
-    """The part by the name that it has where it begins within a run."""
-    lost = part.id == effects.FLOW_GAIN.id and part.size < 0.0 and part.onset_s is not None and not part.grows
-    return part._replace(id=effects.FLOW_BLOCKED_OUTLET.id, size=-part.size) if lost else part
-
-
 def refined(search: Search, found: FittedHypothesis) -> FittedHypothesis:
     """A hypothesis whose last part begins within the log: onsets and ends moved to where they fit best, in ever smaller
     steps down to a row. An edge that is a row off is explained by nothing else."""

@@ -206,7 +206,7 @@ def report(data: RunData, machine: Machine, judged: Sequence[GroupResult], read_
     causes: list[Cause] = []
     unexplained: list[Unexplained] = []
     for one in judged:
-        rest = remains(one, {ROWS[each.part.id].channels[0] for each in read_off})
+        rest = remains(one, {name for each in read_off for name in ROWS[each.part.id].channels})
         doubt = mistaken_unit(data.shaft, machine) if "shaft" in one.search.model.names else 0.0
         varies = spread_in_time(one)
         named = [_cause(one, k, float(np.hypot(sd, varies.get(k, 0.0))), machine, data,
@@ -236,7 +236,8 @@ def report(data: RunData, machine: Machine, judged: Sequence[GroupResult], read_
         data=Data(path, "run", data.rows, data.duration_s, machine.id, machine.stages), channels=tuple(rows),
         verdict=verdict,
         causes=tuple(sorted(causes, key=lambda cause: consequence(cause.field_cost), reverse=True)),
-        not_shown=(*absent, *_never_shown({c.id for c in causes} | {a.id for a in absent}, machine)),
+        not_shown=(*absent, *_never_shown({c.id for c in causes} | {a.id for a in absent}, machine,
+                                              {one.name for one in data.efforts})),
         unexplained=tuple(unexplained), next_run=next_run(causes, machine) if verdict == "ambiguous" else None,
         gain=tuple(gains), extended_machine=None, findings=findings,
         tables=tuple(tables), excited=excited, terms=_apart([_term(group, found, data) for group, found in terms]))
@@ -281,10 +282,11 @@ def _cannot_tell(channel: str, absent: Sequence[NotShown], named: Collection[str
             "would not show")
 
 
-def _never_shown(there: set[str], machine: Machine) -> list[NotShown]:
-    """Effects that this log could not show at any size."""
+def _never_shown(there: set[str], machine: Machine, shown: Collection[str]) -> list[NotShown]:
+    """Effects that this log could not show at any size; of effort, where a drive of this log does."""
     return [NotShown(effect_id, Detectable(None, unit_of(effect_id, machine)))
-            for effect_id, entry in CATALOGUE.items() if effect_id not in there and machine.has(entry.stage)]
+            for effect_id, entry in CATALOGUE.items() if effect_id not in there and (
+                ROWS[effect_id].channels[0] in shown if entry.stage == "effort" else machine.has(entry.stage))]
 
 
 def _unexplained(one: GroupResult, rest: Sequence[Remains], rows: Sequence[Channel], named: bool) -> list[Unexplained]:

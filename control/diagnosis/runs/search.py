@@ -1,13 +1,13 @@
 """The search over hypotheses of one group: candidates scanned by their columns, the best refitted through the model."""
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from control.diagnosis.effects import ROWS, FoundBy, Needs, reach
+from control.diagnosis.effects import FLOW_BLOCKED_OUTLET, FLOW_GAIN, ROWS, FoundBy, Needs, reach
 from control.diagnosis.judgement.climb import climbed
 from control.diagnosis.judgement.evidence import (
     Z90,
@@ -105,7 +105,7 @@ class Search:
         The score test: one step from the hypothesis along the candidate's column; where that gains something the noise
         is fitted along.
         """
-        tried = [c for c in self.candidates if not any(
+        tried = [c for c in self.candidates if ROWS[c.part.id].found_by is not FoundBy.ONSET and not any(
             p.id == c.part.id and p.member == c.part.member for p in parts)]
         p, before = self.columns.compressed(parts, [self.columns.of_candidate(parts, c.part) for c in tried])
         fixed = np.arange(before)
@@ -122,6 +122,13 @@ class Search:
             if name not in best or found.evidence > best[name].evidence:
                 best[name] = found
         return sorted(best.values(), key=lambda f: -f.evidence)
+
+    def as_started(self, part: EffectInstance) -> EffectInstance:
+        """The part by the name that it has where it begins within a run: less flow at once is a blocked outlet, where
+        no drive tells its load; where one does, the load tells the two apart, and each is a candidate."""
+        lost = part.id == FLOW_GAIN.id and part.size < 0.0 and part.onset_s is not None and not part.grows
+        return part._replace(id=FLOW_BLOCKED_OUTLET.id, size=-part.size) if (
+            lost and not _load_tells(self.model.names, self.model.machine)) else part
 
     def refit(self, parts: Hypothesis, noise: dict[str, Noise] | None = None) -> FittedHypothesis:
         """Sizes, their s.d. and likelihood of a hypothesis, its model rerun until the sizes stand still."""
@@ -281,6 +288,11 @@ class Search:
         return np.unique(np.concatenate(([low], command[(command > low) & (command < high)], [high])))
 
 
+def _load_tells(channel_names: Collection[str], machine: Machine) -> bool:
+    """Whether the drive tells a closed outlet, which loads it, from less flow, which unloads it."""
+    return "effort" in channel_names and machine.effort.jam > 0.0
+
+
 def candidates(channel_names: tuple[str, ...], machine: Machine, heads: int, refilled: bool) -> list[Candidate]:
     """Effects that a run log with these channels can show by a scan; those read off the data come from elsewhere."""
     found: list[Candidate] = []
@@ -288,7 +300,10 @@ def candidates(channel_names: tuple[str, ...], machine: Machine, heads: int, ref
         row = ROWS[effect_id].on(machine)
         if not any(kind.startswith("run") and kind != "run with revisited ground" for kind in entry.effect.seen_in):
             continue
-        if not (row.scanned or row.found_by is FoundBy.DIPS) or not set(row.channels[:1]) & set(channel_names):
+        if row.found_by is FoundBy.ONSET:           # `as_started`
+            if not _load_tells(channel_names, machine):
+                continue
+        elif not (row.scanned or row.found_by is FoundBy.DIPS) or not set(row.channels[:1]) & set(channel_names):
             continue
         if Needs.REFILL in row.needs and not refilled:
             continue

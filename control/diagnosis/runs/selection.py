@@ -38,7 +38,7 @@ from .drive_curve import started
 from .hypothesis import MAX_SWITCHES, EffectInstance, Hypothesis, replaced, without
 from .model import stood_for, untied
 from .nominal_values import TIMED, settle
-from .onset import as_started, refined, stands_below, still_disobeys, stops
+from .onset import refined, stands_below, still_disobeys, stops
 from .quantised import encoder_steps
 from .robust import draw_in
 from .search import MAX_COLLINEARITY, FittedHypothesis, ScoreTest, Search
@@ -144,7 +144,7 @@ class Scores:
     def take(self, found: Iterable[ScoreTest]) -> None:
         """Keep what the times of beginning cost."""
         for one in found:
-            part = as_started(one.part)
+            part = self.search.as_started(one.part)
             self._spent[(part.id, part.member, _course(part))] = max(0.0, one.spent)
 
     def refit(self, parts: Hypothesis, now: FittedHypothesis) -> FittedHypothesis:
@@ -190,7 +190,7 @@ class Scores:
 
     def rough(self, one: ScoreTest) -> float:
         """The same of what a scan adds, roughly."""
-        return one.evidence + one.spent + self.prior(as_started(one.part))
+        return one.evidence + one.spent + self.prior(self.search.as_started(one.part))
 
 
 def judge_group(search: Search) -> GroupResult:
@@ -292,7 +292,7 @@ def _proposed(board: Scores, now: FittedHypothesis) -> list[EffectInstance]:
     ids = {f.part.id for f in near if f.part.onset_s is None}
     alike = [f for f in found if f not in near and f.evidence > 0.0 and untied(f.part.id)
              and ids & set(ROWS[f.part.id].siblings)]
-    return [as_started(f.part) for f in (*near, *thresholds, *alike, *stopped)]
+    return [search.as_started(f.part) for f in (*near, *thresholds, *alike, *stopped)]
 
 
 def _near(board: Scores, now: FittedHypothesis, scanned: list[ScoreTest]) -> list[ScoreTest]:
@@ -308,7 +308,7 @@ def _near(board: Scores, now: FittedHypothesis, scanned: list[ScoreTest]) -> lis
                 break
             found.append(one)
             if rough > best:        # no refit puts the best above the rough odds of what comes later
-                fitted = board.refit((*now.parts, as_started(one.part)), now)
+                fitted = board.refit((*now.parts, board.search.as_started(one.part)), now)
                 best = max(best, min(rough, board.score(fitted) - board.score(now)))
     return found
 
@@ -397,8 +397,8 @@ def _in_its_place(board: Scores, alone: FittedHypothesis, part: EffectInstance) 
     if not CATALOGUE[part.id].effect.onset_only:
         scanned += _begin(board, alone)
     others = [f for f in scanned if not CATALOGUE[f.part.id].effect.onset_only
-              and as_started(f.part)._replace(size=0.0) != part._replace(size=0.0)]
-    near = [as_started(f.part) for f in sorted(_near(board, alone, others), key=board.rough)[-MAX_RIVALS:]]
+              and board.search.as_started(f.part)._replace(size=0.0) != part._replace(size=0.0)]
+    near = [board.search.as_started(f.part) for f in sorted(_near(board, alone, others), key=board.rough)[-MAX_RIVALS:]]
     course = _course(part)
     alike = [one._replace(onset_s=part.onset_s, until_s=part.until_s) for one in near if part.onset_s is not None
              and one.id != part.id and _course(one) == course]

@@ -36,6 +36,8 @@ DOWNSTREAM: dict[str, frozenset[str]] = {
     "flow": frozenset(),
     "scale": frozenset({"hopper_kg", "shaft_rpm", "opening_mm"}),
     "speed": frozenset({"speed_mps", "shaft_rpm", "opening_mm"}),
+    # Predicted from these readings: their noise is in what is left, the more the better the loop holds its speed.
+    "effort": frozenset({"shaft_rpm", "opening_mm", "supply_v"}), "gate_effort": frozenset({"opening_mm", "supply_v"}),
 }
 
 

@@ -11,6 +11,7 @@ from control.machine.machine import Machine
 from control.machine.term_sums import over_log
 
 from .drives import Drive, drives_of
+from .effort import DriveEffort, efforts_of
 from .grid import bridged, known_rows, smoothed
 from .hopper import Hopper, hopper_of, refills_written
 from .inputs import rows_of, term_inputs, variables_of
@@ -31,6 +32,7 @@ class RunData(NamedTuple):
     hopper: Hopper | None
     speed: TwoSpeeds | None
     heads: HeadContrasts | None
+    efforts: tuple[DriveEffort, ...] = ()
     inputs: dict[str, Array] = {}       # what terms are asked with (`terms.needed`), at `row_s`
     row_s: Array = np.empty(0)          # time of every row, of a long log of the `known_rows`
 
@@ -57,4 +59,4 @@ def run_data(log: Clean, machine: Machine) -> RunData:
     variables |= further
     return RunData(float(time[-1]), len(time), {name: series[rows] for name, series in variables.items()}, time[rows],
                    every.working[rows], driven.get("shaft"), driven.get("gate"), hopper, speed, heads,
-                   {name: series[rows] for name, series in inputs.items()}, time[rows])
+                   efforts_of(log, every, machine), {name: series[rows] for name, series in inputs.items()}, time[rows])

@@ -111,6 +111,9 @@ IDS: dict[str, Kind] = {
     "lag.speed_scale": Kind(0, 1.0, 30.0, "%", ("lag",)),
     "place.lever_arm": Kind(0, 0.05, 3.0, "m", ("place",)),
     "place.latency": Kind(0, 0.05, 2.0, "s", ("place",)),
+    # How hard the drives work: a generator of its own, tests/diagnosis/hidden/effort.py, so that the timetable stays.
+    **{name: Kind(0, 5.0, 200.0, "%", ()) for name in (
+        "effort.friction", "effort.drag", "effort.load", "effort.gate_friction", "effort.gate_drag")},
 }
 
 # Effects that no catalogue holds: channel they are born in, variables an answer may rightly name.

@@ -18,7 +18,8 @@ KINDS = {"run": N_("run log"), "lag": N_("lag table"), "catch": N_("catch test")
 STAGES = {"reading": N_("reading the file"), "importing": N_("bringing in the file"),
           "data": N_("looking at the data"), "model": N_("predicting every channel"),
           "shaft": N_("shaft and gate"), "gate": N_("shaft and gate"), "metering": N_("shaft, gate, flow, scale"),
-          "flow": N_("flow and scale"), "speed": N_("speeds"), "heads": N_("sensor heads"),
+          "flow": N_("flow and scale"), "gate_effort": N_("gate's effort"),
+          "speed": N_("speeds"), "heads": N_("sensor heads"),
           "result": N_("weighing the causes"), "pictures": N_("drawing"), "report": N_("writing the report"),
           "driving": N_("driving the separating run"), "noise and steps in the times": N_("looking at the data"),
           "search": N_("searching causes"), "what is left": N_("what is left"), "gain": N_("measuring the gain")}

@@ -1,0 +1,110 @@
+"""How hard the drives worked in a log: bin by bin, with the speed and the material that each had to move."""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import minimum_filter1d
+
+from control.machine.effect import HOPPER, SHAFT_RANGE
+from control.machine.machine import Machine, of_nominal
+
+from .grid import Grid, bridged, grid_of
+from .inputs import WORKING_RPM, LogRows
+from .log import MIN_ROWS, Clean
+
+Array = npt.NDArray[np.float64]
+
+EFFORT = ("effort", "gate_effort")       # channels: the metering shaft's, and the gate's
+BIN_S = 0.5                 # a drive's own control loop swings for some tenths of a second: finer rows say nothing more
+LOOKED_S = 0.3              # over which speed and its change are had from readings that have noise
+SETTLES_S = 0.2             # after a start, and before a stop: the motor breaks loose, the loop winds up
+EVEN_SHARE = 0.02           # of the shaft's range, that its speed changes by over LOOKED_S: more, and readings lag
+FULL = 0.5                  # of the rows of a bin, in which the drive moves
+MOVES_SHARE = 0.1           # of the gate's fastest: slower it creeps, and its speed is noise
+MOST_STEP_S = 0.25          # of the gate's log: its moves take a second or two
+
+
+class DriveEffort(NamedTuple):
+    """Arrays (n,) over the rows in which the drive surely moves; bins (m,) of BIN_S that hold some of them."""
+
+    name: str                   # effort: the metering shaft's; gate_effort
+    time_s: Array
+    speed: Array                # r/min, or mm/s
+    speed_per_s: Array
+    opening_mm: Array
+    pitch_deg: Array
+    share_full: Array           # of the hopper
+    supply_share: Array         # nominal supply over the supply
+    measured: Array
+    refilled: bool
+    bins: npt.NDArray[np.int64]         # of each row
+    members: Array              # rows of each bin, 0 of one that is left out
+    middle_s: Array             # of each bin
+    grid: Grid
+
+    @property
+    def rows_a_bin(self) -> float:
+        return float(np.mean(self.members[self.members > 0]))
+
+    def without(self, bins: npt.NDArray[np.bool_]) -> DriveEffort:
+        """The same with some bins left out, (m,)."""
+        members = np.where(bins, 0.0, self.members)
+        return self._replace(members=members, grid=grid_of(self.middle_s, members > 0, self.grid.step_s))
+
+    def binned(self, rows: Array) -> Array:
+        """Mean over the rows of each bin, NaN of one that is left out: (m,)."""
+        sums = np.bincount(self.bins, weights=rows, minlength=len(self.members))
+        return np.asarray(np.divide(sums, self.members, out=np.full(len(sums), np.nan), where=self.members > 0))
+
+
+def efforts_of(log: Clean, every: LogRows, machine: Machine) -> tuple[DriveEffort, ...]:
+    """The drives of a log that tell how hard they work, and were seen to move."""
+    found = [drive_effort(name, log, every, machine) for name in EFFORT if name in log.stages]
+    return tuple(one for one in found if one is not None)
+
+
+def drive_effort(name: str, log: Clean, every: LogRows, machine: Machine) -> DriveEffort | None:
+    """None where the drive hardly moves."""
+    time, step_s = every.time_s, every.step_s
+    rows = max(5, 2 * round(0.5 * LOOKED_S / step_s) + 1)
+    if len(time) <= rows or (name == "gate_effort" and step_s > MOST_STEP_S):
+        return None
+    if name == "effort":
+        speed, per_s = (_polynomial(every.shaft_rpm, rows, step_s, 1, nth) for nth in (0, 1))
+        speed = speed if step_s < LOOKED_S else every.shaft_rpm
+        least = of_nominal(machine, SHAFT_RANGE) * WORKING_RPM
+        even = np.abs(per_s) * LOOKED_S < EVEN_SHARE * machine.limits.shaft_high_rpm
+        column = log.columns["shaft_effort"]
+    else:
+        speed, per_s = (_polynomial(every.opening_mm, rows, step_s, 2, nth) for nth in (1, 2))
+        least, even = MOVES_SHARE * machine.gate.slew_mm_s, np.ones(len(time), bool)
+        column = log.columns["gate_effort"]
+    near = 2 * max(1, round(SETTLES_S / step_s)) + 1
+    moving = minimum_filter1d((np.abs(speed) > least).astype(np.int8), near) > 0
+    gapped = np.diff(time, prepend=time[0]) > rows * step_s
+    used = moving & even & np.isfinite(column) & ~gapped
+    if used.sum() < MIN_ROWS:
+        return None
+    width = max(BIN_S, step_s)
+    bins = np.floor((time[used] - time[0]) / width).astype(np.int64)
+    members = np.bincount(bins).astype(np.float64)
+    members[members < FULL * members.max()] = 0.0           # it hardly moved in them
+    hopper = bridged(time, log.columns["hopper_kg"], np.full(len(time), machine.flow.full_kg))
+    supply = np.maximum(1.0, every.supply_v[used])
+    middle = time[0] + width * (np.arange(len(members)) + 0.5)
+    rises = np.diff(hopper) > of_nominal(machine, HOPPER) * 3.0
+    return DriveEffort(
+        name, time[used], speed[used], per_s[used], every.opening_mm[used], every.pitch_deg[used],
+        np.clip(hopper[used] / machine.flow.full_kg, 0.01, 1.0), machine.shaft.nominal_supply_v / supply,
+        np.abs(column[used]), bool(rises.any()), bins, members, middle,
+        grid_of(middle, members > 0, width))
+
+
+def _polynomial(series: Array, rows: int, step_s: float, degree: int, nth: int) -> Array:
+    """Value, slope or bend (nth: 0, 1, 2) of a series (n,) by least squares over `rows` about each sample (Savitzky and
+    Golay, Anal. Chem. 36, 1964, 1627)."""
+    half = rows // 2
+    weights = np.linalg.pinv(np.vander(step_s * np.arange(-half, half + 1), degree + 1, increasing=True))[nth]
+    return np.convolve(np.pad(series, half, mode="edge"), weights[::-1], "valid") * (2.0 if nth == 2 else 1.0)
