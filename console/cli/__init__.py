@@ -52,6 +52,8 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
               "topdress field north.kml --out north.geojson", "topdress field north.yaml --out north"),
     "record": ("topdress record run.csv --out farm.csv", "topdress record *.csv --price urea=0.42 --currency EUR"),
     "reproduce": ("topdress reproduce --out papers",),
+    "trial": ("topdress trial plots.geojson run.csv weights.csv --out trial.html",
+              "topdress trial plots.shp march.csv weights.csv --after april.csv --control CK --out trial.html"),
     "check": ("topdress check job.yaml cab.yaml", "topdress check --schema machine"),
     "devices": ("topdress devices",),
     "serve": ("topdress serve",),
@@ -104,7 +106,7 @@ COMMANDS = {                    # by name: the file next to this one, and its fu
     "machine": "machine.machine",
     "effects": "effects.effects", "decode": "decode.decode", "import": "import_log.import_log", "map": "map.map_files",
     "field": "field.field",
-    "record": "record.record",
+    "record": "record.record", "trial": "trial.trial",
     "reproduce": "reproduce.reproduce", "check": "check.check", "devices": "devices.devices", "serve": "serve.serve",
     "serve-machine": "serve_machine.serve_machine", "info": "info.info", "extras": "info.extras"}
 CALIBRATIONS = {name: f"calibrate.{name}" for name in ("catch", "lag", "wheel", "heads", "effort")}

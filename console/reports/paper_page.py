@@ -19,12 +19,13 @@ h3 { margin: 2rem 0 .5rem; } figure { margin: 2rem 0; }
 MARKS = {"published": "s", "ours": "o", "other": "^"}
 
 
-def paper_page(sections: Sequence[Section], software: str) -> str:
+def paper_page(sections: Sequence[Section], software: str,
+               title: str = "The papers, published next to obtained") -> str:
     """A whole HTML page, nothing fetched from elsewhere; the first section stands above the contents."""
     parts = [_section(part, k) for k, part in enumerate(sections)]
     body = "\n".join([*parts[:1], _contents(sections), *parts[1:]])
-    return page("Papers, published next to obtained", STYLE + PAPERS_STYLE,
-                f"<h1>{escape(software)}</h1><p class=\"verdict\">The papers, published next to obtained</p>\n{body}\n")
+    return page(title, STYLE + PAPERS_STYLE,
+                f"<h1>{escape(software)}</h1><p class=\"verdict\">{escape(title)}</p>\n{body}\n")
 
 
 def _section(part: Section, number: int) -> str:

@@ -49,6 +49,8 @@ class Wanted(FrozenModel):
     dose_angle_deg: Annotated[float, Field(ge=0.01, le=3600)] = 120.0      # point mode: one dose, as the paper's
     dose_rest_s: Annotated[float, Field(ge=0, le=5)] = 0.04     # the drive's pause between doses, for its report
     learn_threshold: bool = True                # point mode: measured dose errors move the threshold
+    # point mode: errors measured before, next to the job: columns error_m (late positive) and speed_mps
+    dose_errors: str | None = None
 
     @model_validator(mode="after")
     def _map_named(self) -> Wanted:
@@ -266,7 +268,8 @@ class Job(FrozenModel):
     def named_files(self) -> tuple[str, ...]:
         """Map, plants, index map, zones and done ground, as the job names them, next to its file."""
         target = self.target
-        return tuple(name for name in (target.map, target.plants, target.index_map, target.zone_map, self.field.done)
+        return tuple(name for name in (target.map, target.plants, target.index_map, target.zone_map,
+                                 target.dose_errors, self.field.done)
                      if name is not None)
 
     def with_files(self, place: Callable[[str], str]) -> Job:
@@ -274,7 +277,8 @@ class Job(FrozenModel):
         def moved(part: FrozenModel, *keys: str) -> dict[str, str]:
             return {key: place(value) for key in keys if (value := getattr(part, key)) is not None}
         return self.model_copy(update={
-            "target": self.target.model_copy(update=moved(self.target, "map", "plants", "index_map", "zone_map")),
+            "target": self.target.model_copy(update=moved(
+                self.target, "map", "plants", "index_map", "zone_map", "dose_errors")),
             "nitrogen": self.nitrogen.model_copy(update=moved(self.nitrogen, "record")),
             "field": self.field.model_copy(update=moved(self.field, "done"))})
 

@@ -14,11 +14,10 @@ from control.metering.flow_trim import FlowTrim
 from control.metering.setting import Setting
 from control.orders import BY_MAP, Answer, Do, Order, State, Strategy, TargetSource
 from control.safety import BenchSetting, Safety, after_setting, refusal
-from control.targets.point_source import PointSource
+from control.targets.point_source import FARTHEST_DOSE_M, PointSource
 
 _SECTION = re.compile(r"(?P<number>\d{1,2}) (?P<to>off|auto)|all auto", re.ASCII)
 NUDGE_PERCENT = 30.0
-FARTHEST_DOSE_M = 2.0           # a dose farther from its plant was meant for another
 REFILL_ROUNDED_KG = 0.1         # a refill is noted to this
 YES = Answer(True)
 

@@ -21,7 +21,7 @@ from control.targets.index_map import IndexMap
 from control.targets.map_profile import MapProfile
 from control.targets.plants import PlantList
 from control.targets.point import PointLag
-from control.targets.point_source import PointSource
+from control.targets.point_source import DoseError, PointSource
 
 from .plant import Plant, Truth
 from .tractor import field_boundary
@@ -38,18 +38,19 @@ def with_simulated_field(job: Job, machine: Machine) -> Job:
 def control_loop(machine: Machine, crop: Crop, rule: Rule, job: Job, has_work_switch: bool = False,
                  *,
                  prescription: MapProfile | None = None, plants: PlantList | None = None,
-                 obeyed: bool = True, index_map: IndexMap | None = None, zone_map: IndexMap | None = None,
-                 done: DoneGround | None = None, steps: Steps | None = None) -> ControlLoop:
+                 dose_errors: Sequence[DoseError] = (), obeyed: bool = True, index_map: IndexMap | None = None,
+                 zone_map: IndexMap | None = None, done: DoneGround | None = None, steps: Steps | None = None
+                 ) -> ControlLoop:
     """The loop of a job; fenced where the job knows its field. `prescription`, `plants`: on the job's plane, for map
-    and point mode; `obeyed`, `index_map`, `zone_map`, `done`, `steps`: as `ControlLoop` has them. Raises ValueError
-    where the headland or the margins leave nothing of the field."""
+    and point mode; `dose_errors`: from which the threshold begins; `obeyed`, `index_map`, `zone_map`, `done`, `steps`:
+    as `ControlLoop` has them. Raises ValueError where the headland or the margins leave nothing of the field."""
     strips = [strip.right_m - strip.left_m for strip in machine.switched] or [machine.geometry.working_width_m]
     boundary = job.field.spread_ground(0.5 * max(strips))
     fence = Fence(boundary) if boundary is not None else None
     headland = Fence(_without_headland(job)) if fence is not None and job.field.headland_m > 0.0 else None
     points = None
     if plants is not None or job.target.source is TargetSource.POINT:
-        points = point_source(machine, job, plants)
+        points = point_source(machine, job, plants, dose_errors)
     return ControlLoop(machine, crop, rule, job, fence, has_work_switch, prescription=prescription, points=points,
                        headland=headland, obeyed=obeyed, index_map=index_map, zone_map=zone_map, done=done,
                        steps=steps)
@@ -63,7 +64,8 @@ def _without_headland(job: Job) -> Boundary:
     return inner
 
 
-def point_source(machine: Machine, job: Job, plants: PlantList | None) -> PointSource:
+def point_source(machine: Machine, job: Job, plants: PlantList | None,
+                 dose_errors: Sequence[DoseError] = ()) -> PointSource:
     """Point mode of a job. Its lag as the machine file has it: what passes between command and shaft counts as the
     link (point paper, eq 2), the fall as drop time; a camera's computing time is known from its pictures."""
     dose = DoseOrder(job.target.dose_angle_deg, machine.set_points.shaft_rpm)
@@ -71,7 +73,7 @@ def point_source(machine: Machine, job: Job, plants: PlantList | None) -> PointS
     lag = PointLag(0.0, shaft.dead_time_s + shaft.extra_dead_time_s, dose.angle_deg / (6.0 * dose.shaft_rpm),
                    drop_s(machine.fall, dose.shaft_rpm))
     return PointSource(lag, dose, 0.5 * machine.geometry.working_width_m, plants, job.target.learn_threshold,
-                       job.target.dose_rest_s)
+                       job.target.dose_rest_s, dose_errors)
 
 
 def simulated_machine(machine: Machine, job: Job, seed: int, dt_s: float, planted: Sequence[Planted] = (),

@@ -18,6 +18,7 @@ LOOK_M = 2.0                # plants are looked for this far beyond the lag dist
 TURNED_DEG = 20.0           # what lay ahead then does not any more
 KEEP_M = 20.0               # of the way behind, to place pictures taken before
 SETTLES_S = 0.5             # after the time that a dose takes the shaft stands
+FARTHEST_DOSE_M = 2.0       # a dose farther from its plant was meant for another
 SPACINGS = 20               # doses whose mean distance counts
 
 
@@ -29,6 +30,14 @@ class CommandedDose(NamedTuple):
     threshold_m: float
     speed_mps: float
     lands_s: float
+
+
+class DoseError(NamedTuple):
+    """Of a dose that was measured: late positive, m; at what speed, and commanded with what threshold."""
+
+    error_m: float
+    speed_mps: float
+    threshold_m: float = 0.0
 
 
 class Due(NamedTuple):
@@ -49,7 +58,8 @@ class PointSource:
     """
 
     def __init__(self, lag: PointLag, dose: DoseOrder, half_width_m: float, plants: PlantList | None = None,
-                 learn: bool = True, rest_s: float = 0.0) -> None:
+                 learn: bool = True, rest_s: float = 0.0, measured: Sequence[DoseError] = ()) -> None:
+        """measured: doses of before, from which the threshold begins."""
         self.lag = lag
         self.dose = dose
         self.row = PlantRow()
@@ -60,6 +70,8 @@ class PointSource:
         self._plants = plants
         self._half_width_m = half_width_m
         self._learn = learn
+        for one in measured if learn else ():
+            self.mode.threshold.learn(one.error_m, one.speed_mps, one.threshold_m)
         self._busy_s = lag.turn_s + rest_s
         self._waiting: deque[tuple[float, Dose]] = deque()
         self._free_s = float("-inf")

@@ -31,6 +31,7 @@ INPUTS = {           # command -> arguments that name each of its inputs, in the
     "serve-machine": ("--job", "job.yaml", "--machine", "machine.yaml", *SHORT, "--port", "0"),
     "effects": ("--machine", "./machine.yaml"),
     "reproduce": (),
+    "trial": ("plan.geojson", "run.csv", "catch.csv", "--machine", "machine.yaml"),
     "record": ("run.csv", "--machine", "machine.yaml"),
     "field": ("plan.geojson", "--job", "job.yaml"),
     "import": ("other.csv", "--mapping", "import.yaml"),
@@ -51,6 +52,7 @@ READ = {             # and the files that it reads with them
     "serve-machine": (*OF_JOB, "machine.yaml"),
     "field": ("plan.geojson", "job.yaml"),
     "record": ("run.csv", "run.yaml", "machine.yaml"),
+    "trial": ("plan.geojson", "run.csv", "run.yaml", "catch.csv", "machine.yaml"),
     "import": ("other.csv", "import.yaml"),
     "import --guess": ("other.csv",),
     "compare": ("machine.yaml", "run.csv", "run.yaml"),
@@ -61,10 +63,10 @@ WRITES = {           # every option that names an output
     ("diagnose", "--adopt"), ("calibrate", "--out"), ("map", "--out"), ("check", "--write-schemas"),
     ("history", "--out"), ("serve-machine", "--pty"), ("effects", "--markdown"), ("reproduce", "--out"),
     ("import", "--out"), ("import --guess", "--mapping"), ("compare", "--report"), ("machine", "--out"),
-    ("field", "--out"), ("record", "--out")}
+    ("field", "--out"), ("record", "--out"), ("trial", "--out")}
 # The worker takes a free name; never written over; a folder of several files, below.
 ELSEWHERE = {("run", "--log"), ("serve", "--token-file"), ("fleet", "--out")}
-INPUT = {("machine", "--from")}                                 # though it is an option of a path
+INPUT = {("machine", "--from"), ("trial", "--after")}           # though it is an option of a path
 LOGS = {"simulate", "replay", "import", "record"}       # their --out is a table, whose name ends in .csv
 FOLDERS = {("check", "--write-schemas"), ("serve-machine", "--pty"), ("reproduce", "--out")}
 

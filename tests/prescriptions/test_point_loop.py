@@ -26,6 +26,8 @@ from control.simulation.closed_loop import simulated_run
 from control.simulation.dose_watch import DoseErrors, DoseWatch
 from control.targets.plants import PlantList
 from control.targets.point_source import CommandedDose, Due, PointSource
+from drivers.files.prescriptions.for_job import placed_of_job
+from drivers.files.prescriptions.words import PrescriptionError
 from drivers.files.setup import Setup, load_setup
 
 TICK_S = 0.05
@@ -154,6 +156,40 @@ def test_the_source_point_can_be_ordered_only_with_plants(bench: Setup) -> None:
     assert none.order(Order(Do.SOURCE, "point")).why == "source_not_ready"
     assert none.order(Order(Do.DOSE_ERROR, 0.1)).why == "no_dose_landed"
     assert with_plants.order(Order(Do.DOSE_ERROR, 9.0)).why == "dose_error_out_of_range"
+
+
+@pytest.fixture
+def measured(tmp_path: Path) -> Path:
+    """Doses of a day before, 0.12 m late at every speed."""
+    path = tmp_path / "doses.csv"
+    path.write_text("error_m,speed_mps\n" + "".join(
+        f"{0.12 + 0.01 * (k % 3 - 1)},{0.6 + 0.1 * (k % 5)}\n" for k in range(30)))
+    return path
+
+
+def test_a_file_of_measured_errors_feeds_the_threshold_as_orders_do(bench: Setup, measured: Path) -> None:
+    job = job_of(bench, dose_errors=measured.name)
+    loop = control_loop(bench.machine, bench.crop, bench.rule, job, **placed_of_job(job, measured.parent, bench.machine,
+                                                                                    "ndvi"))
+    assert loop.threshold is not None and loop.threshold.doses == 30
+    assert loop.threshold.at(0.8) == pytest.approx(0.12, abs=0.02)
+    fixed = job_of(bench, dose_errors=measured.name, learn_threshold=False)
+    still = control_loop(bench.machine, bench.crop, bench.rule, fixed, **placed_of_job(
+        fixed, measured.parent, bench.machine, "ndvi"))
+    assert still.threshold is not None and still.threshold.at(0.8) == 0.0, "it stays 0 where nothing is to be learned"
+
+
+@pytest.mark.parametrize(("text", "said"), [
+    ("error_m,speed_mps\n0.1,0.8\n3.0,0.8\n", "line 3: 3 m at 0.8 m/s: allowed are errors and thresholds of at most"),
+    ("error_m,speed_mps\n0.1,0\n", "speeds above 0 to 10 m/s"),
+    ("error_m,speed_mps\n0.1,\n", "line 2: 0.1, : allowed are numbers"),
+    ("error_m\n0.1\n", "column speed_mps missing"), (None, "not there: allowed is a table"),
+], ids=["too_far", "standing", "empty", "no_speed", "no_file"])
+def test_errors_that_teach_nothing(text: str | None, said: str, bench: Setup, measured: Path) -> None:
+    measured.unlink() if text is None else measured.write_text(text)
+    with pytest.raises(PrescriptionError) as caught:
+        placed_of_job(job_of(bench, dose_errors=measured.name), measured.parent, bench.machine, "ndvi")
+    assert said in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_a_nudge_makes_every_dose_larger(bench: Setup) -> None:

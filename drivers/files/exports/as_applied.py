@@ -178,7 +178,7 @@ def _worked(log: RunLog, machine: Machine) -> _WorkedRows:
     shaft = log.numbers("shaft_rpm")
     drop = falls_s(time, np.array([drop_s(machine.fall, n) for n in np.nan_to_num(shaft).tolist()]),
                    machine.fall.carried_share)
-    plane, way_m, heading = _outlet_way(log, machine)
+    plane, way_m, heading = outlet_way(log, machine)
     lands = time + drop
     begin, end = _way_at(lands - step, time, way_m), _way_at(lands, time, way_m)
     turned = np.degrees(np.unwrap(np.radians(heading)))
@@ -251,7 +251,7 @@ def has_arrived(log: RunLog) -> npt.NDArray[np.bool_]:
     return found
 
 
-def _outlet_way(log: RunLog, machine: Machine) -> tuple[TangentPlane, Floats, Floats]:
+def outlet_way(log: RunLog, machine: Machine) -> tuple[TangentPlane, Floats, Floats]:
     """Plane, places of the outlets (rows, 2) m, and headings (rows,): from fix to fix, not in steps."""
     time, lat, lon = log.time_s, log.numbers("lat_deg"), log.numbers("lon_deg")
     known = np.isfinite(lat) & np.isfinite(lon)

@@ -15,12 +15,15 @@ from control.targets.index_map import IndexMap
 from control.targets.map_check import MapCheck, map_check
 from control.targets.map_profile import MapProfile
 from control.targets.plants import PlantList
+from control.targets.point_source import FARTHEST_DOSE_M, DoseError
 from control.targets.prescription import on_plane, rates_on
 from control.targets.rate_map import Floats
 from drivers.files.archives import files_of
 from drivers.files.limits import check_file
 from drivers.files.prescriptions.words import ZONE_FACTOR, Imported, PrescriptionError, RateQuestion
 from drivers.plain_text import PlaceInFile
+
+FASTEST_MPS = 10.0          # of a machine that gives single doses; a speed in km/h is beyond it
 
 
 # Plant lists: CSV with lat_deg and lon_deg, or GeoJSON points.
@@ -42,26 +45,48 @@ def read_plants(path: Path) -> Floats:
     return places
 
 
-def _csv(path: Path) -> list[tuple[float, float]]:
+def read_dose_errors(path: Path) -> tuple[DoseError, ...]:
+    """A CSV with error_m (late positive), speed_mps and, where it was not 0, threshold_m. Raises PrescriptionError in
+    one line, OSError."""
+    if not path.exists():
+        raise PrescriptionError(path, "not there", ": allowed is a table with error_m and speed_mps")
+    check_file(path)
+    found = []
+    for number, cells in enumerate(_csv(path, ("error_m", "speed_mps"), ("threshold_m",)), start=2):
+        one = DoseError(*cells)
+        if not (abs(one.error_m) <= FARTHEST_DOSE_M and 0.0 < one.speed_mps <= FASTEST_MPS
+                and abs(one.threshold_m) <= FARTHEST_DOSE_M):
+            raise PrescriptionError(PlaceInFile(str(path)).at("line {line}", line=number),
+                                    "{error:g} m at {speed:g} m/s: allowed are errors and thresholds of at most "
+                                    "{most:g} m, speeds above 0 to {fastest:g} m/s", error=one.error_m,
+                                    speed=one.speed_mps, most=FARTHEST_DOSE_M, fastest=FASTEST_MPS)
+        found.append(one)
+    return tuple(found)
+
+
+def _csv(path: Path, needed: tuple[str, ...] = ("lat_deg", "lon_deg"), more: tuple[str, ...] = ()
+         ) -> list[tuple[float, ...]]:
+    """The columns `needed`, and of `more` those that are there; below the header, in the file's order."""
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
         reader = csv.DictReader(file)
         names = reader.fieldnames or []
-        for name in ("lat_deg", "lon_deg"):
+        for name in needed:
             if name not in names:
-                raise PrescriptionError(path, "column {column} missing: allowed is a header with lat_deg and lon_deg",
-                                        column=name)
+                raise PrescriptionError(path, "column {column} missing: allowed is a header with {names}",
+                                        column=name, names=", ".join(needed))
         rows = []
         for number, row in enumerate(reader, start=2):
+            cells = [row[name] for name in (*needed, *more) if name in names]
             try:
-                rows.append((float(row["lat_deg"] or ""), float(row["lon_deg"] or "")))
+                rows.append(tuple(float(cell or "") for cell in cells))
             except ValueError:
                 raise PrescriptionError(PlaceInFile(str(path)).at("line {line}", line=number),
-                                        "{lat}, {lon}: allowed are "
-                                        "numbers", lat=row["lat_deg"], lon=row["lon_deg"]) from None
+                                        "{cells}: allowed are numbers",
+                                        cells=", ".join(str(cell) for cell in cells)) from None
         return rows
 
 
-def _geojson(path: Path) -> list[tuple[float, float]]:
+def _geojson(path: Path) -> list[tuple[float, ...]]:
     from drivers.files.layers import read_geojson  # most jobs name no plants
     points = read_geojson(path, ["Point"]).shapes
     return [(point.y, point.x) for point in points if point is not None and not point.is_empty]
@@ -130,6 +155,7 @@ class LoopTargets(TypedDict):
     index_map: IndexMap | None
     zone_map: IndexMap | None
     done: DoneGround | None
+    dose_errors: tuple[DoseError, ...]
 
 
 def placed_of_job(job: Job, folder: Path, machine: Machine, index: str) -> LoopTargets:
@@ -144,7 +170,8 @@ def placed_of_job(job: Job, folder: Path, machine: Machine, index: str) -> LoopT
     zones = _numbers_of(job, job.target.zone_map, folder, width_m, ZONE_FACTOR, plane)
     plane = plane or (None if zones is None else zones.plane)
     return {"prescription": prescription, "plants": plants, "index_map": under, "zone_map": zones,
-            "done": done_of_job(job, folder, plane)}
+            "done": done_of_job(job, folder, plane), "dose_errors": (
+                () if job.target.dose_errors is None else read_dose_errors(folder / job.target.dose_errors))}
 
 
 def _numbers_of(job: Job, name: str | None, folder: Path, width_m: float, index: str, plane: TangentPlane | None

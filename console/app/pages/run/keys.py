@@ -17,6 +17,7 @@ from console.locale import N_, _
 from control.metering.strategies import reach
 from control.orders import BY_MAP, STRATEGIES, Do, Order, Strategy, TargetSource
 from control.safety import Allowances
+from control.targets.point_source import FARTHEST_DOSE_M
 
 # What the operator may allow, with what is allowed now: each line of the dialog turns one into its opposite.
 SECTIONS = "sections"       # not an order: asks which section
@@ -196,6 +197,23 @@ def allow(page: RunScreen) -> None:
                                                                       "second dose on done ground.")), turn)
 
 
+def dose_error(page: RunScreen) -> None:
+    """Of the newest dose that has landed, as somebody measured it behind the machine."""
+    def ask(side: str) -> None:
+        unit, sign = page.app.units.fine_distance, 1.0 if side == "late" else -1.0
+        page.app.ask(NumberDialog(_("How far from its plant?"), unit.name, 0.0, FARTHEST_DOSE_M * unit.per_si,
+                                  to_si=unit.to_si), lambda error_m: page.app.give(Do.DOSE_ERROR, sign * error_m))
+
+    page.app.ask(ChoiceDialog(_("The newest dose lies"), [
+        Choice("late", _("late: beyond its plant")), Choice("early", _("early: before its plant"))], "", _(
+            "Later doses are ordered by what is measured: sooner where they fell late.")), ask)
+
+
+def _why_no_dose(page: RunScreen) -> str:
+    frame = page.app.arrival.frame
+    return "" if frame is not None and TargetSource.POINT in frame.sources else _("this job has no plants")
+
+
 ACTIONS = on(
     RUN,
     Action("start", "s", "S", N_("start"), N_("Ready or held: begin to work."), start, bar=3,
@@ -223,6 +241,8 @@ ACTIONS = on(
            lambda page: page.app.job_page.ask_refill(), bar=8, asks="number"),
     Action("mark", "k", "K", N_("mark"), N_("A mark in the log's events at this moment."),
            lambda page: page.app.give(Do.MARK, "mark")),
+    Action("dose_error", "q_1", "Q1", N_("dose error"), N_("Point mode: how far the newest dose lies from its plant."),
+           dose_error, why=_why_no_dose, asks="number"),
     Action("look_ahead", "l", "L", N_("look-ahead"), N_("Switches the lag correction; asks first."), look_ahead),
     Action("flow_trim", "w", "W", N_("scale trim"), N_("Lets the hopper scale correct the flow model; asks first."),
            flow_trim),

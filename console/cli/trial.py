@@ -1,0 +1,48 @@
+"""`topdress trial`: plots, what a log did in them, what was weighed and harvested, on one page."""
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from console.cli.inputs import LOG, machine_of, refuse_other
+from console.cli.outputs import Force, log_files, machine_file, marked, refuse_collisions
+from console.cli.plain_errors import CommandError
+
+
+def trial(
+    plots: Annotated[Path, typer.Argument(metavar="PLOTS", help="An outline for each plot, with its name: GeoJSON, "
+                                          "shapefile, KML, GeoPackage.")],
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="The run that sensed and spread.")],
+    weights: Annotated[Path | None, typer.Argument(metavar="WEIGHTS.csv", help="Columns plot, treatment, applied_kg, "
+                                                   "sample_kg, sample_m2; a row for each thing weighed.")] = None,
+    after: Annotated[Path | None, typer.Option(metavar="LOG", help="A run that sensed the plots later.")] = None,
+    control: Annotated[str | None, typer.Option(metavar="TREATMENT", help="What the others are held against; without "
+                                                "it the one that got least.")] = None,
+    machine: Annotated[str | None, typer.Option(metavar="MACHINE", help="Of logs that name none.")] = None,
+    out: Annotated[Path, typer.Option(metavar="PAGE.html", help="The page.")] = Path("trial.html"),
+    force: Force = False,
+) -> None:
+    """Look at a trial of one's own as the decision paper does: canopy, decision rate, amounts and yields by plot."""
+    from console.reports.figure import need_matplotlib
+    from console.reports.html import GENERATOR
+    from console.reports.paper_page import paper_page
+    from control.papers.trial import trial_section
+    from drivers.files.atomic import write_atomically
+    from drivers.files.run_meta import software_version
+    from drivers.files.trial import read_trial
+    need_matplotlib()
+    refuse_other([one for one in (log, after) if one is not None], LOG)
+    reads = [plots, *(file for one in (log, after) if one is not None for file in log_files(one)),
+             *([] if weights is None else [weights]), *([] if machine is None else [machine_file(machine)])]
+    refuse_collisions(reads, [marked(out, GENERATOR.encode())], force)
+    found = read_trial(plots, log, weights, after, machine_of(machine) if machine else None)
+    try:
+        section = trial_section(found, control)
+    except ValueError as error:
+        raise CommandError(str(error)) from None
+    write_atomically(out, paper_page([section], f"topdress {software_version()}", "Trial, by plot"))
+    for text in section.words:
+        typer.echo(text)
+    typer.echo(f"written      {out}")
