@@ -9,6 +9,7 @@ import pytest
 from control.diagnosis.runs.channels import hopper_channel
 from control.diagnosis.runs.compared import compared
 from control.diagnosis.runs.diagnose import diagnose_run
+from control.diagnosis.runs.drives import repeated_in_motion
 from control.diagnosis.runs.findings import between_rows
 from control.diagnosis.runs.hypothesis import schedule, stages_of
 from control.diagnosis.runs.log import Clean, gate
@@ -184,6 +185,19 @@ def test_nothing_is_wrong_with_a_machine_whose_logger_reads_a_row_late() -> None
     found = diagnose_run(late(every(WORK, 1.0)), HUANGHAI)
     assert found.verdict == "none"
     assert any("read a row late" in finding for finding in found.findings)
+
+
+def test_a_reading_that_is_held_while_the_shaft_moves_is_none() -> None:
+    """Twelve times two rows as it slows down: by such rows a healthy shaft was slow for a while, p 1.00."""
+    command, time_s = np.repeat(np.tile([70.0, 30.0], 60), 40), 0.1 * np.arange(4800)
+    rpm = np.interp(time_s - 0.4, time_s, command) + np.random.default_rng(4).normal(0.0, 0.3, 4800)
+    ramp = np.interp(np.arange(9), [0, 8], [70.0, 30.0])
+    for at in np.flatnonzero(np.diff(command) < 0.0)[20:32] + 1:
+        rpm[at:at + 9] = ramp + np.random.default_rng(at).normal(0.0, 0.3, 9)
+        rpm[at + 4:at + 6] = rpm[at + 3]
+    held = repeated_in_motion(rpm, 0.3)
+    assert held.sum() == 24 and np.all(rpm[held] == rpm[np.flatnonzero(held) - 1])
+    assert not repeated_in_motion(np.round(rpm), 0.3).any(), "a coarse reading is held by nothing"
 
 
 def test_the_scale_is_predicted_for_the_time_at_which_it_was_read() -> None:

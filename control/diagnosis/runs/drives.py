@@ -32,6 +32,8 @@ STILL_READ_RPM = 1.5 * STOPPED_RPM  # a shaft that was commanded to stand still 
 STILL_AFTER_S = SMOOTH_S    # after the command to stop: the smoothed reading has forgotten that it turned
 ANSWERS_S = 1.0             # after a command, a drive has answered it; after a gap, if not in ...
 SLOWER = 2.0                # ... times what a drive of the machine file takes for its way: one half as fast has, too
+LEAPS_SD = 6.0              # of a reading's noise: a drive that is read further away has moved (1e-9 by chance)
+REPEATS_SELDOM = 0.1        # of the readings, that repeat the one before
 READ_BACKWARDS_SD = 6.0     # of the reading's noise: further below 0 a shaft truly turns backwards (1e-9 by chance)
 
 
@@ -133,6 +135,25 @@ def _quick(every: LogRows, measured: Array, noise: float) -> npt.NDArray[np.bool
     return np.asarray(maximum_filter1d(rate, 3) * STAMP_SHARE * every.step_s > noise)      # its neighbours as well
 
 
+def repeated_in_motion(measured: Array, noise: float) -> npt.NDArray[np.bool_]:
+    """Rows that repeat the reading before to the last digit while the drive moves: by more than `noise` (1 s.d. of a
+    reading) leaves open to what was read before, and from it to what is read next. (n,)
+
+    A reading lost on its way is held so: for a while the drive seems slow or late. Where readings repeat often, they
+    are coarse, or the sensor is slower than the log.
+    """
+    found, known = np.zeros(len(measured), bool), np.flatnonzero(np.isfinite(measured))
+    values = measured[known]
+    again = np.concatenate(([False], values[1:] == values[:-1]))
+    if not again.any() or np.mean(again) > REPEATS_SELDOM:
+        return found
+    run = np.cumsum(~again) - 1
+    leaps = np.abs(np.diff(values[~again])) > LEAPS_SD * noise
+    moves = np.concatenate(([False], leaps)) & np.concatenate((leaps, [False]))
+    found[known] = again & moves[run]
+    return found
+
+
 def _drive(name: str, every: LogRows, command: Array, measured: Array, sure: npt.NDArray[np.bool_],
            *, whole: bool, noise: float, settle_s: float = SETTLE_S, settled: bool = False,
            least: int = MIN_ROWS) -> Drive | None:
@@ -141,7 +162,8 @@ def _drive(name: str, every: LogRows, command: Array, measured: Array, sure: npt
     time = every.time_s
     pick, clock, since = (np.arange(len(time)), time, time - time[0]) if whole else windows(time, every.step_s)
     quick = _quick(every, measured, noise)[pick]
-    known = np.isfinite(measured[pick]) & (since >= settle_s) & sure[pick] & ~quick
+    known = (np.isfinite(measured[pick]) & (since >= settle_s) & sure[pick] & ~quick
+             & ~repeated_in_motion(measured, noise)[pick])
     if known.sum() < least:
         return None
     grid = grid_of(time[pick], known, every.step_s, clock)
