@@ -418,7 +418,8 @@ async def night_and_chinese(seat: Seat) -> Ground:
 
 async def play(one: Session, size: tuple[int, int] = SIZE, slow: bool = False, picture: Path | None = None) -> Ground:
     """What the ground got in the part of it that counts. Raises AssertionError."""
-    with tempfile.TemporaryDirectory() as folder, Field(Path(folder), **one.machine) as field:
+    with tempfile.TemporaryDirectory() as folder:
+        field = Field(Path(folder), **one.machine)
         app = TopdressApp(FieldSource(field), field.clock, live=False, utc_offset_s=0.0, language=ENGLISH, units=METRIC,
                           services=Services(field=field_picture))
         got: list[Ground] = []
@@ -436,6 +437,7 @@ async def play(one: Session, size: tuple[int, int] = SIZE, slow: bool = False, p
                 async with app.run_test(size=size) as pilot:
                     await in_the_cab(pilot)
         finally:
+            field.host.close("done")
             use(ENGLISH)        # of the whole process: a story may have changed it
         return got[0]
 

@@ -151,12 +151,16 @@ def test_the_drift_is_learnt_of_the_looks_before_and_not_of_what_begins_now() ->
     assert usual.slow_sd == pytest.approx(0.9)
 
 
-@pytest.mark.parametrize(("until_s", "said"), [(380.0, False), (800.0, True)])
-def test_what_has_no_name_must_be_seen_twice(until_s: float, said: bool) -> None:
-    """A minute apart: a moment's noise has no name either."""
-    def nameless(*_: Any) -> Diagnosis:
+@pytest.mark.parametrize(("until_s", "ended_s", "said"), [
+    pytest.param(380.0, np.inf, False, id="seen_once"), pytest.param(800.0, np.inf, True, id="goes_on"),
+    pytest.param(800.0, 320.0, False, id="of_two_seconds")])
+def test_what_has_no_name_must_be_seen_twice(until_s: float, ended_s: float, said: bool) -> None:
+    """A minute apart, and in rows of its own: a moment's noise has no name either, and a fault of two seconds is seen
+    by everything that looks back as far as to it."""
+    def nameless(columns: Any, _: Machine) -> Diagnosis:
         left = Unexplained("speed", "", 0.3, 0.05, 0.02, "m/s")
-        return replace(diagnosis(), verdict="unexplained", unexplained=(left,))
+        there = bool(columns["time_s"][0] < ended_s)
+        return replace(diagnosis(), verdict="unexplained", unexplained=(left,)) if there else diagnosis()
 
     def begins(_: Any, now_s: float) -> list[ChangePoint]:
         return [ChangePoint("speed", EffectInstance("speed.wheel_radius", 1.0, 400.0), 50.0)] if now_s < until_s else []

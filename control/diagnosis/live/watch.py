@@ -119,10 +119,13 @@ class LiveCheck:
         departure = self._departure(onset_s - BEFORE_S, first.group)
         if departure is None or not _borne_out(first, departure):
             return
-        if departure.cause or self.now_s - self._nameless.get(first.group, -np.inf) < QUARTER_S:
+        seen_s = self._nameless.get(first.group, -np.inf)
+        if departure.cause:
             self.standing = _dated(departure, onset_s)
-        else:                           # what has no name must be seen twice: a moment's noise has none either
+        elif self.now_s - seen_s >= QUARTER_S:      # what has no name must be seen twice, as a moment's noise has none
             self._nameless[first.group] = self.now_s
+        elif self._departure(seen_s, first.group) is not None:      # either: the second time in rows of its own
+            self.standing = _dated(departure, onset_s)
 
     def _quarter(self) -> None:
         this, self._diagnosed_s = _Quarter(self._diagnosed_s, self.now_s), self.now_s
@@ -167,12 +170,13 @@ class LiveCheck:
 
 
 def departure_of(found: Diagnosis, group: str | None = None) -> Departure | None:
-    """What a diagnosis says, in one: its costliest cause that is no mere suspicion, else what it cannot explain.
+    """What a diagnosis says, in one: its costliest cause that is no mere suspicion and has not ended; else what it
+    cannot explain.
 
     group: only of these channels. Times are from the first row that was diagnosed.
     """
     for cause in found.causes:
-        if (group is None or _GROUP_OF[ROWS[cause.id].channels[0]] == group) and \
+        if (group is None or _GROUP_OF[ROWS[cause.id].channels[0]] == group) and cause.until_s is None and \
                 not any(rival.id == UNKNOWN for rival in cause.rivals):
             return _of_cause(cause, found)
     for left in found.unexplained:
