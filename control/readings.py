@@ -72,6 +72,7 @@ class Measurements(NamedTuple):
     valves: ValvesSeen | None = None             # None: no valves, or a board that does not tell
     shaft_effort: Reading | None = None          # how hard the drive works, in the machine file's unit
     gate_effort: Reading | None = None
+    rate_told: Reading | None = None             # kg/ha that another display wants
 
 
 class SpeedPlan(NamedTuple):
@@ -133,7 +134,8 @@ POSSIBLE: dict[str, tuple[float, float]] = {
     "wheel_speed_mps": (-100.0, 100.0), "shaft_rpm": (-10_000.0, 10_000.0), "opening_mm": (-1_000.0, 10_000.0),
     "hopper_kg": (-100_000.0, 100_000.0), "supply_v": (-1_000.0, 1_000.0), "pitch_deg": (-180.0, 180.0),
     "roll_deg": (-180.0, 180.0),
-    "shaft_effort": (-1_000.0, 1_000.0), "gate_effort": (-1_000.0, 1_000.0)}
+    "shaft_effort": (-1_000.0, 1_000.0), "gate_effort": (-1_000.0, 1_000.0),
+    "rate_told": (0.0, 2_000.0)}
 POSSIBLE_NDVI = (-100.0, 100.0)
 _OF_A_FIX = ("hdop", "speed_mps", "heading_deg")
 

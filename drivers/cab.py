@@ -17,6 +17,7 @@ from drivers.devices.gpsd import WATCH, GpsdDecoder
 from drivers.devices.lag_rig import LagRig, RigReadings
 from drivers.devices.lines import Counts
 from drivers.devices.point_dose import GivenDose
+from drivers.devices.rate_line import RateLineDecoder
 from drivers.devices.rate_module import ModuleAddress, RateModule
 from drivers.devices.rate_module_frames import FULL_PWM
 from drivers.devices.slave_board import BoardReadings, SetPointLimits, SlaveBoard
@@ -87,6 +88,12 @@ class Cab:
             decoder = TractorSpeedDecoder()
             self._tractor = _opened("tractor", "tractor-speed/1", config.tractor.port, config.tractor.baud, decoder,
                                     clock, opener), decoder
+        self._rate_told: Reading | None = None
+        self._rate_line: tuple[DeviceLine, RateLineDecoder] | None = None
+        if config.rate_line is not None:
+            said = RateLineDecoder(config.rate_line.unit_kg_ha)
+            self._rate_line = _opened("rate_line", "rate-line/1", config.rate_line.port, config.rate_line.baud, said,
+                                      clock, opener), said
         self._listening = self._listeners()
 
     def measure(self, now_s: float) -> Measurements:
@@ -106,7 +113,8 @@ class Cab:
                             work_switch=self._switch(now_s), drive_fault=self._drive_fault(),
                             drive_stopped=self._drive_stopped(),
                             old_orders=self.board is not None and self.board.old_order,
-                            speed_told=self._speed_told, canopy_index=self._index, valves=self._valves_seen,
+                            speed_told=self._speed_told, rate_told=self._rate_told, canopy_index=self._index,
+                            valves=self._valves_seen,
                             put_aside=tuple(line.name for line, _ in self._listening if line.aside))
 
     def command(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None:
@@ -164,7 +172,7 @@ class Cab:
             line.write(self._clock(), rig.order(run, arm))
 
     def status(self, now_s: float) -> tuple[DeviceStatus, ...]:
-        """Every device, in the order gnss, heads, board, rate module, lag rig, tractor."""
+        """Every device, in the order gnss, heads, board, rate module, lag rig, tractor, rate line."""
         return tuple(line.status(now_s) for line in self._lines())
 
     def line(self, name: str) -> DeviceLine | None:
@@ -214,7 +222,16 @@ class Cab:
             found.append((self._rig[0], partial(self._read_rig, *self._rig)))
         if self._tractor is not None:
             found.append((self._tractor[0], partial(self._read_tractor, *self._tractor)))
+        if self._rate_line is not None:
+            found.append((self._rate_line[0], partial(self._read_rate_line, *self._rate_line)))
         return found
+
+    def _read_rate_line(self, line: DeviceLine, decoder: RateLineDecoder, now_s: float) -> None:
+        data = line.read(now_s)
+        said = [one for one in (decoder.feed(data, now_s) if data else []) if one.is_target]
+        if said:
+            self._rate_told = Reading(said[-1].rate_kg_ha, said[-1].time_s)
+        line.note(one.time_s for one in said)
 
     def _read_tractor(self, line: DeviceLine, decoder: TractorSpeedDecoder, now_s: float) -> None:
         data = line.read(now_s)

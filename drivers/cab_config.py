@@ -185,6 +185,25 @@ class TractorConfig(_Config):
     baud: Baud = 115200
 
 
+class RateLineConfig(_Config):
+    """Another display that tells the target: `$R,RC` as it tells a Raven console, or `$PTDRT`.
+
+    A serial line, `socket://`, or the `udp://` address at which this program listens; another one than loopback says
+    who is believed: `?from=ADDRESS`. `unit_kg_ha`: of the number in a Raven sentence, which has no decimal point.
+    """
+
+    port: LineUrl
+    baud: Baud = 9600
+    unit_kg_ha: Annotated[float, Field(gt=0, le=100)] = 0.1
+
+    @model_validator(mode="after")
+    def _heard_from_one(self) -> Self:
+        if self.port.startswith("udp://") and udp_address(self.port).senders is None:
+            raise ValueError(f"port {self.port}: anybody on that network could say how much is spread: allowed is "
+                             "udp://127.0.0.1:PORT, or ?from=ADDRESS with the one that is believed")
+        return self
+
+
 class CabConfig(_Config):
     """Which devices a machine has and where they are plugged in; None: not fitted.
 
@@ -201,6 +220,7 @@ class CabConfig(_Config):
     rate_module: RateModuleConfig | None = None
     lag_rig: LagRigConfig | None = None
     tractor: TractorConfig | None = None
+    rate_line: RateLineConfig | None = None
 
     @model_validator(mode="after")
     def _can_meter(self) -> Self:

@@ -19,7 +19,7 @@ STRATEGIES = {one.value: one.value.replace("_", " ") for one in Strategy}       
 SOURCES = {
     "canopy": N_("from canopy"), "map": N_("from map"), "point": N_("plant by plant"), "manual": N_("manual rate"),
     "fallback": N_("FALLBACK RATE"), "none": N_("no target"), "map_and_canopy": N_("map and canopy"),
-    "index_map": N_("index map"),
+    "index_map": N_("index map"), "external": N_("other display"),
 }
 FIXES = {0: N_("no fix"), 1: N_("GNSS"), 2: N_("DGNSS"), 4: N_("RTK fixed"), 5: N_("RTK float"),
          6: N_("dead reckoning")}
@@ -41,6 +41,7 @@ NOTES = {
     "zero_above_cutoff": N_("canopy too dense: no rate"), "zero_below_cutoff": N_("bare soil: no rate"),
     "zero_yield_reached": N_("canopy needs nothing"), "zero_map": N_("the map says 0 here"),
     "zero_no_zone": N_("the zone gets nothing"),
+    "zero_external": N_("the other display says 0"),
     "zero_manual": N_("the manual rate is 0"), "zero_fallback": N_("the fallback rate is 0"),
 }
 ALLOWANCES = {"reverse": N_("REVERSE OK"), "outside": N_("OUTSIDE OK"), "unlogged": N_("NO LOG OK"),

@@ -33,8 +33,10 @@ class Wanted(FrozenModel):
     """Where the target comes from."""
 
     source: Literal[TargetSource.CANOPY, TargetSource.MAP, TargetSource.POINT, TargetSource.MANUAL,
-                    TargetSource.MAP_AND_CANOPY] = TargetSource.CANOPY
+                    TargetSource.MAP_AND_CANOPY, TargetSource.EXTERNAL] = TargetSource.CANOPY
     manual_rate_kg_ha: Rate = 300.0
+    external_holds_s: Annotated[float, Field(ge=0.5, le=60)] = 2.0  # external: so long the other display's is believed
+    external_silent_kg_ha: Rate | None = None   # external: what holds without; None: the crop's fallback rate
     # canopy: the field's mean comes to this, the canopy says where; None: the rule says how much as well
     hold_mean_kg_ha: Annotated[float, Field(gt=0, le=2000)] | None = None
     around_percent: Annotated[float, Field(ge=0, le=100)] = 20.0        # map_and_canopy: how far the heads may move

@@ -55,7 +55,7 @@ STANDING_TICKS = 10             # half a second at 20 Hz, as long as a drive may
 GROWTH_REPORTED_S = 15.0            # after START, of a crop outside its window
 ZERO_BY_CANOPY = ("above_cutoff", "below_cutoff", "yield_reached", "no_zone")       # why a rule's rate is nothing
 OF_THE_CANOPY = (TargetSource.CANOPY, TargetSource.INDEX_MAP, TargetSource.FALLBACK)
-ZERO_BY_SOURCE = (TargetSource.MAP, TargetSource.MANUAL, TargetSource.FALLBACK)
+ZERO_BY_SOURCE = (TargetSource.MAP, TargetSource.MANUAL, TargetSource.FALLBACK, TargetSource.EXTERNAL)
 SLOWEST_MPS = 0.3               # below, flow over speed means nothing
 
 
@@ -220,7 +220,7 @@ class ControlLoop:
         verdict = self.safety.check(moment.m.time_s, situation(moment, decision, metered, choices,
             heads=self._ahead.heads, between_doses=between, console_age_s=console_age_s, log_ok=log_ok,
             commanded=self._stopped.commanded, map_elsewhere=self._near.elsewhere_m is not None,
-            scale=self._flow_trim.says))
+            scale=self._flow_trim.says, told=self._ahead.is_told))
         command = self._command_of(moment, decision, verdict)
         self._follow(moment, decision, metered, verdict, command)
         return self._tick(moment, decision, metered, verdict, command)

@@ -45,7 +45,8 @@ class Operator:
         self._strip_measured = strip_measured
         self._sections = sections
         self._hopper_kg = hopper_kg
-        placed = (*((source, has_map) for source in BY_MAP), (TargetSource.POINT, points is not None))
+        placed = (*((source, has_map) for source in BY_MAP), (TargetSource.POINT, points is not None),
+                  (TargetSource.EXTERNAL, job.target.source is TargetSource.EXTERNAL))
         self.sources = (TargetSource.CANOPY, TargetSource.MANUAL, TargetSource.FALLBACK,
                         *(source for source, there in placed if there))
 

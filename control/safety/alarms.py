@@ -98,6 +98,8 @@ _KINDS = (
     AlarmKind("target_cut", _AMBER, N_("{planned_kg_ha} kg/ha are wanted here; the crop's limit of {limit_kg_ha} kg/ha "
                                        "is applied."),
               N_("Check the map's rates and their unit, the nudge, and the crop's limit."), N_("target")),
+    AlarmKind("target_silent", _AMBER, N_("The other display tells no target; the fallback rate is spread."),
+              N_("Check the display and its cable, or take another source of the target."), N_("other display")),
     AlarmKind("rate_off", _AMBER, N_("The rate is off by {error_percent} %."),
               N_("Watch it; slow down if the machine is at its limit."), N_("metering")),
     AlarmKind("wheel_too_much", _AMBER, N_("The wheel sensor counts too much, or is stuck: {wheel_mps} m/s; GNSS's "

@@ -141,6 +141,8 @@ def _working(found: dict[str, Details], now_s: float, s: Situation, seen: Senses
         found["console_silent"] = (("limit_s", limits.console_hold_s),)
     if s.target_source in BY_PLACE and not s.position_ok and (motion.moving or not s.course_awaited):
         found["position_lost"] = ()
+    if s.target_silent:
+        found["target_silent"] = ()
     if s.cut_from_kg_ha is not None:
         found["target_cut"] = (("planned_kg_ha", _rounded(s.cut_from_kg_ha)),
                                ("limit_kg_ha", _rounded(s.target_rate_kg_ha)))

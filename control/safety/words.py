@@ -57,6 +57,7 @@ class Situation(NamedTuple):
     commanded: Commanded = Commanded()
     scale: ScaleSays = NOTHING_SAID     # what the hopper scale says of the flow, and of material that nobody ordered
     map_elsewhere: bool = False         # the map does not lie where work was started
+    target_silent: bool = False         # the other display that tells the target
     by_index_map: bool = False          # the index map stands in for silent heads
     course_awaited: bool = False                # the position is known, but it never moved: where it points is not
     speed_doubt: SpeedDoubt | None = None       # wheel and GNSS do not tell one speed: which is not believed

@@ -13,6 +13,7 @@ from drivers.devices.capture import is_capture, received
 from drivers.devices.gnss import GnssDecoder
 from drivers.devices.gpsd import GpsdDecoder
 from drivers.devices.lines import Counts
+from drivers.devices.rate_line import RateLineDecoder
 from drivers.devices.slave_board import BoardReadings, SlaveBoard
 from drivers.devices.tractor_speed import TractorSpeedDecoder
 
@@ -92,6 +93,11 @@ def _agopengps(data: bytes) -> tuple[list[Record], Counts]:
     return _through(AgOpenGpsDecoder(), _fix_record, data)
 
 
+def _rate_line(data: bytes) -> tuple[list[Record], Counts]:
+    return _through(RateLineDecoder(), lambda said: {
+        "target_rate_kg_ha" if said.is_target else "applied_rate_kg_ha": said.rate_kg_ha}, data)
+
+
 def _tractor(data: bytes) -> tuple[list[Record], Counts]:
     return _through(TractorSpeedDecoder(), lambda announced: {
         "acceleration_mps2": announced.acceleration_mps2,
@@ -103,7 +109,7 @@ PROTOCOLS: dict[str, Callable[[bytes], tuple[list[Record], Counts]]] = {
     "gpsd": _gpsd,
     "agopengps": _agopengps,
     "board": _board,
-    "tractor": _tractor,
+    "tractor": _tractor, "rate_line": _rate_line,
     **{name: partial(_heads, layout, False) for name, layout in HEAD_PROTOCOLS.items()},
     **{f"{name}-multi": partial(_heads, layout, True) for name, layout in HEAD_PROTOCOLS.items()},
 }

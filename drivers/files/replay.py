@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from control.log_row import GNSS_HOLDS_S, HEAD_COLUMNS, HOLDS_S, NDRE_COLUMNS
+from control.orders import TargetSource
 from control.readings import GnssFix, Measurements, Reading, SpeedPlan, announced_of
 from drivers.files.read_log import RunLog
 
@@ -54,12 +55,17 @@ def measurements(log: RunLog) -> Iterator[Measurements]:
     sensors = [_readings(log, wheel if name == "wheel_speed_mps" else name, name) for name in SENSORS]
     switch = [None if value != value else value != 0.0 for value in log.numbers("work_switch").tolist()]
     announced: SpeedPlan | None = None
-    for at_s, fix, ndvi, held, work, text in zip(time_s, fixes, zip(*heads, strict=True), zip(*sensors, strict=True),
-                                                 switch, log.texts("speed_told").tolist(), strict=True):
+    nudged = 1.0 + np.nan_to_num(log.numbers("nudge_percent")) / 100.0
+    targets = (log.numbers("target_rate_kg_ha") / nudged).tolist()
+    for at_s, fix, ndvi, held, work, text, source, target in zip(
+            time_s, fixes, zip(*heads, strict=True), zip(*sensors, strict=True), switch,
+            log.texts("speed_told").tolist(), log.texts("target_source").tolist(), targets, strict=True):
         wheel_mps, shaft, opening, hopper, supply, pitch, roll, *efforts = held
         announced = (announced_of(text, at_s) if text else None) or announced
+        told = Reading(target, at_s) if source == TargetSource.EXTERNAL and target == target else None
         yield Measurements(at_s, fix, wheel_mps, ndvi, shaft, opening, hopper, supply, pitch, roll, work,
-                           speed_told=announced, canopy_index=index, shaft_effort=efforts[0], gate_effort=efforts[1])
+                           speed_told=announced, canopy_index=index, shaft_effort=efforts[0], gate_effort=efforts[1],
+                           rate_told=told)
 
 
 def _readings(log: RunLog, column: str, sensor: str) -> list[Reading | None]:

@@ -16,6 +16,7 @@ from drivers.devices.canopy_heads import HeadDecoder
 from drivers.devices.capture import is_capture
 from drivers.devices.decode import PROTOCOLS, decode
 from drivers.devices.gnss import GnssDecoder
+from drivers.devices.rate_line import MOST_KG_HA, target_sentence
 from drivers.devices.slave_board import SlaveBoard
 from drivers.devices.tractor_speed import sentence
 from drivers.virtual.board import VirtualBoard
@@ -25,6 +26,7 @@ from drivers.virtual.extras import agopengps_frames
 SHORT = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 RANGES = {"lat_deg": (-90, 90), "lon_deg": (-180, 180), "fix_quality": (1, 9), "satellites": (0, 200), "hdop": (0, 100),
           "speed_mps": (0, 100), "heading_deg": (0, 360), "wheel_speed_mps": (0, 30), "work_switch": (0, 1),
+          "target_rate_kg_ha": (0, MOST_KG_HA), "applied_rate_kg_ha": (0, MOST_KG_HA),
           "acceleration_mps2": (0, 10), "speed_mps_in": (-FASTEST_ANNOUNCED_MPS, FASTEST_ANNOUNCED_MPS),
           **{f"ndvi_{head}": (-1, 1) for head in range(1, 7)}, **STATUS_RANGES}
 
@@ -47,6 +49,8 @@ def clean(protocol: str) -> bytes:
             for tick in range(40))
     if protocol == "tractor":
         return b"".join(sentence(SpeedPlan(0.0, ((0.0, 1.2 + tick / 100.0), (1.5, 2.0)), 0.5)) for tick in range(40))
+    if protocol == "rate_line":
+        return b"".join(target_sentence(100.0 + tick) for tick in range(40))
     name, _, multiplexed = protocol.partition("-")
     return b"".join(head_line(0.3 + 0.01 * tick, HEAD_PROTOCOLS[name], tick % 6 + 1 if multiplexed else None)
                     for tick in range(40))

@@ -35,7 +35,8 @@ STRIP_RUNS = {"nrich": N_("N-rich strip: {way}  NDVI {ndvi}  CV {cv} %   B ends 
 STRIP_TITLES = {"nrich": N_("NDVI {ndvi} as the N-rich strip of this job?"),
                 "check": N_("NDVI {ndvi} as the farmer check of this job?")}
 DEVICE_WORDS = {"gnss": N_("GNSS"), "heads": N_("canopy heads"), "board": N_("drive board"),
-                "rate_module": N_("rate module"), "lag_rig": N_("lag rig"), "tractor": N_("tractor")}
+                "rate_module": N_("rate module"), "lag_rig": N_("lag rig"), "tractor": N_("tractor"),
+                "rate_line": N_("other display")}
 
 
 class Check(NamedTuple):

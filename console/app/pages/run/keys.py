@@ -120,6 +120,7 @@ def source(page: RunScreen) -> None:
     if has:
         lacks = {one: _("this job has no map; F10, P takes one") for one in BY_MAP if one not in has}
         lacks |= {} if TargetSource.POINT in has else {TargetSource.POINT: _("this job has no plants")}
+        lacks |= {} if TargetSource.EXTERNAL in has else {TargetSource.EXTERNAL: _("this job has no other display")}
     choices = [Choice(one.value, words.source_word(one.value), lacks.get(one, ""))
                for one in TargetSource if one not in (TargetSource.NONE, TargetSource.INDEX_MAP)]
     _ask_choice(page, ChoiceDialog(_("Target from"), choices, ordered_source(frame)), Do.SOURCE)

@@ -1,0 +1,73 @@
+"""A target from another display, and what somebody else's rate controller says that it applies: sentences on a serial
+line or in datagrams.
+
+    $R,RC,1300<CR><LF>              a rate request, as displays send it to a Raven SCS console (SCS 450/460 manual,
+    $R,RC,1300,0<CR><LF>            appendix 9; SCS 4000/5000, chapter 16: "the decimal point will not be sent", 130.0).
+                                    The first number is taken. RateKing takes the same as its protocol "Raven 660"
+    $R114-,AR,1287<CR><LF>          such a console's actual rate
+    $PTDRT,130.0*hh<CR><LF>         kg/ha, with NMEA's sum: for a gateway or a script
+
+Raven's sentences have no sum. So a target of them counts once it has come twice without another between: one digit that
+was spoilt on the line is no target. RateKing believes a target for 2 s (its manual, variable rate application).
+"""
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+from drivers.devices.lines import LineDecoder
+from drivers.devices.nmea import checksum
+
+MOST_KG_HA = 2000.0             # as a job's rates
+_RAVEN = re.compile(rb"\$R(?:,RC,(?P<target>\d{1,6})|[0-9A-Z-]{1,6},AR,(?P<actual>\d{1,6}))(?:,\d{0,6})*")
+_OWN = re.compile(rb"\$(PTDRT,(\d{1,4}(?:\.\d{1,3})?))\*([0-9A-Fa-f]{2})")
+
+
+class RateSaid(NamedTuple):
+    """`is_target`: wanted; else what is applied."""
+
+    time_s: float
+    rate_kg_ha: float
+    is_target: bool
+
+
+class RateLineDecoder(LineDecoder[RateSaid]):
+    """unit_kg_ha: of a Raven sentence's number. Rejected: `bad_checksum`, `garbage`, `impossible_value`, `overlong`;
+    ignored: `said_once`, a Raven target that has not come twice yet."""
+
+    longest = 128
+
+    def __init__(self, unit_kg_ha: float = 0.1) -> None:
+        super().__init__()
+        self._unit_kg_ha = unit_kg_ha
+        self._before = -1.0
+
+    def _line(self, line: bytes, time_s: float) -> list[RateSaid]:
+        text = line.strip()
+        own, raven = _OWN.fullmatch(text), _RAVEN.fullmatch(text)
+        if own is None and raven is None:
+            self.counts.reject("garbage")
+            return []
+        if own is not None and checksum(own[1]) != int(own[3], 16):
+            self.counts.reject("bad_checksum")
+            return []
+        is_target = own is not None or (raven is not None and raven["target"] is not None)
+        rate = float(own[2]) if own is not None else 0.0
+        if raven is not None:
+            rate = self._unit_kg_ha * float(raven["target"] or raven["actual"])
+        if rate > MOST_KG_HA:
+            self.counts.reject("impossible_value")
+            return []
+        if raven is not None and is_target:
+            before, self._before = self._before, rate
+            if before != rate:
+                self.counts.ignore("said_once")
+                return []
+        self.counts.accept()
+        return [RateSaid(time_s, rate, is_target)]
+
+
+def target_sentence(rate_kg_ha: float) -> bytes:
+    """A target as `$PTDRT`."""
+    body = f"PTDRT,{rate_kg_ha:.1f}".encode()
+    return b"$%s*%02X\r\n" % (body, checksum(body))

@@ -1,0 +1,131 @@
+"""A target from another display over a real serial pair (pseudo-terminals): its cable pulled, garbage, far too much,
+and what the ground got. `-s` prints the table."""
+from __future__ import annotations
+
+import os
+import tty
+from pathlib import Path
+from time import monotonic, sleep
+
+import pytest
+
+from control.field.job import Wanted
+from control.orders import TargetSource
+from control.readings import Measurements
+from drivers.cab import Cab, CabConfig
+from drivers.devices.rate_line import RateLineDecoder, target_sentence
+from tests.control_loop.closed import SETUP, STEP_S, Closed
+
+WANTED_KG_HA, FALLBACK_KG_HA = 200.0, SETUP.crop.fallback_rate_kg_ha
+MOST_KG_HA = SETUP.crop.max_rate_kg_ha
+RAVEN = b"$R,RC,2000,0\r\n"
+TOO_MUCH = target_sentence(1000.0)
+GARBAGE = b"\x00\xff$R,RC,20a0\r\n$PTDRT,950.0*00\r\n$R,RC,99999999\r\n$R,RC,-200\r\n\x80\x80$PTDRT,nan*11\r\n"
+
+
+class Display:
+    """The other end of the cable: one sentence five times a second."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._master = path, -1
+        self.plug()
+
+    def plug(self) -> None:
+        self._master, slave = os.openpty()
+        tty.setraw(self._master)
+        tty.setraw(slave)
+        self._path.unlink(missing_ok=True)
+        self._path.symlink_to(os.ttyname(slave))
+        self._slave = slave
+
+    def pull(self) -> None:
+        os.close(self._master)
+        os.close(self._slave)
+        self._path.unlink()
+
+    def say(self, data: bytes) -> None:
+        os.write(self._master, data)
+
+
+class Metering:
+    """The machine at work by source external, the display at its cab's port."""
+
+    def __init__(self, folder: Path) -> None:
+        self.display = Display(folder / "display")
+        self.now_s = 0.0
+        self.cab = Cab(CabConfig.model_validate({"rate_line": {"port": str(folder / "display")}}), lambda: self.now_s)
+        job = SETUP.job.model_copy(update={"target": Wanted(source=TargetSource.EXTERNAL)})
+        self.closed = Closed(sim={"begin_m": 10.0, "passes": 1, "pass_length_m": 400.0}, target=job.target).start()
+        self._said = 0
+
+    def run(self, seconds: float, data: bytes = b"") -> None:
+        for k in range(round(seconds / STEP_S)):
+            if data and k % 4 == 0:
+                self.display.say(data)
+                self._arrives(data.count(b"\n"))
+            self.closed.tick(self._told)
+
+    def _arrives(self, sentences: int) -> None:
+        """Until the port's thread has them."""
+        self._said += sentences
+        until = monotonic() + 5.0
+        while self._read < self._said and monotonic() < until:
+            self.cab.measure(self.now_s)
+            sleep(0.001)
+
+    def _told(self, m: Measurements) -> Measurements:
+        self.now_s = m.time_s
+        return m._replace(rate_told=self.cab.measure(m.time_s).rate_told)
+
+    @property
+    def _read(self) -> int:
+        assert self.cab._rate_line is not None
+        return self.cab._rate_line[1].counts.read
+
+    def got_kg_ha(self, last_s: float) -> float:
+        """What left the outlets, over the ground that passed."""
+        truths = self.closed.truths[-round(last_s / STEP_S):]
+        kg, way_m = sum(t.flow_kg_s for t in truths) * STEP_S, truths[-1].driven_m - truths[0].driven_m
+        return 10_000.0 * kg / (SETUP.machine.geometry.working_width_m * way_m)
+
+
+@pytest.mark.parametrize(("what", "data", "pulled", "ground_kg_ha", "source", "alarm"), [
+    ("the display goes on", RAVEN, False, WANTED_KG_HA, "external", None),
+    ("its cable is pulled", b"", True, FALLBACK_KG_HA, "fallback", "target_silent"),
+    ("garbage", GARBAGE, False, FALLBACK_KG_HA, "fallback", "target_silent"),
+    ("1,000 kg/ha", TOO_MUCH, False, MOST_KG_HA, "external", "target_cut"),
+    ("0 kg/ha", target_sentence(0.0), False, 0.0, "external", None)])
+def test_what_the_ground_gets_by_another_display(tmp_path, what, data, pulled, ground_kg_ha, source, alarm):
+    it = Metering(tmp_path)
+    try:
+        it.run(15.0, RAVEN)
+        assert it.got_kg_ha(5.0) == pytest.approx(WANTED_KG_HA, rel=0.02)
+        assert it.closed.ticks[-1].row.target_source == "external"
+        if pulled:
+            it.display.pull()
+        it.run(1.7, data)
+        before = it.closed.ticks[-1].row.target_source
+        it.run(12.0, data)
+        row, alarms = it.closed.ticks[-1].row, {one.id for one in it.closed.ticks[-1].alarms}
+        print(f"{what}: after 1.7 s {before}, then {row.target_source}, {it.got_kg_ha(5.0):.0f} kg/ha, "
+              f"{', '.join(sorted(alarms)) or 'no alarm'}")
+        assert row.target_source == source and before == "external"
+        assert it.got_kg_ha(5.0) == pytest.approx(ground_kg_ha, rel=0.02, abs=0.1)
+        assert (alarm is None and not alarms) or alarm in alarms
+        if pulled:
+            it.display.plug()
+            it._said = it._read
+            it.run(10.0, RAVEN)
+            assert it.got_kg_ha(4.0) == pytest.approx(WANTED_KG_HA, rel=0.02), "plugged again"
+    finally:
+        it.cab.close()
+
+
+def test_a_raven_target_counts_once_it_came_twice_and_no_spoilt_line_is_one():
+    decoder = RateLineDecoder()
+    said = [one.rate_kg_ha for one in decoder.feed(b"$R,RC,2000\r\n$R,RC,9000\r\n$R,RC,2000\r\n$R,RC,2000\r\n", 1.0)]
+    assert said == [200.0] and decoder.counts.ignored["said_once"] == 3
+    assert [one.rate_kg_ha for one in decoder.feed(target_sentence(130.0), 2.0)] == [130.0]
+    assert decoder.feed(GARBAGE, 3.0) == [] and sum(decoder.counts.rejected.values()) == 5
+    actual = decoder.feed(b"$R114-,AR,1287,0,0\r\n", 4.0)
+    assert [(one.rate_kg_ha, one.is_target) for one in actual] == [(pytest.approx(128.7), False)]
