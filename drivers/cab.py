@@ -49,6 +49,7 @@ class Cab:
 
     def __init__(self, config: CabConfig, clock: Clock, opener: Opener = open_line,
                  datagram_opener: DatagramOpener = UdpPort) -> None:
+        self._record_only = config.record_only
         self.refused_commands = 0
         self.dropped_doses = 0
         self._dose_waits: tuple[float, DoseOrder] | None = None
@@ -89,6 +90,7 @@ class Cab:
             self._tractor = _opened("tractor", "tractor-speed/1", config.tractor.port, config.tractor.baud, decoder,
                                     clock, opener), decoder
         self._rate_told: Reading | None = None
+        self._rate_applied: Reading | None = None
         self._rate_line: tuple[DeviceLine, RateLineDecoder] | None = None
         if config.rate_line is not None:
             said = RateLineDecoder(config.rate_line.unit_kg_ha)
@@ -113,7 +115,8 @@ class Cab:
                             work_switch=self._switch(now_s), drive_fault=self._drive_fault(),
                             drive_stopped=self._drive_stopped(),
                             old_orders=self.board is not None and self.board.old_order,
-                            speed_told=self._speed_told, rate_told=self._rate_told, canopy_index=self._index,
+                            speed_told=self._speed_told, rate_told=self._rate_told,
+                            rate_applied=self._rate_applied, canopy_index=self._index,
                             valves=self._valves_seen,
                             put_aside=tuple(line.name for line, _ in self._listening if line.aside))
 
@@ -121,8 +124,10 @@ class Cab:
         """Send the set-points of this tick, which are also the heartbeat; without a drive nothing happens.
 
         Not enabled, or no command: a stop. Set-points are cut to the drives' limits. With a rate module the board gets
-        the gate's set-point only.
+        the gate's set-point only. Record only: nothing is sent at all.
         """
+        if self._record_only:
+            return
         try:
             self._send(now_s, command, enabled)
             self._give_ordered(now_s, command if enabled else None)
@@ -154,7 +159,7 @@ class Cab:
 
         What became of it is in `dose` at every later tick.
         """
-        if self._drives is None:
+        if self._drives is None or self._record_only:
             return None
         line, board = self._drives
         line.write(now_s, board.give_dose(angle_deg, shaft_rpm, now_s))
@@ -228,9 +233,12 @@ class Cab:
 
     def _read_rate_line(self, line: DeviceLine, decoder: RateLineDecoder, now_s: float) -> None:
         data = line.read(now_s)
-        said = [one for one in (decoder.feed(data, now_s) if data else []) if one.is_target]
-        if said:
-            self._rate_told = Reading(said[-1].rate_kg_ha, said[-1].time_s)
+        said = decoder.feed(data, now_s) if data else []
+        for one in said:
+            if one.is_target:
+                self._rate_told = Reading(one.rate_kg_ha, one.time_s)
+            else:
+                self._rate_applied = Reading(one.rate_kg_ha, one.time_s)
         line.note(one.time_s for one in said)
 
     def _read_tractor(self, line: DeviceLine, decoder: TractorSpeedDecoder, now_s: float) -> None:

@@ -207,6 +207,7 @@ class RateLineConfig(_Config):
 class CabConfig(_Config):
     """Which devices a machine has and where they are plugged in; None: not fitted.
 
+    `record_only`: nothing is sent to any drive; what a machine of somebody else's does is logged and mapped.
     `virtual`: at the other end of the ports is `topdress serve-machine` and no machine. The screens say so, and a job
     without a boundary gets the field of its simulated passes.
     """
@@ -214,6 +215,7 @@ class CabConfig(_Config):
     format: Literal["topdress-cab/1"] = "topdress-cab/1"
     title: str = ""
     virtual: bool = False
+    record_only: bool = False
     gnss: GnssConfig | None = None
     heads: HeadsConfig | None = None
     board: BoardConfig | None = None
@@ -242,6 +244,8 @@ class CabConfig(_Config):
         if self.rate_module is not None:
             found.append(f"rate_module: the module stops its motor by itself only after {MODULE_STOPS_S:g} s without "
                          "the console (a slave board after 1 s): have the hard-wired stop within reach")
+        if self.record_only:
+            return ("record only: no drive is commanded, what the machine does is logged",)
         if self.board is None and self.rate_module is None:
             found.append("no board and no rate_module: nothing can be spread")
         if not self.has_work_switch:

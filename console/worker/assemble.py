@@ -97,7 +97,7 @@ def assemble(options: Options, clock: Clock) -> Assembly:
                          f"and {cab.path} names a real one")
     machine, sha256 = setup.machine, dict(setup.sha256)
     bench: Bench
-    has_work_switch = False
+    has_work_switch = record_only = False
     simulated = _is_simulated(cab)
     job = with_simulated_field(setup.job, machine) if simulated else setup.job
     if cab is not None:
@@ -111,13 +111,13 @@ def assemble(options: Options, clock: Clock) -> Assembly:
         bench = _simulated(options, machine, job, clock)
     else:
         assert isinstance(cab.model, CabConfig)
-        devices, has_work_switch = cab.model, cab.model.has_work_switch
+        devices, has_work_switch, record_only = cab.model, cab.model.has_work_switch, cab.model.record_only
         if devices.rate_module is not None and devices.rate_module.fixed_opening_mm is not None:
             machine = with_fixed_gate(machine, devices.rate_module.fixed_opening_mm)
         bench = Cab(devices, clock)
     now_utc = now.isoformat(timespec="milliseconds")
     rule = rule_of(setup.crop, job, setup.rule.days)
-    loop = control_loop(machine, setup.crop, rule, job, has_work_switch, **placed)
+    loop = control_loop(machine, setup.crop, rule, job, has_work_switch, **placed, record_only=record_only)
     if isinstance(bench, SimulatedBench):
         bench.state = lambda: loop.safety.state
     before = before.on(loop.plane)

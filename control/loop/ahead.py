@@ -30,6 +30,7 @@ from control.targets.profile import Everywhere, Profile, Stretches, Target, Unsp
 from control.targets.section_ground import SectionsGround
 
 CELL_M = 0.2                    # of the bitmap of ground that is done
+APPLIED_HOLDS_S = 2.0           # what another controller says it applies, as a target of such a display holds
 DOSES_ONLY = Everywhere(Target(0.0, TargetSource.POINT))
 
 
@@ -97,7 +98,9 @@ class Ahead:
         if sensed.position_ok and sensed.east_m is not None and sensed.north_m is not None:
             place = (sensed.east_m, sensed.north_m)
         rpm = 0.0 if m.shaft_rpm is None else m.shaft_rpm.value
-        turns = rpm >= 0.5 * self._machine.limits.shaft_low_rpm
+        said = m.rate_applied
+        turns = rpm >= 0.5 * self._machine.limits.shaft_low_rpm or (
+            said is not None and said.value > 0.0 and is_fresh(said.time_s, m.time_s, APPLIED_HOLDS_S))
         opened = self.sections.open_now(sensed.time_s)
         released = tuple([turns and on for on in opened]) if len(opened) > 1 else turns and opened[0]
         self.overlap.note(sensed.time_s, place, sensed.heading_deg, released,

@@ -13,7 +13,7 @@ from control.field.job import Job
 from control.field.planned_speed import planned_mps
 from control.field.totals import Sums, Totaliser, Totals
 from control.geodesy import TangentPlane
-from control.loop.ahead import Ahead
+from control.loop.ahead import APPLIED_HOLDS_S, Ahead
 from control.loop.backing import Backing
 from control.loop.canopy_heads import LATENCY_S
 from control.loop.doses import Doses, NoDoses
@@ -39,7 +39,7 @@ from control.metering.setting import Setting
 from control.metering.strategies import Pair
 from control.metering.trims import DriveTrim, Left, TrimLimits
 from control.orders import BY_CANOPY, Answer, Do, Order, State, Strategy, TargetSource
-from control.readings import DriveCommand, Measurements, Reading, SpeedPlan, announced_text, possible
+from control.readings import DriveCommand, Measurements, Reading, SpeedPlan, announced_text, is_fresh, possible
 from control.safety import BenchRun, DriveLimits, Safety, SafetyLimits, Verdict, limited, limited_valves, refusal
 from control.sensing import Forecaster, Sensed, Sensing, SensingLimits
 from control.targets.fence import OUTSIDE, Fence
@@ -66,10 +66,12 @@ class ControlLoop:
                  has_work_switch: bool = False, *, safety_limits: SafetyLimits | None = None,
                  prescription: MapProfile | None = None, points: PointSource | None = None,
                  headland: Fence | None = None, obeyed: bool = True, index_map: IndexMap | None = None,
-                 zone_map: IndexMap | None = None, done: DoneGround | None = None, steps: Steps | None = None) -> None:
+                 zone_map: IndexMap | None = None, done: DoneGround | None = None, steps: Steps | None = None,
+                 record_only: bool = False) -> None:
         """obeyed: False where the drives follow other commands, as in a log that is gone through again. index_map: for
         where the heads are silent. zone_map: factors of the canopy's rule by places. done: ground that others have
-        covered. steps: compiled, for long runs."""
+        covered. steps: compiled, for long runs. record_only: nothing is commanded, what somebody else's machine does is
+        recorded."""
         self.machine = machine
         self.crop = crop
         self.job = job
@@ -78,7 +80,7 @@ class ControlLoop:
                                          limits.opening_low_mm, limits.opening_high_mm)
         allowed = safety_limits or standing_limits(machine, SafetyLimits(hopper_low_kg=limits.hopper_low_kg))
         self.safety = Safety(allowed, has_work_switch)
-        self._stopped = Stopped(machine, allowed, obeyed)
+        self._stopped, self._record_only = Stopped(machine, allowed, obeyed and not record_only), record_only
         self._sensing = Sensing(machine.geometry.antenna_m, _plane(
             job, prescription, points, index_map or zone_map, done), SensingLimits(reckoned_m=_reckoned_m(
                 machine, prescription, points)))
@@ -103,7 +105,8 @@ class ControlLoop:
         self._operator = Operator(job, crop, self.safety, self._setting, flow_trim=self._flow_trim, points=points,
                                   has_map=prescription is not None, started=self._started,
                                   strip_measured=self._ahead.heads.decisions.take_strip, sections=len(machine.switched),
-                                  hopper_kg=machine.flow.full_kg, why_no_start=self._why_no_start)
+                                  hopper_kg=machine.flow.full_kg, why_no_start=self._why_no_start,
+                                  record_only=record_only)
         self._totals = Totaliser(machine.geometry.working_width_m, crop.product_n_fraction)
         self._command: DriveCommand | None = None       # of the tick before
         self._events = Events()                         # of the next rows
@@ -340,6 +343,9 @@ class ControlLoop:
                   / self._setting.made_up)
         rate = self._doses.rate_kg_ha(c) if decision.by_point else decision.rate_kg_ha
         self._metres_left_m = self._metres_left(m.hopper_kg, rate)
+        said = m.rate_applied
+        if self._record_only and said is not None and is_fresh(said.time_s, m.time_s, APPLIED_HOLDS_S):
+            return Metered(flow, said.value, 1.0, None, self._metres_left_m, 1.0)
         share = self._ahead.sections.open_share(m.time_s)
         if share <= 0.0:
             share = open_share(self.machine.switched, m)        # a valve that stays open though commanded to close
@@ -416,7 +422,8 @@ class ControlLoop:
         """Totals: the ground that is worked, and what leaves the machine though it is commanded to stop."""
         m, now, applied = moment.m, moment.m.time_s, metered.rate_kg_ha
         runs_out = m.shaft_rpm is not None and m.shaft_rpm.value >= 0.5 * self.machine.limits.shaft_low_rpm
-        worked = verdict.state is State.WORKING and applied is not None and (verdict.flow_allowed or runs_out)
+        worked = self._record_only or (
+            verdict.state is State.WORKING and applied is not None and (verdict.flow_allowed or runs_out))
         if worked and applied is not None:
             if self._totals.add(moment.dt_s, moment.sensed.speed_mps, applied * metered.trim,
                                 None if decision.by_point else decision.planned_kg_ha, metered.open_share):
@@ -447,11 +454,13 @@ class ControlLoop:
         ndvi = head_ndvi(moment.m)
         events = self._events.of_one_row()
         threshold = self.threshold if decision.by_point else None
-        return Tick(
-            row=log_row(self._started_s, moment, decision=decision, metered=metered, verdict=verdict, command=command,
+        row = log_row(self._started_s, moment, decision=decision, metered=metered, verdict=verdict, command=command,
                         choices=choices, strategy=self._setting.strategy, heads=ndvi, decided_ndvi=heads.decisions.ndvi,
-                        events=events, speed_told=self._newly_announced(moment.m)),
-            command=command, sensed=moment.sensed, verdict=verdict, choices=choices,
+                        events=events, speed_told=self._newly_announced(moment.m))
+        if self._record_only:           # nobody's state, as of a log that another program wrote
+            row = row._replace(state=None, shaft_rpm_cmd=None, opening_mm_cmd=None)
+        return Tick(
+            row=row, command=command, sensed=moment.sensed, verdict=verdict, choices=choices,
             allow=self.safety.memory.allow, fired=decision.fired, notes=self._notes(moment, decision),
             dropped_heads=heads.dropped, head_ndvi=ndvi, metres_left_m=metered.metres_left_m,
             usable_speed_mps=usable_mps if moment.speed_mps > usable_mps else None,

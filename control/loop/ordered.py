@@ -29,8 +29,9 @@ class Operator:
     def __init__(self, job: Job, crop: Crop, safety: Safety, setting: Setting, *, flow_trim: FlowTrim,
                  points: PointSource | None, has_map: bool, started: Callable[[], None],
                  strip_measured: Callable[[StripValue], None], sections: int = 0, hopper_kg: float = inf,
-                 why_no_start: Callable[[], str] = str) -> None:
+                 why_no_start: Callable[[], str] = str, record_only: bool = False) -> None:
         """hopper_kg: what the hopper holds; more than that is no refill."""
+        self._record_only = record_only
         self.choices = Choices(TargetSource(job.target.source), job.target.manual_rate_kg_ha, job.look_ahead,
                                job.flow_trim, job.no_double)
         self.bench = BenchSetting()
@@ -146,6 +147,8 @@ class Operator:
     def _of_safety(self, order: Order, now_s: float, held_down: bool) -> Answer:
         """An order that safety answers, and what one that it accepted means here."""
         before = self._safety.state
+        if self._record_only and order.do in (Do.READY, Do.START, Do.CALIBRATE):
+            return Answer(False, "record_only")
         if order.do is Do.ALLOW_OUTSIDE and order.value and self._job.field.margins:
             return Answer(False, "no_spread_margin")
         if order.do is Do.REFILL and (_number(order) or 0.0) > self._hopper_kg + REFILL_ROUNDED_KG:

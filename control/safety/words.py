@@ -82,6 +82,7 @@ STATE_REASONS: Mapping[str, str] = {
 
 REFUSALS: Mapping[str, str] = {
     "not_from_state": N_("Not possible in state {state}."),
+    "record_only": N_("This machine is recorded only: its drives are somebody else's."),
     "acknowledge_first": N_("Acknowledge the alarm {alarm} first."),
     "cause_lives": N_("The cause is still there: {alarm}."),
     "calibrate_moving": N_("Calibrating needs wheel and GNSS, both below {speed_mps} m/s."),

@@ -39,11 +39,12 @@ def control_loop(machine: Machine, crop: Crop, rule: Rule, job: Job, has_work_sw
                  *,
                  prescription: MapProfile | None = None, plants: PlantList | None = None,
                  dose_errors: Sequence[DoseError] = (), obeyed: bool = True, index_map: IndexMap | None = None,
-                 zone_map: IndexMap | None = None, done: DoneGround | None = None, steps: Steps | None = None
-                 ) -> ControlLoop:
+                 zone_map: IndexMap | None = None, done: DoneGround | None = None, steps: Steps | None = None,
+                 record_only: bool = False) -> ControlLoop:
     """The loop of a job; fenced where the job knows its field. `prescription`, `plants`: on the job's plane, for map
-    and point mode; `dose_errors`: from which the threshold begins; `obeyed`, `index_map`, `zone_map`, `done`, `steps`:
-    as `ControlLoop` has them. Raises ValueError where the headland or the margins leave nothing of the field."""
+    and point mode; `dose_errors`: from which the threshold begins; `obeyed`, `index_map`, `zone_map`, `done`, `steps`,
+    `record_only`: as `ControlLoop` has them. Raises ValueError where the headland or the margins leave nothing of the
+    field."""
     strips = [strip.right_m - strip.left_m for strip in machine.switched] or [machine.geometry.working_width_m]
     boundary = job.field.spread_ground(0.5 * max(strips))
     fence = Fence(boundary) if boundary is not None else None
@@ -53,7 +54,7 @@ def control_loop(machine: Machine, crop: Crop, rule: Rule, job: Job, has_work_sw
         points = point_source(machine, job, plants, dose_errors)
     return ControlLoop(machine, crop, rule, job, fence, has_work_switch, prescription=prescription, points=points,
                        headland=headland, obeyed=obeyed, index_map=index_map, zone_map=zone_map, done=done,
-                       steps=steps)
+                       steps=steps, record_only=record_only)
 
 
 def _without_headland(job: Job) -> Boundary:

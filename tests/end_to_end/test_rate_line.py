@@ -10,10 +10,12 @@ from time import monotonic, sleep
 import pytest
 
 from control.field.job import Wanted
-from control.orders import TargetSource
+from control.orders import Do, Order, TargetSource
 from control.readings import Measurements
+from control.simulation.assembly import control_loop
 from drivers.cab import Cab, CabConfig
 from drivers.devices.rate_line import RateLineDecoder, target_sentence
+from drivers.ports import PortState
 from tests.control_loop.closed import SETUP, STEP_S, Closed
 
 WANTED_KG_HA, FALLBACK_KG_HA = 200.0, SETUP.crop.fallback_rate_kg_ha
@@ -119,6 +121,60 @@ def test_what_the_ground_gets_by_another_display(tmp_path, what, data, pulled, g
             assert it.got_kg_ha(4.0) == pytest.approx(WANTED_KG_HA, rel=0.02), "plugged again"
     finally:
         it.cab.close()
+
+
+class Silent:
+    """A line whose other end says what it is given, and hears what is written."""
+
+    def __init__(self) -> None:
+        self.waiting, self.written = b"", b""
+
+    def read(self) -> bytes:
+        said, self.waiting = self.waiting, b""
+        return said
+
+    def write(self, data: bytes) -> None:
+        self.written += data
+
+    def state(self) -> PortState:
+        return PortState(True, 1, "", 0, 0, 0, 0, None, b"")
+
+    def close(self) -> None:
+        pass
+
+
+def test_record_only_moves_no_drive_and_logs_and_counts_what_another_controller_does(tmp_path):
+    """Somebody else's controller spreads 300 kg/ha and tells it; this one listens."""
+    lines = {"board": Silent(), "rates": Silent()}
+    config = CabConfig.model_validate({"record_only": True, "board": {"port": "socket://board:1"},
+                                       "rate_line": {"port": "socket://rates:1"}})
+    cab = Cab(config, lambda: 0.0, lambda url, *_: lines[url.split("/")[2].split(":")[0]])
+    target = Wanted(source=TargetSource.MANUAL, manual_rate_kg_ha=300.0)
+    theirs = Closed(sim={"begin_m": 10.0, "passes": 1, "pass_length_m": 400.0}, target=target).start()
+    ours = control_loop(SETUP.machine, SETUP.crop, SETUP.rule, theirs.job, record_only=True)
+    assert [ours.order(Order(do)).why for do in (Do.READY, Do.START, Do.CALIBRATE)] == ["record_only"] * 3
+    rows = []
+    for k in range(800):
+        row = theirs.tick().row
+        if k % 4 == 0 and row.applied_rate_kg_ha is not None:
+            lines["rates"].waiting = b"$R114-,AR,%d\r\n" % round(10.0 * row.applied_rate_kg_ha)
+        heard = cab.measure(row.time_s)
+        m = theirs._measuring._now
+        tick = ours.tick(m._replace(rate_applied=heard.rate_applied, shaft_rpm=None, opening_mm=None, hopper_kg=None))
+        cab.command(row.time_s, tick.command, tick.enabled)
+        cab.give_dose(row.time_s, 120.0, 70.0)
+        rows.append(tick.row)
+    cab.close()
+    assert lines["board"].written == b"" and not tick.enabled and tick.command.shaft_rpm == 0.0
+    last = rows[-1]
+    assert last.applied_rate_kg_ha == pytest.approx(300.0, rel=0.05)
+    assert (last.state, last.shaft_rpm_cmd, last.opening_mm_cmd) == (None, None, None)
+    kg, ours_kg = theirs.loop.totals.applied_kg, ours.totals.applied_kg
+    print(f"record only: 0 bytes to the board; {ours.totals.area_ha:.4f} ha and {ours_kg:.2f} kg logged, "
+          f"{theirs.loop.totals.area_ha:.4f} ha and {kg:.2f} kg spread")
+    assert ours_kg == pytest.approx(kg, rel=0.02) and ours.totals.covered_ha == pytest.approx(
+        theirs.loop.totals.covered_ha, rel=0.1)
+    assert not any(row.alarms and "shaft_turns" in row.alarms for row in rows)
 
 
 def test_a_raven_target_counts_once_it_came_twice_and_no_spoilt_line_is_one():
