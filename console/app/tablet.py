@@ -144,6 +144,7 @@ class TabletApp(TopdressApp):
         self.key = key
         self._link_to = link_to
         super().__init__(source, attach=self._attached, **options)
+        self.add_class("-touch")
 
     async def _attached(self) -> FrameSource:
         return await self._link_to(not self.looking)

@@ -34,7 +34,7 @@ from control.targets.map_check import MapCheck
 from tests.app.gallery import PICTURES, Picture, settle, still_app
 from tests.app.made_up.job import facts_of
 
-SIZES = ((120, 40), (100, 30), (80, 24), (60, 20))
+SIZES = ((120, 40), (100, 30), (80, 24), (60, 20), (65, 43))
 WIDTHS = tuple(width for width, _rows in SIZES)
 VALUES = {"hopper_kg": 118.5, "metres_left": 12640.0, "device": "rate_module", "speed_mps": 1.81, "file": "run.csv"}
 SCREENS = sorted({one.screen for one in PICTURES})

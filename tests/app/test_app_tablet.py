@@ -4,20 +4,24 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from textual.widgets import Button
 
 from console.app import actions
-from console.app.action import ANYWHERE, CALIBRATE, DIAGNOSIS, RUN, SETTINGS
+from console.app.action import ANYWHERE, CALIBRATE, DIAGNOSIS, JOB, MAP, RUN, SETTINGS
 from console.app.guide_line import GuideLine
 from console.app.kept_lines import guide_record
 from console.app.pages.job.service import Earlier
 from console.app.screens.gone import GoneScreen
 from console.app.services import Services
 from console.app.tablet import CLOSED, Key, KeyDialog, TabletApp
+from console.app.widgets.field_map import FieldMap
+from console.app.widgets.key_bar import KeyBar
 from console.services.line_files import KeptLineFiles, LinesSeen
 from control.orders import Do
 from tests.app.gallery import StillClock, StillSource
 from tests.app.harness import settled, turned, until
 from tests.app.made_up.diagnosis import MadeUpDiagnosis
+from tests.app.test_app_nothing_cut import cut_on
 
 
 @pytest.fixture
@@ -103,6 +107,35 @@ async def test_the_key_turns_it_into_one_that_operates(tab, source, shown):
         app.page.hurry()
         app.tick()
         assert "TABLET" in app.marks()
+
+
+@pytest.mark.parametrize("row", [0, 2])
+async def test_keys_are_three_rows_high_under_a_finger(tab, source, row):
+    app = tab()
+    async with app.run_test(size=(128, 36)) as pilot:
+        app.looking = False
+        app.page.hurry()
+        app.tick()
+        bar = app.page.query_one(KeyBar)
+        (at,) = [x for x in range(bar.size.width) if bar.action_at(x) == "stop" and bar.action_at(x - 1) != "stop"]
+        assert bar.region.height == 3
+        await pilot.click(KeyBar, offset=(at, row))
+        assert [order.do for order in source.orders] == [Do.STOP]
+        await pilot.press("m")
+        await pilot.pause()
+        assert {key.region.height for key in app.screen.query(Button)} == {3}
+
+
+@pytest.mark.parametrize(("page", "under", "rows"), [
+    (RUN, FieldMap, 18), (MAP, FieldMap, 23), (JOB, "#job-totals", 12)])
+async def test_a_tablet_on_end_uses_its_height(tab, page, under, rows):
+    app = tab()
+    async with app.run_test(size=(65, 43)) as pilot:
+        app.looking = False
+        app.tick()
+        await turned(app, pilot, page)
+        assert app.page.query_one(under).region.height >= rows
+        assert cut_on(app) == []
 
 
 async def test_a_key_that_has_to_wait_is_tried_by_itself(tab, clock):

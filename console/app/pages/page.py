@@ -12,7 +12,7 @@ from textual.content import Content
 from textual.css.scalar import Scalar
 from textual.screen import Screen
 
-from console.app.action import ANYWHERE, DIAGNOSIS, REPLAY, RUN, Action
+from console.app.action import ANYWHERE, DIAGNOSIS, JOB, MAP, REPLAY, RUN, Action
 from console.app.company import CompanyView
 from console.app.pace import MAPS_S, NUMBERS_S, PLOTS_S, Pace
 from console.app.view import AlarmsView, RunView, look, without_machine, without_worker
@@ -61,6 +61,7 @@ if TYPE_CHECKING:
     from console.app.app import TopdressApp
 
 LEAST_COLUMNS, LEAST_ROWS = 80, 24
+PORTRAIT_COLUMNS, PORTRAIT = 60, (RUN, MAP, JOB)    # on a narrow and high screen these stand under the numbers
 HUGE_COLUMNS, HUGE_ROWS = 150, 46      # from here on numerals and state are drawn twice as large
 MIDDLE_ROWS, TALL_ROWS = 28, 36
 ALARM_ROWS, MOST_ALARM_ROWS = 3, 7
@@ -70,7 +71,8 @@ GONE_AGE_S = 1.1               # old enough to be greyed
 
 class Page(Screen[None]):
     """A screen reached by a key of its own. A subclass gives `where`, `body` and what it shows; its keys stand next to
-    it in `keys.py`. Below 80 x 24 state, alarms, the machine's numbers and keys are left."""
+    it in `keys.py`. Below 80 x 24 state, alarms, the machine's numbers and keys are left; on a narrow screen with the
+    height, a tablet on end, Run, Map and Job too."""
 
     AUTO_FOCUS = ""
     BINDINGS: ClassVar = [Binding("tab", "app.do('pages')", id="pages", show=False)]    # else Textual moves the focus
@@ -110,6 +112,8 @@ class Page(Screen[None]):
     def on_resize(self, event: events.Resize) -> None:
         width, height = event.size
         self.set_class(width >= HUGE_COLUMNS and height >= HUGE_ROWS, "-huge")
+        self.set_class(PORTRAIT_COLUMNS <= width < LEAST_COLUMNS and height >= TALL_ROWS and self.where in PORTRAIT,
+                       "-portrait")
         self.hurry()
 
     def perform(self, action: Action) -> None:
@@ -163,7 +167,7 @@ class Page(Screen[None]):
         self._room_for_alarms(view.alarms)
         small = self.query_one("#small", Small)
         if small.display:
-            page = "" if self.where in (RUN, REPLAY) else next(
+            page = "" if self.where in (RUN, REPLAY) or self.has_class("-portrait") else next(
                 (_(one.label) for one in self.app.page_actions if one.id == f"{self.where}_screen"), "")
             small.show(SmallView(view.rates, view.tiles, _("{columns} x {rows} shows the whole page").format(
                 columns=LEAST_COLUMNS, rows=LEAST_ROWS), page))

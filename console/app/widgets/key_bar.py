@@ -8,7 +8,7 @@ from textual import events
 from textual.content import Content
 
 from console.app.action import Action
-from console.app.widgets.panel import Panel, Part, fit, line
+from console.app.widgets.panel import Panel, fit, line
 from console.locale import _
 
 
@@ -51,7 +51,7 @@ def _why(view: KeysView) -> str:
 class KeyBar(Panel[KeysView]):
     def lines(self, view: KeysView, width: int, height: int) -> list[Content]:
         placed = self._placed(view, width)
-        parts: list[Part] = []
+        parts: list[tuple[str, str]] = []
         if placed and placed[0][1]:
             parts.append((fit(_why(view), placed[0][1]), "bold $on-keybar on $keybar"))
         for action, _start, _cells in placed:
@@ -65,7 +65,8 @@ class KeyBar(Panel[KeysView]):
         left = max(0, width - (placed[-1][1] + placed[-1][2] if placed else 0))
         said = view.notice and cell_len(view.notice) < left         # else it has rows of its own above
         rest = (fit(f" {view.notice}", left), "bold reverse") if said else (" " * left, "on $keybar")
-        return [line(*parts, rest)]
+        air = line(*((" " * cell_len(text), style) for text, style in (*parts, rest)))
+        return [*[air] * (height - 1), line(*parts, rest)]          # a finger is wider than a row of letters
 
     @staticmethod
     def _placed(view: KeysView, width: int) -> tuple[tuple[Action, int, int], ...]:

@@ -137,7 +137,7 @@ class JobScreen(Page):
             most = max(most, self.query_one("#job").size.height - NEXT_ROWS - len(done))
             totalled.styles.height = "1fr"
         else:
-            totalled.styles.height = -(-len(done) // 2)         # two to a row
+            totalled.styles.height = len(done) if self.has_class("-portrait") else -(-len(done) // 2)   # two to a row
         listed.styles.height = min(most, rows_of(found, self.size.width))
         self.query_one("#job-next", Chips).show(self._next())
         totalled.show(done)
