@@ -1,7 +1,6 @@
 """What each program pulls in. import-linter does not see what an __init__ of ours imports; the interpreter does."""
 from __future__ import annotations
 
-import importlib.util
 import os
 import shutil
 import subprocess
@@ -22,42 +21,24 @@ def loaded_by(start: str) -> set[str]:
     return set(ended.stdout.split())
 
 
-def is_there(name: str) -> bool:
-    try:
-        return importlib.util.find_spec(name) is not None
-    except ModuleNotFoundError:
-        return False
+LIGHT = ("console.worker.__main__", "console.link", "console.frame", "control.loop", "drivers", "drivers.cab",
+         "drivers.virtual", "drivers.files.run_log")
+OF_FILES = {"numpy", "pydantic", "yaml", "serial"}
+FLEET = "console.cli.fleet, console.services.fleet, console.services.fleet_tables, console.reports.html"
 
 
-@pytest.mark.parametrize("start", [
-    "console.worker.__main__", "console.link", "console.frame",
-    "control.loop", "drivers", "drivers.cab", "drivers.virtual", "drivers.files.run_log",
-])
-def test_starts_light(start: str) -> None:
-    if not is_there(start):
-        pytest.skip(f"{start} is not there yet")
-    assert not loaded_by(start) & HEAVY
-
-
-def test_the_console_end_needs_no_configuration_code() -> None:
-    """The first paint waits for it."""
-    assert not loaded_by("console.link") & {"numpy", "pydantic", "yaml", "serial"}
-
-
-@pytest.mark.parametrize("start", ["console.cli", "console.cli.screens", "console.services.launcher"])
-def test_the_worker_is_started_before_anything_heavy_is_imported(start: str) -> None:
-    """It takes as long to come up as the console, beside it: what is imported before comes on top of both."""
-    assert not loaded_by(start) & {*HEAVY, "numpy", "pydantic", "yaml", "serial", "shapely", "shapefile"}
-
-
-def test_the_worker_reads_no_shapes_before_a_job_names_some() -> None:
-    assert not loaded_by("console.worker.__main__") & {"shapefile", "http"}
-
-
-def test_a_fleet_is_asked_for_before_the_judgement_is_read() -> None:
-    """The workers begin a second earlier: this process reads it while they are at their logs."""
-    before = "console.cli.fleet, console.services.fleet, console.services.fleet_tables, console.reports.html"
-    assert not loaded_by(before) & {"scipy", "numba", "polars"}
+@pytest.mark.parametrize(("start", "not_yet"), [
+    *((start, HEAVY) for start in LIGHT),
+    ("console.link", OF_FILES),                                     # the first paint waits for it
+    # the worker takes as long to come up as the console, and at the same time: what is imported before it is started
+    # comes on top of both
+    *((start, {*HEAVY, *OF_FILES, "shapely", "shapefile"})
+      for start in ("console.cli", "console.cli.screens", "console.services.launcher")),
+    ("console.worker.__main__", {"shapefile", "http"}),             # before a job names shapes
+    # the workers begin a second earlier: this process reads the judgement while they are at their logs
+    pytest.param(FLEET, {"scipy", "numba", "polars"}, id="fleet")])
+def test_starts_light(start: str, not_yet: set[str]) -> None:
+    assert not loaded_by(start) & not_yet
 
 
 def test_control_is_ours() -> None:

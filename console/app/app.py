@@ -83,11 +83,6 @@ T = TypeVar("T")
 Connect = Callable[[], Awaitable[FrameSource]]
 
 
-def local_offset_s() -> float:
-    """Local time minus UTC now, in s."""
-    return day_clock.offset_s()
-
-
 def _ordered(order: Order, source: FrameSource) -> Awaitable[Answer]:
     return source.order(order)
 
@@ -121,7 +116,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.source, self.clock = source, clock
         self.start, self.attach = start, attach
         self.units = METRIC
-        self.utc_offset_s = local_offset_s() if utc_offset_s is None else utc_offset_s
+        self.utc_offset_s = day_clock.offset_s() if utc_offset_s is None else utc_offset_s
         self.limits_kg_ha, self.crop_limits_kg_ha, self.hopper_kg = limits_kg_ha, limits_kg_ha, hopper_kg
         self.machine: Machine | None = None         # that runs; None: not known
         self.presets_kg_ha = (100.0, 150.0, 200.0)      # the settings' own take their place

@@ -23,7 +23,7 @@ from console.app.alarms import entries
 from console.app.company import leave_words
 from console.app.dialogs import Choice, ChoiceDialog
 from console.app.first_question import start_from_any_page
-from console.app.reasons import why_no_acknowledge, why_no_menu, why_no_start, why_no_tour, why_no_undo
+from console.app.reasons import why_no_acknowledge, why_no_start, why_no_tour, why_no_undo
 from console.app.screens.alarm_list import AlarmList
 from console.app.screens.help import HelpScreen
 from console.app.screens.jump import JumpScreen, labels, letters, places_of, press
@@ -179,7 +179,7 @@ ACTIONS = (
     Action("acknowledge", "a", "A", N_("acknowledge"), N_("Acknowledges the alarms that are shown."), acknowledge,
            bar=9, why=why_no_acknowledge),
     Action("menu", "q", "Q", N_("menu"), N_("What else this page does: a list; digit or arrow, then Enter."), menu,
-           bar=3, why=why_no_menu),
+           bar=3, why=lambda app: "" if app.menu() else _("this page has no menu: all its keys are in F1")),
     Action("help", "f1", "F1", N_("help"), N_("This page."), show_help, bar=3, locked=True),
     Action("run_screen", "f2", "F2", N_("run"), N_("The machine at work."), lambda app: app.turn_to(RUN), locked=True),
     Action("map_screen", "f3", "F3", N_("map"), N_("The field: applied, target, error, NDVI, plan."),

@@ -15,10 +15,6 @@ def why_no_undo(app: TopdressApp) -> str:
     return _("nothing was changed that could be taken back") if app.undo.newest is None else ""
 
 
-def why_no_menu(app: TopdressApp) -> str:
-    return "" if app.menu() else _("this page has no menu: all its keys are in F1")
-
-
 def why_no_acknowledge(app: TopdressApp) -> str:
     frame = app.arrival.frame
     owed = frame is not None and any(one.severity is Severity.RED and not one.acknowledged for one in frame.alarms)

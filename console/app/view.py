@@ -185,7 +185,8 @@ def _nothing(units: Units, marks: tuple[str, ...]) -> RunView:
 def _status(frame: Frame, age_s: float, utc_offset_s: float, marks: tuple[str, ...]) -> StatusView:
     row = frame.row
     state = row.state or ""
-    own = ((_("SIMULATED"),) if frame.simulated else ()) + words.allowed_words(frame.allow)
+    own = ((_("SIMULATED"),) if frame.simulated else ()) + tuple(
+        _(word) for name, word in words.ALLOWANCES.items() if getattr(frame.allow, name))
     silent = _("NO DATA {age}").format(age=f"{int(age_s)} s") if age_s > STALE_S else ""
     word = words.state_word(row.state)
     word = _("was {state}").format(state=word) if silent else word

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from console.app.units import METRIC, Unit, Units
 from console.locale import N_, _
 from control.orders import Alarm, Severity, Strategy
-from control.safety import ALARMS, REFUSALS, Allowances, read_refusal
+from control.safety import ALARMS, REFUSALS, read_refusal
 
 STATES = {
     "off": N_("OFF"), "ready": N_("READY"), "working": N_("WORKING"), "held": N_("HELD"),
@@ -75,11 +75,6 @@ SECTIONS = {"outside": N_("outside"), "headland": N_("headland"), "done": N_("do
             "hand": N_("BY HAND"), "no_flow": N_("closed")}
 
 
-def section_word(why: str) -> str:
-    """Why a section is closed."""
-    return _(SECTIONS.get(why, why))
-
-
 def state_word(state: str | None) -> str:
     return _(STATES.get(state or "", state or "")) or _("NO STATE")
 
@@ -138,11 +133,6 @@ def answer_words(why: str, alarms: Iterable[Alarm] = ()) -> str:
 def note_word(note: str) -> str:
     """A note of the loop or an interlock in a word or two; the id where it is not known here."""
     return _(NOTES.get(note, note))
-
-
-def allowed_words(allow: Allowances) -> tuple[str, ...]:
-    """What the operator allows, a mark each."""
-    return tuple(_(word) for name, word in ALLOWANCES.items() if getattr(allow, name))
 
 
 def _filled(text: str, details: Mapping[str, str | float], units: Units = METRIC) -> str:

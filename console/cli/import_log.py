@@ -56,8 +56,9 @@ def import_log(
     refuse_other(files, LOG)
     given = _ImportOptions(_said(inside, task, device, log, values_from), _full(machine))
     if guess:
-        need_ending("--mapping" if mapping is not None else "--out", mapping or (
-            out if out is not None and not _is_log_name(out) else None), ".yaml", ".yml")
+        is_log = out is not None and out.suffix.lower() in (".csv", ".parquet", ".pq")
+        option = "--mapping" if mapping is not None else "--out"
+        need_ending(option, mapping or (None if is_log else out), ".yaml", ".yml")
         _guess(files, _place_of_guess(files, mapping, out), given, force)
     elif out is None:
         raise CommandError("import: no --out LOG.csv given; --guess writes a first import file")
@@ -74,10 +75,6 @@ def _said(inside: str | None, task: str | None, device: str | None, log: str | N
         raise CommandError(f"--values-from {values_from}: allowed ddi, presentation")
     given = {"inside": inside, "task": task, "device": device, "task_log": log, "values_from": values_from}
     return {name: value for name, value in given.items() if value is not None}
-
-
-def _is_log_name(out: Path) -> bool:
-    return out.suffix.lower() in (".csv", ".parquet", ".pq")
 
 
 def _place_of_guess(files: list[Path], mapping: Path | None, out: Path | None) -> Path:

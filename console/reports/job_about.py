@@ -144,7 +144,3 @@ def time_line(about: About) -> Picture | None:
         ax.set_xlabel("time, min")
         return Picture(svg(canvas, "jobtime", "Alarms and refills over the job's time"),
                        "Work, refills and alarms; alarms that stopped the flow are in the colour of a warning.")
-
-
-def simulated_band(about: About) -> str:
-    return ('<p class="simulated">SIMULATED: no material was spread on any ground</p>\n' if about.simulated else "")

@@ -7,7 +7,7 @@ import numpy as np
 
 from console.reports.figure import AFTER, BEFORE, LINE, drawn, svg
 from console.reports.html import Picture, escape, facts, figure, page, section
-from console.reports.job_about import NOBODY, About, named, simulated_band, time_line
+from console.reports.job_about import NOBODY, About, named, time_line
 from console.reports.numbers import fixed, number, span_of
 from console.reports.page_style import STYLE
 from control.field.across import across_words
@@ -49,8 +49,9 @@ def job_page(applied: AsApplied, software: str, about: About = NOBODY) -> str:
         ("machine", escape(f"{applied.machine.title or applied.machine.id}, {applied.width_m:g} m"))])
     started = applied.utc(float(applied.stretches.time_s[0]))
     when = "" if started is None else f", {started:%Y-%m-%d %H:%M} UTC"
+    simulated = '<p class="simulated">SIMULATED: no material was spread on any ground</p>\n' if about.simulated else ""
     return page(applied.title, STYLE, (
-            f'<h1>{escape(applied.title + when)}</h1>{simulated_band(about)}'
+            f'<h1>{escape(applied.title + when)}</h1>{simulated}'
             f'<p class="verdict">{escape(said)}</p>\n{named(about, about.who.product or applied.product.name)}\n'
             f'{section("Sums", sums)}\n{section("Wanted and applied", figure(applied_map(applied)))}\n'
             f'{section("What happened", figure(time_line(about)))}\n'

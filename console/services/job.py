@@ -496,8 +496,5 @@ def _comments(path: Path) -> list[str]:
 
 def _from(folder: Path, name: str) -> str:
     """A file that a job names, as it is named from elsewhere; a shipped one by its name."""
-    return str((folder / name).resolve()) if _is_path(name) else name
-
-
-def _is_path(name: str) -> bool:
-    return "/" in name or "\\" in name or name.lower().endswith((".yaml", ".yml"))
+    is_path = "/" in name or "\\" in name or name.lower().endswith((".yaml", ".yml"))
+    return str((folder / name).resolve()) if is_path else name

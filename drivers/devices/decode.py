@@ -8,7 +8,7 @@ from typing import Any
 from control.readings import GnssFix
 from drivers.devices.agopengps import AgOpenGpsDecoder
 from drivers.devices.canopy_heads import PROTOCOLS as HEAD_PROTOCOLS
-from drivers.devices.canopy_heads import HeadDecoder, HeadFields, HeadSample
+from drivers.devices.canopy_heads import HeadDecoder, HeadFields
 from drivers.devices.capture import is_capture, received
 from drivers.devices.gnss import GnssDecoder
 from drivers.devices.gpsd import GpsdDecoder
@@ -56,25 +56,14 @@ def _through(decoder: Any, to_record: Callable[[Any], Record], data: bytes) -> t
     return [to_record(reading) for reading in readings], counts
 
 
-def _gnss(data: bytes) -> tuple[list[Record], Counts]:
-    return _through(GnssDecoder(live=False), _fix_record, data)
-
-
 def _heads(layout: HeadFields, multiplexed: bool, data: bytes) -> tuple[list[Record], Counts]:
-    return _through(HeadDecoder(layout, head=None if multiplexed else 1), _head_record, data)
-
-
-def _board(data: bytes) -> tuple[list[Record], Counts]:
-    return _through(SlaveBoard(), _board_record, data)
+    return _through(HeadDecoder(layout, head=None if multiplexed else 1),
+                    lambda sample: {f"ndvi_{sample.head}": sample.ndvi}, data)
 
 
 def _fix_record(fix: GnssFix) -> Record:
     return {"utc": fix.utc, "lat_deg": fix.lat_deg, "lon_deg": fix.lon_deg, "fix_quality": fix.fix_quality,
             "satellites": fix.satellites, "hdop": fix.hdop, "heading_deg": fix.heading_deg, "speed_mps": fix.speed_mps}
-
-
-def _head_record(sample: HeadSample) -> Record:
-    return {f"ndvi_{sample.head}": sample.ndvi}
 
 
 def _board_record(readings: BoardReadings) -> Record:
@@ -83,14 +72,6 @@ def _board_record(readings: BoardReadings) -> Record:
     record: Record = {name: value.value if (value := getattr(readings, name)) is not None else None for name in names}
     record["work_switch"] = None if readings.work_switch is None else int(readings.work_switch)
     return record
-
-
-def _gpsd(data: bytes) -> tuple[list[Record], Counts]:
-    return _through(GpsdDecoder(), _fix_record, data)
-
-
-def _agopengps(data: bytes) -> tuple[list[Record], Counts]:
-    return _through(AgOpenGpsDecoder(), _fix_record, data)
 
 
 def _rate_line(data: bytes) -> tuple[list[Record], Counts]:
@@ -105,11 +86,12 @@ def _tractor(data: bytes) -> tuple[list[Record], Counts]:
 
 
 PROTOCOLS: dict[str, Callable[[bytes], tuple[list[Record], Counts]]] = {
-    "gnss": _gnss,
-    "gpsd": _gpsd,
-    "agopengps": _agopengps,
-    "board": _board,
-    "tractor": _tractor, "rate_line": _rate_line,
+    "gnss": lambda data: _through(GnssDecoder(live=False), _fix_record, data),
+    "gpsd": lambda data: _through(GpsdDecoder(), _fix_record, data),
+    "agopengps": lambda data: _through(AgOpenGpsDecoder(), _fix_record, data),
+    "board": lambda data: _through(SlaveBoard(), _board_record, data),
+    "tractor": _tractor,
+    "rate_line": _rate_line,
     **{name: partial(_heads, layout, False) for name, layout in HEAD_PROTOCOLS.items()},
     **{f"{name}-multi": partial(_heads, layout, True) for name, layout in HEAD_PROTOCOLS.items()},
 }

@@ -7,7 +7,7 @@ import xml.parsers.expat as expat
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any
 
 from drivers.files.limits import CELLS, MB, BeyondLimits, held_to
 
@@ -69,16 +69,12 @@ def _unpacked(archive: zipfile.ZipFile, info: zipfile.ZipInfo, label: str) -> It
     longer.file_size += 1
     found = 0
     with archive.open(longer) as entry:
-        for chunk in _chunks(entry):
+        for chunk in iter(lambda: entry.read(CHUNK), b""):
             found += len(chunk)
             if found > stated:
                 raise BeyondLimits(label, "unpacks to more than the {stated} bytes that its directory says",
                                    stated=stated)
             yield chunk
-
-
-def _chunks(entry: IO[bytes]) -> Iterator[bytes]:
-    return iter(lambda: entry.read(CHUNK), b"")
 
 
 def _of_markup(chunks: Iterator[bytes]) -> Iterator[int]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from console.cli import app
+from console.cli import app, drop_by_hand, lag_rig
 from control.machine.fall import Fall, start_drop_s
 
 TOPDRESS = [sys.executable, "-c", "from console.cli import main; main()"]
@@ -47,15 +47,21 @@ def test_one_run_on_real_bytes_gives_a_table_that_is_read(served: dict[str, str]
     assert drop_s == pytest.approx(start_drop_s(Fall(), 40.0), abs=0.08)        # out of a standing shaft, eq 6
 
 
-@pytest.mark.parametrize(("options", "said"), [
-    (["--board", "socket://127.0.0.1:9"], "only while the space bar is held down"),
-])
-def test_what_is_missing_is_said_in_one_line(options: list[str], said: str, tmp_path: Path) -> None:
+SILENT = "socket://127.0.0.1:9"
+
+
+@pytest.mark.parametrize(("words", "said"), [
+    (["--rig", SILENT, "--board", SILENT], "only while the space bar is held down"),
+    (["--rig", SILENT, "--board", SILENT, "--no-key"], f"board at {SILENT} is silent"),
+    (["--rig", SILENT], f"lag_rig at {SILENT} is silent")], ids=["no key", "silent board", "no board, silent rig"])
+def test_what_is_missing_is_said_and_writes_nothing(words: list[str], said: str, tmp_path: Path,
+                                                    monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in (lag_rig, drop_by_hand):
+        monkeypatch.setattr(module, "HEARD_WITHIN_S", 0.5)
     table = tmp_path / "lag.csv"
-    result = CliRunner().invoke(app, ["calibrate", "lag", "--rig", "socket://127.0.0.1:9", "--out", str(table),
-                                      *options])
-    assert result.exit_code == 2 and said in result.output and len(result.output.splitlines()) == 1
-    assert not table.exists()
+    result = CliRunner().invoke(app, ["calibrate", "lag", *words, "--out", str(table)])
+    assert result.exit_code == 2 and said in result.output and not table.exists()
+    assert len(result.stderr.splitlines()) == 1
 
 
 def test_a_table_that_exists_is_not_overwritten(tmp_path: Path) -> None:
@@ -64,25 +70,6 @@ def test_a_table_that_exists_is_not_overwritten(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["calibrate", "lag", "--rig", "x", "--board", "y", "--no-key", "--out",
                                       str(table)])
     assert result.exit_code == 2 and "exists already" in result.output and table.read_text() == "mine"
-
-
-def test_a_silent_device_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from console.cli import lag_rig
-    monkeypatch.setattr(lag_rig, "HEARD_WITHIN_S", 0.5)
-    table = tmp_path / "lag.csv"
-    result = CliRunner().invoke(app, ["calibrate", "lag", "--rig", "socket://127.0.0.1:9", "--board",
-                                      "socket://127.0.0.1:9", "--no-key", "--out", str(table)])
-    assert result.exit_code == 2 and "board at socket://127.0.0.1:9 is silent" in result.output
-    assert not table.exists()
-
-
-def test_without_a_board_a_silent_rig_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from console.cli import drop_by_hand
-    monkeypatch.setattr(drop_by_hand, "HEARD_WITHIN_S", 0.5)
-    table = tmp_path / "lag.csv"
-    result = CliRunner().invoke(app, ["calibrate", "lag", "--rig", "socket://127.0.0.1:9", "--out", str(table)])
-    assert result.exit_code == 2 and "lag_rig at socket://127.0.0.1:9 is silent" in result.output
-    assert not table.exists()
 
 
 @pytest.mark.parametrize(("arguments", "why"), [

@@ -4,7 +4,7 @@ from __future__ import annotations
 import datetime as dt
 import json
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ from console.worker.resume_tail import with_tail
 from control.agronomy.strips import Strips
 from control.field.coverage import Coverage, Raster
 from control.field.job import rule_of
-from control.field.totals import NOTHING, Sums, Totaliser
+from control.field.totals import Sums, Totaliser
 from control.log_row import LogRow
 from control.machine.fall import drop_s
 from control.machine.machine import Machine
@@ -82,7 +82,7 @@ def run(log: Path, until_s: float, resumed: Path | None = None, cut: bool = Fals
 
 
 class Standing(NamedTuple):
-    """A tick of a machine that stands."""
+    """A tick of a machine that stands, or of which only the row is looked at."""
 
     row: LogRow
     alarms: tuple = ()
@@ -372,26 +372,14 @@ def test_records_survive_a_file_and_the_time_before_is_added():
 
 # --- Strips that were measured on the way are still known after a power cut ------------------------------------------
 
-class Ticked(NamedTuple):
-    row: LogRow
-    alarms: tuple[Any, ...] = ()
-    place_m: tuple[float, float] | None = None
-    look_ahead: bool = True
-    flow_trim_on: bool = True
-
-
-class StripLoop:
-    sums, flow_trim, plane = NOTHING, 1.0, None
-
-
 def test_the_job_goes_on_with_its_strips(tmp_path):
     setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
     path = tmp_path / "a.resume.json"
-    keeper = Keeper(path, setup.machine, Snapshot(str(tmp_path / "a.csv")), StripLoop(),
+    keeper = Keeper(path, setup.machine, Snapshot(str(tmp_path / "a.csv")), Loop(),
                     lambda: "2026-03-18T06:00:00+00:00")
-    keeper.take(Ticked(LogRow(0.0, state="working", shaft_rpm_cmd=50.0)))
-    keeper.take(Ticked(LogRow(1.0, state="working", events="mark;strip nrich 0.66 0.0041 38")))
-    keeper.take(Ticked(LogRow(2.0, state="working", events="strip check 0.55;strip check x")))
+    keeper.take(Standing(LogRow(0.0, state="working", shaft_rpm_cmd=50.0)))
+    keeper.take(Standing(LogRow(1.0, state="working", events="mark;strip nrich 0.66 0.0041 38")))
+    keeper.take(Standing(LogRow(2.0, state="working", events="strip check 0.55;strip check x")))
     keeper.work(False)
     assert not keeper.trouble
     before = resume.read(path)

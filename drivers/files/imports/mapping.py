@@ -11,7 +11,7 @@ from control.field.job import FrozenModel
 from control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS
 from drivers.files.config import Kind
 from drivers.files.config_words import nearest
-from drivers.files.imports.units import names_of, quantity_of, unit_named
+from drivers.files.imports.units import UNITS, quantity_of, unit_named
 
 EVENTS = "events"                     # column of a run log
 EXTRA_START = "x_"
@@ -208,5 +208,5 @@ def _check_unit(name: str, column: Column, width_m: float | None, density_kg_l: 
         _check_rate(where, column, unit.quantity, width_m, density_kg_l)
         return
     if unit.quantity != quantity:
-        allowed = ", ".join(names_of(quantity)) if quantity is not None else "none"
+        allowed = ", ".join(one.name for one in UNITS if one.quantity == quantity) or "none"
         raise ValueError(f"{where}.unit {column.unit}: allowed {allowed}")

@@ -129,10 +129,6 @@ def of_a_rate(text: str) -> bool:
     return found is not None and found.quantity in OF_A_RATE
 
 
-def names_of(quantity: str) -> tuple[str, ...]:
-    return tuple(unit.name for unit in UNITS if unit.quantity == quantity)
-
-
 def quantity_of(column: str) -> str | None:
     """Of a column of the run log; None for plain numbers, texts and columns beyond the standard."""
     if column not in COLUMNS or column in TEXT_COLUMNS or column in WHOLE_COLUMNS:

@@ -186,10 +186,6 @@ def _ask_to_take_back(page: DiagnosisScreen, machine: str | None, lines: tuple[s
     page.app.push_screen(Confirm(_("Take the last change back?"), "\n".join(text)), answer)
 
 
-def why_no_comparison(page: DiagnosisScreen) -> str:
-    return "" if page.adopted else _("adopt something first: it is compared on a log that it was not made from")
-
-
 def compare(page: DiagnosisScreen) -> None:
     """Of the machine file that was adopted here: before and after, on a log of another day."""
     logs = [one for one in page.sources or () if one.kind == "run" and not one.working
@@ -273,7 +269,8 @@ ACTIONS = (
            N_("Writes the machine file without what was adopted last; asks first."), take_back, DIAGNOSIS),
     Action("dia_compare", "q_4", "Q4", N_("compare"),
            N_("Says on another log whether the adopted machine file predicts better than before."), compare, DIAGNOSIS,
-           why=why_no_comparison),
+           why=lambda page: "" if page.adopted else _(
+               "adopt something first: it is compared on a log that it was not made from")),
     Action("dia_report", "e", "E", N_("report"), N_("Writes a page with pictures (HTML)."), report, DIAGNOSIS, 7,
            why=why_not_found),
     Action("dia_data", "q_6", "Q6", N_("data"), N_("Writes the result as data (JSON)."), data, DIAGNOSIS,

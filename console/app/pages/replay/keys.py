@@ -62,10 +62,6 @@ def why_no_what_if(page: ReplayScreen) -> str:
     return why_no_log(page)
 
 
-def why_no_cancel(page: ReplayScreen) -> str:
-    return _("no what-if is being computed") if page.computing is None else ""
-
-
 ACTIONS = on(
     REPLAY,
     Action("open_log", "j", "J", N_("open"), N_("Another log, the newest first."), open_log, bar=3),
@@ -92,7 +88,8 @@ ACTIONS = on(
     Action("what_if", "q_1", "Q1", N_("what if"), N_("The same log with another strategy, crop or machine."), what_if,
            why=why_no_what_if),
     Action("cancel_what_if", "escape", "Esc", N_("cancel"), N_("Stops computing a what-if."),
-           lambda page: page.cancel(), why=why_no_cancel),
+           lambda page: page.cancel(),
+           why=lambda page: _("no what-if is being computed") if page.computing is None else ""),
     Action("as_recorded", "delete,backspace", "Del", N_("as recorded"), N_("Back to the log as it was recorded."),
            lambda page: page.back_to_recorded(), why=why_no_log),
     Action("findings", "q_2", "Q2", N_("findings"), N_("What was found in this log when it was opened."), findings,

@@ -34,7 +34,7 @@ def section_parts(sections: tuple[SectionState, ...]) -> list[Part]:
     for state, group in groupby(sections):
         last = first + len(list(group)) - 1
         numbers = f"{first}" if last == first else f"{first}-{last}"
-        word = _("open") if state.open else words.section_word(state.why)
+        word = _("open") if state.open else _(words.SECTIONS.get(state.why, state.why))
         style = "$success" if state.open else "$warning" if state.why == "hand" else "$text-muted"
         found.append((f"   {numbers} {word}", style))
         first = last + 1
