@@ -78,17 +78,15 @@ async def test_what_changes_the_dose_is_asked_once(app, pilot):
 async def test_a_dose_error_is_asked_by_its_side_and_in_metres(app, source, side, error_m):
     source.newest = replace(source.newest, sources=(*source.newest.sources, "point"))
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.press("q", "1", "enter", side, "enter", "0", "full_stop", "1", "2", "enter")
+        await pilot.press("semicolon", side, "enter", "0", "full_stop", "1", "2", "enter")
         assert source.orders == [Order(Do.DOSE_ERROR, pytest.approx(error_m))]
 
 
 async def test_a_job_without_plants_has_no_dose_error(app, source):
     source.newest = replace(source.newest, sources=("canopy", "manual", "fallback"))
     async with app.run_test(size=SIZE) as pilot:
-        await pilot.press("q")
-        assert {one.value: one.why for one in app.screen.choices}["dose_error"] == "this job has no plants"
-        await pilot.press("1", "enter")
-        assert source.orders == []
+        await pilot.press("semicolon")
+        assert source.orders == [] and len(app.screen_stack) == 1 and "no plants" in app.notice_text
 
 
 async def test_no_sends_nothing(app, pilot):
