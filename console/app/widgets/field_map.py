@@ -18,7 +18,7 @@ from console.app.camera import MapCamera, Pixels
 from console.app.field_picture import FieldPicture, Ring
 from console.app.laid import LaidView
 from console.app.layers import LayerScale, MapLayer
-from console.app.map_image import DONE, EMPTY, GLOW, LAID, PASSAGE, PLAN, glow, image, line_dots, next_passes
+from console.app.map_image import DONE, EMPTY, GLOW, LAID, PASSAGE, PLAN, Image, glow, image, line_dots, next_passes
 from console.app.scale import STEPS, Rgb
 from console.app.terminal import few_colours
 from console.app.widgets.canvas import Canvas
@@ -64,6 +64,7 @@ class FieldMap(Canvas[MapView]):
     def __init__(self, view: MapView, *, id: str | None = None, classes: str | None = None) -> None:
         super().__init__(view, id=id, classes=classes)
         self._codes: Codes | None = None
+        self._outline: tuple[FieldPicture | None, Pixels, Image] | None = None      # of a field, as seen
         self._segments: dict[int, Segment] = {}
         self._dressed_for: object = None
         self.rows_drawn = 0
@@ -120,12 +121,14 @@ class FieldMap(Canvas[MapView]):
         glow(seen, view.worked, pixels)
         machine = pixels.at(*view.place) if view.place is not None else None
         codes = seen[0::2].astype(np.int32) * _PAIR + seen[1::2]
-        behind = np.where(seen[0::2] != EMPTY, seen[0::2], seen[1::2]).astype(np.int32)
-        outline = tuple((*ring, ring[0]) for ring in view.picture.rings_m) if view.picture is not None else ()
-        for kind, lines in ((2, next_passes(view.worked, pixels)), (0, outline), (1, (*view.lines, *self._ahead()))):
-            if lines:
-                dots = line_dots(lines, pixels).astype(np.int32)
-                codes = np.where(dots > 0, _LINE + kind * _PAIR * _PAIR + dots * _PAIR + behind, codes)
+        if self._outline is None or self._outline[:2] != (view.picture, pixels):        # it stands still, as a rule
+            rings = view.picture.rings_m if view.picture is not None else ()
+            self._outline = view.picture, pixels, line_dots([(*ring, ring[0]) for ring in rings], pixels)
+        for kind, dots in ((2, line_dots(next_passes(view.worked, pixels), pixels)), (0, self._outline[2]),
+                           (1, line_dots((*view.lines, *self._ahead()), pixels))):
+            at = np.nonzero(dots)
+            up, down = seen[0::2][at], seen[1::2][at]
+            codes[at] = _LINE + (kind * _PAIR + dots[at].astype(np.int32)) * _PAIR + np.where(up != EMPTY, up, down)
         if view.cross is not None:
             column, row = pixels.at(*view.cross)
             if 0 <= column < width and 0 <= row < 2 * height:
