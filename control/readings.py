@@ -197,6 +197,16 @@ class ScaleSays(NamedTuple):
 NOTHING_SAID = ScaleSays()
 
 
+class EffortSays(NamedTuple):
+    """What the metering drive's effort says, now; neutral values: nothing."""
+
+    harder_percent: float = 0.0         # than it should
+    unloaded: bool = False              # as if no material were in the rollers
+
+
+NO_EFFORT = EffortSays()
+
+
 class Doubted(Enum):
     """Which speed is not believed."""
 

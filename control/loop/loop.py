@@ -17,6 +17,7 @@ from control.loop.ahead import APPLIED_HOLDS_S, Ahead
 from control.loop.backing import Backing
 from control.loop.canopy_heads import LATENCY_S
 from control.loop.doses import Doses, NoDoses
+from control.loop.effort_watch import EffortWatch
 from control.loop.events import Events
 from control.loop.expected import ExpectedDrives
 from control.loop.known_terms import KnownTerms
@@ -81,6 +82,7 @@ class ControlLoop:
         allowed = safety_limits or standing_limits(machine, SafetyLimits(hopper_low_kg=limits.hopper_low_kg))
         self.safety = Safety(allowed, has_work_switch)
         self._stopped, self._record_only = Stopped(machine, allowed, obeyed and not record_only), record_only
+        self._effort = EffortWatch(machine)
         self._sensing = Sensing(machine.geometry.antenna_m, _plane(
             job, prescription, points, index_map or zone_map, done), SensingLimits(reckoned_m=_reckoned_m(
                 machine, prescription, points)))
@@ -223,7 +225,7 @@ class ControlLoop:
         verdict = self.safety.check(moment.m.time_s, situation(moment, decision, metered, choices,
             heads=self._ahead.heads, between_doses=between, console_age_s=console_age_s, log_ok=log_ok,
             commanded=self._stopped.commanded, map_elsewhere=self._near.elsewhere_m is not None,
-            scale=self._flow_trim.says, told=self._ahead.is_told))
+            scale=self._flow_trim.says, effort=self._effort.says, told=self._ahead.is_told))
         command = self._command_of(moment, decision, verdict)
         self._follow(moment, decision, metered, verdict, command)
         return self._tick(moment, decision, metered, verdict, command)
@@ -397,6 +399,7 @@ class ControlLoop:
         self._weigh(moment, metered, calibrating and command.shaft_rpm > 0.0)
         bare = decision.pair if verdict.flow_allowed else Pair(0.0, decision.pair.opening_mm)
         turns = verdict.flow_allowed and not calibrating and not decision.by_point
+        self._effort.update(m, moment.conditions, dt_s, turns and command.shaft_rpm > 0.0)
         self._setting.made(decision.pair if turns else Pair(0.0, decision.pair.opening_mm))
         self._expected.step(command if calibrating else self._setting.wire(bare, moment.conditions),
                             moment.conditions.supply_v, dt_s, self._terms.drives)

@@ -4,13 +4,13 @@ from __future__ import annotations
 from control.loop.canopy_heads import CanopyHeads
 from control.loop.moment import Choices, Metered, Moment, TickDecision
 from control.orders import BY_CANOPY, TargetSource
-from control.readings import ScaleSays
+from control.readings import EffortSays, ScaleSays
 from control.safety import Commanded, Situation
 
 
 def situation(moment: Moment, decision: TickDecision, metered: Metered, choices: Choices, *, heads: CanopyHeads,
-              between_doses: bool, console_age_s: float | None,
-              log_ok: bool, commanded: Commanded, map_elsewhere: bool, scale: ScaleSays, told: bool) -> Situation:
+              between_doses: bool, console_age_s: float | None, log_ok: bool, commanded: Commanded,
+              map_elsewhere: bool, scale: ScaleSays, effort: EffortSays, told: bool) -> Situation:
     """`between_doses`: a rate means nothing there, and is not given."""
     m, sensed = moment.m, moment.sensed
     needs_heads = choices.source in BY_CANOPY
@@ -31,4 +31,4 @@ def situation(moment: Moment, decision: TickDecision, metered: Metered, choices:
         position_walks=sensed.walks,
         cut_from_kg_ha=decision.planned_kg_ha if decision.planned_kg_ha > decision.rate_kg_ha and not decision.by_point
         else None, commanded=commanded, map_elsewhere=map_elsewhere, scale=scale,
-        target_silent=choices.source is TargetSource.EXTERNAL and not told)
+        target_silent=choices.source is TargetSource.EXTERNAL and not told, effort=effort)

@@ -121,6 +121,12 @@ _KINDS = (
     AlarmKind("gate_off", _AMBER, N_("The gate stands at {opening_mm} mm and should be at {told_mm} mm; where it rests "
                                      "the shaft makes up for it, else the rate is off by as much."),
               N_("Look for what holds the gate; home it anew."), N_("gate")),
+    AlarmKind("effort_high", _AMBER, N_("The metering drive works {percent} % harder than it should: blocked, or wet "
+                                        "product?"),
+              N_("Look at the outlets, for clods and stones. It goes when the grease is warm: run it warm. It stays: "
+                 "grease the shaft."), N_("metering shaft")),
+    AlarmKind("effort_low", _AMBER, N_("The metering drive turns with hardly any load: bridged, or empty?"),
+              N_("Look into the hopper; break the bridge."), N_("hopper")),
     AlarmKind("flow_trimmed", _AMBER, N_("The scale moves the flow by {percent} %."),
               N_("Do a catch test with this product; W switches the scale's trim off."), N_("hopper scale")),
     AlarmKind("scale_unexplained", _AMBER, N_("The scale shows {kg} kg more or less than the flow explains."),

@@ -4,7 +4,7 @@ from __future__ import annotations
 from math import isfinite
 
 from control.orders import BY_CANOPY, BY_PLACE, State
-from control.readings import Doubted, ScaleSays, SpeedDoubt
+from control.readings import Doubted, EffortSays, ScaleSays, SpeedDoubt
 from control.safety.follow_watch import FollowWatch
 from control.safety.hopper_watch import HopperWatch
 from control.safety.limits import SafetyLimits
@@ -49,6 +49,7 @@ def troubles(m: Memory, now_s: float, s: Situation, *, seen: Senses, motion: Mot
         _rate(found, now_s, s, rate, limits)
         _follow(found, now_s, s, follow, limits)
         _scale(found, s.scale, limits)
+        _effort(found, s.effort)
     _hopper_empty(found, m, now_s, seen, hopper, limits)
     return found
 
@@ -194,6 +195,13 @@ def _scale(found: dict[str, Details], says: ScaleSays, limits: SafetyLimits) -> 
         found["scale_unexplained"] = (("kg", _rounded(abs(says.off_kg), 1)),)
     if abs(says.trimmed_percent) > limits.trimmed_percent:
         found["flow_trimmed"] = (("percent", _rounded(says.trimmed_percent)),)
+
+
+def _effort(found: dict[str, Details], says: EffortSays) -> None:
+    if says.harder_percent > 0.0:
+        found["effort_high"] = (("percent", _rounded(says.harder_percent)),)
+    if says.unloaded:
+        found["effort_low"] = ()
 
 
 def _rounded(value: float | None, digits: int | None = None) -> str | float:

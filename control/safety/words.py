@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from control.orders import Alarm, State, TargetSource
-from control.readings import NOTHING_SAID, Measurements, ScaleSays, SpeedDoubt
+from control.readings import NO_EFFORT, NOTHING_SAID, EffortSays, Measurements, ScaleSays, SpeedDoubt
 
 Details = tuple[tuple[str, str | float], ...]
 
@@ -56,6 +56,7 @@ class Situation(NamedTuple):
     cut_from_kg_ha: float | None = None         # the rate that was wanted, where it is above the crop's limit
     commanded: Commanded = Commanded()
     scale: ScaleSays = NOTHING_SAID     # what the hopper scale says of the flow, and of material that nobody ordered
+    effort: EffortSays = NO_EFFORT      # what the metering drive's effort says of its load
     map_elsewhere: bool = False         # the map does not lie where work was started
     target_silent: bool = False         # the other display that tells the target
     by_index_map: bool = False          # the index map stands in for silent heads

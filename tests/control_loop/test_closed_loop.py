@@ -89,6 +89,19 @@ def test_one_drive_makes_up_for_what_the_other_does_not_do_and_it_is_said(
     assert said <= run.alarms() <= said | {"rate_off"}, "before the trims are at their ends"
 
 
+@pytest.mark.parametrize(("effects", "said"), [
+    ([], set()), (["flow.blocked_outlet=16.7@60"], {"effort_high"}), (["flow.bridging=90@60"], {"effort_low"}),
+    (["effort.friction=400@60"], {"effort_high"})])
+def test_what_a_held_speed_hides_is_said_by_the_drives_effort(simulated: Any, effects: list[str], said: set[str]
+                                                              ) -> None:
+    begins: dict[str, float] = {}
+    for step in simulated(75.0, "opening_first", effects).steps:
+        for alarm in step.tick.alarms:
+            if alarm.id.startswith("effort"):
+                begins.setdefault(alarm.id, step.tick.row.time_s)
+    assert set(begins) == said and all(60.0 < at_s < 70.0 for at_s in begins.values())
+
+
 def test_behind_a_short_headland_the_heads_decide_from_the_edge_on(simulated: Any) -> None:
     """The turn ends nearer to the field than the heads look ahead."""
     run = simulated(120.0, sim={"pass_length_m": 40.0, "run_in_m": 6.0})

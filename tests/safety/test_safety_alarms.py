@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from control.orders import Do, Severity, State, TargetSource
-from control.readings import Doubted, ScaleSays, SpeedDoubt
+from control.readings import Doubted, EffortSays, ScaleSays, SpeedDoubt
 from control.safety import ALARMS, INTERLOCKS, REFUSALS, STATE_REASONS, Commanded
 from tests.safety.steps import NEVER, order, play, tick
 
@@ -45,6 +45,8 @@ RAISED = [
     ("outlet_blocked", {"scale": ScaleSays(outlets=1, of_outlets=6)}, 0.0, 0.05, State.WORKING),
     ("flow_disagrees", {"scale": ScaleSays(beyond_percent=-30.0)}, 0.0, 0.05, State.WORKING),
     ("flow_trimmed", {"scale": ScaleSays(trimmed_percent=-5.1)}, 0.0, 0.05, State.WORKING),
+    ("effort_high", {"effort": EffortSays(harder_percent=12.0)}, 0.0, 0.05, State.WORKING),
+    ("effort_low", {"effort": EffortSays(unloaded=True)}, 0.0, 0.05, State.WORKING),
     ("scale_unexplained", {"scale": ScaleSays(off_kg=-0.9)}, 0.0, 0.05, State.WORKING),
     ("refill_disagrees", {"scale": ScaleSays(refill_percent=-30.0)}, 0.0, 0.05, State.WORKING),
     ("rate_above_limit", {"applied_rate_kg_ha": 1100.0, "expected_rate_kg_ha": None}, 0.9, 1.1, State.HELD),

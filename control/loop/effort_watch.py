@@ -1,0 +1,73 @@
+"""Does the metering drive work as hard as it should? What a loop that holds its speed hides. Pure."""
+from __future__ import annotations
+
+from math import hypot
+
+from control.log_row import HOLDS_S
+from control.machine.effort import OF_SHAFT, Effort, EffortInput, shaft_effort
+from control.machine.flow import in_flutes
+from control.machine.machine import Machine
+from control.metering.inverse import Conditions
+from control.readings import NO_EFFORT, EffortSays, Measurements, Reading, is_fresh
+
+MEAN_S = 3.0                # of a first-order mean: a stone passes in less
+USUAL_S = 300.0             # of the mean that a drive is held against: grease warms up in minutes
+SETTLES_S = 30.0            # of turning, before that mean is believed
+LEAST_SD = 3.0              # of what the machine file's tolerances leave open: a sound drive is beyond it in one of 700
+NOISE_SD = 6.0              # of the mean: by chance once in years
+LOAD_SHARE = 0.5            # of the material's load: nearer to none of it than to all
+
+
+class EffortWatch:
+    """`says`: what the drive's effort says, now. Once a tick `update`.
+
+    What begins at once is held against what this drive did in the last minutes; what was there all along, against the
+    machine file and its tolerances.
+    """
+
+    def __init__(self, machine: Machine) -> None:
+        self._machine, self._tells = machine, machine.has("effort")
+        self._off: float | None = None          # measured less expected
+        self._usual = self._turned_s = 0.0      # the same as a share, for minutes; for how long it was known
+        self.says = NO_EFFORT
+
+    def update(self, m: Measurements, c: Conditions, dt_s: float, turns: bool) -> None:
+        """turns : material is to flow by a turning shaft; else nothing is judged."""
+        effort, rpm, opening_mm = _fresh(m, m.shaft_effort), _fresh(m, m.shaft_rpm), _fresh(m, m.opening_mm)
+        if not self._tells or not turns or effort is None or rpm is None or opening_mm is None or not rpm > 0.0:
+            self._off, self.says = None, NO_EFFORT
+            return
+        machine, own = self._machine, self._machine.effort
+        u = self._input(rpm, opening_mm, c)
+        should = shaft_effort(own, u)
+        load = should - shaft_effort(own, u._replace(grams_rev=0.0, packed_g_rev=0.0))
+        share = min(1.0, dt_s / MEAN_S)
+        before = self._usual * should if self._off is None else self._off
+        off = self._off = before + share * (abs(effort) - should - before)
+        self._turned_s += dt_s
+        sudden = off - self._usual * should if self._turned_s > SETTLES_S else 0.0
+        chance = NOISE_SD * machine.noise.effort * (0.5 * share) ** 0.5
+        least = max(LOAD_SHARE * load, chance)
+        far = max(least, LEAST_SD * _open(own, u, should, machine.tolerance.effort_percent))
+        high, low = off > far or sudden > least, load > chance and (off < -far or sudden < -least)
+        self.says = EffortSays(100.0 * off / max(should, 1e-9) if high else 0.0, low)
+        if not (high or low):
+            self._usual += min(1.0, dt_s / min(USUAL_S, self._turned_s)) * (off / max(should, 1e-9) - self._usual)
+
+    def _input(self, rpm: float, opening_mm: float, c: Conditions) -> EffortInput:
+        machine = self._machine
+        full = 1.0 if c.hopper_kg is None else c.hopper_kg / machine.flow.full_kg
+        nominal_v = machine.shaft.nominal_supply_v
+        return EffortInput(rpm, 0.0, nominal_v / max(1.0, nominal_v if c.supply_v is None else c.supply_v), *in_flutes(
+            machine.flow, rpm, max(0.0, opening_mm - machine.gate.offset_mm), c.pitch_deg, full, c.elapsed_s, 0.0,
+            c.refilled))
+
+
+def _fresh(m: Measurements, read: Reading | None) -> float | None:
+    return read.value if read is not None and is_fresh(read.time_s, m.time_s, HOLDS_S["shaft_effort"]) else None
+
+
+def _open(own: Effort, u: EffortInput, should: float, percent: float) -> float:
+    """What a sound drive's parts, each within its tolerance (1 s.d.), leave open of its effort."""
+    parts = [should - shaft_effort(own._replace(**{name: 0.0}), u) for name in OF_SHAFT if getattr(own, name) > 0.0]
+    return 0.01 * percent * hypot(*parts)
