@@ -35,7 +35,7 @@ class TargetSource(StrEnum):
     FALLBACK = "fallback"
     NONE = "none"
     MAP_AND_CANOPY = "map_and_canopy"       # the map's rate, the heads' around it
-    EXTERNAL = "external"                   # another display's, told over a line
+    EXTERNAL = "external"                   # another display's, over a line
     INDEX_MAP = "index_map"                 # by source canopy: decided from the index map, where the heads are silent
 
 

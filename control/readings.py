@@ -72,7 +72,7 @@ class Measurements(NamedTuple):
     valves: ValvesSeen | None = None             # None: no valves, or a board that does not tell
     shaft_effort: Reading | None = None          # how hard the drive works, in the machine file's unit
     gate_effort: Reading | None = None
-    rate_told: Reading | None = None             # kg/ha that another display wants
+    rate_asked: Reading | None = None             # kg/ha that another display wants
     rate_applied: Reading | None = None          # kg/ha that another controller says it applies
 
 
@@ -136,7 +136,7 @@ POSSIBLE: dict[str, tuple[float, float]] = {
     "hopper_kg": (-100_000.0, 100_000.0), "supply_v": (-1_000.0, 1_000.0), "pitch_deg": (-180.0, 180.0),
     "roll_deg": (-180.0, 180.0),
     "shaft_effort": (-1_000.0, 1_000.0), "gate_effort": (-1_000.0, 1_000.0),
-    "rate_told": (0.0, 2_000.0), "rate_applied": (0.0, 2_000.0)}
+    "rate_asked": (0.0, 2_000.0), "rate_applied": (0.0, 2_000.0)}
 POSSIBLE_NDVI = (-100.0, 100.0)
 _OF_A_FIX = ("hdop", "speed_mps", "heading_deg")
 

@@ -89,7 +89,7 @@ class Cab:
             decoder = TractorSpeedDecoder()
             self._tractor = _opened("tractor", "tractor-speed/1", config.tractor.port, config.tractor.baud, decoder,
                                     clock, opener), decoder
-        self._rate_told: Reading | None = None
+        self._rate_asked: Reading | None = None
         self._rate_applied: Reading | None = None
         self._rate_line: tuple[DeviceLine, RateLineDecoder] | None = None
         if config.rate_line is not None:
@@ -115,7 +115,7 @@ class Cab:
                             work_switch=self._switch(now_s), drive_fault=self._drive_fault(),
                             drive_stopped=self._drive_stopped(),
                             old_orders=self.board is not None and self.board.old_order,
-                            speed_told=self._speed_told, rate_told=self._rate_told,
+                            speed_told=self._speed_told, rate_asked=self._rate_asked,
                             rate_applied=self._rate_applied, canopy_index=self._index,
                             valves=self._valves_seen,
                             put_aside=tuple(line.name for line, _ in self._listening if line.aside))
@@ -236,7 +236,7 @@ class Cab:
         said = decoder.feed(data, now_s) if data else []
         for one in said:
             if one.is_target:
-                self._rate_told = Reading(one.rate_kg_ha, one.time_s)
+                self._rate_asked = Reading(one.rate_kg_ha, one.time_s)
             else:
                 self._rate_applied = Reading(one.rate_kg_ha, one.time_s)
         line.note(one.time_s for one in said)

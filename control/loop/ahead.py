@@ -62,16 +62,16 @@ class Ahead:
         if done is not None:
             self.overlap.seed(done.raster, ours=False)
         self._fallback = Everywhere(Target(crop.fallback_rate_kg_ha, TargetSource.FALLBACK))
-        silent_kg_ha, self._told_holds_s = job.target.external_silent_kg_ha, job.target.external_holds_s
-        self._told = self._untold = self._fallback if silent_kg_ha is None else Everywhere(
+        silent_kg_ha, self._external_holds_s = job.target.external_silent_kg_ha, job.target.external_holds_s
+        self._external = self._silent = self._fallback if silent_kg_ha is None else Everywhere(
             Target(silent_kg_ha, TargetSource.FALLBACK))
 
     def look(self, m: Measurements, sensed: Sensed, fired_to_m: float, no_double: bool) -> None:
         """Changes up to `fired_to_m` of the track have been made, and stay where they were seen."""
         self.heads.look(m, sensed)
-        told = m.rate_told
-        self._told = (self._untold if told is None or not is_fresh(told.time_s, m.time_s, self._told_holds_s)
-                      else Everywhere(Target(told.value, TargetSource.EXTERNAL)))
+        asked = m.rate_asked
+        self._external = (self._silent if asked is None or not is_fresh(asked.time_s, m.time_s, self._external_holds_s)
+                      else Everywhere(Target(asked.value, TargetSource.EXTERNAL)))
         self._look_at_edges(sensed, fired_to_m)
         self._look_at_done(m, sensed, fired_to_m, no_double)
         self._look_at_map(sensed, fired_to_m)
@@ -154,12 +154,12 @@ class Ahead:
             return DOSES_ONLY
         if choices.source is TargetSource.MANUAL:
             return Everywhere(Target(choices.manual_rate_kg_ha, TargetSource.MANUAL))
-        return self._told if choices.source is TargetSource.EXTERNAL else self._fallback
+        return self._external if choices.source is TargetSource.EXTERNAL else self._fallback
 
     @property
-    def is_told(self) -> bool:
+    def external_speaks(self) -> bool:
         """Whether another display's target is heard."""
-        return self._told is not self._untold
+        return self._external is not self._silent
 
     def landing_inside(self, moment: Moment, holding: Target, stop: Callable[[], Lag], choices: Choices,
                        may_outside: bool) -> bool | None:

@@ -225,7 +225,7 @@ class ControlLoop:
         verdict = self.safety.check(moment.m.time_s, situation(moment, decision, metered, choices,
             heads=self._ahead.heads, between_doses=between, console_age_s=console_age_s, log_ok=log_ok,
             commanded=self._stopped.commanded, map_elsewhere=self._near.elsewhere_m is not None,
-            scale=self._flow_trim.says, effort=self._effort.says, told=self._ahead.is_told))
+            scale=self._flow_trim.says, effort=self._effort.says, external_speaks=self._ahead.external_speaks))
         command = self._command_of(moment, decision, verdict)
         self._follow(moment, decision, metered, verdict, command)
         return self._tick(moment, decision, metered, verdict, command)

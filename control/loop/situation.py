@@ -10,7 +10,8 @@ from control.safety import Commanded, Situation
 
 def situation(moment: Moment, decision: TickDecision, metered: Metered, choices: Choices, *, heads: CanopyHeads,
               between_doses: bool, console_age_s: float | None, log_ok: bool, commanded: Commanded,
-              map_elsewhere: bool, scale: ScaleSays, effort: EffortSays, told: bool) -> Situation:
+              map_elsewhere: bool, scale: ScaleSays, effort: EffortSays,
+              external_speaks: bool) -> Situation:
     """`between_doses`: a rate means nothing there, and is not given."""
     m, sensed = moment.m, moment.sensed
     needs_heads = choices.source in BY_CANOPY
@@ -31,4 +32,4 @@ def situation(moment: Moment, decision: TickDecision, metered: Metered, choices:
         position_walks=sensed.walks,
         cut_from_kg_ha=decision.planned_kg_ha if decision.planned_kg_ha > decision.rate_kg_ha and not decision.by_point
         else None, commanded=commanded, map_elsewhere=map_elsewhere, scale=scale,
-        target_silent=choices.source is TargetSource.EXTERNAL and not told, effort=effort)
+        target_silent=choices.source is TargetSource.EXTERNAL and not external_speaks, effort=effort)

@@ -62,10 +62,10 @@ def measurements(log: RunLog) -> Iterator[Measurements]:
             log.texts("speed_told").tolist(), log.texts("target_source").tolist(), targets, strict=True):
         wheel_mps, shaft, opening, hopper, supply, pitch, roll, *efforts = held
         announced = (announced_of(text, at_s) if text else None) or announced
-        told = Reading(target, at_s) if source == TargetSource.EXTERNAL and target == target else None
+        asked = Reading(target, at_s) if source == TargetSource.EXTERNAL and target == target else None
         yield Measurements(at_s, fix, wheel_mps, ndvi, shaft, opening, hopper, supply, pitch, roll, work,
                            speed_told=announced, canopy_index=index, shaft_effort=efforts[0], gate_effort=efforts[1],
-                           rate_told=told)
+                           rate_asked=asked)
 
 
 def _readings(log: RunLog, column: str, sensor: str) -> list[Reading | None]:

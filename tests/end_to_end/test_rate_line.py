@@ -77,7 +77,7 @@ class Metering:
 
     def _told(self, m: Measurements) -> Measurements:
         self.now_s = m.time_s
-        return m._replace(rate_told=self.cab.measure(m.time_s).rate_told)
+        return m._replace(rate_asked=self.cab.measure(m.time_s).rate_asked)
 
     @property
     def _read(self) -> int:
