@@ -17,7 +17,7 @@ from control.diagnosis.runs.row_order import COMMANDS, in_order
 from control.diagnosis.runs.stages import run_data
 from control.machine.machine import Limits, Machine, Noise, Shaft, Tolerance
 from control.machine.over_log import MOST_STEP_S
-from tests.diagnosis.logs import HUANGHAI, Columns, stairs_work
+from tests.diagnosis.logs import HUANGHAI, Columns, settled, stairs_work
 
 ROWS = 400
 
@@ -164,6 +164,10 @@ def test_a_shaft_that_is_early_by_a_row_is_in_the_rows_of_others_and_one_that_is
     early, slow = ({"time_s": time_s, "shaft_rpm_cmd": WORK["shaft_rpm_cmd"],
                     "shaft_rpm": np.interp(time_s - late_s, time_s, read_rpm)} for late_s in (-0.05, 0.07))
     assert any("moved a row down" in finding for finding in as_said(early).findings)
+    quick = {"time_s": time_s, "opening_mm_cmd": WORK["opening_mm_cmd"],        # no slew: early as no row makes it
+             "opening_mm": np.r_[WORK["opening_mm_cmd"][:2], WORK["opening_mm_cmd"][:-2]] + 0.1 * np.random.default_rng(
+                 7).standard_normal(len(time_s))}
+    assert as_said(quick).findings == gate(quick).findings
     found = diagnose_run(slow, HUANGHAI)
     assert [(c.id, c.probability < 0.5, [r.id for r in c.rivals]) for c in found.causes] == [
         ("shaft.dead_time", True, ["unknown"])]
@@ -198,6 +202,14 @@ def test_a_reading_that_is_held_while_the_shaft_moves_is_none() -> None:
     held = repeated_in_motion(rpm, 0.3)
     assert held.sum() == 24 and np.all(rpm[held] == rpm[np.flatnonzero(held) - 1])
     assert not repeated_in_motion(np.round(rpm), 0.3).any(), "a coarse reading is held by nothing"
+    asked_rpm = np.linspace(100.0, 600.0, 80)       # a row a step, one read twice: each is an answer of its own
+    stairs = settled(asked_rpm, asked_rpm + np.random.default_rng(5).normal(0.0, 0.1, 80))
+    stairs["shaft_rpm"][30] = stairs["shaft_rpm"][29]
+    machine = Machine(id="wheel", stages=("shaft",), noise=Noise(shaft_rpm=0.3),
+                      shaft=Shaft(dead_time_s=0.02, time_constant_s=0.06))
+    clean = gate(stairs)
+    assert repeated_in_motion(clean.columns["shaft_rpm"], 0.3).any()
+    assert run_data(clean, machine).shaft.grid.rows.tolist().count(30) == 1
 
 
 def test_the_scale_is_predicted_for_the_time_at_which_it_was_read() -> None:

@@ -162,8 +162,8 @@ def _drive(name: str, every: LogRows, command: Array, measured: Array, sure: npt
     time = every.time_s
     pick, clock, since = (np.arange(len(time)), time, time - time[0]) if whole else windows(time, every.step_s)
     quick = _quick(every, measured, noise)[pick]
-    known = (np.isfinite(measured[pick]) & (since >= settle_s) & sure[pick] & ~quick
-             & ~repeated_in_motion(measured, noise)[pick])
+    held = repeated_in_motion(measured, noise) & (not settled)      # each row of a staircase is an answer of its own
+    known = np.isfinite(measured[pick]) & (since >= settle_s) & sure[pick] & ~quick & ~held[pick]
     if known.sum() < least:
         return None
     grid = grid_of(time[pick], known, every.step_s, clock)

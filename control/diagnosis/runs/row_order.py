@@ -2,9 +2,10 @@
 
 A run log of ours holds in row k what was read at its time, and the command given then. Others write a command with what
 answered it in one row, or the command under which a row was read, or the readings a row late. Seen as ours, such a log
-has drives that answer a row too early or too late. Nothing makes a drive early by itself. What makes one late is a
-fault of that drive, and not of the other by the same row: where one moves alone and late, nothing is moved, as a dead
-time may look the same: unless rows are further apart than any dead time.
+has drives that answer a row too early or too late. A drive is early by itself where it answers quicker than its data
+sheet says, at once at most. What makes one late is a fault of that drive, and not of the other by the same row: where
+one moves alone and late, nothing is moved, as a dead time may look the same: unless rows are further apart than any
+dead time.
 
 What a drive's dead time may be off within its tolerance is no order of rows, and hides none: each drive is held against
 an order with the dead time that fits it best.
@@ -21,6 +22,7 @@ from control.diagnosis.effects import GATE_SLOW
 from control.diagnosis.judgement.climb import climbed
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
+from control.machine.shaft import LEAST_LAG_S
 
 from .channels import ChannelSeries, channels
 from .hypothesis import EffectInstance, Schedule, schedule, stages_of
@@ -38,6 +40,7 @@ LEAST_EVIDENCE = 30.0       # of each drive, in units of the log-likelihood: wha
 NEARER = 0.2                # of what the opposite move loses: then the drives are 3/4 of a row off at least
 MEDIAN_OF_SQUARES = 0.4549      # of a standard normal variable
 ROWS = 10_000               # from the beginning on: a logger keeps its order
+AT_ONCE = 100.0             # times its slew: a gate that is there within a row
 FAR_SD = 6.0                # a residual counts as so many robust s.d. at most: one stop of a drive is no order of rows
 
 
@@ -106,15 +109,25 @@ def order_of(log: Clean, machine: Machine) -> Move | None:
 
 def _beyond_tolerance(seen: Mapping[str, ChannelSeries], moved: Mapping[str, ChannelSeries], early: bool,
                       machine: Machine) -> bool:
-    """Whether the drives are surely a row off, with any dead time within its tolerance. Late: the gate must be, more so
+    """Whether the drives are surely a row off, with any dead time within its tolerance. Early: more so than drives
+    that follow at once. Late: the gate must be, more so
     than by slewing too slowly, and the shaft lose no more by the move than a tolerance costs."""
-    was, now = _settled(seen, machine), _settled(moved, machine)
-    gains = {drive: _gain(was[drive].squares, now[drive].squares) + was[drive].cost - now[drive].cost
-             for drive in was.keys() & now.keys()}
+    now, by_itself = _settled(moved, machine), [_settled(seen, machine)]
+    if early:
+        by_itself.append(_settled(seen, _at_once(machine)))
+    gains = {drive: min(_gain(was[drive].squares, one.squares) + was[drive].cost - one.cost for was in by_itself)
+             for drive, one in now.items()}
     if early:
         return sum(gains.values()) > LEAST_EVIDENCE
     return gains["shaft"] > -0.5 * MAX_OFFSET_SD ** 2 and gains["gate"] > max(
-        LEAST_EVIDENCE, _slow_gate_gain(was["gate"].squares, seen, machine))
+        LEAST_EVIDENCE, _slow_gate_gain(by_itself[0]["gate"].squares, seen, machine))
+
+
+def _at_once(machine: Machine) -> Machine:
+    """The same with drives that are there as soon as their dead time is over."""
+    return machine.model_copy(update={
+        "shaft": machine.shaft._replace(time_constant_s=LEAST_LAG_S),
+        "gate": machine.gate._replace(slew_mm_s=AT_ONCE * machine.gate.slew_mm_s)})
 
 
 def _settled(seen: Mapping[str, ChannelSeries], machine: Machine) -> dict[str, Settled]:
