@@ -101,6 +101,14 @@ def gate_opens_by(mm):
     return observe
 
 
+def dead_wheel(run):
+    """The operator lets GNSS alone say how fast it goes; it speaks five times a second."""
+    run.tick(1.0, wheel_mps=0.0)
+    run.order(Do.ALLOW_NO_WHEEL, True)
+    run.order(Do.ACKNOWLEDGE, "")
+    return run.tick(0.5, wheel_mps=0.0).why_no_flow
+
+
 def slowing_down(seconds):
     """A shaft that loses a tenth of its speed every 0.1 s."""
     def observe(run):
@@ -132,6 +140,7 @@ CHANGES = [
     ("drive_silent_s", 1.0, state(shaft_age_s=0.8)),
     ("gnss_silent_s", 1.0, alarms(gnss_age_s=0.8)),
     ("gnss_silent_periods", 5.0, alarms(gnss_age_s=0.8)),
+    ("gnss_alone_period_s", 0.3, dead_wheel),
     ("gnss_period_max_s", 5.0, alarms(gnss_age_s=6.0, gnss_period_s=4.0)),
     ("ndvi_silent_s", 5.0, alarms(ndvi_age_s=3.0)),
     ("heads_min", 2, alarms(valid_heads=3)),
