@@ -11,7 +11,7 @@ import pytest
 
 from control.diagnosis.runs import diagnose
 from control.diagnosis.runs.diagnose import diagnose_run, is_finite
-from control.diagnosis.runs.log import LONGEST_NAME, MOST, gate, worth_asking
+from control.diagnosis.runs.log import LONGEST_NAME, MOST_KEPT, gate, worth_asking
 from control.diagnosis.runs.terms import _id
 from control.machine.machine import Machine
 from control.machine.terms import Term
@@ -129,8 +129,8 @@ def test_of_too_many_columns_those_that_go_with_a_reading_are_kept() -> None:
     columns |= {f"signal {k}": RNG.normal(0.0, 1.0, ROWS).cumsum() for k in range(1990)}
     columns["signal 777"] = 40.0 + 10.0 * load + RNG.normal(0.0, 0.3, ROWS)
     log = gate(columns)
-    assert len(log.further) == MOST and "signal 777" in log.further
-    assert any(f"the {MOST} that go best with the readings are kept" in text for text in log.findings)
+    assert len(log.further) == MOST_KEPT and "signal 777" in log.further
+    assert any(f"the {MOST_KEPT} that go best with the readings are kept" in text for text in log.findings)
 
 
 def test_rows_too_far_apart_are_asked_about() -> None:

@@ -8,7 +8,7 @@ from control.diagnosis import effects
 from control.diagnosis.runs import log, stages
 from control.diagnosis.runs.cost import field_cost
 from control.diagnosis.runs.hypothesis import EffectInstance
-from control.diagnosis.tables import cost as tables
+from control.diagnosis.tables import report as tables
 from control.diagnosis.tables.piece import SizedEffect, TableCandidate
 from control.machine.machine import Machine
 

@@ -318,10 +318,9 @@ def test_a_job_that_is_changed_stays_the_same_job_with_a_history(desk, launcher,
     desk.take_names(JobNames(client="Li Ming"))
     asyncio.run(desk.restart())
     desk.take("crop", str(shipped("crops")["osu_winter_wheat_2006"]))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Launcher, "start", lambda self, resumed=None: (_ for _ in ()).throw(WorkerFailed("no port")))
-        with pytest.raises(WorkerFailed):
-            asyncio.run(desk.restart())
+    launcher.fails = True
+    with pytest.raises(WorkerFailed):
+        asyncio.run(desk.restart())
     job = load(jobs / "demo.yaml", JOB).model
     assert (job.id, job.client, job.ndvi_nrich) == ("demo", "Li Ming", 0.72) and "huanghai" in job.crop
     assert [path.name for path in jobs.glob("*.yaml")] == ["demo.yaml"]

@@ -11,6 +11,7 @@ from console.worker import limits
 from console.worker.host import Steady
 from console.worker.requests import Ask, DeviceOrder
 from control.orders import Answer, Do, Order, SectionState
+from control.safety import Allowances
 
 
 def ask(rig, what):
@@ -30,7 +31,7 @@ def test_a_tick_measures_decides_commands_logs_and_shows(rig):
     assert frame.simulated and frame.dropped_heads == (3,) and frame.place_m == (1.0, 2.0) and frame.notes == ("note",)
     assert frame.metres_left_m == 120.0 and frame.area_ha == 1.25 and frame.applied_kg == 300.0
     assert (frame.gnss_age_s, frame.gnss_hz, frame.look_ahead, frame.flow_trim_on) == (0.1, 10.0, True, False)
-    assert (frame.why_no_flow, frame.why_state, frame.allow) == (("low_speed",), "start", (False, True, False, False))
+    assert (frame.why_no_flow, frame.why_state, frame.allow) == (("low_speed",), "start", Allowances(outside=True))
     assert (frame.no_double, frame.threshold_m, frame.strips) == (False, -0.12, (0.66, None))
     assert (frame.ordered_source, frame.manual_rate_kg_ha) == ("map", 90.0)
     assert frame.sections == (SectionState(True), SectionState(False, "done"))

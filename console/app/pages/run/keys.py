@@ -37,10 +37,10 @@ def allowances(frame: Frame | None) -> dict[str, Allowance]:
     allow, no_double = (frame.allow, frame.no_double) if frame is not None else (Allowances(), True)
     found = ((Do.ALLOW_REVERSE, _("flow while reversing"), allow.reverse),
              (Do.ALLOW_OUTSIDE, _("flow outside the field"), allow.outside),
-             (Do.ALLOW_NO_WHEEL, _("work by GNSS alone where the wheel sensor is dead"), allow.no_wheel),
              (Do.GO_ON_UNLOGGED, _("work without a log"), allow.unlogged),
              (Do.NO_DOUBLE, _("a second dose on done ground"), not no_double),
-             (Do.ALLOW_MAP_ELSEWHERE, _("spreading by a map that lies somewhere else"), allow.map_elsewhere))
+             (Do.ALLOW_MAP_ELSEWHERE, _("spreading by a map that lies somewhere else"), allow.map_elsewhere),
+             (Do.ALLOW_NO_WHEEL, _("work by GNSS alone where the wheel sensor is dead"), allow.no_wheel))
     return {do.value: Allowance(what, allowed, do, allowed if do is Do.NO_DOUBLE else not allowed)
             for do, what, allowed in found}
 
