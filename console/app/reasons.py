@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 from console.app.words import state_word
 from console.locale import _
 from control.orders import Severity, State
+from control.safety import STATE_REASONS
 
 if TYPE_CHECKING:
     from console.app.app import TopdressApp
@@ -39,6 +40,8 @@ def _why_no_state(app: TopdressApp, from_: tuple[State, ...], already: State) ->
     frame = app.arrival.frame
     if frame is None or app.gone or frame.row.state in from_:
         return ""
+    if frame.why_state == "record_only":
+        return _(STATE_REASONS[frame.why_state])
     now = state_word(frame.row.state)
     if frame.row.state == already:
         return _("the machine is {state} already").format(state=now)

@@ -188,7 +188,7 @@ def _status(frame: Frame, age_s: float, utc_offset_s: float, marks: tuple[str, .
     own = ((_("SIMULATED"),) if frame.simulated else ()) + tuple(
         _(word) for name, word in words.ALLOWANCES.items() if getattr(frame.allow, name))
     silent = _("NO DATA {age}").format(age=f"{int(age_s)} s") if age_s > STALE_S else ""
-    word = words.state_word(row.state)
+    word = words.state_word(row.state, frame.why_state)
     word = _("was {state}").format(state=word) if silent else word
     return StatusView(state, words.STATE_SYMBOLS.get(state, " "), word,
                       words.strategy_word(row.strategy), words.source_word(row.target_source), "", own + marks,

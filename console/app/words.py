@@ -75,8 +75,8 @@ SECTIONS = {"outside": N_("outside"), "headland": N_("headland"), "done": N_("do
             "hand": N_("BY HAND"), "no_flow": N_("closed")}
 
 
-def state_word(state: str | None) -> str:
-    return _(STATES.get(state or "", state or "")) or _("NO STATE")
+def state_word(state: str | None, why: str = "") -> str:
+    return _(STATES.get(state or "", state or "")) or (_("RECORDS ONLY") if why == "record_only" else _("NO STATE"))
 
 
 def strategy_word(strategy: str | None) -> str:

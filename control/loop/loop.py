@@ -462,6 +462,7 @@ class ControlLoop:
                         events=events, speed_told=self._newly_announced(moment.m))
         if self._record_only:           # nobody's state, as of a log that another program wrote
             row = row._replace(state=None, shaft_rpm_cmd=None, opening_mm_cmd=None)
+            verdict = verdict._replace(why_state="record_only")
         return Tick(
             row=row, command=command, sensed=moment.sensed, verdict=verdict, choices=choices,
             allow=self.safety.memory.allow, fired=decision.fired, notes=self._notes(moment, decision),

@@ -75,6 +75,7 @@ class Verdict(NamedTuple):
 
 
 STATE_REASONS: Mapping[str, str] = {
+    "record_only": N_("This machine is recorded only: its drives are somebody else's."),
     "standstill": N_("Held after standing still."),
     "released": N_("The calibration button was let go."),
     "calibration_time": N_("The calibration run reached its time limit."),
@@ -83,7 +84,7 @@ STATE_REASONS: Mapping[str, str] = {
 
 REFUSALS: Mapping[str, str] = {
     "not_from_state": N_("Not possible in state {state}."),
-    "record_only": N_("This machine is recorded only: its drives are somebody else's."),
+    "record_only": STATE_REASONS["record_only"],
     "acknowledge_first": N_("Acknowledge the alarm {alarm} first."),
     "cause_lives": N_("The cause is still there: {alarm}."),
     "calibrate_moving": N_("Calibrating needs wheel and GNSS, both below {speed_mps} m/s."),

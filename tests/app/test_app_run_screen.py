@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 
 from console.app.app import TopdressApp
+from console.app.reasons import why_not_ready
 from console.app.screens.gone import GoneScreen
 from console.app.view import STALE_S, why_other_rate
 from console.app.widgets.alarm_bar import AlarmBar
@@ -268,6 +269,13 @@ async def test_what_is_allowed_stands_in_the_status_line_and_in_the_dialog(app, 
         assert "allow: flow while reversing" in text
         await pilot.press("4", "enter")
         assert source.orders == [Order(Do.NO_DOUBLE, True)]
+
+
+async def test_a_machine_that_is_recorded_only_says_so_in_place_of_a_state(app, source, frames, shown):
+    source.newest = replace(frames[-1], row=frames[-1].row._replace(state=None), why_state="record_only")
+    async with app.run_test(size=(120, 40)):
+        assert "RECORDS ONLY" in shown(app)[0]
+        assert "recorded only: its drives are somebody else's" in why_not_ready(app)
 
 
 async def test_no_colour_shows_the_same_words(monkeypatch, source, clock, shown):

@@ -169,6 +169,7 @@ def test_record_only_moves_no_drive_and_logs_and_counts_what_another_controller_
     last = rows[-1]
     assert last.applied_rate_kg_ha == pytest.approx(300.0, rel=0.05)
     assert (last.state, last.shaft_rpm_cmd, last.opening_mm_cmd) == (None, None, None)
+    assert tick.verdict.why_state == "record_only", "what the console says in place of a state"
     kg, ours_kg = theirs.loop.totals.applied_kg, ours.totals.applied_kg
     print(f"record only: 0 bytes to the board; {ours.totals.area_ha:.4f} ha and {ours_kg:.2f} kg logged, "
           f"{theirs.loop.totals.area_ha:.4f} ha and {kg:.2f} kg spread")

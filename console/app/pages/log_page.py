@@ -64,8 +64,9 @@ class LogPage(Page):
         """With the machine's state wherever the page shows something else, or nothing."""
         live = self.app.arrival.frame
         other = live is not None and self.seen(self.app.clock())[0] is not live
-        machine = (f"{_('MACHINE')}: {words.state_word(live.row.state)}",) if live is not None and other else ()
-        return (*machine, *super().marks())
+        if live is None or not other:
+            return super().marks()
+        return (f"{_('MACHINE')}: {words.state_word(live.row.state, live.why_state)}", *super().marks())
 
     def points(self) -> tuple[Point, ...]:
         """Of the trend of target and applied rate."""
