@@ -323,8 +323,9 @@ class Plant:
         share = true.shaft.nominal_supply_v / max(1.0, supply)
         shaft = gate = None
         if true.has("effort"):
+            # A term says what lands, not what the flutes hold: the drive's load is that of the flow without it.
             flutes = in_flutes(true.flow, rpm, opening, pitch, self._flow.hopper_kg / true.flow.full_kg,
-                               self._flow.time_s, self._more.flow_percent, self._flow.refills > 0.0)
+                               self._flow.time_s, 0.0, self._flow.refills > 0.0)
             shaft = true.effort.limit if true.shaft.stalled > 0.0 and self._asked_rpm != 0.0 else shaft_effort(
                 true.effort, EffortInput(rpm, (rpm - turned_rpm) / dt, share, *flutes))
             shaft = min(max(0.0, shaft + self.machine.noise.effort * self._effort_normal.next()),
