@@ -48,7 +48,8 @@ class EffortWatch:
         sudden = off - self._usual * should if self._turned_s > SETTLES_S else 0.0
         chance = NOISE_SD * machine.noise.effort * (0.5 * share) ** 0.5
         least = max(LOAD_SHARE * load, chance)
-        far = max(least, LEAST_SD * _open(own, u, should, machine.tolerance.effort_percent))
+        far = least if abs(off) <= least else max(least, LEAST_SD * _open(
+            own, u, should, machine.tolerance.effort_percent))
         high, low = off > far or sudden > least, load > chance and (off < -far or sudden < -least)
         self.says = EffortSays(100.0 * off / max(should, 1e-9) if high else 0.0, low)
         if not (high or low):

@@ -211,7 +211,7 @@ def _words(trial: Trial, control: str) -> list[str]:
                      f"{max(papers):.2f} %.")
     single = [name for name, plots in trial.treatments.items() if sum(bool(p.samples_kg_ha) for p in plots) == 1]
     if single:
-        found.append(f"One plot alone of {', '.join(single)}: no difference to it can be told from the field's own.")
+        found.append(f"One plot alone of {', '.join(single)}: no difference to it parts from the field's own.")
     return found
 
 

@@ -40,6 +40,7 @@ class GnssLate:
         self._ways_m: deque[float] = deque()
         self._epochs: deque[tuple[float, float]] = deque()        # epochs of the last second: time, m/s
         self._squares = [0.0] * len(DELAYS_S)
+        self.delay_s = self._delay_s()              # mean and standard deviation
 
     def moved(self, time_s: float, wheel_mps: float, dt_s: float) -> None:
         if self._times_s and not 0.0 < time_s - self._times_s[-1] < OVER_S:
@@ -51,9 +52,7 @@ class GnssLate:
             self._times_s.popleft()
             self._ways_m.popleft()
 
-    @property
-    def delay_s(self) -> tuple[float, float]:
-        """Mean and standard deviation."""
+    def _delay_s(self) -> tuple[float, float]:
         least = min(self._squares)
         odds = [exp(-0.5 * (squares - least) / APART_MPS ** 2) for squares in self._squares]
         mean = sum(delay * odd for delay, odd in zip(DELAYS_S, odds, strict=True)) / sum(odds)
@@ -85,6 +84,7 @@ class GnssLate:
         keep = exp(-(time_s - self._epochs[-2][0]) / FORGETS_S)
         self._squares = [keep * squares + (change_mps - change) ** 2
                          for squares, change in zip(self._squares, changes, strict=True)]
+        self.delay_s = self._delay_s()
 
     def _wheel_mps(self, at_s: float) -> float | None:
         """Mean about a moment, up to now at most; None: not known."""

@@ -21,15 +21,15 @@ MOST_STEP, PAIRS_AT_ONCE = 64, 100_000      # zones held against all others at o
 AT_ONCE, LEAST_STEP = 500_000, 16           # pairs of extents, 8 MB; or so many shapes, against 400 000 others 100 MB
 
 
-def check_zones(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | str) -> None:
-    """Outlines that cross themselves, and zones that overlap. Zones as an outline and its holes, (k, 2) each. Raises
-    BeyondLimits."""
-    check_outlines(zones, label)
+def check_zones(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | str) -> int:
+    """Outlines that cross themselves, and zones that overlap. Zones as an outline and its holes, (k, 2) each. Returns
+    how many cross themselves. Raises BeyondLimits."""
+    crossed = check_outlines(zones, label)
     shapes = polygons(zones)
     low, high = np.split(shapely.bounds(shapes), 2, axis=1)
     less = 0.5 * SLIVER * (high - low)
     if _meeting(shapely.box(*(low + less).T, *(high - less).T), OVERLAPS.most) <= OVERLAPS.most:
-        return                                                  # as cells do that lie next to one another
+        return crossed                                          # as cells do that lie next to one another
     areas, tree, found = shapely.area(shapes), shapely.STRtree(shapes), 0
     step = max(1, min(MOST_STEP, PAIRS_AT_ONCE // len(shapes)))
     for begin in range(0, len(shapes), step):
@@ -40,18 +40,21 @@ def check_zones(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | s
         shared = shapely.area(shapely.intersection(shapes[later], shapes[earlier]))
         found += int((shared > SLIVER * np.minimum(areas[later], areas[earlier])).sum())
         held_to(OVERLAPS, found, label)
+    return crossed
 
 
-def check_outlines(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | str) -> None:
-    """Zones as above. Raises BeyondLimits."""
+def check_outlines(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | str) -> int:
+    """Zones as above; returns how many cross themselves. Raises BeyondLimits."""
     large = np.array([sum(map(len, zone)) > MANY for zone in zones], dtype=bool)
     near = crossings = 0
     for k in np.flatnonzero(large).tolist():
         near += _pairs(zones[k], NEAR_EDGES.most - near)
         held_to(NEAR_EDGES, near, label)
-    for k in np.flatnonzero(~shapely.is_valid(polygons_as_drawn(zones))).tolist():
+    crossed = np.flatnonzero(~shapely.is_valid(polygons_as_drawn(zones))).tolist()
+    for k in crossed:
         crossings += _pairs(zones[k], CROSSINGS.most - crossings, crossing=True)
         held_to(CROSSINGS, crossings, label)
+    return len(crossed)
 
 
 def _pairs(zone: Sequence[Floats], most: int, crossing: bool = False) -> int:

@@ -159,4 +159,4 @@ def test_a_simulated_run_at_one_speed_tells_effort_and_says_what_it_does_not_tel
     wanted = own * 13.5 / log.numbers("supply_v")
     assert np.nanmedian((log.numbers("shaft_effort") - wanted)[turning]) == pytest.approx(0.0, abs=0.2)
     result = topdress("calibrate", "effort", run, "--out", tmp_path / "new.yaml")
-    assert result.exit_code == 0 and "one speed: what goes with speed is not told from dry friction" in result.output
+    assert result.exit_code == 0 and "one speed: what goes with speed does not part from dry friction" in result.output

@@ -33,7 +33,7 @@ STILL_AFTER_S = SMOOTH_S    # after the command to stop: the smoothed reading ha
 ANSWERS_S = 1.0             # after a command, a drive has answered it; after a gap, if not in ...
 SLOWER = 2.0                # ... times what a drive of the machine file takes for its way: one half as fast has, too
 LEAPS_SD = 6.0              # of a reading's noise: a drive that is read further away has moved (1e-9 by chance)
-REPEATS_SELDOM = 0.1        # of the readings, that repeat the one before
+REPEATS_SELDOM = 0.1        # of the readings, that repeat the one before: more, and their digits end above their noise
 READ_BACKWARDS_SD = 6.0     # of the reading's noise: further below 0 a shaft truly turns backwards (1e-9 by chance)
 
 

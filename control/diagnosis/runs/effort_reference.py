@@ -77,14 +77,14 @@ def _fit(d: DriveEffort, machine: Machine) -> tuple[Machine, EffortFit]:
         if fast > SPREAD * slow:
             asked[f"{of}viscous{suffix}"] = np.where(way, np.abs(d.speed), 0.0), f"{machine.effort_unit} for each {per}"
         else:
-            notes.append(f"{d.name}: one speed{suffix.replace('_', ' ')}: what goes with speed is not told from dry "
+            notes.append(f"{d.name}: one speed{suffix.replace('_', ' ')}: what goes with speed does not part from dry "
                          "friction and counts as such")
     if d.name == "effort" and flutes.any():
         light, heavy = np.quantile(flutes, (0.05, 0.95))
         if heavy > LOAD_SPREAD * max(light, 1e-9):
             asked["load"] = flutes, f"{machine.effort_unit} for each g a revolution"
         else:
-            notes.append("effort: one opening: the material's load is not told from friction: the file's is kept")
+            notes.append("effort: one opening: the material's load does not part from friction: the file's is kept")
             left = left - stage.load * flutes
     names = list(asked)
     design = np.column_stack([d.binned(asked[name][0]) for name in names])

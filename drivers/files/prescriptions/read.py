@@ -6,12 +6,8 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-import shapely
-
 from control.recordings.finding import Finding, many
 from control.targets.prescription import merged
-from control.targets.rate_map import polygons_as_drawn
 from drivers.files.archives import chosen, files_at
 from drivers.files.imports.trouble import listed
 from drivers.files.limits import check_file
@@ -36,12 +32,10 @@ def read_prescription(path: str | Path, choice: RateChoice | None = None) -> Imp
         raise PrescriptionError(path, "not there", f": allowed is {KNOWN}")
     check_file(path)
     read = _read(path, choice)
-    if read.format not in EVEN and read.data.grid is None:
-        rings = [zone.rings_deg for zone in read.data.zones]
-        check_zones(rings, path)
-        if crossed := int(np.count_nonzero(~shapely.is_valid(polygons_as_drawn(rings)))):
-            said = f"{many(crossed, 'zone')} with edges that cross: what they enclose is taken"
-            read = replace(read, findings=(*read.findings, Finding("crossing", said, rows=crossed)))
+    if read.format not in EVEN and read.data.grid is None and (
+            crossed := check_zones([zone.rings_deg for zone in read.data.zones], path)):
+        said = f"{many(crossed, 'zone')} with edges that cross: what they enclose is taken"
+        read = replace(read, findings=(*read.findings, Finding("crossing", said, rows=crossed)))
     return read
 
 
