@@ -109,7 +109,8 @@ def _cause(cause: Cause) -> list[str]:
     rivals = [f"{said.name_of(rival)} ({share:.2f})" for rival, share in said.others(cause)]
     if rivals:
         lines.append(f"    could also be: {', '.join(rivals)}")
-    return [*lines, f"    in the field: {said.cost(cause.field_cost)}", f"    do: {cause.advice}"]
+    which = ", if it is this" if said.tied(cause) else ""
+    return [*lines, f"    in the field{which}: {said.cost(cause.field_cost)}", f"    do: {cause.advice}"]
 
 
 def _not_shown(found: Diagnosis) -> list[str]:

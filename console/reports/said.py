@@ -246,12 +246,15 @@ def sentence(found: Diagnosis) -> str:
 
 
 def _next_test(found: Diagnosis) -> str:
-    """The next test leads: a name that this data cannot tell from others is no headline."""
+    """The next test leads: a name that this data cannot tell from others is no headline. Where no test of the program's
+    list tells them apart, what they are leads, and that nothing here tells which."""
     assert found.next_run is not None
     minutes = f" ({found.next_run.minutes:g} min)" if found.next_run.minutes else ""
-    said = [_("Test next: {what}{minutes}.").format(what=to_do(found)[0], minutes=minutes)]
-    equals = dict.fromkeys(name for cause in found.causes for name, _sure in ties(cause))
-    said.append(_("It tells apart: {causes}.").format(causes="; ".join(equals)))
+    equals, what = dict.fromkeys(name for cause in found.causes for name, _sure in ties(cause)), to_do(found)[0]
+    said = [_("Test next: {what}{minutes}.").format(what=what, minutes=minutes),
+            _("It tells apart: {causes}.").format(causes="; ".join(equals))] if found.next_run.id else [
+        _("Either {causes}: nothing in this data tells which. Next: {what}.").format(
+            causes=_(", or: ").join(equals), what=what)]
     sure = [title(cause) for cause in found.causes if not tied(cause) and headlined(cause)]
     if sure:
         said.append(_("Sure: {causes}.").format(causes="; ".join(sure)))

@@ -54,7 +54,8 @@ class Effort(NamedTuple):
         "Empty or bridged flutes turn easily; packed ones, before a closed outlet, or wet product turn hard.",
         "a roller that turns empty takes none of it", ("run",),
         "Less: look for a bridge, or an empty hopper. More: look for a blocked outlet, stones, clods, wet product.",
-        "Two openings at one shaft speed: the load goes with the material, friction does not.",
+        "Catch test by outlet: one that gives less than the others is blocked. All give alike: two openings at one "
+        "shaft speed; the load goes with the material, friction does not.",
         says=("The material in the rollers loads the drive {size} % more than it should: blocked, or wet?",
               "The material in the rollers loads the drive {size} % less than it should: bridged, or empty?"))] = 0.0
     gate_friction_percent: Annotated[float, Field(ge=0, le=500), Effect(

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from click.testing import Result
 
+from console.reports.said import sentence
 from control.diagnosis import diagnose_run, extend
 from control.diagnosis.result import Diagnosis
 from control.diagnosis.runs.effort_reference import fit_effort
@@ -118,6 +119,9 @@ def test_what_a_loop_hides_is_named_in_closed_loop(effect: str, size: float, sca
         assert names[effect.split("=")[0]] > 0.95 and cause.size.value == pytest.approx(size, rel=0.05, abs=0.5)
     else:               # wet product loads the drive as well: without a scale nobody tells them apart
         assert set(names) == {"flow.blocked_outlet", "effort.load"} and names["flow.blocked_outlet"] > 0.3
+        plain = sentence(found)
+        assert plain.startswith("Either ") and "nothing in this data tells which" in plain
+        assert "One or more outlets close" in plain and "Catch test by outlet" in plain
 
 
 def test_a_drive_that_is_read_with_noise_and_held_steady_leaves_no_effort_that_follows_it() -> None:

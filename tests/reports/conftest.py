@@ -118,5 +118,5 @@ def full(cause_of: Callable[..., Cause], found_of: Callable[..., Diagnosis]) -> 
         verdict="ambiguous", findings=("column supply_v: 3 values -9999 emptied: not known",),
         next_run=NextRun("this data cannot tell them apart",
                          "1. stairs, twice (10 min); then 2. refill by bags (20 min)",
-                         tests=("stairs, twice (10 min)", "refill by bags (20 min)")),
+                         "stairs+refill", tests=("stairs, twice (10 min)", "refill by bags (20 min)")),
         gain=(Gain("shaft", "rmse, r/min", 0.354, 0.2868, 0.283, 0.291, "blocks 2, 5, 7 of 8"),))
