@@ -24,7 +24,7 @@ from control.simulation.closed_loop import simulated_run
 from control.simulation.compiled_steps import STEPS
 from control.simulation.plant import SensorReadings
 from drivers.files.setup import load_setup
-from drivers.virtual.runaway import RUNAWAY_MM, RUNAWAY_RPM, Runaway
+from drivers.virtual.faults import RUNAWAY_MM, RUNAWAY_RPM, Runaway
 
 LASTS_S = 30.0
 SETTLED_S = 5.0             # after the shaft has come to a stand again

@@ -33,9 +33,9 @@ from drivers.devices.tractor_speed import TractorSpeedDecoder
 from drivers.devices.tractor_speed import sentence as plan_sentence
 from drivers.ports import memory_pair
 from drivers.virtual.board import VirtualBoard
-from drivers.virtual.encoders import gnss_sentences, head_line
 from drivers.virtual.extras import agopengps_frames
 from drivers.virtual.gpsd import VirtualGpsd
+from drivers.virtual.machine import gnss_sentences, head_line
 
 Said = tuple[Any, ...]
 

@@ -20,9 +20,8 @@ from drivers.cab import BoardConfig, Cab, CabConfig, GnssConfig, HeadsConfig
 from drivers.files.prescriptions.for_job import map_of_job
 from drivers.files.setup import load_setup
 from drivers.ports import memory_pair
-from drivers.virtual.faults import FaultyPort, PortFaults
+from drivers.virtual.faults import FaultyPort, PortFaults, Runaway, VirtualRunaway
 from drivers.virtual.machine import VirtualMachine
-from drivers.virtual.runaway import Runaway, VirtualRunaway
 
 DAY = dt.date(2026, 4, 1)
 DT_S = 0.05

@@ -24,7 +24,7 @@ from verdict import exit_code
 from control.geodesy import TangentPlane
 from control.orders import Do, Order, State, TargetSource
 from control.simulation.plant import SensorReadings
-from drivers.virtual.runaway import Runaway
+from drivers.virtual.faults import Runaway
 
 ONSET_S, LASTS_S = 40.0, 30.0
 RATE_KG_HA = 200.0

@@ -114,7 +114,7 @@ def _is_reported(path: Path) -> bool:
     """Says what a task file, its folder or a zip of it holds, a line each; False for any other file."""
     if not path.is_dir() and not (path.suffix.lower() in (".xml", ".zip") and path.is_file()):
         return False
-    from drivers.files.imports.task_words import task_words
+    from drivers.files.imports.task_log import task_words
     lines = task_words(path)
     for line in lines or ():
         typer.echo(line)

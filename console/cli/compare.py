@@ -74,7 +74,7 @@ def _fitted_to(path: Path, *machines: Machine) -> list[str]:
 
 
 def _write(found: list[tuple[str, Compared]], old: str, new: str, as_json: bool, report: Path | None) -> None:
-    from console.reports.compare_text import plain, summary
+    from console.reports.compare_page import plain, summary
     if as_json:
         typer.echo(json.dumps(plain(found), indent=1))
     else:

@@ -97,7 +97,7 @@ def _full(machine: str | None) -> dict[str, float]:
 
 def _guess(files: list[Path], place: Path, given: _ImportOptions, force: bool) -> None:
     from drivers.files.atomic import write_atomically
-    from drivers.files.imports.mapping_text import first_import_file
+    from drivers.files.imports.guessed import first_import_file
     refuse_collisions(_read(files), [Output((place,))], force)
     raw, found = _guessed(files, given)
     write_atomically(place, first_import_file(found, files, place))

@@ -50,10 +50,10 @@ def reproduce(
 
 def run_papers(seed: int) -> list[Section]:
     """Everything the page shows. Takes about half a minute."""
-    from control.papers.claims import summary
     from control.papers.decision import decision_section
     from control.papers.elements import elements_section
     from control.papers.lag import lag_section
+    from control.papers.page import summary
     from control.papers.points import points_section
     from drivers.files.setup import load_setup
     setup = load_setup("huanghai", "demo", DAY)

@@ -47,8 +47,8 @@ def serve_machine(
     from control.simulation.assembly import simulated_machine, with_simulated_field
     from drivers.cab_config import MODULE_PORT
     from drivers.files.setup import load_setup
+    from drivers.virtual.faults import parse_fault
     from drivers.virtual.served import Serve, ServedMachine
-    from drivers.virtual.timeline import parse_fault
     setup = load_setup(machine, job, day_clock.today())
     field = with_simulated_field(_standing(setup.job) if lag_rig else setup.job, setup.machine)
     plant = simulated_machine(setup.machine, field, seed, PLANT_STEP_S, [parse_planted(text) for text in effect or ()])

@@ -9,7 +9,6 @@ from console.reports import said as sentences
 from console.reports.figure import need_matplotlib
 from console.reports.html import Picture, escape, facts, figure, folded, items, page, paragraph, section, table
 from console.reports.numbers import decimals_of, fixed, number, p_value, percent, span_of, with_interval
-from console.reports.page_style import STYLE
 from console.reports.pictures import pictures_of
 from console.reports.term_words import compensation
 from console.reports.term_words import sentence as term_sentence
@@ -74,7 +73,7 @@ def diagnosis_page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
                section("Gain on data that the naming never saw", _gains(found.gain)),
                section("Channels", _channels(found)), _not_shown(found)),
         _provenance(found, tools))
-    return page(f"Diagnosis of {found.data.path or 'data'}", STYLE, "\n".join(part for part in parts if part))
+    return page(f"Diagnosis of {found.data.path or 'data'}", "\n".join(part for part in parts if part))
 
 
 def _head(found: Diagnosis) -> str:

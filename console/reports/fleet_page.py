@@ -7,7 +7,6 @@ from console.locale import N_, _
 from console.reports.figure import AFTER, BEFORE, DIM, drawn, svg
 from console.reports.html import Picture, escape, figure, items, page, paragraph, section, table
 from console.reports.numbers import fixed
-from console.reports.page_style import STYLE
 from control.diagnosis.season.courses import Course, Same, SeasonFit, Shared, wears
 from control.diagnosis.season.mixed import MACHINE, Alternative
 from control.diagnosis.season.owner import Low, MachineSeason, still_there
@@ -52,8 +51,8 @@ def fleet_page(machines: Sequence[MachineSeason], fit: SeasonFit, *, low: Sequen
     ]
     about = _("{machines} machines, {logs} logs").format(machines=len(machines), logs=logs)
     body = "\n".join(part for part in parts if part)
-    return page(about, STYLE, f'<h1>{escape(about)}</h1>\n<p class="verdict">{escape(said)}</p>\n{body}\n'
-                              f'{paragraph(software, "dim")}')
+    return page(about, f'<h1>{escape(about)}</h1>\n<p class="verdict">{escape(said)}</p>\n{body}\n'
+                       f'{paragraph(software, "dim")}')
 
 
 def _between(low: float, high: float, digits: int = 0) -> str:

@@ -22,12 +22,12 @@ def escape(text: object) -> str:
     return _escape(str(text), quote=True)
 
 
-def page(title: str, style: str, body: str) -> str:
-    """A whole page, nothing fetched from elsewhere. title : plain text. body : HTML."""
+def page(title: str, body: str, style: str = "") -> str:
+    """A whole page, nothing fetched from elsewhere. title : plain text. body : HTML. style: more of it."""
     return (f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n{POLICY}\n'
             f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
             f"{GENERATOR}<title>{escape(title)}</title>\n"
-            f"<style>{style}</style>\n</head>\n<body>\n{body}\n</body>\n</html>\n")
+            f"<style>{STYLE}{style}</style>\n</head>\n<body>\n{body}\n</body>\n</html>\n")
 
 
 def paragraph(text: str, kind: str = "") -> str:
@@ -75,3 +75,53 @@ def figure(picture: Picture | None) -> str:
 
 def _class(kind: str) -> str:
     return f' class="{kind}"' if kind else ""
+
+
+# Day, night and paper; colours that colour-blind readers tell apart, and shapes besides.
+STYLE = """
+:root { color-scheme: light dark; --paper:#ffffff; --ink:#16191d; --dim:#6a7179; --line:#8b9198; --grid:#e3e6e9;
+  --soft:#f3f5f7; --before:#b84a00; --after:#005ea8; --third:#8a3f7d; }
+@media (prefers-color-scheme: dark) { :root { --paper:#14171a; --ink:#e8eaec; --dim:#9aa1a8; --line:#7d848b;
+  --grid:#2b3035; --soft:#1e2226; --before:#f2a154; --after:#6cb8f6; --third:#d79bcb; } }
+@media print { :root { --paper:#ffffff; --ink:#000000; --dim:#555555; --line:#777777; --grid:#dddddd; --soft:#f4f4f4;
+  --before:#b84a00; --after:#005ea8; --third:#8a3f7d; } }
+* { box-sizing: border-box; }
+body { margin: 0 auto; padding: 1.5rem 1rem 3rem; max-width: 62rem; background: var(--paper); color: var(--ink);
+  font: 16px/1.5 system-ui, -apple-system, "Segoe UI", "DejaVu Sans", sans-serif; }
+h1 { font-size: 1.05rem; font-weight: 600; color: var(--dim); margin: 0; overflow-wrap: anywhere; }
+h2 { font-size: 1.15rem; margin: 2.2rem 0 .6rem; padding-bottom: .25rem; border-bottom: 1px solid var(--grid); }
+h3 { font-size: 1.05rem; margin: 0; }
+.verdict { font-size: 1.5rem; line-height: 1.3; font-weight: 600; margin: .3rem 0 .5rem; }
+.word { display: inline-block; font-size: .8rem; font-weight: 700; letter-spacing: .04em; text-transform: uppercase;
+  border: 2px solid var(--ink); border-radius: 3px; padding: .05rem .5rem; }
+.dim, figcaption, code, .id { color: var(--dim); font-size: .9rem; }
+code, .id { font-family: ui-monospace, "DejaVu Sans Mono", monospace; overflow-wrap: anywhere; }
+.cause { border-left: 4px solid var(--after); padding: .1rem 0 .1rem 1rem; margin: 1.2rem 0 2rem; }
+.cause.open { border-left-color: var(--third); }
+.do { font-weight: 600; }
+dl { display: grid; grid-template-columns: 9rem 1fr; gap: .3rem 1rem; margin: .7rem 0; }
+dt { color: var(--dim); } dd { margin: 0; }
+.sized { display: flex; flex-wrap: wrap; align-items: center; gap: .1rem .8rem; }
+.rivals { display: grid; max-width: 42rem; grid-template-columns: minmax(0, 1fr) max-content 220px;
+  gap: 0 .8rem; align-items: center; }
+.big { font-size: 1.15rem; font-weight: 600; margin-right: .5rem; }
+figure { margin: 1rem 0; break-inside: avoid; } svg.picture { display: block; width: 100%; height: auto; }
+svg text { font-family: system-ui, "DejaVu Sans", sans-serif; }
+svg.bar { vertical-align: middle; } .bar .base { stroke: var(--grid); stroke-width: 3; }
+.bar .zero { stroke: var(--dim); stroke-width: 1.5; } .bar .interval { stroke: var(--after); stroke-width: 5; }
+.bar .value { fill: var(--after); stroke: var(--paper); stroke-width: 1.5; } .bar .trough { fill: var(--grid); }
+.bar .share { fill: var(--after); } .bar .other { fill: var(--third); }
+table { border-collapse: collapse; width: 100%; font-size: .92rem; } .wide { overflow-x: auto; }
+th, td { text-align: left; padding: .3rem .7rem .3rem 0; border-bottom: 1px solid var(--grid); vertical-align: top; }
+th { font-weight: 600; color: var(--dim); } .number { text-align: right; font-variant-numeric: tabular-nums; }
+li { margin: .25rem 0; } section.cause, tr { break-inside: avoid; }
+@media (max-width: 40rem) { dl { grid-template-columns: 1fr; gap: 0; } dd { margin-bottom: .5rem; } }
+.simulated { border: 3px solid var(--before); color: var(--before); font-weight: 700; padding: .3rem .8rem;
+  letter-spacing: .04em; }
+.blank { display: inline-block; min-width: 14rem; border-bottom: 1px solid var(--line); height: 1.1em; }
+.signed { display: grid; grid-template-columns: 1fr 1fr; gap: 2rem; margin-top: 3rem; }
+.signed span { border-top: 1px solid var(--line); padding-top: .2rem; color: var(--dim); font-size: .9rem; }
+.fold { margin-top: 2.2rem; } .fold > summary { cursor: pointer; font-weight: 600; color: var(--dim); }
+@media print { .fold::details-content { content-visibility: visible; block-size: auto; } }
+@media print { body { max-width: none; padding: 0; font-size: 10.5pt; } h2 { break-after: avoid; } }
+"""

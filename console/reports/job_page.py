@@ -9,7 +9,6 @@ from console.reports.figure import AFTER, BEFORE, LINE, drawn, svg
 from console.reports.html import Picture, escape, facts, figure, page, section
 from console.reports.job_about import NOBODY, About, named, time_line
 from console.reports.numbers import fixed, number, span_of
-from console.reports.page_style import STYLE
 from control.field.across import across_words
 from control.geodesy import TangentPlane
 from drivers.files.exports.as_applied import AsApplied
@@ -50,7 +49,7 @@ def job_page(applied: AsApplied, software: str, about: About = NOBODY) -> str:
     started = applied.utc(float(applied.stretches.time_s[0]))
     when = "" if started is None else f", {started:%Y-%m-%d %H:%M} UTC"
     simulated = '<p class="simulated">SIMULATED: no material was spread on any ground</p>\n' if about.simulated else ""
-    return page(applied.title, STYLE, (
+    return page(applied.title, (
             f'<h1>{escape(applied.title + when)}</h1>{simulated}'
             f'<p class="verdict">{escape(said)}</p>\n{named(about, about.who.product or applied.product.name)}\n'
             f'{section("Sums", sums)}\n{section("Wanted and applied", figure(applied_map(applied)))}\n'

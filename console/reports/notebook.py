@@ -5,9 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from console.reports.diagnosis_text import taken_up
-from console.reports.html import Picture, escape, figure, table
+from console.reports.html import STYLE, Picture, escape, figure, table
 from console.reports.numbers import number, with_interval
-from console.reports.page_style import STYLE
 from console.reports.said import VERDICTS, sentence, title_of
 from control.diagnosis.result import Diagnosis
 from control.machine.machine import Machine
@@ -30,7 +29,7 @@ class Pictures:
         from console.reports.html import page
         from drivers.files.atomic import write_atomically
         place = Path(path)
-        write_atomically(place, page("Pictures of a diagnosis", STYLE, self._html))
+        write_atomically(place, page("Pictures of a diagnosis", self._html))
         return place
 
 

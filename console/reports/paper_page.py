@@ -7,7 +7,6 @@ from console.reports.figure import AFTER, BEFORE, THIRD, drawn, svg
 from console.reports.html import Picture as Drawn
 from console.reports.html import escape, figure, page, paragraph, table
 from console.reports.numbers import fixed
-from console.reports.page_style import STYLE
 from control.papers.page import Cell, Picture, Section, Table
 
 COLOURS = {"published": BEFORE, "ours": AFTER, "other": THIRD}
@@ -24,8 +23,7 @@ def paper_page(sections: Sequence[Section], software: str,
     """A whole HTML page, nothing fetched from elsewhere; the first section stands above the contents."""
     parts = [_section(part, k) for k, part in enumerate(sections)]
     body = "\n".join([*parts[:1], _contents(sections), *parts[1:]])
-    return page(title, STYLE + PAPERS_STYLE,
-                f"<h1>{escape(software)}</h1><p class=\"verdict\">{escape(title)}</p>\n{body}\n")
+    return page(title, f"<h1>{escape(software)}</h1><p class=\"verdict\">{escape(title)}</p>\n{body}\n", PAPERS_STYLE)
 
 
 def _section(part: Section, number: int) -> str:

@@ -77,8 +77,7 @@ def work(order: DiagnosisOrder, tell: Tell) -> None:
 
 def compared_before_and_after(order: DiagnosisOrder, tell: Tell) -> None:
     """Errors of a machine file on a log before and after its last change, in words and as a page."""
-    from console.reports.compare_page import compare_page
-    from console.reports.compare_text import plain
+    from console.reports.compare_page import compare_page, plain
     from console.reports.figure import NoPictures
     from control.diagnosis.runs.compared import compared
     from control.machine.history import undone

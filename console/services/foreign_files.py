@@ -50,10 +50,10 @@ def brought_in(path: Path, folder: Path) -> tuple[Path, tuple[str, ...]]:
     from drivers.files.config import load
     from drivers.files.imports.convert import convert
     from drivers.files.imports.guess import guess
+    from drivers.files.imports.guessed import first_import_file
     from drivers.files.imports.join import joined
     from drivers.files.imports.log_file import write_imported
     from drivers.files.imports.mapping import IMPORT
-    from drivers.files.imports.mapping_text import first_import_file
     from drivers.files.imports.read import read_raw
     data, place = _pair(path)
     raw = read_raw(data)

@@ -19,7 +19,6 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 from control.agronomy.crop import Crop
-from control.agronomy.grades import grade_edges, graded_ndvi
 from control.agronomy.response import ResponseRule, field_response
 from control.agronomy.strips import Strips, StripValue
 from control.agronomy.yield_potential import YieldPotential
@@ -247,3 +246,34 @@ def rate_table(crop: Crop, days: int | None = None, ndvi_nrich: float | None = N
     lower = (crop.ndvi_min, *edges[:-1])
     return tuple(GradeRate(k, low, high, rule.decide(high).rate_kg_ha)
                  for k, (low, high) in enumerate(zip(lower, edges, strict=True), start=1))
+
+
+_EDGE = 1e-9   # NDVI this close above an edge still belongs to the grade below
+
+
+class Graded(NamedTuple):
+    """One of the 11 grades of paper A, section 2.1 (5): ten steps of NDVI and the zero grade. The paper's text gives a
+    step of 0.5; its own example ((0.25, 0.3] is one grade) says 0.05.
+
+    `grade` 0 is the zero grade; `ndvi` is the upper edge whose rate the grade takes (None in the zero grade)."""
+
+    grade: int
+    ndvi: float | None
+
+
+def graded_ndvi(ndvi: float, low: float = 0.25, high: float = 0.75, width: float = 0.05) -> Graded:
+    """The grade of an NDVI: (low, low + width] is grade 1, and so on up to `high`; elsewhere grade 0.
+
+    Raises ValueError for a width that is not positive. Source: paper A, section 2.1 (5).
+    """
+    if width <= 0.0:
+        raise ValueError(f"grade width {width:g}: allowed is above 0")
+    if not low + _EDGE < ndvi <= high + _EDGE:
+        return Graded(0, None)
+    grade = math.ceil((ndvi - low) / width - _EDGE / width)
+    return Graded(grade, min(low + grade * width, high))
+
+
+def grade_edges(low: float = 0.25, high: float = 0.75, width: float = 0.05) -> tuple[float, ...]:
+    """Upper edges of grades 1, 2, ..., rounded to 1e-9: ten for the paper's values."""
+    return tuple(round(low + k * width, 9) for k in range(1, round((high - low) / width) + 1))

@@ -11,8 +11,7 @@ from control.agronomy.crop import Crop
 from control.agronomy.noa import n_requirement_kg_ha, prepare, rate_table, yield_without
 from control.agronomy.sampling import FREQUENCIES_HZ, Evenness, best_frequency
 
-from .claims import DIGITS, compared
-from .page import Claim, How, Table
+from .page import DIGITS, Claim, How, Table, compared
 from .published import APPLIED, EXTRA_N_KG_HA, NDVI_OF, PLOTS, SAMPLING, UNIFORM_KG_HA, YIELDS
 
 

@@ -10,9 +10,8 @@ from control.machine.fall import lag_paper_s
 from control.machine.machine import Machine
 from control.machine.start import response_s, start_lag_s
 
-from .claims import DIGITS, compared
 from .map_geometry import AHEAD_M, AT, boundary_table, cells_that_agree
-from .page import Claim, How
+from .page import DIGITS, Claim, How, compared
 from .published import CORRECTED_M, DROP_S, GAIN_M, LAG_LINE, LAG_M, LAG_SPEED_KMH, RESPONSE_S, TOTAL_LAG_S
 
 MPS = LAG_SPEED_KMH / 3.6

@@ -15,9 +15,8 @@ from control.simulation.assembly import control_loop, simulated_machine, with_si
 from control.simulation.canopy import CanopyField
 from control.simulation.closed_loop import simulated_run
 
-from .claims import ledger
 from .claims_decision import decision_claims, found_in_grain, grain_n, yields
-from .page import Cell, Line, Picture, Section, Table
+from .page import Cell, Line, Picture, Section, Table, ledger
 from .published import APPLIED, EXTRA_N_KG_HA, MAIN_SPEED_KMH, NDVI_OF, PLOTS, SAMPLING, UNIFORM_KG_HA
 
 PLOT_M, WIDTH_M = 250.0, 2.4            # 600 m2 in one pass

@@ -15,7 +15,7 @@ ELEMENTS: tuple[tuple[str, str, str, str, str], ...] = (
     (DECISION, "eq 3, 4: yield without topdressing, INSEY", YES, "control/agronomy/yield_potential.py",
      "constants and day rule bound to one another"),
     (DECISION, "eq 5: response index, Y_max; 6.73 t/ha without a strip", YES, "control/agronomy/noa.py", ""),
-    (DECISION, "section 2.1 (5): 11 grades, nothing outside 0.25 to 0.75", YES, "control/agronomy/grades.py",
+    (DECISION, "section 2.1 (5): 11 grades, nothing outside 0.25 to 0.75", YES, "control/agronomy/noa.py",
      "width 0.05; the print says 0.5"),
     (DECISION, "six GreenSeeker heads, fused", YES, "drivers/devices/canopy_heads.py; control/agronomy/fusion.py",
      "two other makes as well"),

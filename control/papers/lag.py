@@ -8,7 +8,6 @@ from control.machine.fall import drop_s, lag_paper_s
 from control.machine.machine import Machine
 from control.machine.start import first_fall_s, response_s, start_lag_s
 
-from .claims import ledger
 from .claims_lag import lag_claims
 from .correction import (
     IN_PHASE,
@@ -22,7 +21,7 @@ from .correction import (
 )
 from .experiments import experiment_tables
 from .map_geometry import boundary_table
-from .page import Line, Picture, Section, Table
+from .page import Line, Picture, Section, Table, ledger
 from .published import (
     CORRECTED_M,
     DROP_S,

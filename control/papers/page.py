@@ -1,4 +1,5 @@
-"""What a page of reproductions is made of: sections with words, tables and pictures, before anybody draws them."""
+"""What a page of reproductions is made of: sections with words, tables and pictures, before anybody draws them; what a
+paper says, row by row, next to what comes out here, and how it came out."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -63,3 +64,57 @@ class Section(NamedTuple):
     tables: tuple[Table, ...] = ()
     pictures: tuple[Picture, ...] = ()
     claims: tuple[Claim, ...] = ()
+
+
+DIGITS = "half of the last digit printed"
+
+
+def compared(where: str, says: str, published: float, obtained: float, within: float, form: str = "{:g}",
+             *,
+             how: How = How.RECOMPUTED, remark: str = "", why: str = DIGITS) -> Claim:
+    """A number next to a number; they agree if they differ by at most `within`, for the reason `why`. `form`: of both,
+    with the unit."""
+    unit = form.partition("}")[2].strip()
+    return Claim(where, says, form.format(published), form.format(obtained), how,
+                 abs(published - obtained) <= within * (1.0 + 1e-9), remark,
+                 f"{within:.3g}{' ' + unit if unit else ''}: {why}")
+
+
+def ledger(name: str, claims: Sequence[Claim]) -> Table:
+    """Every claim of a paper as a table. Raises ValueError for a copied figure that is said to be obtained, and for a
+    verdict without its tolerance."""
+    for claim in claims:
+        if (claim.how is How.COPIED) != (not claim.obtained):
+            raise ValueError(f"{claim.where}, {claim.says}: obtained {claim.obtained!r} is {claim.how}")
+        if (claim.agrees is None) != (not claim.within):
+            raise ValueError(f"{claim.where}, {claim.says}: agrees {claim.agrees}, within {claim.within!r}")
+    return Table(f"Everything that the {name} says",
+                 ("where", "what", "published", "obtained", "how", "agrees", "if within", "remark"),
+                 tuple((c.where, c.says, c.published, c.obtained or None, c.how.value, _verdict(c), c.within, c.remark)
+                       for c in claims), (0,) * 8)
+
+
+def _verdict(claim: Claim) -> str:
+    return "" if claim.agrees is None else "yes" if claim.agrees else "no"
+
+
+def summary(papers: Sequence[Section]) -> Section:
+    """How many claims there are of each kind, and those that do not come out."""
+    counts: list[tuple[str | float, ...]] = []
+    against: list[tuple[str, ...]] = []
+    for paper in papers:
+        counts.append((paper.title, len(paper.claims), *(sum(c.how is how for c in paper.claims) for how in How),
+                       *(sum(c.agrees is verdict for c in paper.claims) for verdict in (True, False))))
+        against += [(f"{paper.title.split(':')[0]}: {c.where}", c.says, c.published, c.obtained, c.within, c.remark)
+                    for c in paper.claims if c.agrees is False]
+    rows, judged = sum(len(paper.claims) for paper in papers), sum(int(row[-2]) + int(row[-1]) for row in counts)
+    return Section("Summary", (
+        f"{rows} equations, tables, figures and numeric claims of three papers. {judged} can be held against "
+        f"something; "
+        f"{len(against)} of them do not come out, and are listed here with what was found. Every claim has its row in "
+        "the chapter of its paper. A copied figure is an input or stands alone in the paper: nothing is said to be "
+        "obtained for it.",),
+        (Table("Claims by paper", ("paper", "claims", *(how.value for how in How), "agree", "do not"), tuple(counts),
+               (0,) * (4 + len(How))),
+         Table("What does not come out", ("where", "what", "published", "obtained", "would agree within", "remark"),
+               tuple(against), (0,) * 6)))

@@ -53,7 +53,7 @@ class SafetyLimits:
     stand_confirm_s: float = 0.5            # the reading goes on so long, without a break and without slowing down
     gate_stands_mm: float = 3.0             # a gate within this of where it was stands; 30 times the sensor's noise
     valve_closes_s: float = 3.0             # commanded to close: 2 s is most of a machine file, and the board's line
-    # following their set-points at work (`follow_watch`)
+    # following their set-points at work (`work_watch`)
     drive_far_percent: float = 20.0         # off the model by more, of the set-point: beyond what trims take up ...
     drive_far_s: float = 2.0                # ... for so long: a fault. Slow motors (0.5 s) are there by then
     shaft_off_percent: float = 5.0          # off the model by more, its trim included: the gate may make up for it ...

@@ -6,11 +6,9 @@ from typing import NamedTuple
 
 from control.orders import State
 from control.safety.alarms import Live
-from control.safety.follow_watch import FollowWatch
-from control.safety.hopper_watch import HopperWatch
 from control.safety.motion import Motion
-from control.safety.rate_watch import RateWatch
 from control.safety.stand_watch import Stand
+from control.safety.work_watch import FollowWatch, HopperWatch, RateWatch
 
 
 class Allowances(NamedTuple):

@@ -5,15 +5,13 @@ from math import isfinite
 
 from control.orders import BY_CANOPY, BY_PLACE, State
 from control.readings import Doubted, EffortSays, ScaleSays, SpeedDoubt
-from control.safety.follow_watch import FollowWatch
-from control.safety.hopper_watch import HopperWatch
 from control.safety.limits import SafetyLimits
 from control.safety.memory import Memory
 from control.safety.motion import Motion
-from control.safety.rate_watch import RateWatch
 from control.safety.senses import Senses, lasted
 from control.safety.stand_watch import Stand
 from control.safety.words import Details, Situation
+from control.safety.work_watch import FollowWatch, HopperWatch, RateWatch
 
 _LOOKING = (State.READY, State.WORKING, State.HELD, State.FAULT)
 _UNKNOWN = "?"

@@ -1,21 +1,24 @@
-"""`Safety`: the one object the loop talks to. It holds one frozen memory and replaces it whole."""
+"""`Safety`: the one object the loop talks to. It holds one frozen memory and replaces it whole. And what moves between
+the states: troubles and time at each tick, orders in between.
+
+    off -> ready -> working <-> held -> ready / off, calibrating from ready, fault from anywhere but off
+"""
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from control.orders import Answer, Order, State
-from control.safety.alarms import booked
-from control.safety.follow_watch import followed
-from control.safety.hopper_watch import watched
+from control.safety.alarms import ALARMS, booked
 from control.safety.interlocks import forbidding
 from control.safety.limits import SafetyLimits
 from control.safety.memory import Memory
-from control.safety.motion import moved
+from control.safety.motion import Motion, moved
 from control.safety.ordered import after_order
-from control.safety.rate_watch import rated
-from control.safety.senses import Senses, senses, since
+from control.safety.senses import Senses, lasted, senses, since
 from control.safety.stand_watch import stood
-from control.safety.states import after_tick, leading_to
 from control.safety.troubles import troubles
-from control.safety.words import Situation, Verdict
+from control.safety.words import Details, Situation, Verdict
+from control.safety.work_watch import followed, rated, watched
 
 
 class Safety:
@@ -96,3 +99,47 @@ def _still(seen: Senses, limits: SafetyLimits) -> bool:
         known = gnss if wheel is None else wheel
         return known is not None and not limits.both_speeds_to_start and known < limits.calibrate_speed_mps
     return wheel < limits.calibrate_speed_mps and gnss < limits.calibrate_speed_mps
+
+
+def after_tick(m: Memory, now_s: float, s: Situation, motion: Motion, troubles: Mapping[str, Details],
+               limits: SafetyLimits) -> tuple[State, str]:
+    """The state after this tick and what led to it. Fault before off, off before held.
+
+    No tick leaves fault, and a tick leaves held only for fault, or for off when no console came back.
+    """
+    if m.state is State.OFF:
+        return m.state, m.why_state
+    cause = leading_to(troubles, State.FAULT)
+    if m.state is State.FAULT or cause is not None:
+        return State.FAULT, m.why_state if m.state is State.FAULT else cause or ""
+    if s.console_age_s is not None and s.console_age_s > limits.console_off_s:
+        return State.OFF, "console_gone"
+    if m.state is State.CALIBRATING:
+        return _calibrating(m, now_s, limits)
+    if m.state is State.WORKING:
+        return _working(m, now_s, motion, troubles, limits)
+    return m.state, m.why_state
+
+
+def leading_to(troubles: Mapping[str, Details], state: State) -> str | None:
+    """The first trouble whose alarm leads to `state`, or None."""
+    return next((i for i in troubles if ALARMS[i].leads_to is state), None) if troubles else None
+
+
+def _calibrating(m: Memory, now_s: float, limits: SafetyLimits) -> tuple[State, str]:
+    if not now_s - m.calibrate_s < limits.calibrate_confirm_s:
+        return State.READY, "released"
+    if not now_s < m.calibrate_until_s:
+        return State.READY, "calibration_time"
+    return m.state, m.why_state
+
+
+def _working(m: Memory, now_s: float, motion: Motion, troubles: Mapping[str, Details],
+             limits: SafetyLimits) -> tuple[State, str]:
+    cause = leading_to(troubles, State.HELD)
+    if cause is not None:
+        return State.HELD, cause
+    if motion.standing_since_s is not None and lasted(max(motion.standing_since_s, m.entered_s), now_s,
+                                                      limits.standstill_hold_s):
+        return State.HELD, "standstill"
+    return m.state, m.why_state

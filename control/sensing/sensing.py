@@ -13,8 +13,8 @@ from control.geodesy import Place, TangentPlane
 from control.readings import AHEAD_S, Doubted, GnssFix, Measurements, Reading, SpeedDoubt, is_fresh
 from control.sensing.gnss_late import GnssLate
 from control.sensing.position_gate import FASTEST_MPS, JudgedPlace, PositionGate, spread_m
+from control.sensing.speed_ahead import QUICK_TAU_S, Moving
 from control.sensing.speed_check import SLIP, SpeedCheck
-from control.sensing.speed_filter import QUICK_TAU_S, Moving
 from control.sensing.walk_watch import Velocity
 
 RATIO_TAU_S = 3.0               # filter `ratio`, first order: how slowly the wheel is corrected by GNSS. Slip comes in

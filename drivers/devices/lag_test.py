@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Literal, NamedTuple
 
-from drivers.devices.lag_rig import ARMED, IDLE, LANDED, RigReadings
+from drivers.devices.lag_rig import ARMED, IDLE, LANDED, TURNING, RigReadings
 
 STANDING_RPM = 0.5
 Phase = Literal["settling", "arming", "running", "done"]
@@ -49,7 +49,23 @@ class Wish(NamedTuple):
     said: str = ""                  # a run that failed, and why
 
 
-class LagTest:
+class _RigTest:
+    """What both procedures do first: the shaft must stand for so long that what was in the tubes has landed."""
+
+    def __init__(self, settle_s: float) -> None:
+        self._settle_s = settle_s
+        self._since_s: float | None = None
+        self._number = 0
+
+    def _has_stood(self, now_s: float, rig: RigReadings | None) -> bool:
+        if rig is None or now_s - rig.time_s >= 0.5 or abs(rig.shaft_rpm.value) >= STANDING_RPM:
+            self._since_s = None
+        elif self._since_s is None:
+            self._since_s = now_s
+        return self._since_s is not None and now_s - self._since_s >= self._settle_s
+
+
+class LagTest(_RigTest):
     """Runs through a plan, one `tick` after the other; measured runs are in `runs`, those given up in `left_out`.
 
     `allowed` False (hold-to-run released, an interlock): the shaft is wanted at 0 and the run begins again later.
@@ -57,15 +73,14 @@ class LagTest:
 
     def __init__(self, plan: Plan | None = None) -> None:
         plan = plan or Plan()
+        super().__init__(plan.settle_s)
         self.runs: list[LagRun] = []
         self.left_out: list[tuple[float, int, str]] = []
         self._plan = plan
         self._todo = [(rpm, repeat) for repeat in range(1, plan.repeats + 1) for rpm in plan.shaft_rpm]
         self._total = len(self._todo)
         self._tries = 0
-        self._number = 0
         self._phase: Phase = "settling" if self._todo else "done"
-        self._since_s: float | None = None
         self._sent_s = 0.0
 
     @property
@@ -94,23 +109,15 @@ class LagTest:
             self._restart()
             return self._wish()
         if self._phase == "settling":
-            self._settle(now_s, rig)
+            if self._has_stood(now_s, rig):
+                self._phase, self._since_s, self._number = "arming", now_s, self._number + 1
         elif self._phase == "arming":
             self._arm(now_s, rig)
         else:
             return self._wish(self._watch(now_s, rig))
         return self._wish()
 
-    def _settle(self, now_s: float, rig: RigReadings | None) -> None:
-        standing = rig is not None and now_s - rig.time_s < 0.5 and abs(rig.shaft_rpm.value) < STANDING_RPM
-        if not standing:
-            self._since_s = None
-            return
-        if self._since_s is None:
-            self._since_s = now_s
-        if now_s - self._since_s >= self._plan.settle_s:
-            self._number += 1
-            self._phase, self._since_s = "arming", now_s
+
 
     def _arm(self, now_s: float, rig: RigReadings | None) -> None:
         if rig is not None and rig.run == self._number and rig.state == ARMED:
@@ -174,3 +181,79 @@ def bench_table(runs: Iterable[LagRun]) -> str:
     """The runs as a lag bench table (CSV) with both measured times, by shaft speed; their sum is the lag."""
     ordered = sorted(runs, key=lambda run: (run.shaft_rpm, run.replicate))
     return ",".join(COLUMNS) + "\n" + "".join(map(bench_row, ordered))
+
+
+DropPhase = Literal["stop", "arming", "start", "falling"]
+
+
+class DropRun(NamedTuple):
+    """One measured run; the shaft speed is the rig's own reading when the granule landed."""
+
+    shaft_rpm: float
+    drop_s: float
+
+
+class DropWish(NamedTuple):
+    """What is wanted now: `phase` of the person at the machine, `run` and `arm` of the rig."""
+
+    run: int
+    arm: bool
+    phase: DropPhase
+    said: str = ""                  # a run that failed, and why
+
+
+class DropTest(_RigTest):
+    """Drop times with the lag rig alone: the machine's own drive turns the shaft, which this program does not command.
+    One `tick` after the other, for as long as somebody likes; measured runs are in `runs`.
+
+    Each run: the shaft stands and the tubes are empty; the rig is armed; somebody starts the shaft; the rig times from
+    2 r/min to the first granule on the plate (lag paper, 1.2). Nothing is known of the response: nobody announced when
+    the start was wanted.
+    """
+
+    def __init__(self, settle_s: float = 3.0, longest_s: float = 8.0) -> None:
+        super().__init__(settle_s)
+        self.runs: list[DropRun] = []
+        self._longest_s = longest_s
+        self._phase: DropPhase = "stop"
+
+    def tick(self, now_s: float, rig: RigReadings | None) -> DropWish:
+        """`rig`: the newest reading, however old; `now_s` on the clock that stamped it."""
+        said = ""
+        mine = rig is not None and rig.run == self._number
+        if self._phase == "stop":
+            if self._has_stood(now_s, rig):
+                self._phase, self._number = "arming", self._number + 1
+        elif rig is None or not mine:
+            pass
+        elif self._phase == "arming" and rig.state >= ARMED:
+            self._phase = "start"
+        elif rig.state == LANDED:
+            said = self._landed(rig)
+        elif rig.state == TURNING and self._phase == "start":
+            self._phase, self._since_s = "falling", now_s
+        elif self._phase == "falling" and self._since_s is not None and now_s - self._since_s > self._longest_s:
+            said = "nothing landed"
+            self._again()
+        return DropWish(self._number, self._phase != "stop", self._phase, said)
+
+
+
+    def _landed(self, rig: RigReadings) -> str:
+        self._again()
+        if rig.plate_before:
+            return "the plate was touched before the shaft turned"
+        if rig.turned_before:
+            return "the shaft turned before the rig was ready"
+        assert rig.drop_s is not None
+        self.runs.append(DropRun(abs(rig.shaft_rpm.value), rig.drop_s))
+        return ""
+
+    def _again(self) -> None:
+        self._phase, self._since_s = "stop", None
+
+
+def drop_table(runs: Iterable[DropRun]) -> str:
+    """The runs as a lag bench table (CSV), in the order in which they were measured."""
+    rows = [f"{run.shaft_rpm:.1f},{number},{run.drop_s:.3f}\n" for number, run in enumerate(runs, start=1)]
+    return "shaft_rpm,replicate,drop_s\n" + "".join(rows)

@@ -16,13 +16,20 @@ from drivers.datagrams import Datagrams, UdpPort
 from drivers.devices.canopy_heads import PROTOCOLS
 from drivers.ports import READ_TIMEOUT_S, Clock, Port, PortState, SocketStream, ThreadedPort
 from drivers.virtual.extras import Extra, VirtualAgOpenGps, VirtualRateModule
-from drivers.virtual.faults import PortFaults, Spoiler
+from drivers.virtual.faults import (
+    DRIVES,
+    PortFaults,
+    Runaway,
+    Spoiler,
+    TimedFault,
+    VirtualRunaway,
+    faults_at,
+    runaway_at,
+)
 from drivers.virtual.gpsd import GpsdServer, VirtualGpsd
 from drivers.virtual.lag_rig import VirtualLagRig
 from drivers.virtual.machine import OPENING_MM, VirtualMachine
-from drivers.virtual.runaway import Runaway, VirtualRunaway
 from drivers.virtual.served_line import ServedLine
-from drivers.virtual.timeline import DRIVES, TimedFault, faults_at, runaway_at
 
 
 # A pseudo-terminal as the virtual machine's end of a serial line, under a name that stays. POSIX systems only.

@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from control.agronomy.crop import Crop
-from control.agronomy.grades import grade_edges, graded_ndvi
 from control.agronomy.noa import (
+    grade_edges,
+    graded_ndvi,
     insey,
     n_requirement_kg_ha,
     prepare,

@@ -20,7 +20,7 @@ from control.metering.strategies import Pair, pair_for
 from control.orders import Strategy
 from control.readings import GnssFix, Measurements, Reading, SpeedPlan, possible
 from control.sensing import Forecaster, SpeedAhead
-from control.sensing.speed_filter import QUICK_TAU_S, Moving
+from control.sensing.speed_ahead import QUICK_TAU_S, Moving
 from control.simulation.assembly import control_loop
 from drivers.files.setup import load_setup
 

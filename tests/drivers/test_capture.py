@@ -17,8 +17,8 @@ from drivers.devices.probe import probe, recognise, recognise_either, recognise_
 from drivers.devices.rate_module_frames import Status
 from drivers.devices.rate_module_frames import encode_status as encode_module
 from drivers.ports import memory_pair
-from drivers.virtual.encoders import gnss_sentences, head_line
 from drivers.virtual.faults import at_wrong_baud
+from drivers.virtual.machine import gnss_sentences, head_line
 
 
 def test_a_capture_reads_as_a_list_of_lines():

@@ -20,8 +20,8 @@ from drivers.devices.rate_line import MOST_KG_HA, target_sentence
 from drivers.devices.slave_board import SlaveBoard
 from drivers.devices.tractor_speed import sentence
 from drivers.virtual.board import VirtualBoard
-from drivers.virtual.encoders import gnss_sentences, head_line
 from drivers.virtual.extras import agopengps_frames
+from drivers.virtual.machine import gnss_sentences, head_line
 
 SHORT = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 RANGES = {"lat_deg": (-90, 90), "lon_deg": (-180, 180), "fix_quality": (1, 9), "satellites": (0, 200), "hdop": (0, 100),

@@ -11,9 +11,8 @@ from control.machine.machine import Machine
 from control.readings import DriveCommand, Reading
 from control.simulation.plant import Plant
 from drivers.cab import Cab, CabConfig
-from drivers.devices.drop_test import DropRun, DropTest, drop_table
 from drivers.devices.lag_rig import ARMED, LANDED, LagRig, RigReadings
-from drivers.devices.lag_test import LagRun, LagTest, Plan, bench_table
+from drivers.devices.lag_test import DropRun, DropTest, LagRun, LagTest, Plan, bench_table, drop_table
 from drivers.ports import memory_pair
 from drivers.virtual.lag_rig import VirtualLagRig
 from drivers.virtual.machine import VirtualMachine

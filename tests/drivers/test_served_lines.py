@@ -9,9 +9,8 @@ import pytest
 
 from drivers.cab import Cab, CabConfig
 from drivers.ports import open_port, socket_address
-from drivers.virtual.faults import FaultyPort, PortFaults, at_wrong_baud
+from drivers.virtual.faults import FaultyPort, PortFaults, TimedFault, at_wrong_baud, faults_at, parse_fault
 from drivers.virtual.served import Serve, ServedMachine
-from drivers.virtual.timeline import TimedFault, faults_at, parse_fault
 
 DEVICES = ("gnss", "head_1", "head_2", "board")
 
@@ -70,8 +69,8 @@ def test_the_wrong_baud_gives_other_bytes_but_no_more_than_were_sent():
     ("garbage", None), ("half_lines", None), ("duplicated", "repeated_sequence"), ("frozen", "repeated_sequence"),
     ("bit_flips", "bad_crc"), ("wrong_baud", None)])
 def test_each_fault_shows_in_the_counts_and_never_in_the_readings(clock, fake_plant, fault, kind):
+    from drivers.virtual.faults import KINDS
     from drivers.virtual.machine import virtual_cab
-    from drivers.virtual.timeline import KINDS
     cab, machine = virtual_cab(fake_plant, clock)
     line, board = cab._drives
     line.port = FaultyPort(line.port, clock, KINDS[fault])

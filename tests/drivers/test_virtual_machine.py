@@ -12,8 +12,7 @@ from control.simulation.plant import Plant
 from drivers.devices.board_frames import CommandFrame, encode_command
 from drivers.devices.gnss import GnssDecoder
 from drivers.virtual.board import VirtualBoard
-from drivers.virtual.encoders import gnss_sentences
-from drivers.virtual.machine import VirtualMachine, virtual_cab
+from drivers.virtual.machine import VirtualMachine, gnss_sentences, virtual_cab
 from drivers.virtual.served import ListeningPort
 
 RUN = DriveCommand(60.0, 30.0)

@@ -14,7 +14,7 @@ from drivers.files.read_log import read_log
 from drivers.files.run_log import RunLogWriter
 from drivers.files.run_meta import run_meta
 from drivers.files.setup import load_setup
-from drivers.virtual.runaway import RUNAWAY_MM, RUNAWAY_RPM, Runaway
+from drivers.virtual.faults import RUNAWAY_MM, RUNAWAY_RPM, Runaway
 
 SHAFT, GATE = Runaway(shaft_rpm=RUNAWAY_RPM), Runaway(opening_mm=RUNAWAY_MM)
 

@@ -16,10 +16,8 @@ from control.machine.landing import carried_s
 from control.machine.machine import Machine
 from control.machine.start import first_fall_s, response_s, start_lag_s
 from control.papers import published
-from control.papers.claims import ledger
 from control.papers.claims_decision import decision_claims, grain_n, yields
 from control.papers.claims_lag import lag_claims
-from control.papers.claims_points import points_claims
 from control.papers.correction import (
     IN_PHASE,
     ONCE_A_SECOND,
@@ -34,8 +32,8 @@ from control.papers.elements import DECISION, ELEMENTS, LAG, NO, PARTLY, POINT, 
 from control.papers.experiments import experiment_tables, speed_or_delay
 from control.papers.lag import eq3, lag_line
 from control.papers.map_geometry import boundary_table, cells_that_agree, paper_cell
-from control.papers.page import Claim, How, Table
-from control.papers.points import delays, microsteps
+from control.papers.page import Claim, How, Table, ledger
+from control.papers.points import delays, microsteps, points_claims
 from control.targets.point import point_lag
 from drivers.files.config import load
 from drivers.files.kinds import CROP

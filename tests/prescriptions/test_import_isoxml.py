@@ -12,7 +12,7 @@ import pytest
 
 from control.geodesy import TangentPlane
 from control.targets.prescription import Fallbacks, MapData, Zone, statistics
-from drivers.files.imports.task_words import task_words
+from drivers.files.imports.task_log import task_words
 from drivers.files.prescriptions.read import read_prescription
 from drivers.files.prescriptions.words import Imported, PrescriptionError, RateChoice
 from drivers.files.prescriptions.write import write_prescription

@@ -13,7 +13,7 @@ import shapely
 from drivers.files.atomic import write_atomically
 from drivers.files.exports.as_applied import AsApplied
 from drivers.files.exports.columns import COLUMNS, TIME_SHORT, records, summary
-from drivers.files.prescriptions.task_folder import WGS84_PRJ
+from drivers.files.prescriptions.task_files import WGS84_PRJ
 
 
 def write_csv(applied: AsApplied, path: Path) -> None:

@@ -53,7 +53,7 @@ def with_merged_zones(read: Imported, step_kg_ha: float) -> Imported:
 def _read(path: Path, choice: RateChoice) -> Imported:
     suffix = "" if path.is_dir() else path.suffix.lower()
     if suffix in (".geojson", ".json"):
-        from drivers.files.prescriptions.geojson import read_map
+        from drivers.files.prescriptions.shapes import read_map
         return _areas_or_points(partial(read_map, path, choice), path, choice)
     if suffix in SHAPES:
         from drivers.files.prescriptions.shapes import read_shapes

@@ -1,4 +1,5 @@
-"""Prescriptions as polygons with attributes in GeoPackage, KML, KMZ; out too."""
+"""Prescriptions as polygons with attributes in GeoPackage, KML, KMZ, out too; and in GeoJSON (RFC 7946), where our own
+also carry fallbacks and the field."""
 from __future__ import annotations
 
 from pathlib import Path
@@ -7,12 +8,21 @@ from typing import Any
 import shapely
 
 from control.recordings.finding import Finding, many
-from control.targets.prescription import MapData
+from control.targets.prescription import NO_FALLBACKS, Fallbacks, MapData
+from control.targets.rate_map import Floats
 from drivers.files.imports.trouble import listed
-from drivers.files.layers import Layer, name_of, read_layers, stated
+from drivers.files.layers import Layer, name_of, read_geojson, read_layers, stated
 from drivers.files.ogr import write_layer
 from drivers.files.prescriptions.features import Feature, imported, ring
-from drivers.files.prescriptions.words import Imported, NoPolygons, RateChoice, RateQuestion
+from drivers.files.prescriptions.words import (
+    Imported,
+    NoPolygons,
+    PrescriptionError,
+    RateChoice,
+    RateQuestion,
+    checked_rate,
+)
+from drivers.plain_text import PlaceInFile
 
 POLYGONS = ("Polygon", "MultiPolygon")
 
@@ -74,3 +84,27 @@ def write_shapes(data: MapData, path: Path) -> None:
     name = "title" if path.suffix.lower() == ".gpkg" else "Name"
     write_layer(path, "prescription", shapes, {name: [zone.title for zone in zones],
                                                "rate_kg_ha": [zone.rate_kg_ha for zone in zones]})
+
+
+OURS = "topdress"            # foreign member with what GeoJSON has no place for
+
+
+def read_map(path: Path, choice: RateChoice) -> Imported:
+    """A prescription out of a FeatureCollection of (multi)polygons. Raises Refused, OSError."""
+    layer = read_geojson(path, POLYGONS, strict=True)
+    ours = layer.about.get(OURS)
+    fallbacks, fields = _ours(ours, path) if isinstance(ours, dict) else (NO_FALLBACKS, ())
+    return of_layer(path, "geojson", layer, choice, fallbacks=fallbacks, fields_deg=fields, title=layer.name,
+                    product=str(ours.get("product", "")) if isinstance(ours, dict) else "")
+
+
+def _ours(ours: dict[str, Any], path: Path) -> tuple[Fallbacks, tuple[tuple[Floats, ...], ...]]:
+    values = ours.get("fallbacks") or {}
+    try:
+        fallbacks = Fallbacks(**{name: float(value) for name, value in values.items()})
+        fields = tuple(tuple(ring(corners) for corners in rings) for rings in ours.get("fields") or ())
+    except (TypeError, ValueError) as error:
+        raise PrescriptionError(path, "{member}: {why}", member=OURS, why=error) from None
+    for name, value in fallbacks._asdict().items():
+        checked_rate(value, lambda name=name: PlaceInFile(str(path)).at("{key}", key=f"{OURS}: {name}"))  # type: ignore[misc]
+    return fallbacks, fields

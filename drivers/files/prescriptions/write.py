@@ -11,8 +11,8 @@ import shapefile
 from control.targets.prescription import NO_FALLBACKS, GridDeg, MapData, Zone, apart, statistics
 from control.targets.rate_map import Floats
 from drivers.files.atomic import write_atomically
-from drivers.files.prescriptions.geojson import OURS
-from drivers.files.prescriptions.task_folder import (
+from drivers.files.prescriptions.shapes import OURS
+from drivers.files.prescriptions.task_files import (
     WGS84_PRJ,
     cell_degrees,
     degrees,
