@@ -235,17 +235,15 @@ class Crop(BaseModel):
         return tuple(line for line in lines if line)
 
 
+# A rate from the sufficiency index: how far a place is behind the strip that lacks nothing.
+# SI = reading of the place over reading of the N-rich strip, by whatever index the heads read. The crop's response to
+# nitrogen is a quadratic with a plateau; turned round, N = N_opt sqrt((1 - SI) / delta_SI), where delta_SI = 1 - SI of
+# a crop that got none. Form: Holland and Schepers 2010, Agron. J. 102:1415-1424, as teaching notes that cite it have it
+# (University of Novi Sad, 2022); the paper itself, with its coefficients for one index or another, could not be read
+# here, nor that of Solari et al. 2010 (Agron. J. 102:1090-1098). So nothing is preset: N_opt and delta_SI belong to a
+# crop, an index and a stage, and a crop file that uses this rule says its own, with their source.
 class Sufficiency(BaseModel):
-    """A rate from the sufficiency index: how far a place is behind the strip that lacks nothing. The two coefficients
-    of the curve, from one source, over the crop file's own index.
-
-    SI = reading of the place over reading of the N-rich strip, by whatever index the heads read. The crop's response to
-    nitrogen is a quadratic with a plateau; turned round, N = N_opt sqrt((1 - SI) / delta_SI), where delta_SI = 1 - SI
-    of a crop that got none. Form: Holland and Schepers 2010, Agron. J. 102:1415-1424, as teaching notes that cite it
-    have it (University of Novi Sad, 2022); the paper itself, with its coefficients for one index or another, could not
-    be read here, nor that of Solari et al. 2010 (Agron. J. 102:1090-1098). So nothing is preset: N_opt and delta_SI
-    belong to a crop, an index and a stage, and a crop file that uses this rule says its own, with their source.
-    """
+    """The two coefficients of the curve, from one source, over the crop file's own index."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
