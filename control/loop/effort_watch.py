@@ -40,7 +40,7 @@ class EffortWatch:
         machine, own = self._machine, self._machine.effort
         u = self._input(rpm, opening_mm, c)
         should = shaft_effort(own, u)
-        load = should - shaft_effort(own, u._replace(grams_rev=0.0, packed_g_rev=0.0))
+        load = should - shaft_effort(own, EffortInput(u.speed, supply_share=u.supply_share))
         share = min(1.0, dt_s / MEAN_S)
         before = self._usual * should if self._off is None else self._off
         off = self._off = before + share * (abs(effort) - should - before)

@@ -35,10 +35,10 @@ from control.machine.machine import Machine
 from control.machine.of_product import newest_test_date
 from control.machine.steps import Steps
 from control.metering.flow_trim import FlowTrim
-from control.metering.inverse import Conditions, flow_kg_s
+from control.metering.inverse import Conditions, common_of, flow_kg_s
 from control.metering.setting import Setting
 from control.metering.strategies import Pair
-from control.metering.trims import DriveTrim, Left, TrimLimits
+from control.metering.trims import NOTHING_LEFT, DriveTrim, TrimLimits
 from control.orders import BY_CANOPY, Answer, Do, Order, State, Strategy, TargetSource
 from control.readings import DriveCommand, Measurements, Reading, SpeedPlan, announced_text, is_fresh, possible
 from control.safety import BenchRun, DriveLimits, Safety, SafetyLimits, Verdict, limited, limited_valves, refusal
@@ -292,8 +292,8 @@ class ControlLoop:
         rate = min(self.crop.max_rate_kg_ha, planned)
         lag = reach.small_change_lag(self._queue.holding.rate_kg_ha, self.crop.fallback_rate_kg_ha)
         # Where the scale says that something else flows, a drive's reading may be wrong: nothing is made up by it.
-        left = self._drive_trim.left(self._setting.strategy is Strategy.SPEED_FIRST) if self._flow_trim.says.agrees \
-            else Left()
+        left = self._drive_trim.left(self._setting.strategy is Strategy.SPEED_FIRST) if self._flow_trim.agrees \
+            else NOTHING_LEFT
         pair = self._setting.pair(share * rate, moment.ahead.mps, now, moment.dt_s, self._expected.pair.opening_mm,
                                   moment.conditions, left)
         inside = self._ahead.landing_inside(
@@ -490,13 +490,14 @@ class ControlLoop:
         return announced_text(m.speed_told, m.time_s)
 
     def _conditions(self, m: Measurements) -> Conditions:
-        return Conditions(m.time_s - self._started_s,
-                          None if m.hopper_kg is None else m.hopper_kg.value,
-                          0.0 if m.pitch_deg is None else m.pitch_deg.value,
-                          None if m.supply_v is None else m.supply_v.value,
-                          self._operator.refilled,
-                          self._flow_trim.value if self._operator.choices.flow_trim_on else 1.0,
-                          self._terms.now)
+        c = Conditions(m.time_s - self._started_s,
+                       None if m.hopper_kg is None else m.hopper_kg.value,
+                       0.0 if m.pitch_deg is None else m.pitch_deg.value,
+                       None if m.supply_v is None else m.supply_v.value,
+                       self._operator.refilled,
+                       self._flow_trim.value if self._operator.choices.flow_trim_on else 1.0,
+                       self._terms.now)
+        return c._replace(common=common_of(self.machine.flow, c))
 
     def _opening(self, m: Measurements) -> Reading | None:
         """The opening as it truly is: a sensor's shift that the machine file knows is taken off its reading."""

@@ -101,8 +101,8 @@ class FlowTrim:
         self._noise = NOISE_FIRST               # times the file's variance
         self._judged = 0                        # blocks that spoke of the noise
         self._refill_percent: float | None = None
-        self._sums = np.zeros(3)
-        self._block: list[tuple[Array, float]] = []
+        self._sums = 0.0, 0.0, 0.0
+        self._block: list[tuple[tuple[float, float, float], float]] = []
         self._since_s = 0.0
         self._last_kg: float | None = None
         self._weighed_s: float | None = None
@@ -126,6 +126,11 @@ class FlowTrim:
     def value(self) -> float:
         """What the flow of now is multiplied by."""
         return self.at(self.grams_per_rev, self.pitch_deg)
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the scale says nothing against what shaft and gate read."""
+        return self._said.agrees
 
     @property
     def says(self) -> ScaleSays:
@@ -194,7 +199,8 @@ class FlowTrim:
         self.pitch_deg = pitch_deg
         given_kg = model_flow_kg_s * dt_s
         turned = shaft_rpm / 60_000.0 * dt_s if given_kg > 0.0 else 0.0
-        self._sums = self._sums + np.array([given_kg, turned, given_kg * pitch_deg])
+        given, turns, on_slope = self._sums
+        self._sums = given + given_kg, turns + turned, on_slope + given_kg * pitch_deg
         if scale is None or now_s - scale.time_s > STALE_S or scale.time_s == self._weighed_s:
             return
         self._weighed_s = scale.time_s

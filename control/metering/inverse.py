@@ -29,12 +29,18 @@ class Conditions(NamedTuple):
     refilled: bool = False
     flow_trim: float = 1.0          # the scale's correction of the flow model
     terms: StandingTerms | None = None      # of the machine file, those that control knows
+    common: float | None = None     # `common_of` these, where it was asked once for many set-points
+
+
+def common_of(p: Flow, c: Conditions) -> float:
+    """What multiplies the flow whatever the set-points are, without the scale's correction."""
+    full = 1.0 if c.hopper_kg is None else min(1.0, max(0.0, c.hopper_kg / p.full_kg))
+    return common_factor(p, full, c.elapsed_s, c.pitch_deg, 0.0, c.refilled)
 
 
 def standing_factor(p: Flow, c: Conditions) -> float:
     """What multiplies the flow whatever the set-points are, the scale's correction included."""
-    full = 1.0 if c.hopper_kg is None else min(1.0, max(0.0, c.hopper_kg / p.full_kg))
-    return common_factor(p, full, c.elapsed_s, c.pitch_deg, 0.0, c.refilled) * c.flow_trim
+    return (common_of(p, c) if c.common is None else c.common) * c.flow_trim
 
 
 def flow_kg_s(machine: Machine, shaft_rpm: float, opening_mm: float, c: Conditions = Conditions()) -> float:

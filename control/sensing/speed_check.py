@@ -125,16 +125,23 @@ class SpeedCheck:
     def _differing(self, now: Mark) -> tuple[Mark | None, float]:
         """A mark before wheel and GNSS's speed parted, and the window that shows it; None where they agree, and the
         longest window that was judged, 0 where none could be."""
-        recent = [mark for mark in self._watch.marks if mark.time_s >= now.time_s - KEPT_S
-                  and mark.reckoned.lost == now.reckoned.lost and mark.gap_m == now.gap_m] + [now]
+        recent, lost, gap_m, since_s = [now], now.reckoned.lost, now.gap_m, now.time_s - KEPT_S
+        for mark in reversed(self._watch.marks):
+            if mark.time_s < since_s or mark.reckoned.lost != lost or mark.gap_m != gap_m:
+                break                           # of the marks before it none belongs to this piece
+            recent.append(mark)
+        recent.reverse()
         times, end_s, judged_s = [mark.time_s for mark in recent], now.time_s - LATE_S, 0.0
+        if end_s - WINDOWS_S[0] < times[0]:
+            return None, 0.0
         rolled, gone = [mark.reckoned.way_m for mark in recent], [mark.way_m for mark in recent]
+        wheel_end_m, ends_m = _at(times, rolled, end_s), [_at(times, gone, end_s + late) for late in LATER_S]
         for window_s in WINDOWS_S:
             begin_s = end_s - window_s
             if begin_s < times[0] or window_s > self._window_s:
                 break
-            wheel_m = _at(times, rolled, end_s) - _at(times, rolled, begin_s)
-            ways_m = [_at(times, gone, end_s + late) - _at(times, gone, begin_s + late) for late in LATER_S]
+            wheel_m = wheel_end_m - _at(times, rolled, begin_s)
+            ways_m = [end_m - _at(times, gone, begin_s + late) for end_m, late in zip(ends_m, LATER_S, strict=True)]
             if max(wheel_m, *ways_m) < JUDGED_FROM_MPS * window_s:
                 continue
             judged_s = window_s

@@ -137,12 +137,14 @@ def walk_between(before: Mark, now: Mark, gate: float, timing_m: float) -> Walk 
     (east1, north1), (east0, north0) = now.place, before.place
     east, north = east1 - east0, north1 - north0
     over_s, places = now.time_s - before.time_s, before.spread_m ** 2 + now.spread_m ** 2 + timing_m ** 2
+    moved_east, moved_north = now.east_m - before.east_m, now.north_m - before.north_m
+    off_m = hypot(east - moved_east, north - moved_north)
+    if off_m * off_m <= gate * places:          # the usual case: the other terms only add to it
+        return None
     way_m, creep_m, gap_m = now.way_m - before.way_m, now.creep_m - before.creep_m, now.gap_m - before.gap_m
     late_m = LATE_S * hypot(now.velocity[0] - before.velocity[0], now.velocity[1] - before.velocity[1])
     variance = (places + (SPEED_SHARE * way_m) ** 2 + (SPEED_STEP_MPS * over_s) ** 2 + creep_m ** 2 + gap_m ** 2
                 + late_m ** 2)
-    moved_east, moved_north = now.east_m - before.east_m, now.north_m - before.north_m
-    off_m = hypot(east - moved_east, north - moved_north)
     if off_m * off_m > gate * variance:
         return Walk(off_m, over_s, before, (east0 + moved_east, north0 + moved_north))
     return None
