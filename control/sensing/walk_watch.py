@@ -17,9 +17,11 @@ is the speed that is wrong, `speed_check` says by the wheel.
 """
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Sequence
 from math import hypot, inf
+from operator import attrgetter
 from typing import NamedTuple
 
 from control.geodesy import Place
@@ -35,6 +37,7 @@ STANDS_MPS = 0.2
 GAP_S = 2.0             # epochs farther apart: the course in between is not known, nor where the way led
 GAP_SHARE = 0.25        # of the way reckoned where epochs tell no speed, as `position_gate.WAY_SHARE`
 
+_TIME_S = attrgetter("time_s")
 Velocity = tuple[float, float]      # east, north, m/s
 
 
@@ -109,12 +112,17 @@ class WalkWatch:
 
     def walked(self, now: Mark, gate: float, timing_m: float) -> Walk | None:
         """The longest window over which this epoch has walked off; None: over none of them."""
-        found, wanted_s, now_s = None, WINDOWS_S[0], now.time_s
-        for mark in reversed(self._marks):
-            over_s = now_s - mark.time_s
-            if over_s >= wanted_s:
-                found = walk_between(mark, now, gate, timing_m) or found
-                wanted_s = next((window_s for window_s in WINDOWS_S if window_s > over_s), inf)
+        found, over_s, marks, now_s = None, 0.0, self._marks, now.time_s
+        for window_s in WINDOWS_S:
+            if window_s <= over_s:              # of the mark that spoke for the window before
+                continue
+            k = bisect_right(marks, now_s - window_s + 1e-6, key=_TIME_S)
+            if k and now_s - marks[k - 1].time_s < window_s:        # nearer by less than the arithmetic
+                k -= 1
+            if k == 0:
+                break
+            over_s = now_s - marks[k - 1].time_s
+            found = walk_between(marks[k - 1], now, gate, timing_m) or found
         return found
 
     def taken(self, now: Mark) -> None:
