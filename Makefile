@@ -10,28 +10,29 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --disable-pip-version-check
 LOCKED := $(PIP) --require-hashes --requirement
 
-# What the program needs.
+# What console, worker, maps of the common kinds, replay and simulation need; `topdress extras` says the rest.
 $(VENV)/.program: pyproject.toml requirements/build.txt requirements/run.txt
-	@echo "Setting up $(VENV) for topdress, once: some 210 MB to fetch, 840 MB on the disk"
+	@echo "Setting up $(VENV) for topdress, once: some 60 MB to fetch, 300 MB on the disk"
 	$(PYTHON) -m venv $(VENV)
 	$(LOCKED) requirements/build.txt
 	$(LOCKED) requirements/run.txt
 	$(PIP) --no-deps --no-build-isolation --editable .
+	$(BIN)/python -m compileall -q console control drivers
 	@touch $@
 
-# And what its tests need.
+# And every extra, and what its tests need.
 $(VENV)/.installed: $(VENV)/.program requirements/dev.txt
-	@echo "Setting up $(VENV) for the tests, once: 360 MB more on the disk"
+	@echo "Setting up $(VENV) for the tests, once: 1.1 GB more on the disk"
 	$(LOCKED) requirements/dev.txt
 	@touch $@
 
 # The machine model compiled for this computer, once for these sources: a first diagnosis then takes as long as any other.
 # Nothing depends on it, so a computer without room for it goes on.
-$(VENV)/.compiled: $(VENV)/.program $(wildcard control/machine/*.py control/field/*.py control/diagnosis/judgement/*.py)
+$(VENV)/.compiled: $(VENV)/.installed $(wildcard control/machine/*.py control/field/*.py control/diagnosis/judgement/*.py)
 	-$(BIN)/python -m console.prepare
 	@touch $@
 
-run: $(VENV)/.compiled
+run: $(VENV)/.program
 	$(BIN)/topdress
 
 # Compiled tests and sources are kept even where the shell says not to (some container images do): compiling them anew
@@ -60,13 +61,15 @@ TOOLS := .venv-tools/bin
 	$(TOOLS)/python -m pip install --quiet --requirement requirements/tools.in
 	touch $@
 
+EXTRAS := diagnosis report serve mqtt fleet gis raster
 # Newest versions that the lower bounds allow, for every system and Python from 3.11 on.
-LOCK := uv pip compile --universal --python-version 3.11 --generate-hashes --no-annotate --upgrade \
+LOCK := uv pip compile --universal --python-version 3.11 --generate-hashes --no-annotate \
 	--index-strategy unsafe-best-match --custom-compile-command "make lock"
 lock: .venv-tools/.installed
-	$(TOOLS)/$(LOCK) pyproject.toml requirements/build.in --extra dev --output-file requirements/dev.txt
-	$(TOOLS)/$(LOCK) requirements/build.in --output-file requirements/build.txt
-	$(TOOLS)/$(LOCK) pyproject.toml --extra report --extra serve --extra fleet --extra gis --extra raster --output-file requirements/run.txt
+	$(TOOLS)/$(LOCK) --upgrade pyproject.toml requirements/build.in --extra dev --output-file requirements/dev.txt
+	$(TOOLS)/$(LOCK) --upgrade requirements/build.in --output-file requirements/build.txt
+	$(TOOLS)/$(LOCK) --upgrade -c requirements/dev.txt pyproject.toml --output-file requirements/run.txt
+	$(TOOLS)/$(LOCK) --upgrade -c requirements/dev.txt pyproject.toml $(EXTRAS:%=--extra %) --output-file requirements/extras.txt
 
 # Who wrote what the program needs, under which licence (docs/licences.md is made by this).
 licences: .venv-tools/.installed

@@ -1,8 +1,8 @@
 """Compiles once on a computer what a first diagnosis would compile: `python -m console.prepare`, after installing.
 
-`make run` and `make test` do it. The machine model's steps are kept as machine code in the user's cache folder
-(`control.machine.compiled`), Python's modules next to their sources. Nothing depends on it: what is not there yet is
-compiled where it is first needed, and that diagnosis takes some seconds longer.
+`make test` does it; who added the extra diagnosis may. The machine model's steps are kept as machine code in the user's
+cache folder (`control.machine.compiled`), Python's modules next to their sources. Nothing depends on it: what is not
+there yet is compiled where it is first needed, and that diagnosis takes some seconds longer.
 """
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+
+from drivers.files.extras import MissingExtra, need
 
 PACKAGES = Path(__file__).resolve().parents[1]
 PROGRAM = (sys.executable, "-c", "from console.cli import main; main()")
@@ -37,8 +39,9 @@ def main() -> int:
     print("topdress: compiling the machine model for this computer, once: some 30 s", flush=True)
     started_s = time.monotonic()
     try:
+        need("a diagnosis", "diagnosis")
         prepare()
-    except (OSError, subprocess.SubprocessError) as error:
+    except (MissingExtra, OSError, subprocess.SubprocessError) as error:
         said = (getattr(error, "stderr", None) or b"").decode(errors="replace").strip().splitlines()
         print(f"topdress: not compiled: {said[-1] if said else error}; the first diagnosis does it", file=sys.stderr)
         return 1

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from drivers.files.extras import EXTRAS
+
 ROOT = Path(__file__).parents[1]
 HEAVY = {"textual", "rich", "numba", "scipy", "polars", "matplotlib"}
 
@@ -39,6 +41,27 @@ FLEET = "console.cli.fleet, console.services.fleet, console.services.fleet_table
     pytest.param(FLEET, {"scipy", "numba", "polars"}, id="fleet")])
 def test_starts_light(start: str, not_yet: set[str]) -> None:
     assert not loaded_by(start) & not_yet
+
+
+def test_nothing_that_a_cab_needs_loads_an_extra() -> None:
+    """Every module without the extras' packages; those that cannot be loaded so are asked for by what needs one."""
+    modules = sorted({module for _, of in EXTRAS.values() for module in of})
+    code = f"""import pkgutil, sys
+sys.modules.update(dict.fromkeys({modules}))
+for root in (__import__(name) for name in ("console", "control", "drivers")):
+    for found in pkgutil.walk_packages(root.__path__, root.__name__ + ".", onerror=lambda name: None):
+        if not found.name.startswith("drivers.board."):
+            try:
+                __import__(found.name)
+            except ModuleNotFoundError:
+                print(found.name)"""
+    ended = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, timeout=60)
+    assert ended.returncode == 0, ended.stderr
+    needs = [name for name in ended.stdout.split() if not name.startswith((
+        "control.diagnosis", "console.reports.", "console.serve.", "drivers.files.imports."))]
+    assert needs == ["console.services.diagnosis_view", "console.services.fleet_season", "control.field.compiled_cells",
+                     "control.machine.compiled", "control.machine.compiled_tick", "control.machine.kept_code",
+                     "control.simulation.compiled_steps"]
 
 
 def test_control_is_ours() -> None:

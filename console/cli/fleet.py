@@ -44,15 +44,15 @@ def fleet(
 ) -> None:
     """Diagnose every log once, then all together: the course of each effect by machine, what products, operators and
     fields share, what it cost. Ctrl-C ends; what is done is kept."""
-    from console.reports.figure import need_matplotlib
     from console.reports.html import GENERATOR
     from console.services.fleet import Asked, cluster, diagnosed, logs_at
     from console.services.fleet_job import FORMAT
     from console.services.fleet_tables import TABLES
     from drivers.files.config import load, sha256_of
+    from drivers.files.extras import need
     from drivers.files.kinds import MACHINE
     from drivers.files.run_meta import software_version
-    need_matplotlib()
+    need("a season of logs", "fleet", "diagnosis", "report")
     loaded = load(machine, MACHINE)
     options = _options(storage or [])
     logs = logs_at(paths, out, options)

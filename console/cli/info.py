@@ -12,9 +12,6 @@ from typing import Annotated, Any
 import typer
 
 AsJson = Annotated[bool, typer.Option("--json", help="As JSON.")]
-EXTRAS = {                  # of pyproject.toml, and what one has of them
-    "report": "reports and notebooks with pictures", "serve": "the console in a browser",
-    "gis": "KML, KMZ and GeoPackage written", "raster": "GeoTIFF read", "fleet": "a season of logs on many computers"}
 
 
 def extras(as_json: AsJson = False) -> None:
@@ -25,7 +22,7 @@ def extras(as_json: AsJson = False) -> None:
         return
     for one in found:
         state = "installed" if one["installed"] else f"not installed: {one['line']}"
-        typer.echo(f"{one['extra']:8} {one['for']}: {state}")
+        typer.echo(f"{one['extra']:9} {one['for']}: {state}")
 
 
 def info(as_json: AsJson = False) -> None:
@@ -78,6 +75,6 @@ def _screen() -> dict[str, Any]:
 
 
 def _extras() -> list[dict[str, Any]]:
-    from drivers.files.extras import extra_line, name_of, requirements, version_of
-    return [{"extra": extra, "for": words, "installed": all(version_of(name_of(one)) for one in requirements(extra)),
-             "line": extra_line(extra)} for extra, words in EXTRAS.items()]
+    from drivers.files.extras import EXTRAS, extra_line, is_there
+    return [{"extra": extra, "for": words, "installed": is_there(extra), "line": extra_line(extra)}
+            for extra, (words, _) in EXTRAS.items()]

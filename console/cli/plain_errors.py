@@ -16,6 +16,7 @@ import typer
 
 from console.running import WorkerFailed
 from drivers.files.config_error import ConfigError
+from drivers.files.extras import extra_line, extra_of
 from drivers.files.imports.trouble import TableError
 from drivers.plain_text import one_line
 
@@ -56,11 +57,20 @@ def guarded(command: F) -> F:
             raise typer.Exit(CANCELLED) from None
         except (typer.Exit, typer.Abort, typer.BadParameter):
             raise
-        except Exception as error:          # nobody foresaw it: the trace is for us, the line for the user
-            said = one_line(str(error))[:200]
-            typer.echo(f"a fault of topdress: {type(error).__name__}: {said}; {_kept_trace()}", err=True)
-            raise typer.Exit(OUR_FAULT) from None
+        except Exception as error:
+            line, code = _unforeseen(error)
+            typer.echo(line, err=True)
+            raise typer.Exit(code) from None
     return run  # type: ignore[return-value]
+
+
+def _unforeseen(error: Exception) -> tuple[str, int]:
+    """Of what nobody foresaw the trace is for us, the line for the user; of a part that is not installed, what installs
+    it."""
+    if isinstance(error, ModuleNotFoundError) and (extra := extra_of(error.name or "")) is not None:
+        return f"this needs the extra {extra}, not installed: {extra_line(extra)}", WRONG
+    said = one_line(str(error))[:200]
+    return f"a fault of topdress: {type(error).__name__}: {said}; {_kept_trace()}", OUR_FAULT
 
 
 def _refuse_no_numbers(given: Mapping[str, Any]) -> None:

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from console.cli.plain_errors import CommandError
-from drivers.files.extras import extra_line
+from drivers.files.extras import need
 
 LETTERS = "abcdefghjkmnpqrstuvwxyz23456789"      # none that look alike
 TOKEN_LETTERS = 10                                # 49 bits
@@ -28,11 +28,9 @@ def serve(
                                                     "tabs only look.")] = None,
 ) -> None:
     """Serve the console to browsers. A tab attaches to the control worker that runs; it never starts one."""
-    try:
-        from console.serve.server import TabletServer
-    except ImportError:
-        raise CommandError(f"serve needs textual-serve: {extra_line('serve')}") from None
+    need("serve", "serve")
     from console.running import find_running
+    from console.serve.server import TabletServer
     command = [sys.executable, "-P", "-m", "console.cli.tablet"]
     if token_file is not None:
         made = prepare_token(token_file)

@@ -125,8 +125,9 @@ def _run(setup: Setup, true: Machine, job: Job, *, seed: int, planted: list[Plan
     from control.simulation.assembly import control_loop, simulated_machine
     from control.simulation.closed_loop import Record, simulated_run
     from control.simulation.dose_watch import DoseWatch
+    from drivers.files.extras import is_there
     compiled: Steps | None = None
-    if seconds >= LONG_S:
+    if seconds >= LONG_S and is_there("diagnosis"):
         from control.simulation.compiled_steps import STEPS
         compiled = STEPS
     plant = simulated_machine(true, job, seed, DT_S, planted, plants=placed["plants"], terms=terms, steps=compiled)

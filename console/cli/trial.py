@@ -25,14 +25,14 @@ def trial(
     force: Force = False,
 ) -> None:
     """Look at a trial of one's own as the decision paper does: canopy, decision rate, amounts and yields by plot."""
-    from console.reports.figure import need_matplotlib
     from console.reports.html import GENERATOR
     from console.reports.paper_page import paper_page
     from control.papers.trial import trial_section
     from drivers.files.atomic import write_atomically
+    from drivers.files.extras import need
     from drivers.files.run_meta import software_version
     from drivers.files.trial import read_trial
-    need_matplotlib()
+    need("a report", "report")
     refuse_other([one for one in (log, after) if one is not None], LOG)
     reads = [plots, *(file for one in (log, after) if one is not None for file in log_files(one)),
              *([] if weights is None else [weights]), *([] if machine is None else [machine_file(machine)])]

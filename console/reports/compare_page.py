@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from console.reports.figure import AFTER, BEFORE, INK, drawn, need_matplotlib, svg
+from console.reports.figure import AFTER, BEFORE, INK, drawn, svg
 from console.reports.html import Picture, escape, figure, items, page, paragraph, section, table
 from console.reports.numbers import number
 from console.reports.panels import MEASURED, legend_below, zero_line
 from console.reports.said import better
 from control.diagnosis.runs.compared import Compared, ComparedChannel
+from drivers.files.extras import need
 
 Logs = Sequence[tuple[str, Compared]]       # path and what was found there
 
@@ -63,8 +64,8 @@ ROWS_IN_BIN = 5
 
 
 def compare_page(logs: Logs, old: str, new: str) -> str:
-    """The page. Raises NoPictures, a ValueError with one line, without matplotlib."""
-    need_matplotlib()
+    """The page. Raises MissingExtra, a ValueError with one line, without matplotlib."""
+    need("a report", "report")
     parts = [f"<header><h1>{escape(old)} against {escape(new)}</h1>\n"
              f'<p class="verdict">{escape(_in_short(logs))}</p></header>',
              paragraph("Errors are root mean squares of measured less predicted. No size is fitted to these logs: both "

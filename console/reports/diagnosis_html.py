@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from console.reports import said as sentences
-from console.reports.figure import need_matplotlib
 from console.reports.html import Picture, escape, facts, figure, folded, items, page, paragraph, section, table
 from console.reports.numbers import decimals_of, fixed, number, p_value, percent, span_of, with_interval
 from console.reports.pictures import pictures_of
@@ -14,6 +13,7 @@ from console.reports.term_words import compensation
 from console.reports.term_words import sentence as term_sentence
 from control.diagnosis.result import UNKNOWN, Cause, Diagnosis, Gain, TermFound
 from control.machine.machine import CATALOGUE
+from drivers.files.extras import need
 
 # Small bars in the text: an interval about its value, and shares of one.
 WIDTH, HEIGHT = 220.0, 22.0
@@ -50,10 +50,10 @@ def diagnosis_page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
 
     `tools`: {"columns": the run log's columns, "machine": Machine} or {"tables": [BenchTable], "machine": Machine};
     also, where known, "date" (text), "sha256" (path -> checksum) and "version" (of this program). Checksums that are
-    not given are taken from the files where they can be read. Raises NoPictures, a ValueError with one line, without
+    not given are taken from the files where they can be read. Raises MissingExtra, a ValueError with one line, without
     matplotlib.
     """
-    need_matplotlib()
+    need("a report", "report")
     found = sentences.headlines_first(found)
     pictures = pictures_of(found, tools)
     parts = (

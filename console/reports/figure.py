@@ -7,8 +7,6 @@ import warnings
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from drivers.files.extras import extra_line
-
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -30,19 +28,6 @@ STYLE: Any = {
     "text.parse_math": False, "axes.formatter.useoffset": False, "axes.formatter.limits": (-4, 6),
     "lines.solid_capstyle": "butt",
 }
-
-
-class NoPictures(ValueError):
-    """Matplotlib is not installed."""
-
-
-def need_matplotlib() -> None:
-    """Raises NoPictures with one line that says what to install."""
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError:
-        raise NoPictures(f"a report needs pictures, and matplotlib is not installed: {extra_line('report')}") \
-            from None
 
 
 @contextmanager

@@ -78,9 +78,9 @@ def _predicted(found: Diagnosis) -> str:
 
 def pictures_of(found: Diagnosis) -> Pictures:
     """What `topdress diagnose --report` draws. Raises ValueError, one line, without matplotlib or without the log."""
-    from console.reports.figure import need_matplotlib
     from console.reports.pictures import pictures_of as drawn
-    need_matplotlib()
+    from drivers.files.extras import need
+    need("a report", "report")
     if found.seen_with is None:
         raise ValueError("the log that this diagnosis is of is not with it: allowed is one that diagnose_run gave")
     columns, machine = found.seen_with

@@ -33,6 +33,7 @@ from console.services.launcher import data_folder
 from console.threads import ONE_THREAD
 from drivers import day_clock
 from drivers.files.atomic import free_path
+from drivers.files.extras import MissingExtra, extra_line, need
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -130,6 +131,7 @@ class DiagnosisFiles:
 
     def _done(self, order: DiagnosisOrder, tell: Tell, stop: Stop) -> None:
         """The work in a process of its own. Raises Stopped, OpenQuestions, and ValueError of one line."""
+        need("a diagnosis", "diagnosis")
         orders = Path(order.folder) / "order.json"
         orders.write_text(json.dumps(dataclasses.asdict(order)), encoding="utf-8")
         trouble = Path(order.folder) / "trouble.txt"
@@ -203,7 +205,7 @@ class DiagnosisFiles:
     def export(self, found: DiagnosisView, what: Export) -> str:
         made = Path(found.folder) / (REPORT if what == "report" else RESULT)
         if not made.exists():
-            raise ValueError("the report needs matplotlib: install topdress[report]")
+            raise MissingExtra(f"the report needs the extra report: {extra_line('report')}")
         stem = f"{Path(found.source).stem}-diagnosis"
         return _kept(made, self.own / "reports", stem, ".html" if what == "report" else ".json")
 

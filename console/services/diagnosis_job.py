@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from console.app.pages.diagnosis.service import IMPORT, AdoptionOffer, OpenQuestions
 from drivers import day_clock
+from drivers.files.extras import MissingExtra
 
 if TYPE_CHECKING:
     from control.diagnosis.result import Diagnosis
@@ -78,7 +79,6 @@ def work(order: DiagnosisOrder, tell: Tell) -> None:
 def compared_before_and_after(order: DiagnosisOrder, tell: Tell) -> None:
     """Errors of a machine file on a log before and after its last change, in words and as a page."""
     from console.reports.compare_page import compare_page, plain
-    from console.reports.figure import NoPictures
     from control.diagnosis.runs.compared import compared
     from control.machine.history import undone
     from drivers.files.any_log import open_log
@@ -90,7 +90,7 @@ def compared_before_and_after(order: DiagnosisOrder, tell: Tell) -> None:
     logs, old = [(order.data, found)], f"{order.machine}, before its last change"
     tell(0.85, "report")
     write_atomically(Path(order.folder) / RESULT, json.dumps(plain(logs)))
-    with contextlib.suppress(NoPictures):
+    with contextlib.suppress(MissingExtra):
         write_atomically(Path(order.folder) / REPORT, compare_page(logs, old, str(order.machine)))
 
 
@@ -166,11 +166,10 @@ def _diagnosed(order: DiagnosisOrder, machine: Machine, data: Path, name: str, n
 def _report(found: Diagnosis, tools: dict[str, Any], path: Path) -> None:
     """Without matplotlib there is no report; the page says so when one is asked for."""
     from console.reports.diagnosis_html import diagnosis_page
-    from console.reports.figure import NoPictures
     from drivers.files.atomic import write_atomically
     try:
         write_atomically(path, diagnosis_page(found, tools | {"date": day_clock.today().isoformat()}))
-    except NoPictures:
+    except MissingExtra:
         path.unlink(missing_ok=True)
 
 

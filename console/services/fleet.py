@@ -21,7 +21,7 @@ from typing import Any
 
 from console.services.fleet_job import FORMAT, Options, checksum, first_bytes, record
 from drivers.files.atomic import write_atomically
-from drivers.files.extras import extra_line
+from drivers.files.extras import need
 
 LOGS, SEEN = "logs", "seen.json"
 SUFFIXES = (".csv", ".parquet", ".pq")
@@ -42,10 +42,6 @@ NONE_LEFT = "no worker is left: what is done is kept; the same command goes on"
 LOUD = ("distributed", "tornado", "asyncio")    # loggers: they tell in traces what is reported here in a line
 
 Tell = Callable[[int, int, str], None]      # done, of how many, what
-
-
-class NoDask(ValueError):
-    """Dask is not installed."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -76,18 +72,14 @@ class Asked:
 
 @contextlib.contextmanager
 def cluster(scheduler: str | None, workers: int, connect_s: float = CONNECT_S) -> Iterator[Any]:
-    """A Dask client: of the scheduler at an address, else of workers on this computer. Raises NoDask, OSError.
+    """A Dask client: of the scheduler at an address, else of workers on this computer. Raises MissingExtra, OSError.
 
     Whoever reaches a Dask scheduler runs code as its user. So our own takes only who has a certificate of an authority
     that was made for this run; what its workers put on the disk lies in a folder of this user's.
     """
-    try:
-        import cryptography  # noqa: F401
-        import dask
-        from distributed import Client, LocalCluster, Security
-    except ImportError:
-        raise NoDask(f"a fleet needs Dask and cryptography, and they are not installed: {extra_line('fleet')}"
-                     ) from None
+    need("a fleet", "fleet", "diagnosis")
+    import dask
+    from distributed import Client, LocalCluster, Security
     for name in logging.root.manager.loggerDict:
         if name.startswith(LOUD):
             logging.getLogger(name).setLevel(logging.CRITICAL)
@@ -207,10 +199,8 @@ def _is_log(name: str) -> bool:
 
 
 def _at_url(where: str, options: Options) -> list[str]:
-    try:
-        import fsspec
-    except ImportError:
-        raise NoDask(f"a URL needs fsspec, and it is not installed: {extra_line('fleet')}") from None
+    need("a URL", "fleet")
+    import fsspec
     system, path = fsspec.core.url_to_fs(where, **options)
     if any(sign in path for sign in "*?["):
         names = system.glob(path)

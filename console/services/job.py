@@ -361,13 +361,13 @@ class JobFiles:
 
     def report(self, log_path: str, progress: Progress, cancelled: Cancelled) -> tuple[str, ...]:
         """Raises ValueError, OSError."""
-        from console.reports.figure import need_matplotlib
         from console.reports.job_about import about_of
         from console.reports.job_page import MOST_STRETCHES, job_page
         from drivers.files.atomic import write_atomically
         from drivers.files.exports.as_applied import DEFAULT_EVERY_S, as_applied
+        from drivers.files.extras import need
         from drivers.files.run_meta import software_version
-        need_matplotlib()
+        need("a report", "report")
 
         def gathered(recorded: RunLog) -> AsApplied:
             applied = as_applied(recorded)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from control.log_row import TEXT_COLUMNS
 from control.recordings.finding import Finding
 from drivers.files.atomic import sidecar, write_atomically
+from drivers.files.extras import need
 from drivers.files.imports.trouble import TableError
 from drivers.files.limits import check_file
 from drivers.files.log_text import texts_of
@@ -71,6 +72,7 @@ def write_text(path: Path, columns: Columns, meta: RunMeta | None) -> None:
 
 def read_store(path: Path, only: Collection[str] | None = None) -> Stored:
     """`only`: names of the columns wanted (None: all); `time_s` comes always. Raises TableError."""
+    need("Parquet", "diagnosis")
     import polars as pl
     try:
         check_file(path)
@@ -87,6 +89,7 @@ def read_store(path: Path, only: Collection[str] | None = None) -> Stored:
 
 def stored_about(path: Path) -> tuple[RunMeta | None, tuple[Finding, ...]]:
     """What a store says of its log along with the columns, which are not read. Raises TableError, OSError."""
+    need("Parquet", "diagnosis")
     import polars as pl
     try:
         stated = json.loads(pl.read_parquet_metadata(path)[_KEY])

@@ -19,7 +19,7 @@ from drivers.files.log_store import is_store, read_store, stored_about
 from drivers.files.log_text import columns_of, header_of
 from drivers.files.run_meta import RunMeta, meta_from_yaml
 from drivers.files.table import Columns, read_table
-from drivers.files.table import columns_of as columns_of_frame
+from drivers.files.table import columns_of as columns_of_cells
 
 if TYPE_CHECKING:
     import polars as pl
@@ -135,7 +135,8 @@ def log_of(path: Path, frame: pl.DataFrame, meta: RunMeta) -> RunLog:
     """A frame with a run log's columns, as written, as the log that would be read of it: it is examined alike. Raises
     TableError where nothing can be worked on."""
     names = tuple(frame.columns)
-    columns, findings = examined(path, columns_of_frame(frame, _NUMBERS | {"time_s"}, TEXT_COLUMNS), names)
+    columns, findings = examined(path, columns_of_cells(dict(zip(names, frame, strict=True)), _NUMBERS | {"time_s"},
+                                                        TEXT_COLUMNS), names)
     log = RunLog(path, columns, meta, tuple(findings))
     if not len(log):
         raise TableError(path, "no whole row below the header")

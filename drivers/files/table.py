@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from control.recordings.finding import Finding, many
 from drivers.files.header_names import Renamed
 from drivers.files.imports.header import NOTHING, is_unit_row, is_value
-from drivers.files.imports.text import frame_of, utf8, without_cut_row
+from drivers.files.imports.numbers import number_of
+from drivers.files.imports.text import cells_of, utf8, without_cut_row
 from drivers.files.imports.trouble import TableError
 from drivers.files.limits import check_file
 from drivers.files.sheet_text import SUFFIXES, sheet_text
@@ -85,11 +86,11 @@ def read_table(path: Path, numbers: Collection[str] = (), texts: Collection[str]
     if data.count(b"\n", layout.body) == 0:
         columns = {name: np.array([], object if name in texts else np.float64) for name in wanted}
     else:
-        frame, odd = frame_of(path, data, layout.body, layout.separator, layout.names, above=layout.skip_lines,
+        cells, odd = cells_of(path, data, layout.body, layout.separator, layout.names, above=layout.skip_lines,
                               wanted=wanted, numbers=numbers, decimal_comma=layout.decimal_comma)
         del data
         findings += odd
-        columns = columns_of(frame, numbers, texts, layout.decimal_comma, findings)
+        columns = columns_of(cells, numbers, texts, findings)
     for name, factor in factors.items():
         if name in columns and columns[name].dtype != object:
             columns[name] = columns[name] * factor
@@ -212,28 +213,42 @@ def _has_decimal_comma(sample: bytes, separator: str) -> bool:
     return bool(with_comma) and all(map(is_value, with_comma))
 
 
-def columns_of(frame: pl.DataFrame, numbers: Collection[str], texts: Collection[str], decimal_comma: bool = False,
+def columns_of(cells: dict[str, pl.Series | list[str]], numbers: Collection[str], texts: Collection[str],
                findings: list[Finding] | None = None) -> Columns:
-    """A frame's columns as a table's; `findings` grows by what was no number. They are taken out of it one by one, so
+    """Cells by column as a table's columns; `findings` grows by what was no number. They are taken out one by one, so
     as not to be in memory twice."""
-    import polars as pl
-
-    from drivers.files.imports.numbers import numbers as numbers_of
     columns: Columns = {}
-    for name in frame.columns:
-        series = frame.drop_in_place(name)
-        if series.dtype == pl.Float64:
-            values = series.to_numpy()
-            columns[name] = np.where(np.isinf(values), np.nan, values) if np.isinf(values).any() else values
-            continue
-        if name not in texts and (name in numbers or not numbers_of(series.head(_LOOKED_AT), decimal_comma).bad):
-            found = numbers_of(series, decimal_comma)
-            if found.bad and name in numbers and findings is not None:
-                findings.append(Finding("not_a_number", f"column {name}: {many(found.bad, 'cell')} such as "
-                                        f"{found.cell[:20]!r} emptied: not a number", name, found.bad))
-            series = found.values if name in numbers or not found.bad else series
-        columns[name] = texts_array(series.to_list()) if series.dtype == pl.String else series.to_numpy()
+    for name in list(cells):
+        column = cells.pop(name)
+        if not isinstance(column, list):
+            if column.dtype.is_numeric():
+                values = column.to_numpy().astype(np.float64, copy=False)
+                columns[name] = np.where(np.isinf(values), np.nan, values) if np.isinf(values).any() else values
+                continue
+            column = column.to_list()
+        if name not in texts and (name in numbers or None not in map(number_of, column[:_LOOKED_AT])):
+            values, bad = _numbers(column)
+            if bad and name in numbers and findings is not None:
+                findings.append(Finding("not_a_number", f"column {name}: {many(len(bad), 'cell')} such as "
+                                        f"{column[bad[0]][:20]!r} emptied: not a number", name, len(bad)))
+            if name in numbers or not bad:
+                columns[name] = values
+                continue
+        columns[name] = texts_array(column)
     return columns
+
+
+def _numbers(cells: Sequence[str | None]) -> tuple[NDArray[np.float64], list[int]]:
+    """Cells as numbers (n,), NaN: not known; and which of them are none."""
+    try:
+        if "_" not in "".join(filter(None, cells)):         # Python groups digits by it, nobody else does
+            values = np.array([float(cell) if cell else np.nan for cell in cells], np.float64)
+            values[np.isinf(values)] = np.nan
+            return values, []
+    except ValueError:
+        pass
+    worth = [number_of(cell) for cell in cells]
+    return np.array(worth, np.float64), [row for row, value in enumerate(worth) if value is None]
 
 
 def texts_array(values: Sequence[str | None]) -> NDArray[Any]:

@@ -193,12 +193,6 @@ def test_info_and_extras_say_what_is_here() -> None:
     assert set(extras) == set(declared) - {"dev"} and "'rasterio>=" in extras["raster"]["line"]
 
 
-def test_an_extra_that_is_not_there_says_its_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("drivers.files.extras.version_of", lambda name: None)
-    said = runner.invoke(app, ["extras"]).output
-    assert said.count("not installed: ") == 5 and "-m pip install 'rasterio>=" in said
-
-
 def test_decode_counts(tmp_path: Path) -> None:
     capture = tmp_path / "c.log"
     good = b"$GPGGA,092750.000,5321.6802,N,00630.3372,W,1,8,1.03,61.7,M,55.2,M,,*76\r\n"

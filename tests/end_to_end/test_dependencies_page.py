@@ -34,9 +34,9 @@ def _locked(name: str) -> dict[str, set[str]]:
 def test_what_the_program_needs_is_a_part_of_what_its_tests_need():
     """Else `make test` would change what `make run` has installed."""
     every = _locked("dev.txt")
-    for name in ("run.txt", "build.txt"):
+    for name in ("run.txt", "build.txt", "extras.txt"):
         assert _locked(name).items() <= every.items(), name
-    assert set(_locked("run.txt")) < set(every)
+    assert set(_locked("run.txt")) < set(_locked("extras.txt")) < set(every)
 
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="no make here")

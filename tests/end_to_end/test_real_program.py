@@ -7,13 +7,21 @@ from pathlib import Path
 
 import pytest
 
+from drivers.files.extras import EXTRAS
 from drivers.files.read_log import read_log
 
+ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
 
 
-def test_a_morning_at_the_console(benchmark_module, tmp_path):
-    """Starts, ready, start, numbers move, strategy, hold, stop, quit; then the log is opened."""
+@pytest.mark.parametrize("extras", ["with", "without"])
+def test_a_morning_at_the_console(benchmark_module, tmp_path, monkeypatch, extras):
+    """Starts, ready, start, numbers move, strategy, hold, stop, quit; then the log is opened. Without extras: console
+    and worker have none of their packages."""
+    if extras == "without":
+        modules = sorted({module for _, of in EXTRAS.values() for module in of})
+        (tmp_path / "sitecustomize.py").write_text(f"import sys\nsys.modules.update(dict.fromkeys({modules}))\n")
+        monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(tmp_path), str(ROOT))))
     deaths = benchmark_module("console_deaths")
     console = deaths.Console(tmp_path)
     wait, terminal = deaths.wait, console.terminal
@@ -66,7 +74,7 @@ def test_a_morning_at_the_console(benchmark_module, tmp_path):
     assert not {a for r in rows for a in (r.alarms or "").split(";") if a}
 
 
-GUIDE = Path(__file__).parents[2] / "docs" / "guides" / "first-day.md"
+GUIDE = ROOT / "docs" / "guides" / "first-day.md"
 TYPED = {"Space": " ", "Esc": "\x1b", "F3": "\x1bOR", "F10": "\x1b[21~"}         # as xterm sends them
 
 

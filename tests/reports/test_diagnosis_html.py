@@ -202,7 +202,7 @@ def test_checksum_is_of_the_file(tmp_path: Path, bench_tables: dict[str, BenchTa
 def test_without_matplotlib_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch,
                                                           found_of: Callable[..., Diagnosis]) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(ValueError, match=r"^.*matplotlib is not installed: .* -m pip install 'matplotlib>=[\d.]+'$"):
+    with pytest.raises(ValueError, match=r"^a report needs the extra report, not installed: .* 'matplotlib>=[\d.]+'$"):
         diagnosis_page(found_of(), {})
 
 

@@ -1,12 +1,35 @@
 """Cells of a foreign table as numbers: decimal commas, thousands, words and numbers for not known."""
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import NamedTuple
-
-import polars as pl
+import re
+from collections.abc import Collection, Iterable
+from typing import TYPE_CHECKING, NamedTuple
 
 from drivers.files.imports.header import NOTHING
+
+if TYPE_CHECKING:
+    import polars as pl
+
+_GROUPING = re.compile("[\\s'\u2019\u00a0\u202f]")
+_PLAIN = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+
+
+def number_of(cell: str | None, words: Collection[str] = ()) -> float | None:
+    """What a cell is worth; NaN: not known (`words` stand for that too), None: no number.
+
+    Blanks and apostrophes group digits. Of a point and a comma the last is the decimal sign; a comma alone is one.
+    """
+    text = (cell or "").strip()
+    if text in words or text.lower() in NOTHING:
+        return float("nan")
+    if not _PLAIN.fullmatch(text):
+        text = _GROUPING.sub("", text)
+        if "." in text and "," in text:
+            text = text.replace("." if text.rfind(",") > text.rfind(".") else ",", "")
+        text = text.replace(",", ".", 1)
+        if not _PLAIN.fullmatch(text):
+            return None
+    return float(text)
 
 
 class Numbers(NamedTuple):
@@ -22,6 +45,7 @@ class Numbers(NamedTuple):
 
 def numbers(series: pl.Series, decimal_comma: bool, missing: Iterable[float | str] = ()) -> Numbers:
     """A column as numbers; `missing` are numbers and texts that stand for not known."""
+    import polars as pl
     words = [word for word in missing if isinstance(word, str)]
     marks = [float(mark) for mark in missing if not isinstance(mark, str)]
     if series.dtype != pl.String:
@@ -34,30 +58,11 @@ def numbers(series: pl.Series, decimal_comma: bool, missing: Iterable[float | st
     rows = odd.arg_true()
     if not rows.len():
         return _known(values, marks)
-    cells, bad = _odd_cells(series.filter(odd), words)
-    found = _known(values.scatter(rows, cells), marks)
-    if not bad.any():
-        return found
-    first = int(rows.filter(bad)[0])
-    return found._replace(bad=int(bad.sum()), row=first, cell=str(series[first]))
-
-
-def _odd_cells(cells: pl.Series, words: list[str]) -> tuple[pl.Series, pl.Series]:
-    """Cells that are no plain number: what they are worth, and which are no number at all.
-
-    Blanks and apostrophes group digits. Of a point and a comma the last is the decimal sign; a comma alone is one.
-    """
-    text = pl.col("cell").str.strip_chars()
-    plain = text.str.replace_all(r"[\s'\u{2019}\u{A0}\u{202F}]", "")
-    comma_last, point_last = plain.str.contains(r"\.[^.]*,[^.]*$"), plain.str.contains(r",[^,]*\.[^,]*$")
-    plain = pl.when(comma_last).then(plain.str.replace_all(".", "", literal=True)).when(point_last).then(
-        plain.str.replace_all(",", "", literal=True)).otherwise(plain)
-    plain = plain.str.replace(",", ".", literal=True)
-    frame = cells.alias("cell").to_frame().select(
-        value=plain.cast(pl.Float64, strict=False),
-        nothing=text.str.to_lowercase().is_in(list(NOTHING)) | text.is_in(words))
-    values = frame.select(pl.when("nothing").then(None).otherwise("value").alias("value"))["value"]
-    return values, frame["value"].is_null() & ~frame["nothing"]
+    cells = series.filter(odd)
+    worth = {cell: number_of(cell, words) for cell in cells.unique()}
+    found = _known(values.scatter(rows, pl.Series([worth[cell] for cell in cells], dtype=pl.Float64)), marks)
+    bad = [row for row, cell in zip(rows, cells, strict=True) if worth[cell] is None]
+    return found._replace(bad=len(bad), row=bad[0], cell=str(series[bad[0]])) if bad else found
 
 
 def _known(values: pl.Series, marks: list[float]) -> Numbers:

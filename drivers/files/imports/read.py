@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from drivers.files.archives import files_at, holds_time_log
+from drivers.files.extras import need
 from drivers.files.imports.mapping import Source, SourceKind
 from drivers.files.imports.raw import RawTable, units_in
 from drivers.files.imports.text import read_text
@@ -35,6 +36,7 @@ def read_raw(path: Path, said: Source | None = None, data: bytes | None = None) 
         if not path.exists():
             raise ImportTrouble(path, "no such file")
         check_file(path)
+    need("a log or map of another program's columns", "diagnosis")
     import polars as pl
     try:
         return _with_stated(_read(path, said) if data is None else read_text(path, said, data))

@@ -1,8 +1,8 @@
 """The one reader of text tables (CSV and its relatives): bytes to UTF-8, rows to columns of texts or numbers.
 
-Rows that are as even as a machine writes them go the quick way (polars, loaded only then); all others are taken apart
-one by one, and what does not fit is left out and said. Where header and rows begin is found by looking (`dialect`), or
-is said by the caller.
+Rows that are as even as a machine writes them go the quick way (polars, where it is installed, loaded only then); all
+others are taken apart one by one, and what does not fit is left out and said. Where header and rows begin is found by
+looking (`dialect`), or is said by the caller.
 """
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from control.recordings.finding import Finding, many
+from drivers.files.extras import is_there
 from drivers.files.imports.dialect import DELIMITERS, SAMPLE_BYTES, Dialect, dialect_of, encoding_of
 from drivers.files.imports.mapping import Source
 from drivers.files.imports.raw import RawTable, header_of, unique
@@ -151,19 +152,30 @@ def without_cut_row(data: bytes, body: int, sign: str, width: int, own: bool = F
     return data[:end], [Finding("cut_row", "the last row was cut off and left out", rows=1)]
 
 
-def frame_of(path: Path, data: bytes, body: int, sign: str, names: Sequence[str], *, above: int,
+def cells_of(path: Path, data: bytes, body: int, sign: str, names: Sequence[str], *, above: int,
              wanted: Collection[str] | None = None, numbers: Collection[str] = (), decimal_comma: bool = False
-             ) -> tuple[pl.DataFrame, list[Finding]]:
+             ) -> tuple[dict[str, pl.Series | list[str]], list[Finding]]:
     """The rows from byte `body` on as columns, every row with its line end; and what was left out.
 
-    above: lines before them. wanted: the columns to be read (None: all). Those of `numbers` are Float64 where all their
-    cells are plain numbers, all others texts. Raises TableError where no row has as many cells as there are names.
+    above: lines before them. wanted: the columns to be read (None: all). Read the quick way those of `numbers` are
+    Float64 where all their cells are plain numbers; all others are texts. Raises TableError where no row has as many
+    cells as there are names.
     """
-    import polars as pl
     names = list(names)
     if data.endswith((b"\n\n", b"\n\r\n")):
         data = data.rstrip(b"\r\n") + b"\n"
     wanted = [name for name in names if wanted is None or name in wanted]
+    if is_there("diagnosis"):
+        frame = _quick_frame(data, body, sign, names, above, wanted, numbers, decimal_comma)
+        if frame is not None:
+            return {name: frame.drop_in_place(name) for name in frame.columns}, []
+    return _row_by_row(path, data, body, sign, names, wanted, above)
+
+
+def _quick_frame(data: bytes, body: int, sign: str, names: list[str], above: int, wanted: list[str],
+                 numbers: Collection[str], decimal_comma: bool) -> pl.DataFrame | None:
+    """None where rows are not as even as that."""
+    import polars as pl
     end = data.find(b"\n", body)
     bare = _QUOTED.sub(b"", data[body:end]).rstrip(b"\r ")
     past = bare.count(sign.encode()) == len(names) and bare.endswith(sign.encode())
@@ -179,17 +191,18 @@ def frame_of(path: Path, data: bytes, body: int, sign: str, names: Sequence[str]
             except pl.exceptions.PolarsError:
                 continue
             if (frame.height == rows or quoted) and not (past and (frame[_PAST] != "").any()):
-                return frame.drop(_PAST, strict=False), []
-    return _row_by_row(path, data, body, sign, names, wanted, above)
+                return frame.drop(_PAST, strict=False)
+    return None
 
 
 def _row_by_row(path: Path, data: bytes, body: int, sign: str, names: list[str], wanted: list[str], above: int
-                ) -> tuple[pl.DataFrame, list[Finding]]:
-    """Rows whose number of cells is not the header's, or that cannot be taken apart, are left out and said."""
-    import polars as pl
+                ) -> tuple[dict[str, pl.Series | list[str]], list[Finding]]:
+    """Rows whose number of cells is not the header's, or that cannot be taken apart, are left out and said. Equal cells
+    share one object: a log repeats most of its own."""
     reader = csv.reader(io.TextIOWrapper(io.BytesIO(memoryview(data)[body:]), "utf-8", "replace", newline=""),
                         delimiter=sign)
-    width, rows, wrong = len(names), list[list[str]](), list[tuple[int, str, int]]()
+    width, wrong = len(names), list[tuple[int, str, int]]()
+    kept, shared = [(names.index(name), list[str]()) for name in wanted], dict[str, str]()
     while True:
         try:
             cells = next(reader, None)
@@ -201,18 +214,17 @@ def _row_by_row(path: Path, data: bytes, body: int, sign: str, names: list[str],
         if len(cells) > width and not any(cells[width:]):
             del cells[width:]
         if len(cells) == width:
-            rows.append(cells)
+            for k, column in kept:
+                column.append(shared.setdefault(cells[k], cells[k]))
         elif any(cell.strip() for cell in cells):
             wrong.append((above + reader.line_num, f"{len(cells)} fields where the header has {width}", len(cells)))
-    if wrong and not rows:
+    if wrong and not (kept and kept[0][1]):
         line, what, fields = wrong[0]
         comma = "; is the decimal sign a comma? write points, or separate by semicolons"
         raise TableError(path, f"line {line}: {what}{comma if sign == ',' and fields > width else ''}")
-    columns = list(zip(*rows, strict=True)) or [()] * width
-    frame = pl.DataFrame([pl.Series(name, columns[names.index(name)], pl.String) for name in wanted])
     said = [Finding("wrong_fields", f"{many(len(wrong))} left out, the first in line {wrong[0][0]} with {wrong[0][1]}",
                     rows=len(wrong))] if wrong else []
-    return frame, said
+    return {name: column for name, (_, column) in zip(wanted, kept, strict=True)}, said
 
 
 def read_text(path: Path, said: Source, data: bytes | None = None) -> RawTable:
@@ -259,7 +271,8 @@ def _texts(path: Path, data: bytes, dialect: Dialect, names: list[str]) -> tuple
         data, start = b"\n".join(b" ".join(line.split()) for line in data[start:].split(b"\n")), 0
     sign = DELIMITERS[dialect.delimiter]
     data, cut = without_cut_row(data, start, sign, len(names))
-    frame, odd = frame_of(path, data, start, sign, names, above=dialect.layout.body)
+    cells, odd = cells_of(path, data, start, sign, names, above=dialect.layout.body)
+    frame = pl.DataFrame([pl.Series(name, column, pl.String) for name, column in cells.items()])
     texts = frame.select(pl.all().str.strip_chars())
     kept = texts.filter(~pl.all_horizontal(pl.all().is_null() | (pl.all() == "")))
     if kept.height == 0:
