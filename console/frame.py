@@ -14,6 +14,7 @@ from control.agronomy.strips import Strips
 from control.field.totals import Totals
 from control.log_row import LogRow
 from control.orders import Alarm, SectionState
+from control.readings import NO_EFFORT, EffortSays
 from control.safety import Allowances, BenchRun
 from drivers.device_status import DeviceStatus
 
@@ -118,6 +119,7 @@ class Frame:
     consoles: int = 0                             # that keep the machine working now; 0: not given
     attached: tuple[Attached, ...] = ()           # consoles and tablets, in the order in which they came
     ordered: tuple[Ordered, ...] = ()             # the latest orders that were followed, the newest last
+    effort: EffortSays = NO_EFFORT                # of the metering drive, and where its alarms begin
 
     @property
     def mean_rate_kg_ha(self) -> float | None:
@@ -126,7 +128,7 @@ class Frame:
         return (self.applied_kg - stopped_kg) / self.area_ha if self.area_ha > LEAST_HA else None
 
 
-_NAMED = ("row", "allow", "totals", "bench", "lag_test", "tally", "strips")
+_NAMED = ("row", "allow", "totals", "bench", "lag_test", "tally", "strips", "effort")
 
 
 def to_json(frame: Frame) -> bytes:

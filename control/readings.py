@@ -198,10 +198,15 @@ NOTHING_SAID = ScaleSays()
 
 
 class EffortSays(NamedTuple):
-    """What the metering drive's effort says, now; neutral values: nothing."""
+    """What the metering drive's effort says, now; neutral values: nothing. Efforts are in `unit`."""
 
     harder_percent: float = 0.0         # than it should
     unloaded: bool = False              # as if no material were in the rollers
+    mean: float | None = None           # of the last seconds; None: not judged
+    should: float = 0.0                 # by the machine file, at this speed, supply and load
+    low: float = 0.0                    # below it, and above `high`, it is an alarm
+    high: float = 0.0
+    unit: str = ""                      # "": the machine file says nothing of effort
 
 
 NO_EFFORT = EffortSays()

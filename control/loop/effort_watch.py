@@ -1,7 +1,7 @@
 """Does the metering drive work as hard as it should? What a loop that holds its speed hides. Pure."""
 from __future__ import annotations
 
-from math import hypot
+from math import hypot, inf
 
 from control.log_row import HOLDS_S
 from control.machine.effort import OF_SHAFT, Effort, EffortInput, shaft_effort
@@ -10,12 +10,17 @@ from control.machine.machine import Machine
 from control.metering.inverse import Conditions
 from control.readings import NO_EFFORT, EffortSays, Measurements, Reading, is_fresh
 
-MEAN_S = 3.0                # of a first-order mean: a stone passes in less
-USUAL_S = 300.0             # of the mean that a drive is held against: grease warms up in minutes
-SETTLES_S = 30.0            # of turning, before that mean is believed
-LEAST_SD = 3.0              # of what the machine file's tolerances leave open: a sound drive is beyond it in one of 700
-NOISE_SD = 6.0              # of the mean: by chance once in years
-LOAD_SHARE = 0.5            # of the material's load: nearer to none of it than to all
+MEAN_S = 3.0                # of a first-order mean: 96 % of a step within the 10 s in which it is to be said
+USUAL_S = 100.0 * MEAN_S    # of the mean that a drive is held against: its own error adds 0.5 % to the noise of the other
+SETTLES_S = 10.0 * MEAN_S   # of turning, before that mean is believed: its own error adds a tenth
+# Of what the machine file's tolerance leaves open, which is how sound drives differ from run to run (1.8 to 3.5 %:
+# Cranfield's ball screw): one sound drive of 740 is beyond it, until a reference of its own is taken.
+LEAST_SD = 3.0
+# Of the mean, by the machine file's noise of a reading (`calibrate effort` has it from what a sound run is off its
+# fit): chance alone is beyond it, on either side, after MEAN_S sqrt(2 pi) exp(NOISE_SD^2 / 2) / NOISE_SD of turning on
+# the mean (first passage of a first-order process: Siegert, Phys. Rev. 81, 1951, 617): 23,000 h, a season has some 300.
+NOISE_SD = 6.0
+LOAD_SHARE = 0.5            # of the material's load: as near to none of it as to all, so that either error is as likely
 
 
 class EffortWatch:
@@ -29,13 +34,14 @@ class EffortWatch:
         self._machine, self._tells = machine, machine.has("effort")
         self._off: float | None = None          # measured less expected
         self._usual = self._turned_s = 0.0      # the same as a share, for minutes; for how long it was known
-        self.says = NO_EFFORT
+        self._rests = NO_EFFORT._replace(unit=machine.effort_unit if self._tells else "")
+        self.says = self._rests
 
     def update(self, m: Measurements, c: Conditions, dt_s: float, turns: bool) -> None:
         """turns : material is to flow by a turning shaft; else nothing is judged."""
         effort, rpm, opening_mm = _fresh(m, m.shaft_effort), _fresh(m, m.shaft_rpm), _fresh(m, m.opening_mm)
         if not self._tells or not turns or effort is None or rpm is None or opening_mm is None or not rpm > 0.0:
-            self._off, self.says = None, NO_EFFORT
+            self._off, self.says = None, self._rests
             return
         machine, own = self._machine, self._machine.effort
         u = self._input(rpm, opening_mm, c)
@@ -45,13 +51,15 @@ class EffortWatch:
         before = self._usual * should if self._off is None else self._off
         off = self._off = before + share * (abs(effort) - should - before)
         self._turned_s += dt_s
-        sudden = off - self._usual * should if self._turned_s > SETTLES_S else 0.0
+        usual = self._usual * should
         chance = NOISE_SD * machine.noise.effort * (0.5 * share) ** 0.5
-        least = max(LOAD_SHARE * load, chance)
-        far = least if abs(off) <= least else max(least, LEAST_SD * _open(
-            own, u, should, machine.tolerance.effort_percent))
-        high, low = off > far or sudden > least, load > chance and (off < -far or sudden < -least)
-        self.says = EffortSays(100.0 * off / max(should, 1e-9) if high else 0.0, low)
+        sudden = max(LOAD_SHARE * load, chance)
+        far = max(sudden, LEAST_SD * _open(own, u, should, machine.tolerance.effort_percent))
+        more, less = (usual + sudden, usual - sudden) if self._turned_s > SETTLES_S else (inf, -inf)
+        more, less = min(far, more), max(-far, less) if load > chance else -should
+        high, low = off > more, off < less
+        self.says = EffortSays(100.0 * max(off, off - usual) / max(should, 1e-9) if high else 0.0, low, should + off,
+                               should, max(0.0, should + less), should + more, machine.effort_unit)
         if not (high or low):
             self._usual += min(1.0, dt_s / min(USUAL_S, self._turned_s)) * (off / max(should, 1e-9) - self._usual)
 

@@ -472,7 +472,7 @@ class ControlLoop:
             bench=self._bench_run(command) if verdict.state is State.CALIBRATING else None,
             threshold_m=None if threshold is None else threshold.at(moment.speed_mps),
             sections=self._ahead.sections.states(command.valves, choices.sections_off),
-            strips=heads.decisions.rule.strips, sources=self._operator.sources)
+            strips=heads.decisions.rule.strips, sources=self._operator.sources, effort=self._effort.says)
 
     # -- parts of the steps ----------------------------------------------------------------------------------------
 

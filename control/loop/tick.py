@@ -7,7 +7,7 @@ from control.agronomy.strips import Strips
 from control.log_row import LogRow
 from control.loop.moment import Choices
 from control.orders import Alarm, SectionState, TargetSource
-from control.readings import DriveCommand
+from control.readings import DriveCommand, EffortSays
 from control.safety import POWERED, Allowances, BenchRun, Verdict
 from control.sensing import Sensed
 from control.targets.lag_correction import Fired
@@ -35,6 +35,7 @@ class Tick(NamedTuple):
     sections: tuple[SectionState, ...]      # left to right; empty where the machine has no valves
     strips: Strips                          # N-rich and farmer check, as they count now
     sources: tuple[TargetSource, ...]       # of the target, that the job has
+    effort: EffortSays                      # of the metering drive
 
     @property
     def enabled(self) -> bool:

@@ -11,7 +11,8 @@ from console.app.pages.devices.device_table import DeviceTable
 from console.app.widgets.chips import Chips, placed
 from console.frame import DeviceDo, DeviceTest
 from control.orders import Answer
-from tests.app.harness import feed
+from control.readings import EffortSays
+from tests.app.harness import feed, looked, tell
 from tests.app.made_up.calibrate import many_devices
 
 SIZE = (120, 40)
@@ -48,6 +49,21 @@ async def test_every_line_says_in_symbol_and_word_how_it_is(app, shown, page):
     board = next(row for row in rows if "slave-board/1" in row and "19950" in row)
     assert "50.0" in board and "/dev/ttyACM0" in board and board.split().index("19950") < board.split().index("4")
     assert any("head_4" in row and "35.2 s" in row for row in rows)
+
+
+@pytest.mark.parametrize(("effort", "said", "level"), [
+    (EffortSays(), None, ""), (EffortSays(unit="A"), "stands: not judged", "stale"),
+    (EffortSays(mean=50.0, should=60.0, low=40.0, high=80.0, unit="%"),
+     "████████┃█░░│░░░┃░░░ 50 %, expected 60, alarm outside 40 to 80", ""),
+    (EffortSays(harder_percent=25.0, mean=1.6, should=1.0, low=0.0, high=1.2, unit="N m"),
+     "┃█████████│█┃███░░░░ 1.6 N m, expected 1, alarm outside 0 to 1.2", "amber")],
+    ids=["no numbers", "stands", "calm", "harder"])
+async def test_a_bar_says_how_hard_the_metering_drive_works(app, shown, source, pilot, page, effort, said, level):
+    tell(source, effort=effort)
+    await looked(app, pilot)
+    rows = page.query_one("#device-effort").view.rows
+    assert [(row.text, row.level) for row in rows] == ([] if said is None else [(said, level)])
+    assert any(said in row for row in shown(app)) if said else not any("effort" in row for row in shown(app))
 
 
 async def test_arrows_and_clicks_pick_and_the_details_follow(app, shown, pilot, page):

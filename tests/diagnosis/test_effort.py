@@ -145,6 +145,7 @@ def test_calibrate_effort_finds_what_the_drive_is_made_of(topdress: Callable[...
     # 100 % / 13.5 V of the generator's circuit: its e.m.f. and oil for each r/min, its dry torque, its material's.
     assert made.effort.viscous == pytest.approx(0.604, rel=0.03)
     assert made.effort.coulomb == pytest.approx(8.19, rel=0.1) and made.effort.load == pytest.approx(0.0614, rel=0.05)
+    assert made.noise.effort == pytest.approx(1.0, rel=0.1), "of a reading, as planted; not of a half second's mean"
     assert {one.id for one in made.adopted} >= {"effort.coulomb", "effort.viscous", "effort.load"}
     silent = tmp_path / "silent.csv"
     silent.write_text(run.read_text(encoding="utf-8").replace("shaft_effort", "x_effort"), encoding="utf-8")

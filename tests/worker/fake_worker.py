@@ -19,7 +19,7 @@ from control.agronomy.strips import Strips
 from control.field.totals import Totaliser, Totals
 from control.log_row import LogRow
 from control.orders import Alarm, Answer, Do, Order, SectionState, Severity
-from control.readings import DriveCommand, Measurements, Reading
+from control.readings import NO_EFFORT, DriveCommand, EffortSays, Measurements, Reading
 from control.safety import Allowances, BenchRun
 from drivers.cab_line import DeviceLine
 from drivers.device_status import DeviceStatus
@@ -55,6 +55,7 @@ class FakeTick:
     sections: tuple[SectionState, ...] = (SectionState(True), SectionState(False, "done"))
     strips: Strips = field(default_factory=lambda: Strips(0.66, None))
     sources: tuple[str, ...] = ("canopy", "manual")
+    effort: EffortSays = NO_EFFORT
     ordered_source: str = "map"
     manual_rate_kg_ha: float = 90.0
 

@@ -109,6 +109,8 @@ def _fit(d: DriveEffort, machine: Machine) -> tuple[Machine, EffortFit]:
         stage = stage._replace(**{name: value})
         numbers.append((f"effort.{name}", FittedInterval(value, value - half, value + half), asked[name][1]))
     scatter = float(fit.residuals.std())
-    noise = machine.noise.model_copy(update={"effort": max(1e-4, float(f"{scatter:.3g}"))})
+    # Of a reading: so much as leaves, where readings are independent, what means over several bins are off by.
+    a_reading = scatter * wider * np.sqrt(d.rows_a_bin)
+    noise = machine.noise.model_copy(update={"effort": max(1e-4, float(f"{a_reading:.3g}"))})
     return machine.model_copy(update={"effort": stage, "noise": noise}), EffortFit(
         tuple(numbers), len(y), float(y.mean()), scatter, machine.effort_unit, tuple(notes))

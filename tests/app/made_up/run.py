@@ -18,6 +18,7 @@ from console.frame import DeviceView, Frame, Tally
 from control.field.totals import Totaliser
 from control.log_row import LogRow
 from control.orders import Alarm, Severity
+from control.readings import EffortSays
 from drivers.files.settings import Settings
 from tests.app.made_up.calibrate import sample_calibrate_job
 from tests.app.made_up.diagnosis import MadeUpDiagnosis
@@ -87,6 +88,7 @@ def run_frames(seconds: float = 400.0, step_s: float = 0.2, seed: int = 7,
             devices=tuple(DeviceView(name, f"sim://{name}", name, True, 0.05, 10.0, index, 0)
                           for name in ("gnss", "heads", "board")),
             totals=worked.snapshot()._replace(covered_ha=0.97 * area_ha, overlap_ha=0.03 * area_ha),
+            effort=EffortSays(mean=58.0 + random.gauss(0, 0.2), should=57.5, low=53.0, high=62.0, unit="%"),
             tally=Tally(48.0, index // 20, REFILLS, "", "2026-03-18T06:12:00Z")))
     return frames
 

@@ -8,8 +8,10 @@ from console.app.pages.devices.rows import DeviceRow, RowsView
 from console.app.view import STALE_S, duration
 from console.frame import DeviceView
 from console.locale import N_, _
+from control.readings import EffortSays
 
 SLOW_AGE_S = 99.95            # above, an age is shown as minutes
+BAR = 20                      # cells of the bar of effort
 
 REJECTED = {
     "garbage": N_("bytes before a frame"), "bad_crc": N_("wrong check sum"), "bad_checksum": N_("wrong check sum"),
@@ -72,6 +74,23 @@ def details(device: DeviceView, frame_age_s: float) -> RowsView:
         rows.append(DeviceRow(_("test"), _test_words(device)))
     rows.append(DeviceRow(_("raw file"), device.capture_path or _("not written; E starts one next to the log")))
     return RowsView(device.name, tuple(rows))
+
+
+def effort_row(says: EffortSays, frame_age_s: float) -> RowsView:
+    """How hard the metering drive works, and between which marks it raises no alarm; nothing where no file says."""
+    if not says.unit:
+        return RowsView("", ())
+    text, level = _("stands: not judged"), "stale"
+    if says.mean is not None:
+        full = 1.25 * max(says.high, says.mean)
+        cells = [min(BAR - 1, round(one / full * BAR)) for one in (says.mean, says.should, says.low, says.high)]
+        marks = ["█"] * cells[0] + ["░"] * (BAR - cells[0])
+        for at, mark in zip(cells[1:], "│┃┃", strict=True):
+            marks[at] = mark
+        text = "".join(marks) + " " + _("{mean} {unit}, expected {should}, alarm outside {low} to {high}").format(
+            unit=says.unit, **{name: f"{getattr(says, name):.3g}" for name in ("mean", "should", "low", "high")})
+        level = "stale" if frame_age_s > STALE_S else "amber" if says.harder_percent or says.unloaded else ""
+    return RowsView("", (DeviceRow(_("effort"), text, level),))
 
 
 def _test_words(device: DeviceView) -> str:

@@ -9,7 +9,7 @@ from textual.containers import Vertical
 
 from console.app.action import DEVICES, Action, bindings
 from console.app.pages.devices.device_table import DeviceTable, TableView
-from console.app.pages.devices.device_view import details, raw_rows, rows_of
+from console.app.pages.devices.device_view import details, effort_row, raw_rows, rows_of
 from console.app.pages.devices.keys import ACTIONS
 from console.app.pages.devices.rows import Rows, RowsView
 from console.app.pages.page import Page
@@ -18,6 +18,7 @@ from console.app.widgets.chips import Chip, Chips
 from console.app.widgets.panel import Picked
 from console.frame import DeviceDo, DeviceView, Frame
 from console.locale import _
+from control.readings import NO_EFFORT
 
 RAW_LINES = 40
 
@@ -34,6 +35,7 @@ class DevicesScreen(Page):
     def body(self) -> ComposeResult:
         with Vertical(id="devices"):
             yield DeviceTable(TableView((), 0), id="device-table")
+            yield Rows(RowsView("", ()), id="device-effort")
             yield Rows(RowsView("", ()), id="device-details")
             yield Rows(RowsView("", ()), id="device-raw")
             yield Chips((), id="device-chips")
@@ -57,7 +59,10 @@ class DevicesScreen(Page):
 
     def show_numbers(self, view: RunView) -> None:
         super().show_numbers(view)
-        _frame, age_s = self.seen(self.app.clock())
+        frame, age_s = self.seen(self.app.clock())
+        effort = effort_row(NO_EFFORT if frame is None else frame.effort, age_s)
+        self.query_one("#device-effort", Rows).show(effort)
+        self.query_one("#device-effort").display = bool(effort.rows)
         device, devices = self.device, self.devices
         at = devices.index(device) if device is not None else 0
         self.query_one("#device-table", DeviceTable).show(TableView(rows_of(devices, age_s), at))

@@ -1,4 +1,4 @@
-"""A heading and rows of label and text; a text that is too long is broken, not cut, while there is room."""
+"""A heading, where it has one, and rows of label and text; a text that is too long is broken, not cut, while there is room."""
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -29,7 +29,7 @@ _STYLES = {"": "", "stale": "$stale", "amber": "bold $on-alarm-amber on $alarm-a
 class Rows(Panel[RowsView]):
     def lines(self, view: RowsView, width: int, height: int) -> list[Content]:
         labels = max((cell_len(row.label) for row in view.rows), default=0) + 3
-        found = [line((fit(f" {view.title}", width), "bold $primary"))]
+        found = [line((fit(f" {view.title}", width), "bold $primary"))] if view.title else []
         for index, row in enumerate(view.rows):
             after = len(view.rows) - index - 1
             room = max(1, height - len(found) - after)
