@@ -11,7 +11,7 @@ from control.metering.inverse import Conditions
 from control.readings import NO_EFFORT, EffortSays, Measurements, Reading, is_fresh
 
 MEAN_S = 3.0                # of a first-order mean: 96 % of a step within the 10 s in which it is to be said
-USUAL_S = 100.0 * MEAN_S    # of the mean that a drive is held against: its own error adds 0.5 % to the noise of the other
+USUAL_S = 100.0 * MEAN_S    # of the mean that a drive is held against: its own error adds 0.5 % to the noise
 SETTLES_S = 10.0 * MEAN_S   # of turning, before that mean is believed: its own error adds a tenth
 # Of what the machine file's tolerance leaves open, which is how sound drives differ from run to run (1.8 to 3.5 %:
 # Cranfield's ball screw): one sound drive of 740 is beyond it, until a reference of its own is taken.

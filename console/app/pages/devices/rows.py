@@ -1,4 +1,4 @@
-"""A heading, where it has one, and rows of label and text; a text that is too long is broken, not cut, while there is room."""
+"""A heading, where it has one, and rows of label and text; a long text is broken, not cut, while there is room."""
 from __future__ import annotations
 
 from typing import NamedTuple
