@@ -93,8 +93,8 @@ def machine(
     text = machine_text(made, kind, f"{HEAD} {log.name}")
     write_atomically(out, text)
     load(str(out), MACHINE)                 # what is written is what is read
-    typer.echo(f"{out}: a {kind.value}, {made.full_rpm:g} r/min{_times(found, made)}; {answers.count} questions; next: "
-               f"topdress diagnose {log} --machine {out}")
+    typer.echo(f"{out}: a {kind.value}, {made.full_rpm:g} r/min{_times(found, made)}{_neutral(made)}; {answers.count} "
+               f"questions; next: topdress diagnose {log} --machine {out}")
 
 
 def _asked(found: Suggested, answers: Answers, full_speed: float | None, settled: bool | None, both_ways: bool | None,
@@ -123,6 +123,14 @@ def _times(found: Suggested, made: Suggested) -> str:
     return f", time constant {made.tau_s:.3g} s and dead time {made.dead_s:.3g} s as the log shows them"
 
 
+def _neutral(made: Suggested) -> str:
+    """At which command it stands, where that is not 0."""
+    if made.neutral is None:
+        return ""
+    return f", stands at a command of {made.neutral.rpm:.4g} as the log shows it" + (
+        ", slower the higher its command" if made.neutral.falls else "")
+
+
 def machine_text(made: Suggested, kind: Driven, head: str) -> str:
     """The file: what it is, what it has, what it can, what is read of it. Neutral figures are left out."""
     dead_s, tau_s = made.dead_s or 0.0, made.tau_s or 0.0
@@ -133,6 +141,10 @@ def machine_text(made: Suggested, kind: Driven, head: str) -> str:
         shaft += ["dead_time_s: 0", "time_constant_s: 0.001"]
     if not made.both_ways:
         shaft.append("one_way: 1")
+    if made.neutral is not None:
+        shaft.append(f"neutral_rpm: {made.neutral.rpm:.4g}")
+        shaft += ["gain_percent: -200"] if made.neutral.falls else []
+        shaft += ["zero_stops: 0"] if made.neutral.zero_turns else []
     if made.supply_v is not None and 1.0 <= made.supply_v <= 60.0:
         shaft.append(f"nominal_supply_v: {made.supply_v:.3g}")
     lines = [f"# {head}: what was answered, and what the log itself shows of the times.",

@@ -28,15 +28,46 @@ ROUNDS = 2                  # ... and again: 1 / 16 of a step of the first one
 MOST_ROWS = 4000            # of the log, that the times are read off
 
 
+SURELY_SD = 6.0             # of a reading's noise: a drive that reads further from 0 turns (1e-9 by chance)
+OFF_ZERO_SD = 3.0           # ... by more a drive's line misses a standstill at 0, and is looked at
+PASSED_ROWS = 0.01          # of the settled rows, that turn against their command: stray cells are fewer
+LOWEST = 1.0 / 3.0          # of the commands, over which a drive's line is straight where it bends higher up
+AT_ZERO = 0.02              # of the largest command: as good as 0
+ANSWERED = 5.0              # times a time constant: it has settled, to exp(-5) < 0.01
+
+
 class NoColumn(ValueError):
     """A log without a command, or without its reading."""
+
+
+class OffZero(NamedTuple):
+    """The straight line of a drive's settled readings over its commands, r/min at a command of 0 and for each of it.
+    off : it does not go through 0, or falls. passed : commands are on either side of the one at which it stands, or it
+    turns slower the higher its command is: what only turns above some command has a dead zone."""
+
+    level_rpm: float
+    slope: float
+    off: bool
+    passed: bool
+
+
+NOT_OFF = OffZero(0.0, 1.0, False, False)
+
+
+class Neutral(NamedTuple):
+    """rpm : command at which a drive stands, r/min. falls : it turns slower the higher its command is. zero_turns : it
+    turns at a command of 0."""
+
+    rpm: float
+    falls: bool
+    zero_turns: bool
 
 
 class Suggested(NamedTuple):
     """What a log suggests. full_rpm : r/min at the full command. settled : a row holds a command's settled answer.
     both_ways : it turns backwards too. noise_rpm : 1 s.d. of a reading, r/min. dead_s, tau_s : dead time and time
     constant, s; 0 of settled answers, None where the log does not show them. supply_v : median, None where there is
-    none."""
+    none. neutral : the command at which it stands and how it stands to 0, None where that is 0."""
 
     full_rpm: float
     settled: bool
@@ -45,6 +76,7 @@ class Suggested(NamedTuple):
     dead_s: float | None
     tau_s: float | None
     supply_v: float | None
+    neutral: Neutral | None = None
 
 
 def suggested(columns: Mapping[str, npt.NDArray[Any]]) -> Suggested:
@@ -60,9 +92,11 @@ def suggested(columns: Mapping[str, npt.NDArray[Any]]) -> Suggested:
     supply = np.asarray(columns.get("supply_v", np.empty(0)), np.float64)
     supply = supply[np.isfinite(supply)]
     dead_s, tau_s = (0.0, 0.0) if settled else times_of(time_s, command, reading) or (None, None)
-    return Suggested(rounded_up(most), settled, bool(np.any(command < 0.0)),
-                     max(noise_of(command, reading), LEAST_NOISE * most), dead_s, tau_s,
-                     float(np.median(supply)) if len(supply) else None)
+    noise_rpm = max(noise_of(command, reading), LEAST_NOISE * most)
+    neutral = None if dead_s is None or tau_s is None else neutral_of(
+        time_s, command, reading, dead_s + ANSWERED * tau_s, noise_rpm)
+    return Suggested(rounded_up(most), settled, bool(np.any(command < 0.0)), noise_rpm, dead_s, tau_s,
+                     float(np.median(supply)) if len(supply) else None, neutral)
 
 
 def _known(columns: Mapping[str, npt.NDArray[Any]]) -> tuple[Array, Array, Array]:
@@ -78,6 +112,47 @@ def _known(columns: Mapping[str, npt.NDArray[Any]]) -> tuple[Array, Array, Array
                          f"{LEAST_ROWS} on")
     time_s, command, reading = (one[known] for one in found)
     return time_s, command, reading
+
+
+def at_rest(time_s: Array, command: Array, reading: Array, answers_s: float) -> npt.NDArray[np.bool_]:
+    """Rows (n,) with a reading whose command has been left alone for the time of an answer."""
+    changed = np.diff(command, prepend=command[0]) != 0.0
+    since_s = time_s - np.maximum.accumulate(np.where(changed, time_s, time_s[0]))
+    return np.isfinite(reading) & (since_s >= answers_s)
+
+
+def off_zero_of(time_s: Array, command: Array, reading: Array, answers_s: float, noise_rpm: float) -> OffZero:
+    """How a drive stands to a command of 0, by its rows (n,) at rest: by the line through them, and by readings of the
+    other sign than their command's."""
+    rows = at_rest(time_s, command, reading, answers_s)
+    asked, read = command[rows], reading[rows]
+    if rows.sum() < LEAST_ROWS or np.ptp(asked) <= AT_ZERO * np.max(np.abs(asked)):
+        return NOT_OFF
+    slope, level_rpm = (float(one) for one in np.polyfit(asked, read, 1))
+    against = np.mean(np.sign(asked) * read < -SURELY_SD * noise_rpm)
+    passed = bool(slope < 0.0 or against > PASSED_ROWS)
+    way = 1.0 if asked.mean() > 0.0 else -1.0
+    return OffZero(level_rpm, slope, passed or way * level_rpm > OFF_ZERO_SD * noise_rpm, passed)
+
+
+def neutral_of(time_s: Array, command: Array, reading: Array, answers_s: float, noise_rpm: float) -> Neutral | None:
+    """The command at which a drive stands, where its rows (n,) at rest show that it is not 0: half-way between where it
+    begins to turn either way; else where its line meets a standstill, of a drive that falls or that turns at 0."""
+    of_zero = off_zero_of(time_s, command, reading, answers_s, noise_rpm)
+    if not of_zero.off:
+        return None
+    rows = at_rest(time_s, command, reading, answers_s)
+    asked, read = command[rows], reading[rows]
+    zero = np.abs(asked) <= AT_ZERO * np.max(np.abs(asked))
+    zero_turns = bool(zero.any() and np.median(np.abs(read[zero])) > SURELY_SD * noise_rpm)
+    turns = [way * read > SURELY_SD * noise_rpm for way in (1.0, -1.0)]
+    if of_zero.passed:
+        parts = [one for one in turns if one.sum() >= LEAST_ROWS and np.ptp(asked[one]) > 0.0]
+    else:
+        parts = [np.abs(asked) <= np.quantile(np.abs(asked), LOWEST)] if zero_turns else []
+    lines = [np.polyfit(asked[one], read[one], 1) for one in parts]
+    found = [-float(level) / float(slope) for slope, level in lines if slope != 0.0]
+    return Neutral(float(np.mean(found)), of_zero.slope < 0.0, zero_turns) if found else None
 
 
 def settings_a_row(time_s: Array, command: Array) -> bool:

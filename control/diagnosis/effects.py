@@ -36,6 +36,7 @@ class Needs(Enum):
     OPENING = "opening"             # the opening recorded: without it the effect looks like others
     OPEN_LOOP = "open loop"         # a drive that does not hold its speed by its own encoder
     BOTH_WAYS = "both ways"         # commands that turn the shaft either way
+    OFF_ZERO = "off zero"           # a shaft that turns by more, or otherwise, than a share of its command
     FINE_READINGS = "fine readings"         # a shaft's speed that is not read in steps
     MOVES = "moves"                 # every command: it shows at each move of a drive, as a missing one does
 
@@ -156,6 +157,8 @@ SHAFT_DEAD_ZONE = EffectRow("shaft.dead_zone", 10.0, (2.0, 8.0, 20.0, 40.0), nee
                             only_adds=True)
 SHAFT_SATURATION = EffectRow("shaft.saturation", 15.0, (3.0, 12.0, 30.0, 60.0), needs=(Needs.OPEN_LOOP,),
                              form_over="shaft_rpm", only_adds=True)
+SHAFT_NEUTRAL = EffectRow("shaft.neutral", 10.0, (0.5,), needs=(Needs.OPEN_LOOP, Needs.OFF_ZERO), form_over="shaft_rpm",
+                          may_begin=False)       # a setting, a trim
 SHAFT_BACK_GAIN = EffectRow("shaft.back_gain", 5.0, (0.5,), needs=(Needs.BOTH_WAYS,), form_over="shaft_rpm")
 SHAFT_BACK_ZONE = EffectRow("shaft.back_zone", 5.0, (0.5,), needs=(Needs.BOTH_WAYS, Needs.OPEN_LOOP),
                             form_over="shaft_rpm")
@@ -209,8 +212,9 @@ EFFORT_GATE_DRAG = EffectRow("effort.gate_drag", 20.0, (5.0,), costs=Costs.NEITH
 
 ROWS: dict[str, EffectRow] = {row.id: row for row in (
     SHAFT_GAIN, SHAFT_SLOW, SHAFT_DEAD_TIME, SHAFT_SECOND_ORDER, SHAFT_RAMP, SHAFT_DEAD_BAND, SHAFT_DEAD_ZONE,
-    SHAFT_SATURATION, SHAFT_BACK_GAIN, SHAFT_BACK_ZONE, SHAFT_VOLTAGE_SAG, SHAFT_LOAD_DROOP, SHAFT_COARSE_ENCODER,
-    SHAFT_STALL, GATE_OFFSET, GATE_HOME_ERROR, GATE_BACKLASH, GATE_LOST_STEPS, GATE_SLOW, GATE_STUCK, FLOW_GAIN,
+    SHAFT_SATURATION, SHAFT_NEUTRAL, SHAFT_BACK_GAIN, SHAFT_BACK_ZONE, SHAFT_VOLTAGE_SAG, SHAFT_LOAD_DROOP,
+    SHAFT_COARSE_ENCODER, SHAFT_STALL, GATE_OFFSET, GATE_HOME_ERROR, GATE_BACKLASH, GATE_LOST_STEPS, GATE_SLOW,
+    GATE_STUCK, FLOW_GAIN,
     FLOW_ZERO_OFFSET, FLOW_FILL_FALLOFF, FLOW_HOPPER_HEAD, FLOW_MOISTURE_DRIFT, FLOW_BATCH, FLOW_BLOCKED_OUTLET,
     FLOW_OUTLET_UNEVEN, FLOW_BRIDGING, FLOW_LEAK, FLOW_SLOPE, FLOW_PULSATION, SCALE_GAIN, SCALE_DRIFT, SCALE_TILT,
     SPEED_WHEEL_SLIP, SPEED_WHEEL_RADIUS, SPEED_MISSED_PULSES, SPEED_GNSS_LATENCY, CANOPY_HEAD_FOULED, CANOPY_WARM_UP,

@@ -43,7 +43,7 @@ for _piece in (elements.line_put, elements.line_mean, elements.line_held, elemen
                flow.bridged, flow.grams_per_rev, flow.common_factor, flow.in_flutes,
                effort.of_drive, effort.shaft_effort, effort.gate_effort, fall.start_drop_s, fall.drop_s,
                shaft.approach, shaft.free_swing, shaft.passes_s, shaft.free_for_s, shaft.swung, shaft.lag_s,
-               shaft.fastest_rpm_s, shaft.follows, shaft.asked_rpm, shaft.dead_s, shaft.shaft_step,
+               shaft.fastest_rpm_s, shaft.follows, shaft.beyond_rpm, shaft.asked_rpm, shaft.dead_s, shaft.shaft_step,
                gate.gate_step, flow.flow_step, speed.speed_step, fall.fall_step,
                scale.scale_reads, heads.head_reads, forms.clipped, term_step.remembered,
                term_step.term_step):

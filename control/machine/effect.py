@@ -37,11 +37,12 @@ class Effect:
     bounds: tuple[float, float] | None = None       # of the parameter, on the nominal machine
     scales_with: tuple[str, ...] = ()    # figures of the machine file that the size is a share of
     unit_form: str = ""                  # the unit before figures are put in; the catalogue fills it
-    says: tuple[str, ...] = ()           # for the owner: what a positive size does, and a negative; {size} unsigned
+    # For the owner: what a positive size does, a negative one, and one below -100 %; {size} unsigned.
+    says: tuple[str, ...] = ()
 
     def sentence(self, size: float) -> str:
         """What the machine does, for who owns it; `{size}` is to be filled in."""
-        return self.says[-1 if size < 0.0 else 0]
+        return self.says[min(len(self.says) - 1, 0 if size >= 0.0 else 2 if size < -100.0 else 1)]
 
 
 class Entry(NamedTuple):

@@ -172,6 +172,10 @@ class Machine(Part):
             raise ValueError("limits.shaft_low_rpm must be below limits.shaft_high_rpm")
         if self.limits.opening_low_mm >= self.limits.opening_high_mm:
             raise ValueError("limits.opening_low_mm must be below limits.opening_high_mm")
+        if self.shaft.zero_stops <= 0.0 and self.has("flow"):
+            raise PydanticCustomError("size_of_effect", "{allowed}", {
+                "wrong_key": ("shaft", "zero_stops"), "allowed": "allowed 1 of a machine that meters: a command of 0 "
+                "must stop it; 0 of one whose stages are [shaft]"})
         trouble = trouble_of(self.sections, self.geometry.outlets)
         if trouble:
             raise PydanticCustomError("size_of_effect", "{allowed}", {"wrong_key": ("sections",), "allowed": trouble})

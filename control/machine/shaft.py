@@ -1,7 +1,8 @@
 """Metering shaft: command r/min -> r/min. Dead time, dead band, supply and load, first or second order, acceleration
 limit.
 
-Commands and speeds have a sign: below 0 it turns backwards, with a gain and a zone of its own.
+Commands and speeds have a sign: below 0, or below the command at which it stands, it turns backwards, with a gain and
+a zone of its own.
 """
 from __future__ import annotations
 
@@ -30,6 +31,7 @@ class Shaft(NamedTuple):
     one_way: Annotated[float, Field(ge=0, le=1)] = 0.0      # 1: a command to turn backwards is none
     full_rpm: Annotated[float, Field(ge=0.1, le=1e5)] = 100.0       # speed at which the saturation is given
     regulated: Annotated[float, Field(ge=0, le=1)] = 0.0    # 1: it holds its speed by its own encoder
+    zero_stops: Annotated[float, Field(ge=0, le=1)] = 1.0   # 0: a command of 0 is one like any other, and may turn it
     dead_zone_rpm: Annotated[float, Field(ge=0, le=1e5), Effect(
         "shaft.dead_zone", "r/min", "Shaft turns too slowly, by the same at every speed",
         "Friction and the power stage take a constant part of every duty cycle away, either way.",
@@ -45,6 +47,16 @@ class Shaft(NamedTuple):
         "Let the drive hold its speed by an encoder, or adopt it: control then bends each command the other way.",
         "A staircase of shaft commands up to full speed, settled at each.", probes=(1.0, 5.0, 20.0),
         says=("The shaft falls {size} % short when it is to turn fastest.",))] = 0.0
+    neutral_rpm: Annotated[float, Field(ge=-2e5, le=2e5), Effect(
+        "shaft.neutral", "r/min of command", "Shaft stands still at another command than zero",
+        "A servo's pulse, a converter's middle voltage or an offset of the power stage moves the command at which "
+        "nothing turns.",
+        "servos: 1.5 ms of 1 to 2 ms; converters: 512 of 0 to 1023; offsets of power stages: a few per cent", ("run",),
+        "Trim the drive's zero, or adopt it: control then adds it to each command.",
+        "A staircase of shaft commands through the one at which it stands, down to zero.", probes=(1.0, 5.0),
+        bounds=(-200.0, 200.0), scales_with=SHAFT_RANGE,
+        says=("The shaft stands still at a command of {size} r/min, and turns by what a command is beyond it.",
+              "The shaft turns as if {size} r/min more were commanded."))] = 0.0
     back_gain_percent: Annotated[float, Field(ge=-90, le=200), Effect(
         "shaft.back_gain", "%", "Shaft turns at another fraction of its command backwards than forwards",
         "Brushes that are set for one direction, and a load that helps or hinders, make a motor unlike either way.",
@@ -62,14 +74,15 @@ class Shaft(NamedTuple):
         bounds=(-60.0, 60.0), scales_with=SHAFT_RANGE,
         says=("Backwards the shaft loses {size} r/min more than forwards.",
               "Backwards the shaft loses {size} r/min less than forwards."))] = 0.0
-    gain_percent: Annotated[float, Field(ge=-95, le=1900), Effect(
+    gain_percent: Annotated[float, Field(ge=-300, le=1900), Effect(     # below -100: the faster, the lower its command
         "shaft.gain", "%", "Shaft turns too fast or too slow, always by the same share",
         "A wrong gear or encoder setting or a slipping belt scales every speed alike.",
         "drive ratio error; usual 1-10 %", ("run",),
         "Check the gear ratio in the drive's settings, the encoder's lines, the belt tension.",
         "A staircase of shaft commands at constant opening and supply.",
         says=("The metering shaft turns {size} % faster than commanded.",
-              "The metering shaft turns {size} % slower than commanded."))] = 0.0
+              "The metering shaft turns {size} % slower than commanded.",
+              "The metering shaft turns the slower the higher its command is ({size} % less than commanded)."))] = 0.0
     slow_s: Annotated[float, Field(ge=-5, le=5), Effect(
         "shaft.slow", "s", "Shaft comes to its speed too slowly",
         "A weak or worn motor needs longer to reach the speed that it was sent.",
@@ -310,16 +323,29 @@ def dead_s(p: Shaft) -> float:
     return max(0.0, p.dead_time_s + p.extra_dead_time_s)
 
 
-def asked_rpm(p: Shaft, command_rpm: float) -> float:
-    """Size of the speed that a command comes to when it is settled, r/min, before what multiplies every speed alike.
+def beyond_rpm(p: Shaft, command_rpm: float) -> float:
+    """By how much a command is beyond the one at which the shaft stands, r/min: below 0 it turns backwards.
+
+    Where speed falls as the command rises (a gain below -100 %) it is beyond below that command. A command of 0 stops
+    what `zero_stops`.
+    """
+    if command_rpm == 0.0 and p.zero_stops > 0.0:
+        return 0.0
+    beyond = command_rpm - p.neutral_rpm
+    return -beyond if p.gain_percent < -100.0 else beyond
+
+
+def asked_rpm(p: Shaft, beyond: float) -> float:
+    """Size of the speed that a command so far `beyond_rpm` comes to when it is settled, r/min, before what multiplies
+    every speed alike.
 
     A threshold holds the shaft until the command passes it; a zone takes away from every command: g (u - D). The curve
     bends evenly, u / (1 + k u / full): a motor's speed falls behind its duty cycle as its current is cut more often.
     """
-    size = abs(command_rpm)
-    if size < p.dead_band_rpm or (command_rpm < 0.0 and p.one_way > 0.0):
+    size = abs(beyond)
+    if size < p.dead_band_rpm or (beyond < 0.0 and p.one_way > 0.0):
         return 0.0
-    if command_rpm < 0.0:
+    if beyond < 0.0:
         size = max(0.0, size - max(0.0, p.dead_zone_rpm + p.back_zone_rpm)) * (1.0 + p.back_gain_percent / 100.0)
     else:
         size = max(0.0, size - p.dead_zone_rpm)
@@ -338,16 +364,17 @@ def shaft_step(p: Shaft, s: ShaftState, u: ShaftInput, dt_s: float) -> tuple[Sha
     short_v = p.nominal_supply_v - u.supply_v
     sag = p.sag_percent_per_v * short_v if short_v > 0.0 else 0.0
     droop = p.droop_percent * u.opening_mm / p.full_opening_mm
-    turns = (1.0 + p.gain_percent / 100.0) * (1.0 - sag / 100.0) * (1.0 - droop / 100.0)
+    turns = abs(1.0 + p.gain_percent / 100.0) * (1.0 - sag / 100.0) * (1.0 - droop / 100.0)
     turns *= 1.0 + u.more_percent / 100.0
     turns = turns * (1.0 - p.stalled) if turns > 0.0 else 0.0
     line = line_put(s.line, s.time_s, u.command_rpm)
     rpm, rate, at_s, end_s = s.rpm, s.rpm_s, s.time_s - late_s, s.time_s - late_s + dt_s
     while at_s < end_s:
         line, wanted, until_s = line_held(line, at_s, end_s)
-        goal = turns * asked_rpm(p, wanted)
+        beyond = beyond_rpm(p, wanted)
+        goal = turns * asked_rpm(p, beyond)
         if goal > 0.0:                          # terms are given with the speed's sign; none turns it round
-            way = -1.0 if wanted < 0.0 else 1.0
+            way = -1.0 if beyond < 0.0 else 1.0
             goal = way * max(0.0, goal + way * u.more_rpm)
         rpm, rate = follows(p, rpm, rate, goal, until_s - at_s)
         at_s = until_s

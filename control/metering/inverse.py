@@ -104,9 +104,10 @@ def shaft_for(machine: Machine, wanted_kg_s: float, opening_mm: float, c: Condit
 
 
 def shaft_command(machine: Machine, wanted_rpm: float, opening_mm: float, c: Conditions = Conditions()) -> float:
-    """Command that turns the shaft at a true `wanted_rpm`: known gain, sag and droop taken back."""
+    """Command that turns the shaft at a true `wanted_rpm`: known gain, sag, droop and neutral point taken back. For 0
+    it is none, 0, which stops it."""
     p = machine.shaft
-    kept = 1.0 + p.gain_percent / 100.0
+    kept = abs(1.0 + p.gain_percent / 100.0)
     if c.supply_v is not None:
         kept *= 1.0 - p.sag_percent_per_v * max(0.0, p.nominal_supply_v - c.supply_v) / 100.0
     kept *= 1.0 - p.droop_percent * opening_mm / p.full_opening_mm / 100.0
@@ -125,11 +126,12 @@ def shaft_command(machine: Machine, wanted_rpm: float, opening_mm: float, c: Con
 
 
 def _asked_for(p: Shaft, settled_rpm: float) -> float:
-    """Command forwards that comes to a settled speed (`asked_rpm`), its curve and zone taken back."""
+    """Command forwards that comes to a settled speed (`asked_rpm`), its curve, zone and neutral point taken back."""
     if settled_rpm <= 0.0:
         return 0.0
     bend = p.saturation_percent / (100.0 - p.saturation_percent) * settled_rpm / p.full_rpm
-    return settled_rpm / max(LEAST_SHARE, 1.0 - bend) + p.dead_zone_rpm
+    beyond = settled_rpm / max(LEAST_SHARE, 1.0 - bend) + p.dead_zone_rpm
+    return p.neutral_rpm - beyond if p.gain_percent < -100.0 else p.neutral_rpm + beyond
 
 
 def gate_command(machine: Machine, wanted_mm: float, c: Conditions = Conditions()) -> float:

@@ -189,7 +189,8 @@ class Setting:
         if bare.shaft_rpm <= 0.0:
             stays = last.opening_mm if last is not None else _rounded(bare.opening_mm, self._step_mm)
             return DriveCommand(0.0, stays)
-        shaft = bare.shaft_rpm * (1.0 + trim.shaft_share)
+        neutral = self.machine.shaft.neutral_rpm        # a trim is a share of what turns it
+        shaft = neutral + (bare.shaft_rpm - neutral) * (1.0 + trim.shaft_share)
         opening = bare.opening_mm + trim.gate_mm
         if last is not None and last.shaft_rpm > 0.0:
             if abs(shaft - last.shaft_rpm) < SHAFT_BAND_RPM:

@@ -176,7 +176,8 @@ class Plant:
         pitch = self._sim.slope_deg * cos(radians(pose.heading_deg - self._heading0)) + self._pitch.step(dt)
         supply = self.machine.shaft.nominal_supply_v + self._supply.step(dt)
         refill = self._refill(speed, dt)
-        rpm = self._asked_rpm = command.shaft_rpm if enabled else 0.0
+        self._asked_rpm = command.shaft_rpm if enabled else 0.0
+        rpm = command.shaft_rpm if enabled else self._true.shaft.neutral_rpm      # without power it stands
         self._take_dose(command.dose, enabled)
         if self.valves is not None:
             self.valves.tell(begin, command.valves if enabled else ())

@@ -180,7 +180,7 @@ def test_check_names_key_value_and_range(tmp_path: Path) -> None:
 
 def test_effects_lists_the_catalogue() -> None:
     listed = json.loads(runner.invoke(app, ["effects", "--json"]).output)
-    assert len(listed) == 55
+    assert len(listed) == 56
     assert runner.invoke(app, ["effects"]).output.count("tell apart:") == len(CATALOGUE)
 
 

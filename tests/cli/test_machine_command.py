@@ -1,9 +1,11 @@
 """`topdress machine --from LOG`: a first machine file of one stage; what it has not got is not told of."""
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from typer.testing import CliRunner
 
@@ -16,6 +18,7 @@ from drivers.files.kinds import MACHINE
 from drivers.files.read_log import read_rows
 
 RUNNER = CliRunner()
+Array = npt.NDArray[np.float64]
 
 
 def log_of(path: Path, one_way: bool = False, steps: int = 80) -> Path:
@@ -102,6 +105,28 @@ def test_a_heater_has_a_time_constant_of_minutes(tmp_path: Path) -> None:
     assert made.shaft.time_constant_s == pytest.approx(150.0, rel=0.1)
     assert made.shaft.dead_time_s == pytest.approx(15.0, abs=4.0)
     assert made.tolerance.time_constant_s == pytest.approx(0.05 * made.shaft.time_constant_s, rel=0.01)
+
+
+@pytest.mark.parametrize(("goal", "low_rpm", "neutral_rpm", "gain_percent", "zero_stops"), [
+    (lambda u: u, 0.0, 0.0, 0.0, 1.0), (lambda u: 1.1 * np.maximum(0.0, u - 60.0), 0.0, 0.0, 0.0, 1.0),
+    (lambda u: 610.0 * -np.expm1(-u / 300.0), 60.0, 0.0, 0.0, 1.0), (lambda u: 30.0 + 1.2 * u, 0.0, -25.0, 0.0, 0.0),
+    (lambda u: 1.2 * (u - 250.0), 60.0, 250.0, 0.0, 1.0), (lambda u: 560.0 - 1.1 * u, 60.0, 509.1, -200.0, 1.0),
+], ids=["through zero", "a zone", "a curve", "an offset", "a servo", "falls"])
+def test_where_it_stands_is_measured(goal: Callable[[Array], Array], low_rpm: float, neutral_rpm: float,
+                                     gain_percent: float, zero_stops: float, tmp_path: Path) -> None:
+    rng, log, out = np.random.default_rng(4), tmp_path / "own-log.csv", tmp_path / "own.yaml"
+    command = np.repeat(rng.uniform(60.0, 500.0, 60).round(1), 50)
+    command[:500] = low_rpm
+    speed, rows = float(goal(command[:1])[0]), []
+    for k, goal_rpm in enumerate(goal(command)):
+        rows.append(f"{0.02 * k:.2f},{command[k]:g},{speed + 2.0 * rng.standard_normal():.2f}\n")
+        speed += (float(goal_rpm) - speed) * -float(np.expm1(-0.02 / 0.1))
+    log.write_text("time_s,shaft_rpm_cmd,shaft_rpm\n" + "".join(rows))
+    done = RUNNER.invoke(app, ["machine", "--from", str(log), "--out", str(out), "--yes"])
+    assert ("stands at a command of" in done.output) == (neutral_rpm != 0.0), done.output
+    shaft = load(str(out), MACHINE).model.shaft
+    assert shaft.neutral_rpm == pytest.approx(neutral_rpm, abs=1.5)
+    assert (shaft.gain_percent, shaft.zero_stops) == (gain_percent, zero_stops)
 
 
 def test_settled_answers_have_no_times() -> None:

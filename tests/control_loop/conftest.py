@@ -39,24 +39,25 @@ class Run:
 def simulated() -> Callable[..., Run]:
     """`simulated(seconds, strategy=..., effects=[...], **job changes)` -> Run; equal calls are run once.
 
-    plant: a plausible machine that is driven while control knows the shipped file."""
+    plant: a plausible machine that is driven while control knows the shipped file. shaft: figures that both have."""
     setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
     kept: dict[str, Run] = {}
 
     def run(seconds: float, strategy: str = "opening_first", effects: Sequence[str] = (), seed: int = 1,
             *,
             orders: Sequence[tuple[float, Order]] | None = None, sim: dict[str, Any] | None = None,
-            plant: str = "", **changes: Any) -> Run:
-        key = repr((seconds, strategy, tuple(effects), seed, orders, sim, plant, sorted(changes.items())))
+            plant: str = "", shaft: dict[str, float] | None = None, **changes: Any) -> Run:
+        key = repr((seconds, strategy, tuple(effects), seed, orders, sim, plant, shaft, sorted(changes.items())))
+        known = setup.machine.model_copy(update={"shaft": setup.machine.shaft._replace(**(shaft or {}))})
         if key not in kept:
             job: Job = setup.job.model_copy(update={"strategy": Strategy(strategy), **changes})
             if sim:
                 values = job.simulated.model_dump() | sim
                 job = job.model_copy(update={"simulated": Simulated.model_validate(values)})
-            job = with_simulated_field(job, setup.machine)
-            true = plausible(setup.machine, plant) if plant else setup.machine
+            job = with_simulated_field(job, known)
+            true = plausible(known, plant) if plant else known
             driven = simulated_machine(true, job, seed, 0.05, [parse_planted(text) for text in effects])
-            loop = control_loop(setup.machine, setup.crop, setup.rule, job)
+            loop = control_loop(known, setup.crop, setup.rule, job)
             record, steps = Record(), []
             for step in simulated_run(driven, loop, seconds, orders):
                 record.add(step)

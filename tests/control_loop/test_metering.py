@@ -76,6 +76,35 @@ def test_known_sag_gain_and_droop_are_taken_back() -> None:
     assert command * 0.95 * 0.96 == pytest.approx(50.0)
 
 
+@pytest.mark.parametrize("shaft", [
+    {"neutral_rpm": 12.0}, {"neutral_rpm": -8.0}, {"neutral_rpm": 105.0, "gain_percent": -200.0}])
+def test_a_known_neutral_point_changes_no_flow_and_no_stop(shaft: dict[str, float], simulated: Any) -> None:
+    """Within the limits of what may be sent, 0 in every stop, and then the shaft stands."""
+    orders = [(0.5, Order(Do.READY)), (3.0, Order(Do.START)), (30.0, Order(Do.STOP))]
+    plain, run = (simulated(40.0, orders=orders, shaft=one, flow_trim=False) for one in (None, shaft))
+    sent = [step.tick.command.shaft_rpm for step in run.steps]
+    assert all(rpm == 0.0 or LIMITS.shaft_low_rpm <= rpm <= LIMITS.shaft_high_rpm for rpm in sent)
+    flows, should = ([step.truth.flow_kg_s for step in one.steps] for one in (run, plain))
+    assert sum(flows) == pytest.approx(sum(should), rel=0.01) and sum(should) > 0.0
+    stopped = [step for step in run.steps if step.truth.time_s > 32.0]
+    assert {step.tick.command.shaft_rpm for step in stopped} == {0.0}
+    assert max(abs(step.truth.shaft_rpm) + step.truth.flow_kg_s for step in stopped) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_neutral_point_that_nobody_knows_is_trimmed_and_stops(simulated: Any) -> None:
+    orders = [(0.5, Order(Do.READY)), (3.0, Order(Do.START)), (40.0, Order(Do.STOP))]
+    run = simulated(50.0, orders=orders, effects=["shaft.neutral=-6"], flow_trim=False)
+    worked = [step.truth.shaft_rpm for step in run.steps if 30.0 < step.truth.time_s < 39.0]
+    assert worked and sum(worked) / len(worked) == pytest.approx(70.0, rel=0.02)
+    assert all(abs(step.truth.shaft_rpm) < 1e-6 for step in run.steps if step.truth.time_s > 43.0)
+
+
+def test_a_machine_that_meters_is_stopped_by_a_command_of_zero() -> None:
+    with pytest.raises(ValueError, match="a command of 0 must stop it"):
+        Machine.model_validate({"shaft": {"zero_stops": 0.0}})
+    assert Machine.model_validate({"stages": ["shaft"], "shaft": {"zero_stops": 0.0}}).shaft.zero_stops == 0.0
+
+
 def test_switching_the_strategy_does_not_show_in_the_flow(simulated: Any) -> None:
     """Manual rate, constant speed: the flow stays within 6.5 % while shaft and gate both move far."""
     from control.field.job import Wanted

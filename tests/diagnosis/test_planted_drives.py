@@ -19,7 +19,7 @@ from control.recordings.values import without_lone
 from drivers.files.config import load
 from drivers.files.kinds import MACHINE
 from tests.diagnosis.logs import DRIVE, Columns, Rng, drive, followed, lagged, settled
-from tests.diagnosis.planted import Between, found_as_planted, planted
+from tests.diagnosis.planted import Between, error_on, found_as_planted, planted
 
 approx = pytest.approx
 ALONE: Machine = load("drive_alone", MACHINE).model
@@ -144,6 +144,66 @@ def braked(seed: int) -> Columns:
     load_g[at[0]] = -383776.0
     return {"time_s": time_s, "shaft_rpm_cmd": np.full(len(time_s), 900.0), "shaft_rpm": speed, "load_g": load_g,
             "motor_c": 40.0 + 0.05 * np.cumsum(rng.standard_normal(len(time_s))) * 0.1}
+
+
+def off_zero(seed: int, goal: Callable[[Any], Any], low: float, high: float, stops: float = 0.0) -> Columns:
+    """Commands held for a second, so many of them 0; each row goes on from the one before to what `goal` says."""
+    rng = np.random.default_rng(seed)
+    asked_rpm = commands_between(rng, low, high)
+    asked_rpm[np.repeat(rng.random(120) < stops, 50)] = 0.0
+    wanted = goal(asked_rpm)
+    read = lagged(np.concatenate((wanted[:1], wanted[:1], wanted[:-2])), 0.06, 0.02)
+    return a_log(0.02, asked_rpm, read + 2.0 * rng.standard_normal(len(read)))
+
+
+def commands_between(rng: Rng, low: float, high: float) -> Any:
+    return np.repeat(rng.uniform(low, high, 120), 50).round(1)
+
+
+# What a drive does with a command: its goal, the least and the largest command, what stands at 0, the names and sizes.
+OFF_ZERO: list[tuple[str, Callable[[Any], Any], float, float, float, dict[str, float]]] = [
+    ("an offset", lambda u: 24.0 + 1.05 * u, 0.0, 600.0, 0.15, {"shaft.neutral": -22.86, "shaft.gain": 5.0}),
+    ("an offset, never commanded to stop", lambda u: 35.0 + 1.04 * u, 60.0, 600.0, 0.0,
+     {"shaft.neutral": -33.65, "shaft.gain": 4.0}),
+    ("a servo about its middle", lambda u: 1.2 * (u - 300.0), 60.0, 540.0, 0.0,
+     {"shaft.neutral": 300.0, "shaft.gain": 20.0}),
+    ("a middle with a zone about it", lambda u: 1.2 * np.sign(u - 300.0) * np.maximum(0.0, abs(u - 300.0) - 25.0), 20.0,
+     640.0, 0.0, {"shaft.neutral": 300.0, "shaft.gain": 20.0, "shaft.dead_zone": 25.0}),
+    ("slower the higher its command", lambda u: 560.0 - 1.1 * u, 20.0, 500.0, 0.0,
+     {"shaft.gain": -210.0, "shaft.neutral": 509.1}),
+]
+
+
+@pytest.mark.parametrize(("goal", "low", "high", "stops", "sizes"), [
+    pytest.param(*of, id=words) for words, *of in OFF_ZERO])
+def test_a_drive_that_stands_at_another_command_than_zero(goal: Callable[[Any], Any], low: float, high: float,
+                                                          stops: float, sizes: dict[str, float]) -> None:
+    found = diagnose_run(off_zero(3, goal, low, high, stops), DRIVE)
+    assert found.verdict == "named" and {one.id for one in found.causes} == set(sizes)
+    assert all(one.size.value == approx(sizes[one.id], rel=0.03) for one in found.causes), found.causes
+    of_file = extend(DRIVE, found)
+    other = off_zero(4, goal, low, high)
+    assert error_on(other, of_file) < 0.05 * error_on(other, DRIVE)
+
+
+@pytest.mark.parametrize(("goal", "names"), [
+    pytest.param(lambda u: u, set(), id="nothing"),
+    pytest.param(lambda u: 1.1 * np.maximum(0.0, u - 60.0), {"shaft.gain", "shaft.dead_zone"}, id="a dead zone"),
+    pytest.param(lambda u: u / (1.0 + 0.25 * u / 650.0), {"shaft.saturation"}, id="a curve"),
+])
+def test_what_stands_at_zero_has_no_neutral_point(goal: Callable[[Any], Any], names: set[str]) -> None:
+    for stops in (0.0, 0.15):
+        assert {one.id for one in diagnose_run(off_zero(5, goal, 20.0, 600.0, stops), DRIVE).causes} == names
+
+
+def test_a_command_of_zero_that_turns_it_is_said_where_the_file_says_that_it_stops() -> None:
+    log = off_zero(3, lambda u: 24.0 + 1.05 * u, 0.0, 600.0, 0.15)
+    at_zero = [one for one in diagnose_run(log, DRIVE).findings if "shaft.zero_stops" in one]
+    assert len(at_zero) == 1 and "left out" in at_zero[0]
+    turns = DRIVE.model_copy(update={"shaft": DRIVE.shaft._replace(zero_stops=0.0)})
+    found = diagnose_run(log, turns)
+    assert not [one for one in found.findings if "shaft.zero_stops" in one]
+    assert error_on(log, extend(turns, found)) < 2.5, "rows that command 0 are predicted, too"
 
 
 OTHER_NOISE, BOTH_IN_RPM = "times the machine file's noise", "are both in r/min"

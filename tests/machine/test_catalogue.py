@@ -24,7 +24,7 @@ from control.machine.terms import Term
 from drivers.files.config import load, save
 from drivers.files.kinds import MACHINE
 
-PUBLISHED = """shaft.dead_zone shaft.saturation shaft.back_gain shaft.back_zone
+PUBLISHED = """shaft.dead_zone shaft.saturation shaft.neutral shaft.back_gain shaft.back_zone
 shaft.gain shaft.slow shaft.second_order shaft.ramp shaft.dead_time shaft.dead_band shaft.voltage_sag shaft.load_droop
 shaft.coarse_encoder shaft.stall gate.offset gate.home_error gate.backlash gate.lost_steps gate.slow gate.stuck
 flow.gain flow.zero_offset flow.fill_falloff flow.hopper_head flow.moisture_drift flow.batch flow.blocked_outlet
@@ -94,7 +94,8 @@ def test_every_published_id_and_no_other() -> None:
 def test_an_entry_is_complete(effect_id: str) -> None:
     entry = CATALOGUE[effect_id]
     effect = entry.effect
-    assert len(effect.says) == (2 if entry.low < 0.0 else 1), "what the owner reads, for each sign that it may have"
+    says = 3 if entry.low < -100.0 and effect.unit == "%" else 2 if entry.low < 0.0 else 1
+    assert len(effect.says) == says, "what the owner reads, for each sign that it may have, and of what is turned round"
     for text in (effect.unit, effect.title, effect.physics, effect.source, effect.advice, effect.separate):
         assert text.strip()
     assert effect.seen_in

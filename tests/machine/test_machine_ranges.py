@@ -18,7 +18,7 @@ from drivers.files.kinds import MACHINE
 
 # On the nominal machine: lowest and highest size, unit. Public.
 OF_HUANGHAI = {
-    "shaft.gain": (-95, 1900, "%"),
+    "shaft.gain": (-300, 1900, "%"),
     "shaft.slow": (-5, 5, "s"),
     "shaft.second_order": (0, 5, "s"),
     "shaft.ramp": (0, 600, "s to full speed"),
@@ -26,6 +26,7 @@ OF_HUANGHAI = {
     "shaft.dead_band": (0, 60, "r/min"),
     "shaft.dead_zone": (0, 60, "r/min"),
     "shaft.saturation": (0, 95, "% lost at full speed"),
+    "shaft.neutral": (-200, 200, "r/min of command"),
     "shaft.back_gain": (-90, 200, "%"),
     "shaft.back_zone": (-60, 60, "r/min"),
     "shaft.voltage_sag": (0, 30, "% lost per V"),
@@ -97,7 +98,7 @@ def test_the_table_has_every_effect() -> None:
     ("drive_alone", "shaft.dead_band", 0.0, 390.0), ("drive_alone", "shaft.coarse_encoder", 0.0, 130.0),
     ("spreader", "gate.offset", -200.0 / 3.0, 200.0 / 3.0), ("spreader", "gate.slow", -40.0, 39.0),
     ("spreader", "scale.drift", -300.0, 300.0), ("spreader", "flow.leak", 0.0, 50000.0 / 11.0),
-    ("planter", "gate.backlash", 0.0, 6.25), ("planter", "shaft.gain", -95.0, 1900.0),
+    ("planter", "gate.backlash", 0.0, 6.25), ("planter", "shaft.gain", -300.0, 1900.0),
 ])
 def test_bounds_are_shares_of_the_machines_own_ranges(name: str, effect_id: str, low: float, high: float) -> None:
     assert bounds(effect_id, of(name)) == pytest.approx((low, high))

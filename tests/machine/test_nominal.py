@@ -16,7 +16,7 @@ from control.machine.gate import Gate, GateInput, gate_start, gate_step
 from control.machine.landing import landed
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S, input_rows, no_switch
-from control.machine.shaft import Shaft, ShaftInput, ShaftOutput, asked_rpm, shaft_start, shaft_step
+from control.machine.shaft import Shaft, ShaftInput, ShaftOutput, shaft_start, shaft_step
 from control.machine.term_step import TermState, term_step
 from control.machine.terms import Term, params_of
 from control.metering.inverse import shaft_command
@@ -138,18 +138,30 @@ def turned(machine: Machine, command: Array, time_s: Array) -> Array:
     ({"dead_zone_rpm": 40.0}, 39.0, 0.0), ({"dead_zone_rpm": 40.0, "back_zone_rpm": -10.0}, -300.0, -270.0),
     ({"back_gain_percent": 10.0}, -300.0, -330.0), ({"back_gain_percent": 10.0}, 300.0, 300.0),
     ({"dead_band_rpm": 40.0}, -39.0, 0.0), ({"dead_band_rpm": 40.0}, -300.0, -300.0),
+    ({"neutral_rpm": 150.0}, 400.0, 250.0), ({"neutral_rpm": 150.0}, 100.0, -50.0),
+    ({"neutral_rpm": 150.0, "one_way": 1.0}, 100.0, 0.0), ({"neutral_rpm": -30.0}, 0.0, 0.0),
+    ({"neutral_rpm": -30.0, "zero_stops": 0.0}, 0.0, 30.0), ({"neutral_rpm": -30.0}, 300.0, 330.0),
+    ({"neutral_rpm": 150.0, "dead_zone_rpm": 40.0}, 100.0, -10.0),
+    ({"neutral_rpm": 150.0, "dead_band_rpm": 60.0}, 100.0, 0.0),
+    ({"neutral_rpm": 500.0, "gain_percent": -210.0}, 400.0, 110.0),
+    ({"neutral_rpm": 500.0, "gain_percent": -210.0}, 600.0, -110.0),
+    ({"neutral_rpm": 500.0, "gain_percent": -200.0, "one_way": 1.0}, 600.0, 0.0),
+    ({"neutral_rpm": 500.0, "gain_percent": -200.0}, 0.0, 0.0),
     ({"saturation_percent": 20.0}, 650.0, 520.0), ({"saturation_percent": 20.0}, -650.0, -520.0),
 ])
 def test_each_side_of_the_command(change: dict[str, float], command: float, rpm: float) -> None:
     assert settled(DRIVE.shaft._replace(**change), command) == pytest.approx(rpm, abs=0.01)
 
 
-def test_what_is_known_of_the_curve_is_taken_back_by_metering() -> None:
-    shaft = DRIVE.shaft._replace(dead_zone_rpm=40.0, saturation_percent=20.0, gain_percent=5.0)
+@pytest.mark.parametrize("off", [
+    {"gain_percent": 5.0}, {"gain_percent": 5.0, "neutral_rpm": 150.0}, {"neutral_rpm": -25.0},
+    {"gain_percent": -190.0, "neutral_rpm": 800.0}])
+def test_what_is_known_of_the_curve_is_taken_back_by_metering(off: dict[str, float]) -> None:
+    shaft = DRIVE.shaft._replace(dead_zone_rpm=40.0, saturation_percent=20.0, **off)
     machine = DRIVE.model_copy(update={"shaft": shaft})
+    assert shaft_command(machine, 0.0, 0.0) == 0.0
     for wanted in (0.0, 50.0, 200.0, 450.0):
-        command = shaft_command(machine, wanted, 0.0)
-        assert 1.05 * asked_rpm(shaft, command) == pytest.approx(wanted, abs=1e-9)
+        assert settled(shaft, shaft_command(machine, wanted, 0.0)) == pytest.approx(wanted, abs=0.01)
 
 
 @pytest.fixture(scope="module")

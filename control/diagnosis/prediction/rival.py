@@ -23,12 +23,13 @@ from control.diagnosis.effects import (
     SHAFT_DEAD_TIME,
     SHAFT_DEAD_ZONE,
     SHAFT_GAIN,
+    SHAFT_NEUTRAL,
     SHAFT_SATURATION,
     SHAFT_SLOW,
     reach,
 )
 from control.diagnosis.extend import free_id
-from control.diagnosis.runs.drives import Drive
+from control.diagnosis.runs.drives import Drive, off_zero
 from control.diagnosis.runs.hypothesis import EffectInstance, Hypothesis
 from control.diagnosis.runs.smooth import DOWNSTREAM, MIN_RANGE, RANGES
 from control.machine.form import ANGLES
@@ -43,6 +44,8 @@ Array = npt.NDArray[np.float64]
 
 CURVES = ((SHAFT_GAIN.id,), (SHAFT_GAIN.id, SHAFT_DEAD_ZONE.id),
           (SHAFT_GAIN.id, SHAFT_DEAD_ZONE.id, SHAFT_SATURATION.id), (SHAFT_GAIN.id, SHAFT_DEAD_ZONE.id, KNEE))
+OFF_ZERO = ((SHAFT_GAIN.id, SHAFT_NEUTRAL.id), (SHAFT_GAIN.id, SHAFT_NEUTRAL.id, SHAFT_DEAD_ZONE.id),
+            (SHAFT_GAIN.id, SHAFT_NEUTRAL.id, SHAFT_SATURATION.id))     # ... that stand at another command than 0
 BACKWARDS = (SHAFT_BACK_GAIN.id, SHAFT_BACK_ZONE.id)
 MOVES = (SHAFT_DEAD_TIME.id, SHAFT_SLOW.id)
 ZONES = (0.05, 0.2)         # of the full command, from which a zone starts: 5 to 25 % are usual of motors by duty cycle
@@ -232,6 +235,8 @@ def _sets(on_log: OnLog) -> list[tuple[str, ...]]:
     back = BACKWARDS if np.min(drive.command) < 0.0 < np.max(drive.command) else ()
     moves = () if drive.settled or speeds < 2 else MOVES
     curves = CURVES if machine.shaft.regulated <= 0.0 else CURVES[:1]
+    if machine.shaft.regulated <= 0.0 and off_zero(drive, machine).off:
+        curves = (*curves, *OFF_ZERO)
     found = [moves] if moves else []
     for curve in curves:
         found += [(*curve, *moves), *([(*curve, *back, *moves)] if back and len(curve) > 1 else [])]

@@ -19,6 +19,7 @@ from control.diagnosis.effects import (
     SHAFT_DEAD_TIME,
     SHAFT_DEAD_ZONE,
     SHAFT_GAIN,
+    SHAFT_NEUTRAL,
     SHAFT_SATURATION,
     SHAFT_SECOND_ORDER,
     SHAFT_SLOW,
@@ -30,8 +31,8 @@ from .hypothesis import EffectInstance, Hypothesis
 from .search import Search
 
 SWING = (SHAFT_SLOW.id, SHAFT_SECOND_ORDER.id)      # one answer to a step: its frequency and its damping
-FAMILY = frozenset({*SWING, *(one.id for one in (SHAFT_GAIN, SHAFT_DEAD_ZONE, SHAFT_SATURATION, SHAFT_BACK_GAIN,
-                                                 SHAFT_BACK_ZONE, SHAFT_DEAD_TIME))})
+FAMILY = frozenset({*SWING, *(one.id for one in (SHAFT_GAIN, SHAFT_DEAD_ZONE, SHAFT_SATURATION, SHAFT_NEUTRAL,
+                                                 SHAFT_BACK_GAIN, SHAFT_BACK_ZONE, SHAFT_DEAD_TIME))})
 # A swing of another frequency is out of step after some 1 / (2 pi damping) periods: a fit gets no further than to a
 # quarter of the way there, so that every frequency is looked at first, and the best of them are fitted.
 FREQUENCIES = np.geomspace(0.1, 10.0, 16)   # natural, in 1 / the machine file's time constant

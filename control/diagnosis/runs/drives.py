@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import maximum_filter1d
 
+from control.calibration.first_machine import ANSWERED, NOT_OFF, OffZero, at_rest, off_zero_of
 from control.machine.compiled import term_run
 from control.machine.effect import OPENING_RANGE, SHAFT_RANGE
 from control.machine.machine import Machine, of_nominal
@@ -20,7 +21,6 @@ from .log import MIN_ROWS, MIN_SETTLED, Clean
 Array = npt.NDArray[np.float64]
 
 SETTLE_S = 3.0              # of the drives at the beginning, at most: their past is not in the log ...
-ANSWERED = 5.0              # times a time constant: it has settled, to exp(-5) < 0.01, where its command was left alone
 SETTLES = 2.0 * ANSWERED    # ... nor is it seen after so many times what they take to answer: exp(-10)
 MAX_LOST = 0.1              # of the rows, before which commands may be missing: more, and no move is known
 LATE_ROWS = 0.01            # of the rows missing, and as many ...
@@ -75,6 +75,7 @@ def drives_of(log: Clean, every: LogRows, machine: Machine, whole: bool) -> dict
                               machine.shaft.dead_time_s + ANSWERED * machine.shaft.time_constant_s,
                               fastest_rpm_s(machine.shaft))
         sure &= ~against_the_way(every.time_s, every.command_rpm, c["shaft_rpm"], machine)
+        sure &= ~turns_at_zero(every.time_s, every.command_rpm, c["shaft_rpm"], machine)
         settle_s = min(SETTLE_S, SETTLES * (machine.shaft.dead_time_s + machine.shaft.time_constant_s))
         settled = log.held and every.step_s > ANSWERED * (machine.shaft.dead_time_s + machine.shaft.time_constant_s)
         found["shaft"] = _drive("shaft", every, every.command_rpm, c["shaft_rpm"], sure, whole=whole,
@@ -98,6 +99,28 @@ def against_the_way(time_s: Array, command_rpm: Array, read_rpm: Array, machine:
     back = (command_rpm < -stopped_rpm) | (read_rpm < -max(stopped_rpm, noise_rpm))
     last = np.maximum.accumulate(np.where(back, time_s, -np.inf))
     return np.asarray(time_s - last <= SETTLES * machine.shaft.time_constant_s)
+
+
+def turns_at_zero(time_s: Array, command_rpm: Array, read_rpm: Array, machine: Machine) -> npt.NDArray[np.bool_]:
+    """Rows that command a shaft 0, at which it turns though its machine file says that this stops it, and those in
+    which it may still remember that: (n,). None of them is judged, of a shaft in open loop: one that holds its speed
+    has run away."""
+    shaft, at_zero = machine.shaft, command_rpm == 0.0
+    rests = at_zero & at_rest(time_s, command_rpm, read_rpm, shaft.dead_time_s + ANSWERED * shaft.time_constant_s)
+    least_rpm = max(of_nominal(machine, SHAFT_RANGE) * STOPPED_RPM, READ_BACKWARDS_SD * machine.noise.shaft_rpm)
+    if shaft.zero_stops <= 0.0 or shaft.regulated > 0.0 or rests.sum() < MIN_SETTLED or not float(
+            np.median(np.abs(read_rpm[rests]))) > least_rpm:
+        return np.zeros(len(time_s), bool)
+    last = np.maximum.accumulate(np.where(at_zero, time_s, -np.inf))
+    return np.asarray(time_s - last <= shaft.dead_time_s + SETTLES * shaft.time_constant_s)
+
+
+def off_zero(drive: Drive | None, machine: Machine) -> OffZero:
+    """How a shaft stands to a command of 0."""
+    if drive is None:
+        return NOT_OFF
+    answers_s = 0.0 if drive.settled else machine.shaft.dead_time_s + ANSWERED * machine.shaft.time_constant_s
+    return off_zero_of(drive.time_s, drive.command, drive.measured, answers_s, machine.noise.shaft_rpm)
 
 
 def _sure(every: LogRows, command: Array, same: float, dead_s: float, per_s: float) -> npt.NDArray[np.bool_]:

@@ -13,8 +13,8 @@ from control.machine.machine import Machine, of_nominal
 from control.machine.over_log import MOST_STEP_S
 
 from .channels import drive_channel
-from .drives import SAME_MM, Drive, against_the_way, whole_drives
-from .grid import looked_at
+from .drives import SAME_MM, Drive, against_the_way, off_zero, turns_at_zero, whole_drives
+from .grid import held, looked_at
 from .hypothesis import EffectInstance, schedule
 from .inputs import FINE_LOG_S
 from .log import MIN_SETTLED, Clean
@@ -57,10 +57,15 @@ def on_the_whole(log: Clean, judged: Sequence[GroupResult], machine: Machine) ->
 
 def turned_back(log: Clean, machine: Machine, counted: bool = False) -> list[str]:
     """Said of a shaft that is asked to turn backwards: that it is judged so, or, of one that turns one way by its
-    machine file, how many rows say otherwise and are left out (`counted`: are not, as where two files are compared)."""
+    machine file, how many rows say otherwise and are left out (`counted`: are not, as where two files are compared);
+    and of one that turns at a command of 0 though the file says that this stops it."""
     command, read = log.columns["shaft_rpm_cmd"], log.columns["shaft_rpm"]
     known, back = int(np.isfinite(command).sum()), int(np.sum(command < 0.0))
     left_out = int(np.sum(against_the_way(log.time_s, command, read, machine)))
+    at_zero = int(np.sum(turns_at_zero(log.time_s, held(command), read, machine)))
+    if at_zero:
+        return [f"stage shaft: it turns at commands of 0, which stop it by the machine file (shaft.zero_stops; 0: one "
+                f"like any other): {at_zero} rows are " + ("counted as errors of the file" if counted else "left out")]
     if left_out:
         return [f"stage shaft: {back} of {known} commands ask it to turn backwards, which it does not do by the "
                 f"machine file (shaft.one_way): {left_out} rows are "
@@ -69,11 +74,14 @@ def turned_back(log: Clean, machine: Machine, counted: bool = False) -> list[str
         machine.shaft.one_way <= 0.0 else []
 
 
-def answers_by(drive: Drive | None) -> float:
+def answers_by(drive: Drive | None, machine: Machine) -> float:
     """How many times its command a drive turns or opens, in the middle of the rows that ask and answer for much; 1 of
-    one that does not answer."""
+    one that does not answer. Of one that stands at another command than 0: by how much more it turns for more of it."""
     if drive is None:
         return 1.0
+    of_zero = off_zero(drive, machine)
+    if of_zero.passed:
+        return abs(of_zero.slope)
     asked, answered = np.abs(drive.command), np.abs(drive.measured)
     much = (asked > MUCH * float(np.nanmax(asked, initial=0.0))) & (answered > MUCH * float(
         np.nanmax(answered, initial=0.0)))
@@ -83,7 +91,7 @@ def answers_by(drive: Drive | None) -> float:
 def mistaken_unit(drive: Drive | None, machine: Machine) -> float:
     """Probability that a shaft answers so much slower or faster than it is asked because command and reading are not in
     one unit: rather than by the steady effect that would do it with the widest prior."""
-    ratio = answers_by(drive)
+    ratio = answers_by(drive, machine)
     if ratio <= 0.0 or ratio == 1.0:
         return 0.0
     names = sum(row.stage == "shaft" for row in ROWS.values())
@@ -121,7 +129,7 @@ def units_doubted(data: RunData, machine: Machine) -> list[str]:
     """Said of a shaft whose command and reading are hardly in one unit."""
     if data.shaft is None or mistaken_unit(data.shaft, machine) < NAMED:
         return []
-    ratio = answers_by(data.shaft)
+    ratio = answers_by(data.shaft, machine)
     return [f"stage shaft: it turns {ratio:.2g} times what its commands ask (up to "
             f"{float(np.nanmax(np.abs(data.shaft.command))):.4g} r/min asked, "
             f"{float(np.nanmax(np.abs(data.shaft.measured))):.4g} read): are both in r/min, of one side of a gear? "

@@ -29,6 +29,7 @@ from control.machine.machine import CATALOGUE, Machine, of_nominal, size_scale
 
 from .channels import ChannelSeries
 from .columns import WRITTEN, Columns
+from .drives import off_zero
 from .hypothesis import EffectInstance, Hypothesis, replaced
 from .model import GroupModel
 from .stages import RunData
@@ -330,6 +331,8 @@ def excited(candidate: Candidate, data: RunData, machine: Machine) -> bool:
         return False
     if Needs.BOTH_WAYS in row.needs and (
             data.shaft is None or not data.shaft.command.min() < 0.0 < data.shaft.command.max()):
+        return False
+    if Needs.OFF_ZERO in row.needs and not off_zero(data.shaft, machine).off:
         return False
     if row.found_by is FoundBy.DIPS and data.speed is not None:
         return float(np.median(np.diff(data.speed.time_s))) > DIPS_WITHIN_S

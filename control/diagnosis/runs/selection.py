@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import expit, softmax
 
-from control.diagnosis.effects import CANOPY_HEAD_FOULED, ROWS, FoundBy
+from control.diagnosis.effects import CANOPY_HEAD_FOULED, ROWS, SHAFT_NEUTRAL, FoundBy
 from control.diagnosis.judgement.checks import is_loud
 from control.diagnosis.judgement.prior import SAID, course_of, log_odds, log_of_sign, log_of_size
 from control.machine.machine import CATALOGUE
@@ -35,6 +35,7 @@ from control.machine.machine import CATALOGUE
 from .changepoint import changes
 from .dictionary import Dictionary
 from .drive_curve import started
+from .drives import off_zero
 from .hypothesis import MAX_SWITCHES, EffectInstance, Hypothesis, replaced, without
 from .model import stood_for, untied
 from .nominal_values import TIMED, settle
@@ -49,6 +50,7 @@ Array = npt.NDArray[np.float64]
 
 # Dirt stays where it is; what wanders off and comes back is nearly always the sensor, which warms up and cools down.
 DIRT_ENDS = 0.01            # so much rarer than others it comes and goes by itself
+NEVER = -1e6                # of log odds: what has another name
 MAX_CAUSES = 4              # of one group of channels
 REFITTED = 4                # best of a scan that are refitted in full, of each course in time
 REFINED = 4                 # best of these that are held against each other
@@ -124,6 +126,7 @@ class Scores:
 
     def __init__(self, search: Search) -> None:
         self.search = search
+        self._passed = off_zero(search.model.data.shaft, search.model.machine).passed
         self._names = len({c.part.id for c in search.candidates})
         self._spent: dict[tuple[str, int | None, str], float] = {}
         self._kept: dict[Hypothesis, FittedHypothesis] = {}
@@ -135,6 +138,8 @@ class Scores:
         course = _course(part)
         if CATALOGUE[part.id].effect.onset_only:
             course = "steady"           # when a drive stopped is its size
+        if part.id == SHAFT_NEUTRAL.id and part.size > 0.0 and not self._passed:
+            return NEVER
         row = ROWS[part.id].on(self.search.model.machine)
         known = log_odds(course, self._names) + log_of_sign(part.size, row.only_adds)
         known += log_of_size(part.size, row.usual) if row.has_slope else 0.0

@@ -67,6 +67,7 @@ IDS: dict[str, Kind] = {
     # None of the examined machine, which holds its speed by an encoder and turns one way: tests/diagnosis has others.
     "shaft.dead_zone": Kind(1, 1.0, 40.0, "r/min", ()),
     "shaft.saturation": Kind(1, 2.0, 60.0, "%", ()),
+    "shaft.neutral": Kind(0, 1.0, 60.0, "r/min", ()),       # tests/diagnosis/test_planted_drives.py
     "shaft.back_gain": Kind(0, 0.2, 30.0, "%", ()),
     "shaft.back_zone": Kind(0, 1.0, 40.0, "r/min", ()),
     "shaft.second_order": Kind(1, 0.02, 1.0, "s", ()),      # tests/diagnosis/test_second_order.py
