@@ -1,22 +1,26 @@
-"""A season on the level of results: 600 logs of 20 machines as forms, drawn from another model than reads them.
+"""A season on the level of results: logs as forms, drawn from another model than reads them.
 
 Each log's sizes are made by plain sums over its machine, operator, product and field, a repair, wear, and a Student's t
 scatter from log to log. What the log measures of them is a regression of its own: some 200 random operating points, on
 which look-alikes (flow gain and scale gain, fill loss, hopper head, scale drift) move nearly together, and in one log
-of five so nearly that they are exchanged. Nothing is shared with the model but the format of a form.
+of five so nearly that they are exchanged. Nothing is shared with the model but the format of a form. 600 logs are 20
+machines with five operators of their own; more logs are more such depots, which spread the same products.
 
-    python benchmarks/season/drawn.py --seeds 3701 3702 [--tree OLD]
+    python benchmarks/season/drawn.py --seeds 3701 3702 --logs 600 1200 [--tree OLD] [--said]
 
-`--tree`: another tree whose season is asked of the same logs. Prints what was planted next to what is said, and how
-often 90 % intervals hold the truth.
+`--tree`: another tree whose season is asked of the same logs. Prints seconds, memory and what was found of what was
+planted, and how often probabilities and 90 % intervals hold. `--said`: all that is reported, too.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import os
+import resource
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,7 +28,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-MACHINES, LOGS = 20, 30
+MACHINES, LOGS = 20, 30  # of a depot; of a machine
 NAMES = ("flow.gain", "flow.fill_falloff", "flow.hopper_head", "scale.gain", "scale.drift", "gate.offset", "shaft.gain",
          "speed.wheel_radius", "speed.wheel_slip")
 MISTAKEN = 0.2  # of logs, in which look-alikes are exchanged
@@ -43,12 +47,14 @@ SIGHT = {
 NOISE = (6.0, 1.5, 1.0)  # of one point, % of flow, shaft, speed
 TOLERANCE = {"flow.gain": 0.6, "shaft.gain": 0.05, "speed.wheel_radius": 0.15}  # s.d. of a machine's own
 SCATTER = {"flow.gain": 0.5}
+BINS = (0.0, 0.01, 0.05, 0.2, 0.5, 0.8, 0.95, 0.99, 1.0)
+LATE = 2  # logs by which a repair's gap may be off
 
 
 class Truth(NamedTuple):
-    """machines: effect, size at the first and at the last log before `until`, and what is left after."""
+    """number: of the machine in its depot. Size at the first and at the last log before `until`, and what is left."""
 
-    machine: str
+    number: int
     effect: str
     begin: float
     end: float
@@ -62,16 +68,17 @@ class Truth(NamedTuple):
 
 
 PLANTED = (
-    Truth("m01", "flow.gain", -5.0, -5.0),
-    Truth("m02", "scale.gain", 5.0, 5.0),
-    Truth("m03", "flow.fill_falloff", 0.0, 12.0),
-    Truth("m04", "gate.offset", 0.8, 0.8),
-    Truth("m05", "speed.wheel_radius", 0.0, -2.5),
-    Truth("m06", "shaft.gain", 1.2, 1.2),
-    *(Truth(f"m{10 + k:02d}", "gate.offset", 0.6, 0.6, LOGS - after) for k, after in enumerate((1, 2, 3, 5, 10, 20))),
-    Truth("m16", "flow.fill_falloff", 0.0, 10.0, 22),
-    Truth("m17", "flow.hopper_head", 6.0, 6.0),
+    Truth(1, "flow.gain", -5.0, -5.0),
+    Truth(2, "scale.gain", 5.0, 5.0),
+    Truth(3, "flow.fill_falloff", 0.0, 12.0),
+    Truth(4, "gate.offset", 0.8, 0.8),
+    Truth(5, "speed.wheel_radius", 0.0, -2.5),
+    Truth(6, "shaft.gain", 1.2, 1.2),
+    *(Truth(10 + k, "gate.offset", 0.6, 0.6, LOGS - after) for k, after in enumerate((1, 2, 3, 5, 10, 20))),
+    Truth(16, "flow.fill_falloff", 0.0, 10.0, 22),
+    Truth(17, "flow.hopper_head", 6.0, 6.0),
 )
+SOLE = Truth(19, "flow.gain", 4.0, 4.0)  # and its only operator: nobody can part them
 OPERATORS = {"Adams": -5.0, "Baker": 0.0, "Chen": 0.0, "Diaz": 2.0, "Evans": 0.0}  # % of flow; Adams drives most
 SHARE = (0.5, 0.15, 0.15, 0.1, 0.1)
 PRODUCTS = {"urea": 0.0, "compound": 4.0, "potash": 0.0}
@@ -85,24 +92,24 @@ class Made(NamedTuple):
     shared: dict[str, str]
 
 
-def season_of(seed: int) -> list[Made]:
+def season_of(seed: int, count: int) -> list[Made]:
     rng = np.random.default_rng(seed)
     logs = []
-    for number in range(MACHINES):
-        machine = f"m{number:02d}"
+    for one in range(count // LOGS):
+        depot, number = divmod(one, MACHINES)
+        machine = f"m{one:02d}"
         off = {name: rng.normal() for name in TOLERANCE}
         for k in range(LOGS):
-            operator = "Solo" if number == 19 else str(rng.choice(list(OPERATORS), p=SHARE))
+            operator = "Solo" if number == SOLE.number else str(rng.choice(list(OPERATORS), p=SHARE))
             product = str(rng.choice(list(PRODUCTS), p=(0.5, 0.3, 0.2)))
-            size = {one.effect: one.at(k) for one in PLANTED if one.machine == machine}
-            if number == 19:
-                size["flow.gain"] = 4.0  # m19 and its only operator: nobody can part them
+            size = {each.effect: each.at(k) for each in (*PLANTED, SOLE) if each.number == number}
             size["flow.gain"] = size.get("flow.gain", 0.0) + OPERATORS.get(operator, 0.0) + PRODUCTS[product]
             for name, sd in SCATTER.items():
                 size[name] = size.get(name, 0.0) + sd * rng.standard_t(5) / np.sqrt(5.0 / 3.0)
             logs.append(Made(_forms(rng, size, off, rng.random() < MISTAKEN), f"{machine}-{k}", machine,
-                             k * 2.0 + rng.random(),
-                             {"operator": operator, "product": product, "field": f"f{number // 4}-{k // 10}"}))
+                             k * 2.0 + rng.random(), {
+                                 "operator": operator + (f" {depot}" if depot else ""), "product": product,
+                                 "field": f"f{one // 4}-{k // 10}"}))
     return logs
 
 
@@ -121,79 +128,143 @@ def _forms(rng: np.random.Generator, size: dict[str, float], off: dict[str, floa
     across = seen.T @ (weight[:, None] * open_)
     normal = seen.T @ (weight[:, None] * seen) - across @ inner @ across.T
     right = seen.T @ (weight * read) - across @ inner @ (open_.T @ (weight * read))
-    return {"names": NAMES, "normal": tuple(map(tuple, normal.tolist())), "right": tuple(right.tolist()),
-            "open": tuple(TOLERANCE), "pulls": tuple(map(tuple, (across @ inner).tolist()))}
+    return {"names": NAMES, "normal": normal, "right": right, "open": tuple(TOLERANCE), "pulls": across @ inner}
+
+
+class Score(NamedTuple):
+    """found, of: by what was planted. strange: reported and not planted. p: probability and whether it is so.
+    held: whether the truth lies in a 90 % interval."""
+
+    found: Counter[str]
+    of: Counter[str]
+    strange: list[str]
+    p: list[tuple[float, bool]]
+    held: dict[str, list[bool]]
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, nargs="+", default=[3701])
+    parser.add_argument("--logs", type=int, nargs="+", default=[MACHINES * LOGS])
     parser.add_argument("--tree", type=Path, default=Path(__file__).parents[2])
+    parser.add_argument("--said", action="store_true")
     given = parser.parse_args()
     sys.path.insert(0, str(given.tree))
-    held: list[bool] = []
+    scores = list[Score]()
     for seed in given.seeds:
-        made = season_of(seed)
-        begin = time.process_time()
-        found = _asked(made)
-        print(f"seed {seed}: {len(made)} logs of {MACHINES} machines, {time.process_time() - begin:.1f} s of processor")
-        held += _as_drawn(found)
-    print(f"90 % intervals that hold the truth: {sum(held)} of {len(held)} ({100.0 * np.mean(held):.0f} %)")
+        for count in given.logs:
+            logs = _as_logs(season_of(seed, count))
+            before_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+            begin = time.process_time()
+            found = _asked(logs)
+            took_s, most_mb = time.process_time() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+            scores.append(score(found, count))
+            print(f"seed {seed}: {len(logs)} logs of {count // LOGS} machines, {took_s:.1f} s of processor, "
+                  f"{most_mb - before_mb:.0f} MB over {before_mb:.0f} MB; found "
+                  + ", ".join(f"{scores[-1].found[what]} of {of} {what}" for what, of in scores[-1].of.items())
+                  + f"; not planted: {len(scores[-1].strange)} {scores[-1].strange[:6]}", flush=True)
+            if given.said:
+                print(_said(found), flush=True)
+    _calibration(scores)
     return 0
 
 
-def _asked(made: list[Made]) -> Any:
-    from control.diagnosis.season.courses import fitted
+def _as_logs(made: list[Made]) -> list[Any]:
     from control.diagnosis.season.evidence import OneLog, QuadraticForm
-    return fitted([OneLog(one.key, one.machine, one.time_d, (QuadraticForm(**one.form),), one.shared) for one in made])
+    return [OneLog(one.key, one.machine, one.time_d, (QuadraticForm(**one.form),), one.shared) for one in made]
 
 
-def _as_drawn(found: Any) -> list[bool]:
-    held, named = list[bool](), set()
-    print("  machine  planted                              said")
-    for one in (*PLANTED, Truth("m19", "flow.gain", 4.0, 4.0)):
-        own = [each for each in found.courses if each.machine == one.machine
-               and (each.effect == one.effect or one.effect in each.alike)]
-        named |= {(each.machine, each.effect) for each in own}
-        said = "; ".join(map(_course_words, own)) or "nothing"
-        if one.machine == "m19":
-            said += " | " + "; ".join(f"{each.factor} {each.level} {each.effect} {each.size:+.2f}"
-                                      for each in found.shared if each.level == "Solo")
-        elif own and own[0].effect == one.effect:
-            held.append(abs(own[0].pieces[-1].end - one.at(LOGS - 1)) <= own[0].pieces[-1].end_half)
-        until = f", {one.after:g} in the last {LOGS - one.until} logs" if one.until < LOGS else ""
-        print(f"  {one.machine}  {one.effect} {one.begin:g} to {one.end:g}{until}: {said}")
-    for each in found.courses:
-        if (each.machine, each.effect) not in named:
-            print(f"  not planted: {each.machine} {_course_words(each)}")
-    for factor, sizes in (("operator", OPERATORS), ("product", PRODUCTS)):
-        for level, size in sizes.items():
-            shared = [each for each in found.shared if (each.factor, each.level) == (factor, level)]
-            reported = [each for each in shared if each.effect == "flow.gain"]
-            row = [each for each in found.levels
-                   if (each.factor, each.level, each.effect) == (factor, level, "flow.gain")]
-            held += [abs(each.size - size) <= each.half for each in (reported or row)]
-            print(f"  {factor} {level}: planted {size:+.1f} %; said "
-                  + (", ".join(f"{each.size:+.2f} +- {each.half:.2f}" for each in reported) or "nothing")
-                  + (f"; its interval {row[0].size:+.2f} +- {row[0].half:.2f}" if row and not reported else "")
-                  + "".join(f"; also {each.effect} {each.size:+.2f}" for each in shared if each not in reported))
-    for each in found.shared:
-        if each.factor not in ("operator", "product"):
-            print(f"  also said: {each.factor} {each.level} {each.effect} {each.size:+.2f} +- {each.half:.2f}")
-    print("  the same logs:", [tuple(each) for each in found.same])
-    return held
+def _asked(logs: list[Any]) -> Any:
+    from control.diagnosis.season.courses import fitted
+    return fitted(logs)
+
+
+Key = tuple[str, str, str]  # factor, level, effect
+
+
+def _truth(count: int) -> tuple[dict[Key, float], dict[Key, Truth], set[Key]]:
+    """What operators and products do, what machines have, and what nobody can know."""
+    shared: dict[Key, float] = {("product", level, "flow.gain"): size for level, size in PRODUCTS.items() if size}
+    machines, unsure = dict[Key, Truth](), set[Key]()
+    for one in range(count // LOGS):
+        depot, number = divmod(one, MACHINES)
+        suffix = f" {depot}" if depot else ""
+        if number == 0:
+            shared |= {("operator", name + suffix, "flow.gain"): size for name, size in OPERATORS.items() if size}
+        if number == SOLE.number:
+            unsure |= {("machine", f"m{one:02d}", SOLE.effect), ("operator", f"Solo{suffix}", SOLE.effect)}
+        machines |= {("machine", f"m{one:02d}", each.effect): each for each in PLANTED if each.number == number}
+    return shared, machines, unsure
+
+
+def score(found: Any, count: int) -> Score:
+    """What is said against what was planted. A planted one is found where it, or a set with it, is reported."""
+    result = Score(Counter(), Counter(), [], [], {"courses": [], "levels": []})
+    shared, machines, unsure = _truth(count)
+    truly = {*shared, *machines, *unsure}
+    said: list[tuple[Key, Any]] = [*((("machine", one.machine, one.effect), one) for one in found.courses),
+                                   *(((one.factor, one.level, one.effect), one) for one in found.shared)]
+    sets = {key: {key, *((a.factor, a.level, a.effect) for a in one.alternatives)} for key, one in said}
+    result.strange.extend(" ".join(key) for key, _ in said if not sets[key] & truly)
+    named = set[Key]().union(*sets.values())
+    for key in shared:
+        result.of[f"{key[0]}s"] += 1
+        result.found[f"{key[0]}s"] += key in named
+    for key, truth in machines.items():
+        result.of["machines"] += 1
+        result.found["machines"] += key in named
+        _course_scored(result, key, truth, [one for own, one in said if key in sets[own] and hasattr(one, "pieces")])
+    for row in found.levels:
+        key = row.factor, row.level, row.effect
+        if key not in unsure:
+            result.p.append((row.probability, key in truly))
+        if row.effect == "flow.gain" and row.factor in ("operator", "product") and key not in unsure:
+            result.held["levels"].append(abs(row.size - shared.get(key, 0.0)) <= row.half)
+    return result
+
+
+def _course_scored(result: Score, key: Key, truth: Truth, courses: list[Any]) -> None:
+    if truth.until < LOGS:
+        result.of["repairs"] += 1
+        result.found["repairs"] += any(each.repair > 0.5 and abs(each.logs_after - (LOGS - truth.until)) <= LATE
+                                       for one in courses for each in one.changes)
+    result.held["courses"].extend(abs(one.pieces[-1].end - truth.at(LOGS - 1)) <= one.pieces[-1].end_half
+                                  for one in courses if one.effect == key[2])
+
+
+def _calibration(scores: list[Score]) -> None:
+    p, true = np.array([pair for one in scores for pair in one.p]).reshape(-1, 2).T
+    print("probability said: rows, their mean, and how many are so")
+    for low, high in itertools.pairwise(BINS):
+        here = (p >= low) & ((p < high) | (high == 1.0))
+        if here.any():
+            print(f"  {low:.2f} to {high:.2f}: {int(here.sum()):7d}   {100.0 * p[here].mean():6.2f} %   "
+                  f"{100.0 * true[here].mean():6.2f} % ({int(true[here].sum())})")
+    inside = np.clip(p, 1e-6, 1.0 - 1e-6)
+    print(f"  log score {-np.mean(true * np.log(inside) + (1.0 - true) * np.log1p(-inside)):.4f} a row")
+    for what in ("courses", "levels"):
+        held = [one for each in scores for one in each.held[what]]
+        print(f"90 % intervals that hold the truth, {what}: {sum(held)} of {len(held)} "
+              f"({100.0 * np.mean(held) if held else 0.0:.0f} %)")
+
+
+def _said(found: Any) -> str:
+    lines = [f"  {one.machine} {_course_words(one)}" for one in found.courses]
+    lines += [f"  {one.factor} {one.level} {one.effect} {one.size:+.2f} +- {one.half:.2f}" + _set_words(one)
+              for one in found.shared]
+    return "\n".join([*lines, f"  the same logs: {[tuple(each) for each in found.same]}"])
 
 
 def _course_words(one: Any) -> str:
     last = one.pieces[-1]
-    said = f"{one.effect} now {last.end:+.2f} +- {last.end_half:.2f}" + "".join(
+    return f"{one.effect} now {last.end:+.2f} +- {last.end_half:.2f}" + "".join(
         f", change before the last {each.logs_after} logs {each.probability:.2f} (repair {each.repair:.2f})"
-        for each in one.changes)
-    if len(one.alternatives) > 1:
-        others = (f"{each.factor} {each.level} {each.effect} {each.size:+.1f} ({each.probability:.2f})"
-                  for each in one.alternatives)
-        return ", or ".join([said, *others])
-    return said + (f"; alike {one.alike}" if one.alike else "")
+        for each in one.changes) + _set_words(one)
+
+
+def _set_words(one: Any) -> str:
+    return "".join(f", or {each.factor} {each.level} {each.effect} {each.size:+.1f} ({each.probability:.2f})"
+                   for each in one.alternatives) if len(one.alternatives) > 1 else ""
 
 
 if __name__ == "__main__":

@@ -27,16 +27,17 @@ def fleet_page(machines: Sequence[MachineSeason], fit: SeasonFit, *, low: Sequen
     by_file_date: logs that tell no time of their own. Needs matplotlib.
     """
     logs, kg = sum(one.logs for one in machines), sum(one.applied_kg for one in machines)
-    wrong, most = sum(one.wrong_kg for one in machines), sum(one.most_kg for one in machines)
-    said = _("{wrong} of {kg} kg were spread too much or too little").format(
-        wrong=_between(wrong, most), kg=fixed(kg, 0))
+    wrong = _about(sum(one.wrong_kg for one in machines), sum(one.least_kg for one in machines),
+                   sum(one.most_kg for one in machines))
+    said = _("{wrong} of {kg} kg were spread too much or too little").format(wrong=wrong, kg=fixed(kg, 0))
     head = [_("machine"), _("logs"), _("hours"), _("applied, kg"), _("spread wrongly, kg"),
             *([] if price is None else [_("money, {currency}").format(currency=currency)]), _("dose now, %"),
             _("by operator, product, field, %"), _("costliest cause")]
     rows = [[one.machine, str(one.logs), fixed(one.hours, 1), fixed(one.applied_kg, 0),
-             _between(one.wrong_kg, one.most_kg, 1),
-             *([] if price is None else [_between(price * one.wrong_kg, price * one.most_kg)]),
-             f"{one.now_percent:+.1f}", f"{one.others_percent:+.1f}", costliest(one)] for one in machines]
+             _about(one.wrong_kg, one.least_kg, one.most_kg, 1),
+             *([] if price is None else [_about(price * one.wrong_kg, price * one.least_kg, price * one.most_kg)]),
+             _about(one.now_percent, one.now_least, one.now_most, 1, "+"), f"{one.others_percent:+.1f}",
+             costliest(one)] for one in machines]
     numbers = frozenset(range(1, len(head) - 1))
     parts = [
         section(_("Machines, worst first"), table(head, rows, numbers)),
@@ -55,10 +56,10 @@ def fleet_page(machines: Sequence[MachineSeason], fit: SeasonFit, *, low: Sequen
                        f'{paragraph(software, "dim")}')
 
 
-def _between(low: float, high: float, digits: int = 0) -> str:
-    """Two numbers, or one where they are the same as shown."""
-    ends = fixed(low, digits), fixed(high, digits)
-    return ends[0] if ends[0] == ends[1] else _("{low} to {high}").format(low=ends[0], high=ends[1])
+def _about(expected: float, least: float, most: float, digits: int = 0, sign: str = "") -> str:
+    """What is to be expected, and between what it lies where a set leaves it open."""
+    mid, low, high = (f"{one:{sign}.{digits}f}" if sign else fixed(one, digits) for one in (expected, least, most))
+    return mid if low == mid == high else f"{mid} ({_('{low} to {high}').format(low=low, high=high)})"
 
 
 def _level_tables(fit: SeasonFit, units: Mapping[str, str]) -> Iterator[str]:
@@ -107,20 +108,16 @@ def _factor(one: Shared | Alternative) -> str:
 def service(machines: Sequence[MachineSeason]) -> list[str]:
     """What to do, costliest first over all machines; what a product does is done once; what may be several things is
     told apart first."""
-    of_level: dict[Shared, list[float]] = {}
-    every: list[tuple[float, float, str, Course | Shared]] = []
+    sums = dict[tuple[str, Course | Shared], list[float]]()
     for one in machines:
         for cost in (*one.courses, *one.shared):
-            if isinstance(cost.cause, Shared):
-                sums = of_level.setdefault(cost.cause, [0.0, 0.0])
-                sums[0] += cost.kg
-                sums[1] += cost.most_kg
-            elif still_there(cost.cause):
-                every.append((cost.kg, cost.most_kg, one.machine, cost.cause))
-    every += [(sums[0], sums[1], _factor(shared), shared) for shared, sums in of_level.items()]
+            if still_there(cost.cause):
+                who = one.machine if isinstance(cost.cause, Course) else _factor(cost.cause)
+                of = sums.setdefault((who, cost.cause), [0.0, 0.0, 0.0])
+                of[:] = (of[0] + cost.kg, of[1] + cost.least_kg, of[2] + cost.most_kg)
     return [_("{machine}: {advice} ({title}, {kg} kg)").format(
-        machine=who, advice=_advice(cause), title=set_words(cause), kg=_between(kg, most, 1))
-        for kg, most, who, cause in sorted(every, key=lambda each: (-each[0], -each[1]))]
+        machine=who, advice=_advice(cause), title=set_words(cause), kg=_about(kg[0], kg[1], kg[2], 1))
+        for (who, cause), kg in sorted(sums.items(), key=lambda each: (-each[1][0], -each[1][2]))]
 
 
 def _advice(cause: Course | Shared) -> str:

@@ -29,7 +29,8 @@ TABLES = {
     "alternatives": {"factor": _TEXT, "level": _TEXT, "effect": _TEXT, "or_factor": _TEXT, "or_level": _TEXT,
                      "or_effect": _TEXT, "size": _NUMBER, "probability": _NUMBER},
     "machines": {"machine": _TEXT, "logs": _COUNT, "hours": _NUMBER, "applied_kg": _NUMBER, "wrong_kg": _NUMBER,
-                 "most_kg": _NUMBER, "now_percent": _NUMBER, "others_percent": _NUMBER},
+                 "least_kg": _NUMBER, "most_kg": _NUMBER, "now_percent": _NUMBER, "now_least": _NUMBER,
+                 "now_most": _NUMBER, "others_percent": _NUMBER},
 }
 
 

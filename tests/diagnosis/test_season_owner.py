@@ -43,18 +43,21 @@ def one_log(percent: dict[str, float], kg: float = 100.0, **shared: str) -> Owne
     return OwnersLog("a", "m01", 0.0, LogWork(1.0, kg, 1.0, 0.0, 0), percent, shared)
 
 
-def alternative(effect: str, size: float, probability: float) -> Alternative:
-    return Alternative("machine", "m01", effect, size, probability)
+def alternative(effect: str, size: float, probability: float, machine: str = "m01") -> Alternative:
+    return Alternative("machine", machine, effect, size, probability)
 
 
-def test_the_dose_is_that_on_which_a_set_agrees() -> None:
+def test_the_dose_is_what_a_set_makes_likely_between_what_it_agrees_on_and_its_most() -> None:
     """Less flow, 5 %, or a scale that drifts: what the scale alone says wrong spreads nothing wrongly."""
     one = course(piece(0.0, 10.0, -5.0, -5.0))
     two_doses = one._replace(alternatives=(alternative("flow.gain", -5.0, 0.6), alternative("flow.leak", -3.0, 0.4)))
     no_dose = one._replace(alternatives=(alternative("flow.gain", -5.0, 0.6), alternative("scale.drift", 5.5, 0.4)))
     percent = {"flow.gain": 1.0, "flow.leak": 1.0}
-    assert [(each.wrong_kg, each.most_kg) for set_ in (one, two_doses, no_dose)
-            for each in machines([one_log(percent)], SeasonFit((set_,)))] == [(5.0, 5.0), (3.0, 5.0), (0.0, 5.0)]
+    found = [each for set_ in (one, two_doses, no_dose) for each in machines([one_log(percent)], SeasonFit((set_,)))]
+    assert [(each.least_kg, each.most_kg) for each in found] == [(5.0, 5.0), (3.0, 5.0), (0.0, 5.0)]
+    assert [each.wrong_kg for each in found] == pytest.approx([5.0, 4.2, 3.0])
+    assert [each.now_percent for each in found] == pytest.approx([-5.0, -4.2, -3.0])
+    assert [(each.now_least, each.now_most) for each in found] == [(-5.0, -5.0), (-3.0, -5.0), (0.0, -5.0)]
 
 
 def test_what_a_machine_does_now_stands_apart_from_its_operators_share() -> None:
@@ -98,10 +101,11 @@ def test_the_owner_reads_the_dearest_first() -> None:
         return course(piece(0.0, 9.0, size, size))._replace(machine=machine, effect=effect, alternatives=alternatives)
 
     logs = [one_log({"flow.gain": 1.0, "flow.leak": 1.0})._replace(machine=name) for name in ("a", "b", "c", "d")]
-    unsure = (alternative("flow.leak", -9.0, 0.4),)       # agreed on: as much as c's, and more in doubt than a's
+    unsure = (alternative("flow.gain", 2.0, 0.6, "d"), alternative("flow.leak", -9.0, 0.4, "d"))    # dearer than a's
     courses = (of("a", "flow.gain", 2.0), of("b", "flow.gain", -6.0), of("b", "flow.leak", -7.0),
                of("c", "flow.gain", 2.0), of("d", "flow.gain", 2.0, *unsure),
-               of("c", "flow.leak", 1.0, alternative("flow.gain", -8.0, 0.5)))
+               of("c", "flow.leak", 1.0, alternative("flow.leak", 1.0, 0.5, "c"),
+                  alternative("flow.gain", -8.0, 0.5, "c")))
     found = machines(logs, SeasonFit(courses))
     wrong = [(one.wrong_kg, one.most_kg) for one in found]
     assert wrong == sorted(wrong, reverse=True) and wrong[0][0] == 13.0 and len(set(wrong)) == 4

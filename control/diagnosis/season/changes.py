@@ -15,7 +15,6 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import logsumexp
 
 from control.diagnosis.judgement.gaussian import Array, gain
 
@@ -25,6 +24,7 @@ SCATTERS = (0.0, 0.25, 0.5, 1.0, 1.5)       # of the s.d. about a smooth curve
 SHARES = (0.0, 0.1, 0.2, 0.4)               # of the size
 NEAR = 2                    # gaps on either side of a change, in which it may as well be
 KINDS = ("gone", "stands", "line")
+STAYS, CHANGES = float(np.log1p(-1.0 / USUAL)), -float(np.log(USUAL))
 
 
 class Stretch(NamedTuple):
@@ -41,14 +41,6 @@ class Partition(NamedTuple):
     stretches: tuple[Stretch, ...]
     change: Array
     scatter: Array
-    log_likelihood: float
-
-    @property
-    def log_prior(self) -> float:
-        """Of its stretches."""
-        breaks = len(self.stretches) - 1
-        stays = self.stretches[-1].end - 1 - breaks
-        return float(stays * np.log1p(-1.0 / USUAL) - breaks * np.log(USUAL) - (breaks + 1) * np.log(len(KINDS)))
 
     def near(self, gap: int) -> float:
         """Probability of a change at a gap or so near that the logs cannot tell."""
@@ -64,41 +56,58 @@ def partition(times_d: Array, sizes: Array, variance: Array, level_sd: float, cu
               ) -> Partition:
     """Of sizes (n,) with their variances. curve: (n,) smooth sizes; scatter: variance about it."""
     tried = product(SCATTERS, SHARES) if scatter > 0.0 else [(0.0, 0.0)]
-    return max((_summed(times_d, sizes, variance, level_sd, constant ** 2 * scatter + (share * curve) ** 2)
-                for constant, share in tried), key=lambda one: one.log_likelihood)
+    extras = [constant ** 2 * scatter + (share * curve) ** 2 for constant, share in tried]
+    return _cut(max(((_stretches(times_d, sizes, variance + extra, level_sd), extra) for extra in extras),
+                    key=lambda one: _ahead(one[0])[-1]))
 
 
-def _summed(times_d: Array, sizes: Array, variance: Array, level_sd: float, extra: Array) -> Partition:
-    count = len(sizes)
-    each = _stretches(times_d, sizes, variance + extra, level_sd) - np.log(len(KINDS))      # (kinds, n, n + 1)
-    whole = logsumexp(each, axis=0)
-    on, off = np.log1p(-1.0 / USUAL), -np.log(USUAL)
-    ahead, back = np.full(count + 1, -np.inf), np.full(count + 1, -np.inf)
-    best, came = np.full(count + 1, -np.inf), [0] * (count + 1)
-    ahead[0] = back[count] = best[0] = 0.0
-    stay = on * np.arange(count + 1)
+def gain_of_course(times_d: Array, sizes: Array, variance: Array, level_sd: float) -> float:
+    """Log marginal likelihood of any course, against none."""
+    each = _stretches(times_d, sizes, variance, level_sd)
+    return float(_ahead(each)[-1] - each[0, 0, -1] - np.log(len(KINDS)))
+
+
+def _cut(found: tuple[Array, Array]) -> Partition:
+    """Its likeliest stretches, and how probable a change is in each gap."""
+    each, extra = found
+    count, whole, ahead = len(extra), np.logaddexp.reduce(each), _ahead(each)
+    back, best, came = np.full(count + 1, -np.inf), np.full(count + 1, -np.inf), [0] * (count + 1)
+    back[count] = best[0] = 0.0
+    top = each.max(axis=0)
     for end in range(1, count + 1):
-        begins = np.arange(end)
-        change = np.where(begins > 0, off, 0.0) + stay[end - 1 - begins]
-        ahead[end] = logsumexp(ahead[begins] + whole[begins, end] + change)
-        tried = best[begins] + each[:, begins, end].max(axis=0) + change
+        tried = best[:end] + top[:end, end] + _between(end)
         came[end] = int(np.argmax(tried))
         best[end] = tried[came[end]]
     for begin in range(count - 1, -1, -1):
         ends = np.arange(begin + 1, count + 1)
-        back[begin] = logsumexp(back[ends] + whole[begin, ends] + np.where(ends < count, off, 0.0)
-                                + stay[ends - 1 - begin])
+        back[begin] = np.logaddexp.reduce(back[ends] + whole[begin, ends] + np.where(ends < count, CHANGES, 0.0)
+                                          + STAYS * (ends - 1 - begin))
     inside = np.arange(1, count)
-    found, end = [], count
+    stretches, end = list[Stretch](), count
     while end > 0:
-        found.append(Stretch(came[end], end, KINDS[int(np.argmax(each[:, came[end], end]))]))
+        stretches.append(Stretch(came[end], end, KINDS[int(np.argmax(each[:, came[end], end]))]))
         end = came[end]
-    return Partition(tuple(found[::-1]), np.exp(ahead[inside] + off + back[inside] - ahead[count]), extra,
-                     float(ahead[count]))
+    return Partition(tuple(stretches[::-1]), np.exp(ahead[inside] + CHANGES + back[inside] - ahead[count]), extra)
+
+
+def _ahead(each: Array) -> Array:
+    """(n + 1,) log likelihood of all logs before each, over all partitions."""
+    whole = np.logaddexp.reduce(each)
+    ahead = np.zeros(len(whole) + 1)
+    for end in range(1, len(ahead)):
+        ahead[end] = np.logaddexp.reduce(ahead[:end] + whole[:end, end] + _between(end))
+    return ahead
+
+
+def _between(end: int) -> Array:
+    """(end,) log prior of a stretch from each log on to `end`: a change before it, none within."""
+    begins = np.arange(end)
+    return np.asarray(np.where(begins > 0, CHANGES, 0.0) + STAYS * (end - 1 - begins))
 
 
 def _stretches(times_d: Array, sizes: Array, variance: Array, level_sd: float) -> Array:
-    """Log marginal likelihood of every stretch [begin, end) by kind, (kinds, n, n + 1); -inf where there is none."""
+    """Log marginal likelihood and prior of every stretch [begin, end) by kind, (kinds, n, n + 1); -inf: there is none.
+    """
     count, share, weight = len(sizes), share_of(times_d), 1.0 / variance
     sums = np.concatenate([np.zeros((7, 1)), np.cumsum(np.stack([
         weight, weight * share, weight * share ** 2, weight * sizes, weight * share * sizes, weight * sizes ** 2,
@@ -110,4 +119,4 @@ def _stretches(times_d: Array, sizes: Array, variance: Array, level_sd: float) -
     middle = np.divide(wt, w, out=np.zeros_like(wt), where=w > 0.0)
     spread, score = np.maximum(wtt - wt * middle, 0.0), wty - middle * wy
     line = stands + gain(spread, score, SLOPES * level_sd)
-    return np.where(outside, -np.inf, np.stack([gone, stands, line]))
+    return np.where(outside, -np.inf, np.stack([gone, stands, line]) - np.log(len(KINDS)))

@@ -15,8 +15,8 @@ from control.diagnosis.judgement.evidence import Z90
 from control.diagnosis.judgement.gaussian import Array
 
 from .changes import NEAR, Stretch
-from .evidence import Logs, OneLog, stacked
-from .mixed import MACHINE, Alternative, EffectAtLevel, Levels, Solved, found, levels_of, scan, solved
+from .evidence import OneLog, stacked
+from .mixed import MACHINE, Alternative, EffectAtLevel, Levels, Season, found, judged, scan
 
 WEAR_P = 1e-3               # of a slope, that it is noise
 REPAIR_SHARE = 0.25         # of an effect, that a repair takes away at least
@@ -114,37 +114,34 @@ class SeasonFit(NamedTuple):
 
 def fitted(logs: Sequence[OneLog]) -> SeasonFit:
     """The whole season at once."""
-    every = stacked(logs)
-    if not every.names:
-        return SeasonFit((), (), (), tuple(_same(levels_of(every))) if every.logs else ())
-    causes = found(every)
-    post = solved(every, causes)
+    if not logs:
+        return SeasonFit()
+    season = judged(found(stacked(logs)))
     courses_, shared = list[Course](), list[Shared]()
-    for number, cause in enumerate(causes):
-        here = slice(post.begins[number], post.begins[number + 1])
+    for number, cause in enumerate(season.causes):
+        b, cov = season.sizes_of(number)
         if cause.course is not None:
-            courses_.append(_course(every, cause, post.terms.b[here], post.terms.cov[here, here], post))
+            courses_.append(_course(season, number, b, cov))
         else:
-            shared.append(Shared(cause.factor, cause.level, every.names[cause.effect], float(post.terms.b[here][0]),
-                                 Z90 * float(post.terms.cov[here, here][0, 0]) ** 0.5, float(expit(cause.log_odds)),
-                                 len(cause.at), cause.alternatives))
-    levels = levels_of(every)
+            shared.append(Shared(*season.levels.keys[cause.row], season.logs.names[cause.effect], float(b[0]),
+                                 Z90 * float(cov[0, 0]) ** 0.5, float(expit(cause.log_odds)), len(cause.at),
+                                 cause.alternatives))
     return SeasonFit(tuple(sorted(courses_, key=lambda one: (one.machine, one.effect))), tuple(shared),
-                     tuple(_levels(every, levels, causes, post, courses_, shared)), tuple(_same(levels)))
+                     tuple(_levels(season, courses_, shared)), tuple(_same(season.levels)))
 
 
-def _course(logs: Logs, cause: EffectAtLevel, mean: Array, cov: Array, post: Solved) -> Course:
+def _course(season: Season, number: int, mean: Array, cov: Array) -> Course:
     """Each log's own size: what all other terms leave, at their means, with this one left in."""
+    cause = season.causes[number]
     assert cause.course is not None
-    at, times_d = cause.at, logs.times_d[cause.at]
-    variance = 1.0 / post.left.A[at, cause.effect, cause.effect]        # the scatter in it
-    sizes = cause.columns[at] @ mean + post.left.s[at, cause.effect] * variance
-    pieces = tuple(_pieces(cause.course.stretches, times_d, cause.columns[at], mean, cov, variance))
-    whole = cause.columns[at].mean(axis=0)
-    return Course(cause.level, logs.names[cause.effect], float(expit(cause.log_odds)), tuple(times_d.tolist()),
-                  tuple(sizes.tolist()), tuple((Z90 * variance ** 0.5).tolist()), pieces, float(whole @ mean),
-                  Z90 * float(whole @ cov @ whole) ** 0.5, tuple(_changes(cause, times_d, sizes, variance)),
-                  cause.alternatives)
+    times_d, (score, information) = season.logs.times_d[cause.at], season.of_effect(number)
+    sizes, variance = score / information, 1.0 / information            # the scatter in it
+    pieces = tuple(_pieces(cause.course.stretches, times_d, cause.columns, mean, cov, variance))
+    whole = cause.columns.mean(axis=0)
+    return Course(season.levels.keys[cause.row][1], season.logs.names[cause.effect], float(expit(cause.log_odds)),
+                  tuple(times_d.tolist()), tuple(sizes.tolist()), tuple((Z90 * variance ** 0.5).tolist()), pieces,
+                  float(whole @ mean), Z90 * float(whole @ cov @ whole) ** 0.5,
+                  tuple(_changes(cause, times_d, sizes, variance)), cause.alternatives)
 
 
 def _pieces(stretches: Sequence[Stretch], times_d: Array, columns: Array, mean: Array, cov: Array, variance: Array
@@ -192,31 +189,37 @@ def _nearer_zero(was: float, was_variance: float, is_: float, is_variance: float
         (left * abs(was) + sign * is_) / sd) - 1.0))
 
 
-def _levels(logs: Logs, levels: Levels, causes: Sequence[EffectAtLevel], post: Solved, courses_: Sequence[Course],
-            shared: Sequence[Shared]) -> Iterator[Shared]:
-    """Every level of every effect that is reported: as reported, else shrunk by the other levels of its factor."""
-    seen = scan(logs, post, levels, causes)
+def _levels(season: Season, courses_: Sequence[Course], shared: Sequence[Shared]) -> Iterator[Shared]:
+    """Every level of every effect that is reported: as reported, else shrunk by the other levels of its factor. Of a
+    set each has its share of the probability."""
+    if not season.causes:
+        return
+    seen, logs = scan(season), season.logs
     shown = {(one.factor, one.level, one.effect): one for one in shared} | {
         (MACHINE, one.machine, one.effect): Shared(MACHINE, one.machine, one.effect, one.mean, one.mean_half,
                                                    one.probability, len(one.times_d), one.alternatives)
         for one in courses_}
-    for effect in sorted({cause.effect for cause in causes}):
+    of_set = {(other.factor, other.level, other.effect): other.probability * one.probability
+              for one in shown.values() for other in one.alternatives}
+    for effect in sorted({cause.effect for cause in season.causes}):
         for row in np.flatnonzero(seen.odds[:, effect] > -np.inf):      # what a level cannot do is no row
-            factor, level = levels.keys[row]
-            own = shown.get((factor, level, logs.names[effect]))
+            key = (*season.levels.keys[row], logs.names[effect])
             precision = seen.information[row, effect] + seen.tau[row, effect] ** -2.0
-            yield own if own is not None else Shared(
-                factor, level, logs.names[effect], float(seen.score[row, effect] / precision),
-                Z90 * float(precision) ** -0.5, float(expit(seen.odds[row, effect])), int(levels.has[:, row].sum()),
-                (), bool(seen.information[row, effect] * seen.tau[row, effect] ** 2 > 1.0))
+            one = shown.get(key) or Shared(
+                *key, float(seen.score[row, effect] / precision), Z90 * float(precision) ** -0.5,
+                float(expit(seen.odds[row, effect])), len(season.levels.logs[row]), (),
+                bool(seen.information[row, effect] * seen.tau[row, effect] ** 2 > 1.0))
+            yield one._replace(probability=of_set.get(key, one.probability))
 
 
 def _same(levels: Levels) -> Iterator[Same]:
-    for one, other in combinations(range(len(levels.keys)), 2):
-        both = float(np.sum(levels.has[:, one] * levels.has[:, other]))
-        either = float(np.sum(np.maximum(levels.has[:, one], levels.has[:, other])))
-        if levels.keys[one][0] != levels.keys[other][0] and both > SAME_LOGS * either:
-            yield Same(*levels.keys[one], *levels.keys[other])
+    """By all pairs of levels that some log has."""
+    count = np.array([len(one) for one in levels.logs])
+    for one, other in combinations(range(levels.code.shape[1]), 2):
+        pairs, both = np.unique(levels.code[:, [one, other]], axis=0, return_counts=True)
+        for (a, b), logs in zip(pairs.tolist(), both.tolist(), strict=True):
+            if min(a, b) >= 0 and logs > SAME_LOGS * (count[a] + count[b] - logs):
+                yield Same(*levels.keys[a], *levels.keys[b])
 
 
 def wears(course: Course) -> bool:

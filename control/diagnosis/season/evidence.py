@@ -167,8 +167,9 @@ class Logs(NamedTuple):
     names: tuple[str, ...]      # (q,) effects
     every: Gaussian             # (n, q + t, q + t) and (n, q + t)
 
-    def of(self, machine: int) -> Indices:
-        return np.flatnonzero(self.machine == machine)
+    def of(self, machine: int) -> slice:
+        """They stand next to each other."""
+        return slice(*np.searchsorted(self.machine, [machine, machine + 1]).tolist())
 
 
 def stacked(logs: Sequence[OneLog]) -> Logs:
@@ -193,9 +194,9 @@ def stacked(logs: Sequence[OneLog]) -> Logs:
             part, score = _taken_apart(form)
             normal[np.ix_([j], here, here)] += part
             right[j, here] += score
+    number = {name: k for k, name in enumerate(machines)}
     return Logs(tuple(every), np.array([log.time_d for log in every]), tuple(machines),
-                np.array([machines.index(log.machine) for log in every], np.int64), tuple(names),
-                Gaussian(normal, right))
+                np.array([number[log.machine] for log in every], np.int64), tuple(names), Gaussian(normal, right))
 
 
 def _taken_apart(form: QuadraticForm) -> tuple[Array, Array]:
@@ -214,9 +215,8 @@ def _taken_apart(form: QuadraticForm) -> tuple[Array, Array]:
     return both.T @ weighted, weighted.T @ (seen @ np.array(form.right) / root)
 
 
-def with_scatter(every: Gaussian, variance: Array) -> tuple[Gaussian, float]:
+def with_scatter(every: Gaussian, variance: Array) -> Gaussian:
     """The logs' products (n, w, w) and (n, w) where each size also scatters by `variance` (n, w) of its own from log to
-    log, and what that is worth by itself (log marginal likelihood)."""
+    log."""
     here = np.flatnonzero(np.any(variance > 0.0, axis=0))
-    own = every.of(here).fit(np.sqrt(variance[:, here]))
-    return every.beyond(every.A[:, :, here], own), float(np.sum(own.gain))
+    return every.beyond(every.A[:, :, here], every.of(here).fit(np.sqrt(variance[:, here])))

@@ -4,7 +4,7 @@ The size of effect e in log j is a sum over the levels that the log has, along w
 
     x_je = machine_me(t) + operator_oe + product_pe + field_fe + fleet_e + scatter_je
 
-and log j knows x_j through a Gaussian likelihood whose precision is known (`forms.py`). That is a linear mixed model
+and log j knows x_j through a Gaussian likelihood whose precision is known (`evidence.py`). That is a linear mixed model
 with known variances within logs (Searle, Casella and McCulloch, Variance Components, 1992, ch. 6; Gelman and Hill, Data
 Analysis Using Regression and Multilevel/Hierarchical Models, 2007, ch. 11 to 13). Every level is a random effect about
 the machine file, none is the reference: the commonest operator is examined as any other. A level's prior is that of an
@@ -12,24 +12,30 @@ effect that is mostly absent: 0, or with a small probability N(0, tau^2) (spike 
 Journal of the American Statistical Association 83, 1988, 1023); tau is shared by the levels of a factor and is that of
 a short grid under which all of them are likeliest. What a scale reads wrong is a machine's, or all machines': no
 operator, product or field is asked for it. Given which levels are there, all else is linear and Gaussian
-(`judgement/gaussian.py`): with z the logs' share in each term, z'A z is the information and z's the score of the terms
-(best linear unbiased prediction; Robinson, Statistical Science 6, 1991, 15). Sizes are so drawn towards 0 as far as
-their logs are silent, and every interval holds what the other terms leave open. The tolerances of each machine are
-terms too, of variance 1, once for all its logs. Which levels are there is searched greedily, then each is left out and
-asked again until nothing moves. Time: the course of a machine is cut by `changes.py`, the other terms at their means.
+(`judgement/gaussian.py`): the mixed-model equations (Henderson, Biometrics 31, 1975, 423). A machine's own terms, the
+stretches of its courses and its tolerances (of variance 1, once for all its logs), meet no other machine's but through
+what both share. Machine by machine they are eliminated (4); what is left are equations of the shared terms alone. So
+the cost grows with the logs.
 
-What cannot be told apart: with a cause left out, every effect at its place, and every other level with its effect (or,
-where it cannot have that, with those that it can), is put there in turn. Their marginal likelihoods give the set of
-alternatives with probabilities. An effect's form is wrong by a few per cent of itself, so likelihoods are tempered as
-if the data were worth no more than that (coarsened posterior; Miller and Dunson, Journal of the American Statistical
-Association 114, 2019, 1113).
+Which levels are there is searched greedily, the likeliest first, and along with it all that have no machine in common
+with one that was taken: these do not see each other. Then each is asked again, given all others: the gain of its terms
+by their own posterior (Savage-Dickey). Time: the course of a machine is cut by `changes.py`, the other terms at their
+means. All that is said comes from the posterior in which nothing more is sure.
+
+What cannot be told apart: in place of a cause every effect at its place, and every other level with its effect (or,
+where it cannot have that, with those that it can). Their marginal likelihoods give the set of alternatives with
+probabilities. An effect's form is wrong by a few per cent of itself, so likelihoods are tempered as if the data were
+worth no more than that (coarsened posterior; Miller and Dunson, Journal of the American Statistical Association 114,
+2019, 1113).
 """
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
+from scipy.sparse import csr_array
 from scipy.special import expit, logsumexp
 
 from control.diagnosis.effects import ROWS, EffectRow
@@ -37,25 +43,26 @@ from control.diagnosis.judgement.gaussian import Array, Gaussian, Indices, Sizes
 from control.diagnosis.judgement.prior import FORM_SHARE
 from control.machine.machine import CATALOGUE
 
-from .changes import SLOPES, Partition, partition, share_of
+from .changes import SLOPES, Partition, gain_of_course, partition, share_of
 from .evidence import Logs, with_scatter
 
 PRIOR = 1e-3                # that one level does one effect: of the some thousand pairs of a season about one does
 SURE = 0.95                 # probability from which on a level is reported; of thousands of pairs noise gives 0.1
 GRID = (0.1, 0.3, 1.0)      # of an effect's usual size: tau of the slab; levels of a factor may differ by less
 COARSE = 0.005              # of a gain: what tempers alternatives; behind by 3 % of it is one in twenty
-MOST = 60                   # causes of a season
 SWEEPS = 3
+ROUNDS = 40                 # of adding, and of asking again: causes that a machine, or what it shares with others, has
 SHOWN = 0.05                # probability from which on an alternative is named
 CURVE_DF, LEAST_LOGS = 5, 3             # of a smooth course, and logs for each number of it
 NOTHING = 1e-6              # of a level's information: what no other term takes, to rounding
 MACHINE, FLEET = "machine", "fleet"
-SHAPES = ("rise", "fall")   # of a machine's course, besides one that stands
 # Stages whose effects a single machine has, or all by the way in which they are made and calibrated: what a scale
 # reads wrong comes from its cells, its amplifier and its calibration weight. They are bolted to the machine, whoever
 # drives it, whatever it spreads and wherever it stands; pitch and time of day are inputs of their effects.
 OF_MACHINES_ONLY = frozenset({"scale"})
 ORDER = tuple(CATALOGUE)
+NONE = np.zeros(0)
+Keys = list[tuple[int, int]]                # rows and effects
 
 
 class Alternative(NamedTuple):
@@ -69,138 +76,205 @@ class Alternative(NamedTuple):
 
 
 class EffectAtLevel(NamedTuple):
-    """One effect at one level. columns: (n, k) its terms' share in each log, of prior s.d. `sd` (k,). scatter: (n,)."""
+    """One effect at one level (its row). columns: (logs, k) its terms' share in each log of `at`, of prior s.d. `sd`
+    (k,). scatter: of each log of `within`, all logs of its machines."""
 
-    factor: str
-    level: str
+    row: int
     effect: int
+    at: Indices
     columns: Array
     sd: Array
-    scatter: Array
+    within: Indices = np.zeros(0, np.int64)
+    scatter: Array = np.zeros(0)
     course: Partition | None = None         # of a machine's: over the logs `at`
-    at: Indices = np.zeros(0, np.int64)
     log_odds: float = 0.0
     alternatives: tuple[Alternative, ...] = ()
 
 
-class Solved(NamedTuple):
-    """The terms' posterior. left: the logs (n, q, q), their score (n, q) of what the terms leave. begins: where each
-    cause's terms begin.
+class Levels(NamedTuple):
+    """Factor and level of each row: machines first. code: (n, factors) each log's rows, -1 where it has none."""
 
-    crossed: by machine (its logs, its terms, (logs, q, terms) information that its logs share with the terms)."""
-
-    terms: Sizes
-    left: Gaussian
-    begins: tuple[int, ...]
-    crossed: tuple[tuple[Indices, Indices, Array], ...]
-    worth: float                # log of marginal likelihood and prior of all causes, against none
+    keys: tuple[tuple[str, str], ...]
+    code: Indices
+    logs: tuple[Indices, ...]
+    machines: tuple[Indices, ...]           # of each row's logs
 
 
-class Scattered(NamedTuple):
-    """The same where one effect also scatters: of that effect its score (n,) and information (n,), what each log shares
-    with the terms, the terms' covariance, and what the scatter is worth by itself (log marginal likelihood)."""
+class OneMachine(NamedTuple):
+    """A machine's logs (n) with all terms that they have: its own first, then those that it shares with others.
 
-    left: Array
-    information: Array
-    crossed: tuple[tuple[Indices, Indices, Array], ...]
-    cov: Array
-    worth: float
+    products: of the terms (K,). cross: (q, K, n) information that the logs' effects share with them. own: s.d. of its
+    own terms. place: of the others among all that are shared. terms: of each cause, by its number. taken: (q,) effects
+    whose scatter from log to log stands in `likely`. Of the posterior: b and cov of the terms, what these leave of the
+    logs' scores (n, q), and the variance (q,) by which sizes scatter that are not taken."""
 
-    def shared_with(self, columns: Array) -> Array:
-        """(k, terms) information that terms of these columns, (n, k), share with the terms that are there."""
-        cross = np.zeros((columns.shape[1], len(self.cov)))
-        for here, terms, each in self.crossed:
-            cross[:, terms] += columns[here].T @ each
-        return cross
+    logs: slice
+    likely: Gaussian
+    cross: Array
+    products: Gaussian
+    own: Array
+    place: Indices
+    terms: dict[int, slice]
+    taken: npt.NDArray[np.bool_]
+    b: Array = NONE
+    cov: Array = NONE
+    left: Array = NONE
+    scatter: Array = NONE
 
 
 class Scan(NamedTuple):
-    """Every level and effect along with what is there: (levels, q). odds: log of, for against."""
+    """Every level (row) and effect along with what is there: (rows, q). odds: log of, for against. cross: by effect,
+    what each row shares with the shared terms, their covariance `cov` (q, terms, terms)."""
 
     score: Array
     information: Array
     tau: Array
     odds: Array
+    doubt: Array
+    cross: tuple[csr_array, ...]
+    cov: Array
 
 
-class Levels(NamedTuple):
-    """Factor and level of each, with the logs that have it: (n, levels)."""
+class Season(NamedTuple):
+    """Logs and levels with what is there, and the posterior of all."""
 
-    keys: tuple[tuple[str, str], ...]
-    has: Array
+    logs: Logs
+    levels: Levels
+    causes: tuple[EffectAtLevel, ...]
+    machines: tuple[OneMachine, ...]
+    shared: Sizes
+    begins: dict[int, int]                  # where a cause's terms begin among those that are shared
 
-    def of(self, factor: str) -> Indices:
-        return np.array([k for k, one in enumerate(self.keys) if one[0] == factor], np.int64)
+    def sizes_of(self, number: int) -> tuple[Array, Array]:
+        """Posterior mean and covariance of a cause's terms."""
+        cause = self.causes[number]
+        if cause.row < len(self.machines):
+            one = self.machines[cause.row]
+            here = one.terms[number]
+            return one.b[here], one.cov[here, here]
+        at = slice(self.begins[number], self.begins[number] + len(cause.sd))
+        return self.shared.b[at], self.shared.cov[at, at]
+
+    def of_effect(self, number: int) -> tuple[Array, Array]:
+        """Score and information of a cause's effect in each log `at`, all other terms at their means."""
+        cause, b = self.causes[number], self.sizes_of(number)[0]
+        parts = [self.machines[k] for k in self.levels.machines[cause.row]]
+        information = np.concatenate([one.likely.A[:, cause.effect, cause.effect] for one in parts])
+        left = np.concatenate([one.left[:, cause.effect] for one in parts])
+        inside = np.isin(np.concatenate([np.arange(one.logs.start, one.logs.stop) for one in parts]), cause.at)
+        return left[inside] + information[inside] * (cause.columns @ b), information[inside]
 
 
 def levels_of(logs: Logs) -> Levels:
-    found = [(MACHINE, name, (logs.machine == k).astype(np.float64)) for k, name in enumerate(logs.machines)]
-    for factor in sorted({name for log in logs.logs for name in log.shared}):
+    count, factors = len(logs.machines), sorted({name for log in logs.logs for name in log.shared})
+    keys, codes = [(MACHINE, name) for name in logs.machines], [logs.machine]
+    for factor in factors:
         of = [log.shared.get(factor, "") for log in logs.logs]
-        found += [(factor, level, np.array([float(one == level) for one in of])) for level in sorted(set(of) - {""})]
-    if len(logs.machines) > 1:
-        found.append((FLEET, "", np.ones(len(logs.logs))))
-    return Levels(tuple(one[:2] for one in found), np.stack([one[2] for one in found], axis=1))
+        number = {level: len(keys) + k for k, level in enumerate(sorted(set(of) - {""}))}
+        keys += [(factor, level) for level in number]
+        codes.append(np.array([number.get(level, -1) for level in of], np.int64))
+    if count > 1:
+        codes.append(np.full(len(logs.logs), len(keys), np.int64))
+        keys.append((FLEET, ""))
+    each = list[Indices]()
+    for code in codes:
+        order = np.argsort(code, kind="stable")
+        cuts = np.flatnonzero(np.diff(code[order])) + 1
+        each += [part for part in np.split(order, cuts) if len(part) and code[part[0]] >= 0]
+    return Levels(tuple(keys), np.stack(codes, axis=1), tuple(each),
+                  tuple(np.unique(logs.machine[part]) for part in each))
 
 
-def solved(logs: Logs, causes: Sequence[EffectAtLevel]) -> Solved:
-    count, open_columns = len(logs.names), logs.every.s.shape[1] - len(logs.names)
-    (normal, right, _), worth = with_scatter(logs.every, np.pad(_taken(logs, causes), ((0, 0), (0, open_columns))))
-    columns = [(cause.effect, cause.columns[:, k], cause.sd[k]) for cause in causes for k in range(len(cause.sd))]
-    begins = tuple(int(one) for one in np.cumsum([0, *(len(cause.sd) for cause in causes)]))
-    effect = np.array([one[0] for one in columns], np.int64)
-    share = np.stack([one[1] for one in columns], axis=1) if columns else np.zeros((len(right), 0))
-    parts, total = [], len(columns)
-    for machine in range(len(logs.machines)):
-        here = logs.of(machine)
-        own = np.flatnonzero(np.any(share[here] != 0.0, axis=0))
-        open_ = count + np.flatnonzero(np.any(normal[here][:, count:, count:] != 0.0, axis=(0, 2)))
-        at = np.concatenate([effect[own], open_])
-        terms = np.concatenate([own, total + np.arange(len(open_))])
-        total += len(open_)
-        parts.append((here, at, terms, np.concatenate([share[np.ix_(here, own)], np.ones((len(here), len(open_)))], 1)))
-    sd = np.ones(total)
-    sd[:len(columns)] = [one[2] for one in columns]
-    information, score = np.zeros((total, total)), np.zeros(total)
-    crossed = []
-    for here, at, terms, has in parts:
-        cross = normal[here][:, :, at] * has[:, None, :]
-        information[np.ix_(terms, terms)] += np.einsum("nk,nkl->kl", has, cross[:, at])
-        score[terms] += np.sum(has * right[here][:, at], axis=0)
-        crossed.append((here, terms, cross[:, :count]))
-    sizes, left = Gaussian(information, score).fit(sd), right[:, :count].copy()
-    for here, terms, cross in crossed:
-        left[here] -= cross @ sizes.b[terms]
-    worth += float(sizes.gain)
-    worth += sum(np.log(PRIOR) + (0.0 if cause.course is None else cause.course.log_prior) for cause in causes)
-    return Solved(sizes, Gaussian(normal[:, :count, :count], left), begins, tuple(crossed), float(worth))
+def solved(logs: Logs, levels: Levels, causes: Sequence[EffectAtLevel]) -> Season:
+    """The posterior of all terms: each machine's own eliminated, the shared ones solved, and back."""
+    mine: list[list[int]] = [[] for _ in logs.machines]
+    begins, sd = dict[int, int](), list[Array]()
+    for number, cause in enumerate(causes):
+        for machine in levels.machines[cause.row]:
+            mine[machine].append(number)
+        if cause.row >= len(logs.machines):
+            begins[number] = sum(map(len, sd))
+            sd.append(cause.sd)
+    total = sum(map(len, sd))
+    shared, parts = Gaussian(np.zeros((total, total)), np.zeros(total)), list[OneMachine]()
+    for machine, numbers in enumerate(mine):
+        one = _terms(logs, machine, causes, numbers, begins)
+        rest = _eliminated(one.products, one.own)[2]
+        shared.A[one.place[:, None], one.place] += rest.A
+        shared.s[one.place] += rest.s
+        parts.append(one)
+    sizes = shared.fit(np.concatenate([*sd, np.zeros(0)]))
+    return Season(logs, levels, tuple(causes), tuple(_with_posterior(logs, one, sizes) for one in parts), sizes, begins)
 
 
-def scatters(logs: Logs, post: Solved, taken: Array) -> Array:
-    """(n, q) variance of each size from log to log beyond its own error and a smooth course of its machine, by the
-    method of moments (DerSimonian and Laird, Controlled Clinical Trials 7, 1986, 177); 0 where it is `taken` in."""
-    found = np.zeros_like(post.left.s)
-    information = np.diagonal(post.left.A, axis1=1, axis2=2)
-    for machine in range(len(logs.machines)):
-        here = logs.of(machine)
-        for effect in np.flatnonzero(np.any(information[here] > 0.0, axis=0) & ~np.any(taken[here] > 0.0, axis=0)):
-            _, found[here, effect] = smooth(logs.times_d[here], post.left.s[here, effect], information[here, effect])
-    return found
+def _terms(logs: Logs, machine: int, causes: Sequence[EffectAtLevel], numbers: Sequence[int],
+           begins: dict[int, int]) -> OneMachine:
+    here, q, width = logs.of(machine), len(logs.names), logs.every.s.shape[1]
+    count = here.stop - here.start
+    variance, shares, places = np.zeros((count, width)), list[Array](), list[Indices]()
+    effects, own, terms = list[int](), list[Array](), dict[int, slice]()
+    for number in sorted(numbers, key=lambda one: one in begins):       # a machine's own first
+        cause = causes[number]
+        low, high = np.searchsorted(cause.at, [here.start, here.stop])
+        share = np.zeros((count, len(cause.sd)))
+        share[cause.at[low:high] - here.start] = cause.columns[low:high]
+        if number in begins:
+            places.append(begins[number] + np.arange(len(cause.sd)))
+        else:
+            own.append(cause.sd)
+        terms[number] = slice(len(effects), len(effects) + len(cause.sd))
+        effects += [cause.effect] * len(cause.sd)
+        shares.append(share)
+        low, high = np.searchsorted(cause.within, [here.start, here.stop])
+        at = cause.within[low:high] - here.start
+        variance[at, cause.effect] = np.maximum(variance[at, cause.effect], cause.scatter[low:high])
+    likely = Gaussian(logs.every.A[here], logs.every.s[here])
+    if variance.any():
+        likely = with_scatter(likely, variance)
+    open_ = q + np.flatnonzero(np.any(likely.A[:, q:, q:] != 0.0, axis=(0, 2)))      # tolerances before all else
+    share = np.concatenate([np.ones((count, len(open_))), *shares], axis=1)
+    at = np.concatenate([open_, np.array(effects, np.int64)])
+    cross = likely.A[:, :, at] * share[:, None, :]
+    products = Gaussian(np.einsum("nk,nkl->kl", share, cross[:, at]), np.sum(share * likely.s[:, at], axis=0))
+    return OneMachine(
+        here, Gaussian(likely.A[:, :q, :q], likely.s[:, :q]), np.ascontiguousarray(cross[:, :q].transpose(1, 2, 0)),
+        products, np.concatenate([np.ones(len(open_)), *own]), np.concatenate([*places, np.zeros(0, np.int64)]),
+        {number: slice(one.start + len(open_), one.stop + len(open_)) for number, one in terms.items()},
+        np.any(variance[:, :q] > 0.0, axis=0))
 
 
-def smooth(times_d: Array, score: Array, information: Array) -> tuple[Array, float]:
-    """A smooth course through sizes score / information, (n,), and the variance of the sizes about it."""
-    rows = _basis(times_d)
-    weighted = rows * information[:, None]
-    inverse = np.linalg.pinv(rows.T @ weighted)
-    curve = rows @ (inverse @ (rows.T @ score))
+def _eliminated(products: Gaussian, own: Array) -> tuple[Sizes, Array, Gaussian]:
+    """A machine's own terms by themselves, what the others share with them, and what they leave of the others."""
+    first, rest = np.arange(len(own)), np.arange(len(own), products.s.shape[-1])
+    fit, across = products.of(first).fit(own), products.A[..., rest[:, None], first]
+    return fit, across, products.of(rest).beyond(across, fit)
+
+
+def _with_posterior(logs: Logs, one: OneMachine, shared: Sizes) -> OneMachine:
+    fit, across, _ = _eliminated(one.products, one.own)
+    turn = fit.cov @ across.T                                           # own terms by the shared ones
+    b, cov = shared.b[one.place], shared.cov[one.place[:, None], one.place]
+    b = np.concatenate([fit.b - turn @ b, b])
+    cov = np.block([[fit.cov + turn @ cov @ turn.T, -turn @ cov], [-cov @ turn.T, cov]])
+    left = one.likely.s - np.einsum("qkn,k->nq", one.cross, b)
+    scatter = np.where(one.taken, 0.0, smooth(_basis(logs.times_d[one.logs]), left, np.diagonal(
+        one.likely.A, axis1=1, axis2=2))[1])
+    return one._replace(b=b, cov=cov, left=left, scatter=scatter)
+
+
+def smooth(rows: Array, score: Array, information: Array) -> tuple[Array, Array]:
+    """Smooth courses (n, q) through sizes score / information, and the variance (q,) of the sizes about them beyond
+    their own errors, by the method of moments (DerSimonian and Laird, Controlled Clinical Trials 7, 1986, 177)."""
+    weighted = rows[None] * information.T[:, :, None]                   # (q, n, df)
+    inverse = np.linalg.pinv(rows.T @ weighted, hermitian=True)
+    curve = (rows @ (inverse @ (score.T[:, None] @ rows).swapaxes(1, 2)))[..., 0].T
     known = information > 0.0
-    free = int(known.sum()) - int(np.linalg.matrix_rank(rows[known])) if known.any() else 0
-    reach = float(information.sum()) - float(np.trace(inverse @ (weighted.T @ weighted)))
-    if free < 1 or reach <= 0.0:
-        return curve, 0.0
-    excess = float(np.sum((score - information * curve)[known] ** 2 / information[known])) - free
-    return curve, max(0.0, excess / reach)
+    free = known.sum(axis=0) - np.minimum(known.sum(axis=0), rows.shape[1])
+    reach = information.sum(axis=0) - np.einsum("qij,qni,qnj->q", inverse, weighted, weighted)
+    left = np.where(known, score - information * curve, 0.0)
+    excess = np.sum(left ** 2 / np.where(known, information, 1.0), axis=0) - free
+    enough = (free >= 1) & (reach > 0.0)
+    return curve, np.where(enough, np.maximum(0.0, excess / np.where(enough, reach, 1.0)), 0.0)
 
 
 def _basis(times_d: Array) -> Array:
@@ -219,282 +293,378 @@ def slab(logs: Logs) -> Array:
     return np.asarray(np.array(GRID)[:, None] * [row_of(name).usual for name in logs.names], np.float64)
 
 
-def scattered(post: Solved, effect: int, extra: Array) -> Scattered:
-    """With extra (n,) of variance from log to log: of rank one in each log, so that nothing is stacked anew."""
-    own, left, before = post.left.A[:, effect, effect], post.left.s[:, effect], post.terms.cov
-    crossed = tuple((here, terms, each[:, effect]) for here, terms, each in post.crossed)
-    if not extra.any():
-        return Scattered(left, own, crossed, before, 0.0)
-    weight = 1.0 / (1.0 + extra * own)
-    lost = extra * weight
-    precision, score = np.linalg.inv(before), np.zeros(len(before))
-    for here, terms, each in crossed:
-        precision[np.ix_(terms, terms)] -= each.T @ (lost[here, None] * each)
-        score[terms] -= each.T @ (lost[here] * left[here])
-    cov = np.linalg.inv(precision)
-    moved = cov @ score
-    worth = float(np.sum(gain(own, left, np.sqrt(extra)))) + 0.5 * float(
-        score @ moved + np.linalg.slogdet(cov)[1] - np.linalg.slogdet(before)[1])
-    left = left.copy()
-    for here, terms, each in crossed:
-        left[here] -= each @ moved[terms]
-    return Scattered(weight * left, weight * own, tuple((here, terms, weight[here, None] * each)
-                                                        for here, terms, each in crossed), cov, worth)
-
-
-def scan(logs: Logs, post: Solved, levels: Levels, causes: Sequence[EffectAtLevel]) -> Scan:
-    """Of `causes`, solved as `post`."""
-    extra, names = scatters(logs, post, _taken(logs, causes)), names_prior(logs, levels, causes)
-    score = np.zeros((len(levels.keys), len(logs.names)))
-    information = np.zeros_like(score)
-    for effect in range(len(logs.names)):
-        one = scattered(post, effect, extra[:, effect])
-        cross = one.shared_with(levels.has)
-        score[:, effect] = levels.has.T @ one.left
-        raw = (levels.has ** 2).T @ one.information
-        left = raw - np.einsum("lk,lk->l", cross @ one.cov, cross)
-        information[:, effect] = np.where(left > NOTHING * raw, left, 0.0)
+def scan(season: Season) -> Scan:
+    """Each effect also scatters from log to log as far as what is left of it does: of rank one in each log."""
+    q, count, rows, total = len(season.logs.names), len(season.machines), len(season.levels.keys), len(season.shared.b)
+    score, raw, took = (np.zeros((rows + 2 * count, q)) for _ in range(3))      # a course may also rise, or fall
+    shared = Gaussian(np.zeros((q, total, total)), np.zeros((q, total)))
+    places, values = list[Array](), list[Array]()
+    doubts = dict[tuple[int, int], tuple[float, Array]]()
+    for machine, one in enumerate(season.machines):
+        own, information = len(one.own), np.diagonal(one.likely.A, axis1=1, axis2=2)
+        weight = 1.0 / (1.0 + one.scatter * information)
+        lost = one.cross * (one.scatter * weight).T[:, None, :]
+        products = Gaussian(one.products.A - lost @ one.cross.swapaxes(1, 2),
+                            one.products.s - np.einsum("qkn,nq->qk", lost, one.likely.s))
+        fit, across, rest = _eliminated(products, one.own)
+        shared.A[:, one.place[:, None], one.place] += rest.A
+        shared.s[:, one.place] += rest.s
+        which, has = _levels_of_machine(season, machine)
+        crossed = has.T @ (one.cross * weight.T[:, None, :]).swapaxes(1, 2)     # (q, levels, K)
+        turned = crossed[..., :own] @ fit.cov
+        raw[which] += (has ** 2).T @ (weight * information)
+        took[which] += np.sum(turned * crossed[..., :own], axis=-1).T
+        score[which] += has.T @ (weight * one.likely.s) - np.einsum("qck,qk->cq", crossed[..., :own], fit.b)
+        places.append(np.stack([each.ravel() for each in np.meshgrid(which, one.place, indexing="ij")]))
+        values.append((crossed[..., own:] - turned @ across.swapaxes(1, 2)).reshape(q, -1))
+        _doubts(season, one, which, has, doubts)
+    sizes = shared.fit(np.concatenate([season.causes[one].sd for one in season.begins] or [np.zeros(0)]))
+    at, value = np.concatenate(places, axis=1), np.concatenate(values, axis=1)
+    cross = tuple(csr_array((value[k], at), shape=(len(score), total)) for k in range(q))
+    for k, each in enumerate(cross):
+        score[:, k] -= each @ sizes.b[k]
+        took[:, k] += np.asarray(each.multiply(each @ sizes.cov[k]).sum(axis=1)).ravel() if total else 0.0
+    information = np.where(raw - took > NOTHING * raw, raw - took, 0.0)
     score = np.where(information > 0.0, score, 0.0)
-    each = np.stack([gain(information, score, sd) for sd in slab(logs)])        # (grid, levels, q)
-    tau, bayes = np.zeros_like(score), np.zeros_like(score)
-    for factor in {one for one, _ in levels.keys}:
-        rows = levels.of(factor)
-        best = np.argmax(np.logaddexp(0.0, each[:, rows] + names[rows]).sum(axis=1), axis=0)
-        tau[rows] = np.take_along_axis(slab(logs), best[None], axis=0)
-        bayes[rows] = np.take_along_axis(each[:, rows], best[None, None], axis=0)[0]
-    return Scan(score, information, tau, bayes + names)
+    doubt = np.zeros((rows, q))
+    for (row, number), (both, touched) in doubts.items():
+        cause = season.causes[number]
+        share = both / max(1, int(np.any(cause.columns != 0.0, axis=1).sum()))
+        doubt[row] = np.maximum(doubt[row], touched * FORM_SHARE ** 2 * cause.log_odds * share)
+    return _with_odds(season, Scan(score, information, np.zeros_like(score), np.zeros((rows, q)), doubt, cross,
+                                   sizes.cov))
 
 
-def names_prior(logs: Logs, levels: Levels, causes: Sequence[EffectAtLevel]) -> Array:
-    """(levels, q) log prior odds: what other machines have, this one has rather (Polya's urn); -inf: it cannot."""
-    counts = np.zeros(len(logs.names))
-    for cause in causes:
-        counts[cause.effect] += cause.factor == MACHINE
-    urn = np.log(PRIOR) + np.log(1.0 + counts) - np.log1p(counts.sum() / len(logs.names))
-    others = np.array([factor not in (MACHINE, *SHAPES, FLEET) for factor, _ in levels.keys])
-    return np.where(np.outer(others, [row_of(name).stage in OF_MACHINES_ONLY for name in logs.names]), -np.inf, urn)
+def _levels_of_machine(season: Season, machine: int) -> tuple[Indices, Array]:
+    """Rows of the levels that its logs have, and the share (n, rows) of each; last how it rises and falls."""
+    logs, rows, count = season.machines[machine].logs, len(season.levels.keys), len(season.machines)
+    code = season.levels.code[logs]
+    which = np.unique(code[code >= 0])
+    has = np.zeros((len(code), len(which) + 2))
+    for column in code.T:
+        has[np.flatnonzero(column >= 0), np.searchsorted(which, column[column >= 0])] = 1.0
+    has[:, -2] = share_of(season.logs.times_d[logs])
+    has[:, -1] = 1.0 - has[:, -2]
+    return np.concatenate([which, [rows + machine, rows + count + machine]]), has
 
 
-def found(logs: Logs) -> list[EffectAtLevel]:
-    """What is there: greedily, then each left out and asked again; what goes may have hidden something else."""
-    if not logs.names:
-        return []
-    levels, causes = levels_of(logs), list[EffectAtLevel]()
-    for sweep in range(SWEEPS):
-        while len(causes) < MOST and (best := _next(logs, levels, causes)) is not None:
-            causes.append(best)
-        before = [(one.factor, one.level, one.effect) for one in causes]
-        causes = _swept(logs, levels, causes, sweep < SWEEPS - 1)
-        if [(one.factor, one.level, one.effect) for one in causes] == before:
-            break
-    return causes
-
-
-def _swept(logs: Logs, levels: Levels, causes: list[EffectAtLevel], by_machines: bool) -> list[EffectAtLevel]:
-    """Each cause left out and asked again along with the others."""
-    for cause in list(causes):
-        at = next((k for k, one in enumerate(causes) if one is cause), None)
-        if at is None:                  # something else stands for it by now
+def _doubts(season: Season, one: OneMachine, which: Indices, has: Array,
+            found: dict[tuple[int, int], tuple[float, Array]]) -> None:
+    """By level and cause: logs that have both, and the effects in the same channels: what is there may leave to others
+    what its form does not follow."""
+    for number, here in one.terms.items():
+        cause = season.causes[number]
+        if not row_of(season.logs.names[cause.effect]).form_over:
             continue
-        others = causes[:at] + causes[at + 1:]
-        again = _asked_again(logs, levels, others, cause)
-        causes = others if again is None else [*others[:at], again, *others[at:]]
-        if by_machines and again is not None and again.course is None:
-            causes = _by_machines(logs, levels, causes, again)
-    return causes
+        there = np.any(one.cross[cause.effect, here] != 0.0, axis=0)
+        touched = np.any(one.likely.A[there, cause.effect] != 0.0, axis=0)
+        for row, both in zip(which[:-2].tolist(), (has[:, :-2].T @ there).tolist(), strict=True):
+            before = found.get((row, number), (0.0, touched))
+            found[row, number] = before[0] + both, before[1] | touched
 
 
-def _by_machines(logs: Logs, levels: Levels, causes: list[EffectAtLevel], shared: EffectAtLevel) -> list[EffectAtLevel]:
-    """The same, or without what several machines share where courses of their own explain the season better: greedily
-    one field is chosen before four machines that stood there when they were set anew."""
-    machines = {logs.machines[k] for k in np.unique(logs.machine[shared.at])}
-    tried = [one for one in causes if one is not shared and not (
-        one.factor == MACHINE and one.effect == shared.effect and one.level in machines)]
-    rows = [k for k in levels.of(MACHINE) if levels.keys[k][1] in machines]
-    for _ in rows:
-        more = _next(logs, levels, tried, rows, shared.effect)
-        if more is None:
+def _with_odds(season: Season, seen: Scan) -> Scan:
+    levels, rows, count = season.levels, len(season.levels.keys), len(season.machines)
+    each = np.stack([gain(seen.information, seen.score, sd) for sd in slab(season.logs)])        # (grid, rows, q)
+    names = names_prior(season, _counts(season, season.causes))
+    names = np.concatenate([names, names[:count], names[:count]])
+    factors = np.array([one[0] for one in levels.keys] + ["rise"] * count + ["fall"] * count)
+    tau, odds = np.zeros_like(seen.score), np.zeros_like(seen.score)
+    for factor in np.unique(factors):
+        of = np.flatnonzero(factors == factor)
+        best = np.argmax(np.logaddexp(0.0, each[:, of] + names[of]).sum(axis=1), axis=0)
+        tau[of] = np.take_along_axis(slab(season.logs), best[None], axis=0)
+        odds[of] = np.take_along_axis(each[:, of], best[None, None], axis=0)[0] + names[of]
+    shapes = np.stack([odds[:count], odds[rows:rows + count], odds[rows + count:]])
+    odds[:count] = logsumexp(shapes, axis=0) - np.log(len(shapes))
+    return seen._replace(tau=tau, odds=odds[:rows] - seen.doubt)
+
+
+def _counts(season: Season, causes: Iterable[EffectAtLevel]) -> Array:
+    """(q,) machines that have each effect, of a set each by its probability."""
+    counts = np.zeros(len(season.logs.names))
+    for cause in causes:
+        for one in cause.alternatives:
+            counts[season.logs.names.index(one.effect)] += one.probability * (one.factor == MACHINE)
+        counts[cause.effect] += cause.row < len(season.machines) and not cause.alternatives
+    return counts
+
+
+def names_prior(season: Season, counts: Array) -> Array:
+    """(rows, q) log prior odds: what other machines have, this one has rather (Polya's urn); -inf: it cannot."""
+    urn = np.log(PRIOR) + np.log1p(counts) - np.log1p(counts.sum() / len(counts))
+    others = np.array([factor not in (MACHINE, FLEET) for factor, _ in season.levels.keys])
+    scale = np.array([row_of(name).stage in OF_MACHINES_ONLY for name in season.logs.names])
+    return np.where(others[:, None] & scale, -np.inf, urn)
+
+
+def found(logs: Logs) -> Season:
+    """What is there: greedily, then each asked again given all others; what goes may have hidden something else."""
+    season = solved(logs, levels_of(logs), ())
+    if not logs.names:
+        return season
+    for _ in range(SWEEPS):
+        before = _names(season)
+        season = _again(_added(season))
+        if _names(season) == before:
             break
-        tried.append(more)
-    return tried if solved(logs, tried).worth > solved(logs, causes).worth else causes
+    return season
 
 
-def _taken(logs: Logs, causes: Sequence[EffectAtLevel]) -> Array:
-    """(n, q) scatter from log to log of the effects that are there."""
-    found = np.zeros((len(logs.logs), len(logs.names)))
-    for cause in causes:
-        found[:, cause.effect] = np.maximum(found[:, cause.effect], cause.scatter)
-    return found
+def _names(season: Season) -> set[tuple[int, int]]:
+    return {(one.row, one.effect) for one in season.causes}
 
 
-def _with_shapes(logs: Logs, levels: Levels) -> Levels:
-    """A machine's course may also grow or fall over the season."""
-    rows = levels.of(MACHINE)
-    rise = np.zeros((len(logs.logs), len(rows)))
-    for k, row in enumerate(rows):
-        here = levels.has[:, row] > 0.0
-        rise[here, k] = share_of(logs.times_d[here])
-    return Levels((*levels.keys, *((shape, levels.keys[row][1]) for shape in SHAPES for row in rows)),
-                  np.concatenate([levels.has, rise, levels.has[:, rows] - rise], axis=1))
+def _added(season: Season) -> Season:
+    """All that is sure along with what is there, those that share no machine at a time."""
+    for _ in range(ROUNDS):
+        odds = scan(season).odds.copy()
+        for cause in season.causes:
+            odds[cause.row, cause.effect] = -np.inf
+        sure = np.argwhere(expit(odds) >= SURE)
+        ranked = sure[np.argsort(-odds[sure[:, 0], sure[:, 1]], kind="stable")]
+        new = [_rough(season, row, effect)._replace(log_odds=float(odds[row, effect]))
+               for row, effect in _apart(season.levels, map(tuple, ranked.tolist()))]
+        if not new:
+            break
+        season = _made(solved(season.logs, season.levels, [*season.causes, *new]),
+                       range(len(season.causes), len(season.causes) + len(new)))
+    return season
 
 
-def _next(logs: Logs, levels: Levels, causes: Sequence[EffectAtLevel], only: Sequence[int] | None = None,
-          effect: int | None = None) -> EffectAtLevel | None:
-    """What is surest along with what is there; of `only` these levels and this effect, where they are given."""
-    shaped = _with_shapes(logs, levels)
-    seen = scan(logs, solved(logs, causes), shaped, causes).odds
-    odds = seen[:len(levels.keys)].copy()
-    shapes = np.stack([seen[shaped.of(factor)] for factor in (MACHINE, *SHAPES)])
-    odds[levels.of(MACHINE)] = logsumexp(shapes, axis=0) - np.log(len(shapes))
-    odds -= np.stack([_doubt(logs, levels, causes, k) for k in range(len(levels.keys))])
-    for cause in causes:
-        odds[levels.keys.index((cause.factor, cause.level)), cause.effect] = -np.inf
-    if only is not None and effect is not None:
-        asked = np.full_like(odds, -np.inf)
-        asked[only, effect] = odds[only, effect]
-        odds = asked
-    level, best = np.unravel_index(int(np.argmax(odds)), odds.shape)
-    if expit(odds[level, best]) < SURE:
-        return None
-    return _cause(logs, levels, causes, int(level), int(best), float(odds[level, best]))
+def _apart(levels: Levels, ranked: Iterable[tuple[int, int]]) -> Iterator[tuple[int, int]]:
+    """Of rows (and effects) those that share no machine with one before."""
+    free = np.ones(int(levels.code[:, 0].max(initial=-1)) + 1, bool)
+    for row, effect in ranked:
+        if free[levels.machines[row]].all():
+            free[levels.machines[row]] = False
+            yield row, effect
 
 
-def _doubt(logs: Logs, levels: Levels, causes: Sequence[EffectAtLevel], row: int) -> Array:
-    """(q,) what effects that are there may leave to others in the same channels: their forms are not quite right."""
-    has, doubt = levels.has[:, row] > 0.0, np.zeros(len(logs.names))
-    for cause in causes:
-        both = has & np.any(cause.columns != 0.0, axis=1)
-        if both.any() and row_of(logs.names[cause.effect]).form_over:
-            touched = np.any(logs.every.A[both, cause.effect, :len(logs.names)] != 0.0, axis=0)
-            share = both.sum() / max(1, np.any(cause.columns != 0.0, axis=1).sum())
-            doubt = np.maximum(doubt, touched * FORM_SHARE ** 2 * cause.log_odds * share)
-    return doubt
+def _rough(season: Season, row: int, effect: int) -> EffectAtLevel:
+    """Before it is known how it goes: of a machine a smooth course, of any other level one size."""
+    at = season.levels.logs[row]
+    columns = _basis(season.logs.times_d[at]) if row < len(season.machines) else np.ones((len(at), 1))
+    return EffectAtLevel(row, effect, at, columns, np.full(columns.shape[1], slab(season.logs)[-1, effect]))
 
 
-def _cause(logs: Logs, levels: Levels, others: Sequence[EffectAtLevel], row: int, effect: int,
-           odds: float) -> EffectAtLevel:
-    """Its terms: of a machine the stretches of its course, of any other level one."""
-    (factor, level), has = levels.keys[row], levels.has[:, row]
-    at = np.flatnonzero(has)
-    widest = float(slab(logs)[-1, effect])
-    rough = np.zeros((len(has), 1))
-    rough[at] = 1.0
-    if factor == MACHINE:
-        rough = np.zeros((len(has), CURVE_DF))
-        bends = _basis(logs.times_d[at])
-        rough[at, :bends.shape[1]] = bends
-        rough = rough[:, :bends.shape[1]]
-    trial = EffectAtLevel(factor, level, effect, rough, np.full(rough.shape[1], widest), np.zeros(len(has)))
-    post = solved(logs, [*others, trial])
-    information = post.left.A[:, effect, effect]
-    at = at[information[at] > 0.0]
-    score = post.left.s[:, effect] + information * (rough @ post.terms.b[post.begins[-2]:post.begins[-1]])
-    if factor == MACHINE:
-        sd = _level_sd(logs, score[at], information[at], effect)
-        curve, scatter = smooth(logs.times_d[at], score[at], information[at])
-        course = partition(logs.times_d[at], score[at] / information[at], 1.0 / information[at], sd, curve, scatter)
-        columns, sds = _of_stretches(logs.times_d, at, course, sd)
-        spread = np.zeros(len(has))
-        spread[at] = course.scatter
-        return EffectAtLevel(factor, level, effect, columns, sds, spread, course, at, odds)
-    only = np.ones_like(post.left.s)
-    only[:, effect] = 0.0
-    sd = _level_sd(logs, np.array([has @ score]), np.array([has @ information]), effect)
-    machines = np.isin(logs.machine, logs.machine[at])
-    return EffectAtLevel(factor, level, effect, has[:, None], np.array([sd]),
-                         np.where(machines, scatters(logs, post, only)[:, effect], 0.0), None, at, odds)
+def _made(season: Season, numbers: Iterable[int]) -> Season:
+    """With the terms of these causes, rough so far: a machine's are the stretches of its course."""
+    causes = list(season.causes)
+    for number in numbers:
+        cause = causes[number]
+        score, information = season.of_effect(number)
+        if cause.row < len(season.machines):
+            known = information > 0.0
+            at, score, information = cause.at[known], score[known], information[known]
+            times_d, sd = season.logs.times_d[at], _level_sd(season, score, information, cause.effect)
+            curve, scatter = smooth(_basis(times_d), score[:, None], information[:, None])
+            course = partition(times_d, score / information, 1.0 / information, sd, curve[:, 0], float(scatter[0]))
+            columns, sds = _of_stretches(times_d, course, sd)
+            causes[number] = cause._replace(at=at, columns=columns, sd=sds, within=at, scatter=course.scatter,
+                                            course=course)
+        else:
+            sd = _level_sd(season, score.sum(keepdims=True), information.sum(keepdims=True), cause.effect)
+            parts = [season.machines[k] for k in season.levels.machines[cause.row]]
+            within = np.concatenate([np.arange(one.logs.start, one.logs.stop) for one in parts])
+            # One for all: a machine's own is uncertain, and its logs would count the more the less it happens to be.
+            scatter = np.mean([one.scatter[cause.effect] for one in parts if not one.taken[cause.effect]] or [0.0])
+            causes[number] = cause._replace(sd=np.array([sd]), within=within, scatter=np.full(len(within), scatter))
+    return solved(season.logs, season.levels, causes)
 
 
-def _level_sd(logs: Logs, score: Array, information: Array, effect: int) -> float:
+def _level_sd(season: Season, score: Array, information: Array, effect: int) -> float:
     """Of the grid, what makes the sizes of a level likeliest, each log by itself: a course may go through zero."""
-    return max(map(float, slab(logs)[:, effect]), key=lambda sd: float(np.sum(gain(information, score, sd))))
+    return max(map(float, slab(season.logs)[:, effect]), key=lambda sd: float(np.sum(gain(information, score, sd))))
 
 
-def _of_stretches(times_d: Array, at: Indices, course: Partition, sd: float) -> tuple[Array, Array]:
+def _of_stretches(times_d: Array, course: Partition, sd: float) -> tuple[Array, Array]:
     """(n, k) and (k,): the level of each stretch that is not gone, and its slope over the season."""
-    columns, sds = list[Array](), list[float]()
-    shares = share_of(times_d[at])
+    columns, sds, shares = list[Array](), list[float](), share_of(times_d)
     for stretch in course.stretches:
-        here, share = at[stretch.begin:stretch.end], shares[stretch.begin:stretch.end]
+        here = slice(stretch.begin, stretch.end)
+        inside = np.zeros(len(shares))
+        inside[here] = 1.0
         if stretch.kind != "gone" or len(course.stretches) == 1:
-            level = np.zeros(len(times_d))
-            level[here] = 1.0
-            columns.append(level)
+            columns.append(inside)
             sds.append(sd)
         if stretch.kind == "line":
-            slope = np.zeros(len(times_d))
-            slope[here] = share - share.mean()
-            columns.append(slope)
+            columns.append(inside * (shares - shares[here].mean()))
             sds.append(SLOPES * sd)
     if not columns:                     # every stretch is gone: nothing but scatter
-        return np.isin(np.arange(len(times_d)), at).astype(np.float64)[:, None], np.array([sd])
+        return np.ones((len(shares), 1)), np.array([sd])
     return np.stack(columns, axis=1), np.array(sds)
 
 
-def _asked_again(logs: Logs, levels: Levels, others: Sequence[EffectAtLevel],
-                 cause: EffectAtLevel) -> EffectAtLevel | None:
-    """The cause along with all others as they stand now, under its likeliest name; None where it is no longer sure."""
-    post, prior = solved(logs, others), names_prior(logs, levels, others)
-    extra = scatters(logs, post, _taken(logs, others))
-    alike = _alternatives(logs, levels, others, post, extra, prior, cause)
-    held = {(one.factor, one.level, one.effect) for one in others}
-    best = max((one for one in alike if (one.factor, one.level, logs.names.index(one.effect)) not in held),
-               default=None,
-               key=lambda one: (round(one.probability, 2), one.factor == MACHINE,
-                                -ORDER.index(row_of(one.effect).id)))
-    if best is None:
-        return None
-    effect = logs.names.index(best.effect)
-    row = levels.keys.index((best.factor, best.level))
-    again = _cause(logs, levels, others, row, effect, cause.log_odds)
-    odds = _gain(post, np.maximum(again.scatter, extra[:, effect]), again.columns, again.sd, effect)[0] + float(
-        prior[row, effect] - _doubt(logs, levels, others, row)[effect])
-    if expit(odds) < SURE:
-        return None
-    return again._replace(log_odds=odds, alternatives=tuple(one for one in alike if one.probability >= SHOWN))
+def _again(season: Season) -> Season:
+    """Each cause made and asked anew along with all others; what share no machine at a time."""
+    season, done = _changed(season, _by_machines), set[tuple[int, int]]()
+    for _ in range(ROUNDS):             # of each machine one that was not made anew
+        keys = [(one.row, one.effect) for one in season.causes]
+        turn = set(_apart(season.levels, [key for key in keys if key not in done]))
+        if not turn:
+            break
+        done |= turn
+        season = _replaced(season, {k: [key] for k, key in enumerate(keys) if key in turn})
+    return _changed(season, _stands)
 
 
-def _gain(post: Solved, extra: Array, columns: Array, sd: Array, effect: int) -> tuple[float, float, Array]:
-    """Log marginal likelihood of an effect with given terms against none: of the terms, of its scatter; its sizes."""
-    one = scattered(post, effect, extra)
-    cross = one.shared_with(columns)
-    information = columns.T @ (columns * one.information[:, None]) - cross @ one.cov @ cross.T
-    sizes = Gaussian(information, columns.T @ one.left).fit(sd)
-    return float(sizes.gain), one.worth, sizes.b
+def _changed(season: Season, asked: Callable[[Season, int], Keys | None]) -> Season:
+    """Until nothing is to stand in any cause's place."""
+    for _ in range(ROUNDS):
+        season = judged(season)
+        other = {k: new for k in range(len(season.causes)) if (new := asked(season, k)) is not None}
+        turn = set(_apart(season.levels, [(season.causes[k].row, k) for k in other]))
+        if not turn:
+            break
+        season = _replaced(season, {k: other[k] for _, k in turn})
+    return season
 
 
-Tried = tuple[float, float, float, Alternative]         # log likelihood at the cause's level, at its own; log prior
+def _replaced(season: Season, by: dict[int, Keys]) -> Season:
+    """With others in place of some causes, by their number; what stands there already is not put there twice."""
+    causes, held = list[EffectAtLevel](), {(one.row, one.effect) for k, one in enumerate(season.causes) if k not in by}
+    rough = list[int]()
+    for number, cause in enumerate(season.causes):
+        if number not in by:
+            causes.append(cause)
+        for key in by.get(number, []):
+            if key not in held:
+                held.add(key)
+                rough.append(len(causes))
+                causes.append(_rough(season, *key)._replace(log_odds=cause.log_odds))
+    return _made(solved(season.logs, season.levels, causes), rough)
 
 
-def _alternatives(logs: Logs, levels: Levels, others: Sequence[EffectAtLevel], post: Solved, extra: Array, prior: Array,
-                  cause: EffectAtLevel) -> list[Alternative]:
-    """The cause and what may stand in its place, with probabilities that add up to 1; likeliest first."""
-    tried, here = list[Tried](), np.any(cause.columns != 0.0, axis=1)
-    usual, own = slab(logs)[0], levels.keys.index((cause.factor, cause.level))
-    scale, scatter = usual / usual[cause.effect], np.where(here, cause.scatter, 0.0)
-    for effect, name in enumerate(logs.names):
-        spread = scatter if effect == cause.effect else np.where(here, extra[:, effect], 0.0)
-        linear, scattering, size = _gain(post, spread, cause.columns, cause.sd * scale[effect], effect)
-        tried.append((linear + scattering, linear + scattering, float(prior[own, effect]), Alternative(
-            cause.factor, cause.level, name, float((cause.columns @ size)[here][-1]), 0.0)))
-    held = {(one.factor, one.level, one.effect) for one in others}
-    elsewhere = [row for row in range(len(levels.keys)) if row != own and levels.has[:, row] @ here > 0.0]
-    for effect in range(len(logs.names)):
-        # What a level cannot do is asked of it under each name that it can.
-        rows = [row for row in elsewhere if prior[row, effect] > -np.inf and (*levels.keys[row], effect) not in held
-                and (effect == cause.effect or prior[row, cause.effect] == -np.inf)]
-        spread = np.maximum(extra[:, effect], cause.scatter * (effect == cause.effect))
-        sd, likely = cause.sd * scale[effect], tried[effect][0]
-        if rows:
-            likely -= _gain(post, spread, cause.columns, sd, effect)[0]
-        for row in rows:
-            linear, _, size = _gain(post, spread, levels.has[:, [row]], sd[:1], effect)
-            tried.append((tried[effect][0], likely + linear, float(prior[row, effect]), Alternative(
-                *levels.keys[row], logs.names[effect], float(size[0]), 0.0)))
+def _stands(season: Season, number: int) -> Keys | None:
+    """What is to stand in a cause's place: nothing where it is no longer sure; None: it stays."""
+    cause = season.causes[number]
+    if expit(cause.log_odds) < SURE:
+        return []
+    held = _names(season) - {(cause.row, cause.effect)}
+    keys = [(season.levels.keys.index((one.factor, one.level)), season.logs.names.index(one.effect), one)
+            for one in cause.alternatives]
+    row, effect, _ = max((one for one in keys if one[:2] not in held), key=lambda one: (
+        round(one[2].probability, 2), one[2].factor == MACHINE, -ORDER.index(row_of(one[2].effect).id)))
+    return None if (row, effect) == (cause.row, cause.effect) else [(row, effect)]
+
+
+def judged(season: Season) -> Season:
+    """With what each cause gains, all others given, and what it may be just as well."""
+    if not season.causes:
+        return season
+    seen, held, counts = scan(season), _names(season), _counts(season, season.causes)
+    causes, every = list[EffectAtLevel](), names_prior(season, np.zeros(len(counts)))
+    for number, cause in enumerate(season.causes):
+        others = counts - _counts(season, [cause])
+        prior = every + np.log1p(others) - np.log1p(others.sum() / len(others))
+        alternatives, gained = _alternatives(season, seen, prior, held, number)
+        causes.append(cause._replace(alternatives=alternatives, log_odds=gained + float(
+            prior[cause.row, cause.effect] - seen.doubt[cause.row, cause.effect])))
+    return season._replace(causes=tuple(causes))
+
+
+def _alternatives(season: Season, seen: Scan, prior: Array, held: set[tuple[int, int]],
+                  number: int) -> tuple[tuple[Alternative, ...], float]:
+    """The cause and what may stand in its place, with probabilities that add up to 1, likeliest first; its own gain.
+
+    Of columns z along with cause c, and all else: the information that is left of z is that of the posterior and what
+    c took, (z C) P (C z), with P the information of c in the posterior and z C what z shares with its terms there.
+    """
+    levels, logs, cause = season.levels, season.logs, season.causes[number]
+    b, cov = season.sizes_of(number)
+    precision, usual = np.linalg.inv(cov), slab(logs)[0]
+    own = season.machines[cause.row] if cause.row < len(season.machines) else None
+    effects = np.array([k for k in range(len(logs.names)) if (cause.row, k) not in held or k == cause.effect])
+    last = np.flatnonzero(np.any(cause.columns != 0.0, axis=1))[-1]
+
+    def gains(information: Array, score: Array, shared: Array, sd: Array) -> Sizes:
+        pull = shared @ precision
+        return Gaussian(information + pull @ cov @ pull.swapaxes(1, 2), score + pull @ b).fit(sd)
+
+    def named(row: int, effect: int, size: float) -> Alternative:
+        factor, level = levels.keys[row]
+        return Alternative(factor, level, logs.names[effect], size, 0.0)
+    if own is None:
+        here = season.begins[number]
+        shared = np.array([[[_dot(seen, k, cause.row)[here]]] for k in effects])
+        sizes = gains(seen.information[cause.row, effects][:, None, None], seen.score[cause.row, effects][:, None],
+                      shared, cause.sd * usual[effects, None] / usual[cause.effect])
+    else:
+        terms, at = own.terms[number], cause.at - own.logs.start
+        crossed = np.einsum("nc,qkn->qck", cause.columns, own.cross[effects][:, :, at])
+        information = np.einsum("nc,nq,nd->qcd", cause.columns, np.diagonal(
+            own.likely.A[at], axis1=1, axis2=2)[:, effects], cause.columns) - crossed @ own.cov @ crossed.swapaxes(1, 2)
+        sizes = gains(information, own.left[at][:, effects].T @ cause.columns, crossed @ own.cov[:, terms],
+                      cause.sd * usual[effects, None] / usual[cause.effect])
+    base = dict(zip(effects.tolist(), sizes.gain.tolist(), strict=True))
+    tried = [(base[k], base[k], prior[cause.row, k], named(cause.row, k, float(
+        cause.columns[last] @ sizes.b[j]))) for j, k in enumerate(effects)]
+    rows = np.unique(levels.code[cause.at[np.any(cause.columns != 0.0, axis=1)]])
+    rows = rows[(rows >= 0) & (rows != cause.row)]
+    for k in effects.tolist():          # what a level cannot do is asked of it under each name that it can
+        able = (prior[rows, k] > -np.inf) & ((k == cause.effect) | (prior[rows, cause.effect] == -np.inf))
+        asked = np.array([row for row in rows[able].tolist() if (row, k) not in held], np.int64)
+        if not len(asked):
+            continue
+        if own is None:
+            shared = np.array([_dot(seen, k, row)[here] for row in asked])[:, None, None]
+        else:
+            which, has = _levels_of_machine(season, cause.row)
+            fit, across, _ = _eliminated(own.products, own.own)
+            crossed = has[:, np.searchsorted(which[:-2], asked)].T @ own.cross[k].T
+            through = np.stack([_dot(seen, k, row)[own.place] for row in asked])
+            shared = (crossed[:, :len(own.own)] @ fit.cov[:, terms] - through @ (across @ fit.cov[:, terms]))[:, None]
+        fits = gains(seen.information[asked, k][:, None, None], seen.score[asked, k][:, None], shared,
+                     cause.sd[:1] * usual[k] / usual[cause.effect])
+        tried += [(base[k], float(fits.gain[j]), prior[row, k], named(row, k, float(fits.b[j, 0])))
+                  for j, row in enumerate(asked.tolist())]
     most = max(likely for _, likely, odds, _ in tried if odds > -np.inf)
     temper = 1.0 / (1.0 + COARSE * 2.0 * max(0.0, most))
     # Of the same effect at another level the form is as wrong: only effects among each other are tempered.
-    weights = np.array([temper * (base - most) + likely - base + odds for base, likely, odds, _ in tried])
+    weights = np.array([temper * (base_ - most) + likely - base_ + odds for base_, likely, odds, _ in tried])
     shares = np.exp(weights - logsumexp(weights))
-    return sorted((one[-1]._replace(probability=float(share)) for one, share in zip(tried, shares, strict=True)),
-                  key=lambda one: -one.probability)
+    ranked = sorted((one[-1]._replace(probability=float(share)) for one, share in zip(tried, shares, strict=True)),
+                    key=lambda one: -one.probability)
+    return tuple(one for one in ranked if one.probability >= SHOWN), base[cause.effect]
+
+
+def _dot(seen: Scan, effect: int, row: int) -> Array:
+    """(terms,) covariance of the shared terms by what a row shares with each."""
+    return np.asarray(seen.cross[effect][[row]] @ seen.cov[effect]).ravel()
+
+
+def _by_machines(season: Season, number: int) -> Keys | None:
+    """Machines' own courses, where they explain the season better than what several machines share: greedily one
+    field is chosen before four machines that stood there when they were set anew."""
+    cause = season.causes[number]
+    if cause.row < len(season.machines):
+        return None
+    size = float(season.sizes_of(number)[0][0])
+    effect, whole, apart, other = cause.effect, np.log(PRIOR), 0.0, list[tuple[int, int]]()
+    information = 0.0
+    for machine in season.levels.machines[cause.row].tolist():
+        one = season.machines[machine]
+        own = one.likely.A[:, effect, effect]
+        known = own > 0.0
+        if not known.any():
+            continue
+        score = one.left[:, effect]
+        for k, here in one.terms.items():
+            if season.causes[k].effect == effect and season.causes[k].row == machine:
+                score = score + one.cross[effect, here].T @ one.b[here]
+        has = np.isin(np.arange(one.logs.start, one.logs.stop), cause.at, assume_unique=True)
+        before = score + size * has * own
+        whole += size * float(before @ has) - 0.5 * size ** 2 * float(own @ has)
+        information += float(own @ has)
+        times_d = season.logs.times_d[one.logs][known]
+        gained = []
+        for each in (score, before):
+            sd = _level_sd(season, each[known], own[known], effect)
+            gained.append(np.log(PRIOR) + gain_of_course(times_d, each[known] / own[known], 1.0 / own[known], sd))
+        whole += max(0.0, gained[0])
+        apart += max(0.0, gained[1])
+        if gained[1] > 0.0:
+            other.append((machine, effect))
+    whole -= 0.5 * float(np.log1p(information * cause.sd[0] ** 2))
+    return other if apart > whole else None

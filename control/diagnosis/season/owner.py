@@ -10,7 +10,7 @@ from control.diagnosis.judgement.gaussian import Array
 
 from .courses import Course, SeasonFit, Shared
 from .evidence import LogWork
-from .mixed import FLEET
+from .mixed import FLEET, MACHINE, Alternative
 
 LOW_P = 1e-3                # of an operator, that chance made the hopper run low so often
 LEAST_OPERATOR_LOGS = 5
@@ -28,29 +28,41 @@ class OwnersLog(NamedTuple):
     shared: Mapping[str, str]
 
 
-Doses = tuple[Course | Shared, Array, Array]    # in % of each log: what all of a set agree on; its largest
+class Doses(NamedTuple):
+    """Dose error in % of each log by a cause: what it is to be expected, its set's probabilities as weights; what all
+    of the set agree on; and that of the set's largest."""
+
+    expected: Array
+    least: Array
+    most: Array
 
 
 class Cost(NamedTuple):
-    """What a cause spread wrongly: kilograms by what all of its set agree on, and by the one of it that costs most."""
+    """What a cause spread wrongly: kilograms to be expected, by what all of its set agree on, and by the one of it that
+    costs most."""
 
     cause: Course | Shared
     kg: float
+    least_kg: float
     most_kg: float
 
 
 class MachineSeason(NamedTuple):
-    """wrong_kg: what was spread too much or too little, by what all alternatives of each set agree on; most_kg: by the
-    costliest of each. now_percent: of the dose at its last log, by the machine itself; others_percent: by what that
-    log's operator, product and field do. courses, shared (what its logs share with others'): costliest first."""
+    """wrong_kg: what was spread too much or too little, to be expected of all causes with the probabilities of their
+    sets; least_kg: by what all of each set agree on; most_kg: by the costliest of each. now_percent: of the dose at its
+    last log, to be expected by the machine itself, between now_least and now_most; others_percent: by what that log's
+    operator, product and field do. courses, shared (what its logs share with others'): costliest first."""
 
     machine: str
     logs: int
     hours: float
     applied_kg: float
     wrong_kg: float
+    least_kg: float
     most_kg: float
     now_percent: float
+    now_least: float
+    now_most: float
     others_percent: float
     courses: tuple[Cost, ...]
     shared: tuple[Cost, ...]
@@ -71,47 +83,60 @@ def machines(logs: Sequence[OwnersLog], fit: SeasonFit) -> list[MachineSeason]:
 
     Each effect's kilograms count by themselves; in the sum of a log effects may make up for each other.
     """
-    result = []
-    for machine in sorted({one.machine for one in logs}):
-        own = sorted((one for one in logs if one.machine == machine), key=lambda one: one.time_d)
+    result, by_machine = [], dict[str, list[OwnersLog]]()
+    for log in logs:
+        by_machine.setdefault(log.machine, []).append(log)
+    of_level = dict[tuple[str, str], list[Course | Shared]]()
+    for one in fit.courses:
+        of_level.setdefault((MACHINE, one.machine), []).append(one)
+    for each in fit.shared:
+        of_level.setdefault((each.factor, each.level), []).append(each)
+    for machine, own in by_machine.items():
+        own.sort(key=lambda one: one.time_d)
         kg = np.array([one.worked.applied_kg for one in own])
-        mine = [_doses(one, own) for one in fit.courses if one.machine == machine]
-        others = [_doses(one, own) for one in fit.shared]
-        agreed = sum((one[1] for one in (*mine, *others)), np.zeros(len(own)))
-        most = sum((one[2] for one in (*mine, *others)), np.zeros(len(own)))
+        levels = sorted({key for one in own for key in one.shared.items()})
+        mine = {one: _doses(one, own) for one in of_level.get((MACHINE, machine), [])}
+        others = {one: _doses(one, own) for key in (*levels, (FLEET, "")) for one in of_level.get(key, [])}
+        wrong, least, most = (_kg(sum((one[k] for one in (*mine.values(), *others.values())), np.zeros(len(own))), kg)
+                              for k in range(3))
+        now, now_least, now_most = (sum(float(one[k][-1]) for one in mine.values()) for k in range(3))
+        by_others = sum(float(one.expected[-1]) for one in others.values())
         result.append(MachineSeason(
-            machine, len(own), sum(one.worked.hours for one in own), float(kg.sum()), _kg(agreed, kg), _kg(most, kg),
-            sum(float(low[-1]) for _, low, _ in mine), sum(float(low[-1]) for _, low, _ in others), _costs(mine, kg),
-            tuple(one for one in _costs(others, kg) if one.most_kg)))
-    return sorted(result, key=lambda one: (-one.wrong_kg, -one.most_kg))
+            machine, len(own), sum(one.worked.hours for one in own), float(kg.sum()), wrong, least, most,
+            now, now_least, now_most, by_others, _costs(mine, kg), _costs(others, kg)))
+    return sorted(result, key=lambda one: (-one.wrong_kg, -one.most_kg, one.machine))
 
 
 def _kg(doses: Array, kg: Array) -> float:
     return float(np.abs(doses) @ kg / 100.0)
 
 
-def _costs(of: Sequence[Doses], kg: Array) -> tuple[Cost, ...]:
-    found = [Cost(cause, _kg(low, kg), _kg(high, kg)) for cause, low, high in of]
+def _costs(of: Mapping[Course | Shared, Doses], kg: Array) -> tuple[Cost, ...]:
+    found = [Cost(cause, _kg(doses.expected, kg), _kg(doses.least, kg), _kg(doses.most, kg))
+             for cause, doses in of.items()]
     return tuple(sorted(found, key=lambda one: (-one.kg, -one.most_kg)))
 
 
 def _doses(cause: Course | Shared, own: Sequence[OwnersLog]) -> Doses:
-    """Dose error in % of each log: what all of the set agree on, and that of the set's largest."""
-    sizes = np.array([at(cause, one.time_d) if isinstance(cause, Course) else cause.size * has(cause, one)
-                      for one in own])
+    """Each of the set where it is: another effect of the same level goes as the cause does."""
     here = cause.pieces[-1].end if isinstance(cause, Course) else cause.size
-    shares = [(cause.effect, 1.0), *((other.effect, other.size / here if here else 0.0)       # of the same shape
-                                     for other in cause.alternatives if other.effect != cause.effect)]
-    doses = np.stack([sizes * share * np.array([one.percent.get(effect, 0.0) for one in own])
-                      for effect, share in shares])
-    least = doses[np.argmin(np.abs(doses), axis=0), np.arange(len(own))]
-    agreed = np.where(np.all(doses > 0.0, axis=0) | np.all(doses < 0.0, axis=0), least, 0.0)
-    return cause, agreed, doses[np.argmax(np.abs(doses), axis=0), np.arange(len(own))]
+    factor, level = (MACHINE, cause.machine) if isinstance(cause, Course) else (cause.factor, cause.level)
+    set_ = cause.alternatives or (Alternative(factor, level, cause.effect, here, 1.0),)
+    sizes = np.array([at(cause, one.time_d) if isinstance(cause, Course) else cause.size * has(factor, level, one)
+                      for one in own])
+    doses = np.stack([np.array([each.percent.get(one.effect, 0.0) for each in own]) * (
+        sizes * (one.size / here if here else 0.0) if (one.factor, one.level) == (factor, level) else
+        np.array([one.size * has(one.factor, one.level, each) for each in own])) for one in set_])
+    weights = np.array([one.probability for one in set_])
+    ends = doses[np.argmin(np.abs(doses), axis=0), np.arange(len(own))]
+    least = np.where(np.all(doses > 0.0, axis=0) | np.all(doses < 0.0, axis=0), ends, 0.0)
+    return Doses(cause.probability * (weights / weights.sum()) @ doses, least,
+                 doses[np.argmax(np.abs(doses), axis=0), np.arange(len(own))])
 
 
-def has(one: Shared, log: OwnersLog) -> bool:
+def has(factor: str, level: str, log: OwnersLog) -> bool:
     """Whether a log is of a level."""
-    return one.factor == FLEET or log.shared.get(one.factor) == one.level
+    return factor == FLEET or (log.machine if factor == MACHINE else log.shared.get(factor)) == level
 
 
 def at(course: Course, time_d: float) -> float:
