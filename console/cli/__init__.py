@@ -40,6 +40,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "calibrate wheel": ("topdress calibrate wheel run.csv --out mine.yaml",),
     "calibrate effort": ("topdress calibrate effort run.csv --out mine.yaml",),
     "calibrate heads": ("topdress calibrate heads run.csv --out mine.yaml",),
+    "live": ("topdress live --port 4110", "topdress live --quiet --mqtt mqtt://cab@barn.local/farm/spreader --every 1"),
     "info": ("topdress info", "topdress info --json"),
     "extras": ("topdress extras",),
     "effects": ("topdress effects", "topdress effects --json"),
@@ -108,7 +109,7 @@ COMMANDS = {                    # by name: the file next to this one, and its fu
     "field": "field.field",
     "record": "record.record", "trial": "trial.trial",
     "reproduce": "reproduce.reproduce", "check": "check.check", "devices": "devices.devices", "serve": "serve.serve",
-    "serve-machine": "serve_machine.serve_machine", "info": "info.info", "extras": "info.extras"}
+    "serve-machine": "serve_machine.serve_machine", "live": "live.live", "info": "info.info", "extras": "info.extras"}
 CALIBRATIONS = {name: f"calibrate.{name}" for name in ("catch", "lag", "wheel", "heads", "effort")}
 
 
