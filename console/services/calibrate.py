@@ -57,7 +57,7 @@ def calibrate_job(machine: Machine, wheel_circumference_m: float | None = None, 
 
 def fit_catch(machine: Machine, caught: Sequence[CatchPoint]) -> Calibrated:
     """Flow per turn from weighed catches, with the line over opening (over shaft speed where only that was changed)."""
-    from scipy.stats import t as student
+    from scipy.special import stdtrit
 
     from control.calibration.flow_fit import fit_flow
     _machine, flow = fit_flow(catch_table(caught, "catch test"), machine)
@@ -65,7 +65,7 @@ def fit_catch(machine: Machine, caught: Sequence[CatchPoint]) -> Calibrated:
     offset = flow.zero_offset_g_rev.value if flow.zero_offset_g_rev else 0.0
     falloff = flow.fill_falloff_percent.value if flow.fill_falloff_percent else 0.0
     terms = 1 + (flow.zero_offset_g_rev is not None) + (flow.fill_falloff_percent is not None)
-    band = float(student.ppf(0.95, flow.rows_used - terms)) * flow.residual_sd_percent / 100.0 * (
+    band = float(stdtrit(flow.rows_used - terms, 0.95)) * flow.residual_sd_percent / 100.0 * (
         1.0 + 1.0 / flow.rows_used) ** 0.5
 
     def full(opening_mm: float) -> float:
@@ -150,7 +150,7 @@ def open_lag_table(path: Path) -> LagTable:
 def fit_lag(machine: Machine, path: str, label: str | None) -> Calibrated:
     """The lag line of a table, with its points in and outside the range."""
     import numpy as np
-    from scipy.stats import t as student
+    from scipy.special import stdtrit
 
     from control.calibration import lag_fit
     from control.calibration.tube_fit import settle_tube
@@ -172,7 +172,7 @@ def fit_lag(machine: Machine, path: str, label: str | None) -> Calibrated:
     points = tuple((float(x), float(y)) for x, y in zip(speeds[chosen], lags[chosen], strict=True))
     used = speeds[chosen & (speeds >= line.from_rpm - 1e-6) & (speeds <= line.to_rpm + 1e-6)]
     middle, about = float(np.mean(used)), float(np.sum((used - np.mean(used)) ** 2))
-    quantile = float(student.ppf(0.95, line.rows_used - 2)) * line.residual_sd_s
+    quantile = float(stdtrit(line.rows_used - 2, 0.95)) * line.residual_sd_s
 
     def band(x: float) -> float:
         return quantile * math.sqrt(1.0 + 1.0 / line.rows_used + (x - middle) ** 2 / about)

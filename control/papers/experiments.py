@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares, minimize_scalar
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from control.machine.elements import Array
 from control.machine.fall import Fall, drop_s, start_drop_s
@@ -146,7 +146,7 @@ def field_of(lags_s: Array) -> PaperField:
 
 def _mean(values: Array) -> Sized:
     middle = float(np.mean(values))
-    half = float(student.ppf(0.95, len(values) - 1) * np.std(values, ddof=1) / np.sqrt(len(values)))
+    half = float(stdtrit(len(values) - 1, 0.95) * np.std(values, ddof=1) / np.sqrt(len(values)))
     return Sized(middle, middle - half, middle + half)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from control.agronomy.sampling import Evenness, FrequencyChoice, best_frequency, evenness, frequency_table
 from control.machine.elements import Array
@@ -187,7 +187,7 @@ def _apart(ours: Sequence[float], others: Sequence[float]) -> tuple[float | None
         return more, 0.0
     freedom = sum(parts) ** 2 / sum(part ** 2 / (len(side) - 1)
                                     for part, side in zip(parts, (ours, others), strict=True))
-    return more, float(student.ppf(0.5 + 0.5 * CONFIDENCE, freedom) * np.sqrt(sum(parts)))
+    return more, float(stdtrit(freedom, 0.5 + 0.5 * CONFIDENCE) * np.sqrt(sum(parts)))
 
 
 def _mean(values: Sequence[float | None]) -> float | None:

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from control.diagnosis.given import columns_of, machine_of
 from control.machine.machine import Machine
@@ -170,7 +170,7 @@ def interval_of_difference(before: Array, after: Array) -> tuple[float, float]:
     without = [np.sqrt((np.sum(part[:, 1]) - part[:, 1]) / (np.sum(part[:, 0]) - part[:, 0])) for part in parts]
     left_out = without[0] - without[1]
     sd = float(np.sqrt((count - 1) / count * np.sum(np.square(left_out - left_out.mean()))))
-    half = float(student.ppf(0.5 + 0.5 * SHARE, count - 1)) * sd
+    half = float(stdtrit(count - 1, 0.5 + 0.5 * SHARE)) * sd
     difference = rms(before) - rms(after)
     return difference - half, difference + half
 

@@ -11,8 +11,7 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import f as fisher
-from scipy.stats import t as student
+from scipy.special import fdtrc, stdtrit
 
 from control.calibration.bench_table import BenchTable
 from control.machine.fall import start_drop_s
@@ -147,11 +146,11 @@ def reconciled(one: LagSeries, two: LagSeries) -> AcrossTables | None:
     values = {factor: ratio, constant: shift}
     best = values[order[0]]
     middle = float(np.mean(best))
-    half = float(student.ppf(0.95, len(rpm) - 1) * np.std(best, ddof=1) / np.sqrt(len(rpm)))
+    half = float(stdtrit(len(rpm) - 1, 0.95) * np.std(best, ddof=1) / np.sqrt(len(rpm)))
     good = np.hypot(ea, float(np.mean(ratio)) * eb)
     holds = int(np.sum(np.abs(left[order[0]]) <= TWO_SE * good))
     sums = [float(np.sum(left[kind] ** 2)) for kind in order]
-    worse = len(order) > 1 and float(fisher.sf(sums[1] / max(sums[0], 1e-12), len(rpm) - 1, len(rpm) - 1)) < WORSE_P
+    worse = len(order) > 1 and float(fdtrc(len(rpm) - 1, len(rpm) - 1, sums[1] / max(sums[0], 1e-12))) < WORSE_P
     other = order[1] if len(order) > 1 else ""
     return AcrossTables(one, two, order[0], middle, middle - half, middle + half, holds, len(rpm), other,
                         float(np.mean(values[other])) if other else 0.0, worse)

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtr, stdtrit
 
 from control.diagnosis.effects import LAG_COARSE_CLOCK
 from control.diagnosis.judgement.prior import smallest_said
@@ -139,5 +139,5 @@ def _contrast(piece: TablePiece, rest: Array, one: str, other: str) -> Contrast 
         return None
     d = np.array(differences)
     se = max(float(d.std(ddof=1) / np.sqrt(len(d))), 1e-12)
-    return Contrast(piece, one, other, float(d.mean()), float(student.ppf(0.95, len(d) - 1)) * se,
-                    float(2.0 * student.sf(abs(d.mean()) / se, len(d) - 1)))
+    return Contrast(piece, one, other, float(d.mean()), float(stdtrit(len(d) - 1, 0.95)) * se,
+                    float(2.0 * stdtr(len(d) - 1, -abs(d.mean()) / se)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import f as fisher
+from scipy.special import fdtrc
 
 from control.diagnosis.judgement.prior import ROBUST_SD
 
@@ -138,4 +138,4 @@ def _brown_forsythe(values: Array, setting: IntArray, counts: IntArray, none: fl
     total = np.concatenate(parts)
     between = sum(len(p) * (p.mean() - total.mean()) ** 2 for p in parts) / (len(parts) - 1)
     within = sum(float(np.sum((p - p.mean()) ** 2)) for p in parts) / max(1, len(total) - len(parts))
-    return float(fisher.sf(between / within, len(parts) - 1, len(total) - len(parts))) if within > none ** 2 else None
+    return float(fdtrc(len(parts) - 1, len(total) - len(parts), between / within)) if within > none ** 2 else None
