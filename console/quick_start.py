@@ -23,6 +23,6 @@ def done() -> None:
 
 def seldom() -> None:
     """Before a long computation that leaves little garbage: what is there is not swept again, and what comes is swept a
-    hundred times more seldom. A simulated run takes a tenth less."""
+    hundred times more seldom. A simulated run takes a tenth less; so do the imports of a diagnosis."""
     gc.freeze()
     gc.set_threshold(70_000, 10, 10)

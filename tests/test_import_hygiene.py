@@ -16,8 +16,8 @@ HEAVY = {"textual", "rich", "numba", "scipy", "polars", "matplotlib"}
 
 
 def loaded_by(start: str) -> set[str]:
-    """Top-level names of all modules that a fresh interpreter holds after importing `start`."""
-    code = f"import {start}, sys; print(*{{m.split('.')[0] for m in sys.modules}})"
+    """Names of all modules that a fresh interpreter holds after importing `start`."""
+    code = f"import {start}, sys; print(*sys.modules)"
     ended = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, timeout=60)
     assert ended.returncode == 0, ended.stderr
     return set(ended.stdout.split())
@@ -26,6 +26,8 @@ def loaded_by(start: str) -> set[str]:
 LIGHT = ("console.worker.__main__", "console.link", "console.frame", "control.loop", "drivers", "drivers.cab",
          "drivers.virtual", "drivers.files.run_log")
 OF_FILES = {"numpy", "pydantic", "yaml", "serial"}
+DIAGNOSE = ("console.cli.diagnose, console.reports.diagnosis_text, control.diagnosis.runs.diagnose, "
+            "control.diagnosis.runs.several, control.diagnosis.tables.diagnose, drivers.files.opened")
 FLEET = "console.cli.fleet, console.services.fleet, console.services.fleet_tables, console.reports.html"
 
 
@@ -38,7 +40,8 @@ FLEET = "console.cli.fleet, console.services.fleet, console.services.fleet_table
       for start in ("console.cli", "console.cli.screens", "console.services.launcher")),
     ("console.worker.__main__", {"shapefile", "http"}),             # before a job names shapes
     # the workers begin a second earlier: this process reads the judgement while they are at their logs
-    pytest.param(FLEET, {"scipy", "numba", "polars"}, id="fleet")])
+    pytest.param(FLEET, {"scipy", "numba", "polars"}, id="fleet"),
+    pytest.param(DIAGNOSE, {"textual", "matplotlib", "scipy.stats", "scipy.optimize"}, id="diagnose")])
 def test_starts_light(start: str, not_yet: set[str]) -> None:
     assert not loaded_by(start) & not_yet
 

@@ -15,6 +15,7 @@ from console.cli.inputs import LOG, MachineName, machine_of, need_ending, refuse
 from console.cli.outputs import Force, Output, log_files, machine_file, marked, refuse_collisions
 from console.cli.plain_errors import NOT_JUDGED, CommandError, say_notes
 from console.cli.progress import ProgressLine
+from console.quick_start import seldom
 from drivers import day_clock
 
 if TYPE_CHECKING:
@@ -183,6 +184,7 @@ def diagnose(
 
     Exit code 3: nothing of the data could be judged, or --adopt found nothing that is decided.
     """
+    seldom()
     refuse_other(data, LOG)
     need_ending("--report", report, ".html")
     need_ending("--adopt", adopt, ".yaml", ".yml")
