@@ -4,6 +4,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from console.reports.figure import AFTER, BEFORE, LINE, drawn, svg
 from console.reports.html import Picture, escape, facts, figure, page, section
@@ -15,6 +16,9 @@ from drivers.files.exports.as_applied import AsApplied
 
 ERROR_TO_PERCENT = 20.0         # the histogram's ends; what lies beyond is counted in its outermost bars
 MOST_STRETCHES = 4000           # that a map draws one by one
+EASY = 25.0                     # per cent of the stretches: of a job that is clogged for most of it the rest is usual
+ROSE_SD = 2.0                   # of what a sound drive is off from run to run, by the machine file's tolerance
+Values = npt.NDArray[np.float64]
 HELD_WORDS = ("<p>The target is what control held for each stretch, in steps. What the crop needed between the steps "
               "is in no log; a simulated run is held against that too: topdress simulate --summary.</p>")
 
@@ -53,7 +57,7 @@ def job_page(applied: AsApplied, software: str, about: About = NOBODY) -> str:
             f'<h1>{escape(applied.title + when)}</h1>{simulated}'
             f'<p class="verdict">{escape(said)}</p>\n{named(about, about.who.product or applied.product.name)}\n'
             f'{section("Sums", sums)}\n{section("Wanted and applied", figure(applied_map(applied)))}\n'
-            f'{section("What happened", figure(time_line(about)))}\n'
+            f'{effort_section(applied)}{section("What happened", figure(time_line(about)))}\n'
             f'{section("Against the target", error_words(applied), figure(error_histogram(applied)))}\n'
             f'<p class="signed"><span>handed over by</span><span>received by</span></p>\n'
             f'<p class="dim">{escape(software)}</p>'))
@@ -87,16 +91,46 @@ def evenness_against_plan(applied: AsApplied) -> list[tuple[str, str]]:
 
 def applied_map(applied: AsApplied) -> Picture:
     """The ground covered, coloured by what was wanted there and, next to it on the same scale, by what it got."""
+    s = applied.stretches
+    shown = [("wanted", s.target_kg_ha)] * bool(np.isfinite(s.target_kg_ha).any()) + [("applied", s.applied_kg_ha)]
+    return Picture(_ground(applied, shown, "kg/ha", "jobmap", "Maps of the wanted and of the applied rate"),
+                   "Wanted and applied rate where the material came to lie, on one scale; the line is the field's "
+                   "edge.")
+
+
+def effort_rise(applied: AsApplied) -> Values:
+    """By how much harder the metering drive worked in each stretch (n,) than in the job's easy ones, %: a machine file
+    whose numbers nobody measured moves all alike. All NaN where it is not known."""
+    percent = applied.stretches.effort_percent
+    return percent - np.nanpercentile(percent, EASY) if np.isfinite(percent).any() else percent
+
+
+def effort_section(applied: AsApplied) -> str:
+    """Where the metering drive's effort rose: stones, clods, wet product; "" where no drive says."""
+    rise, s = effort_rise(applied), applied.stretches
+    if not np.isfinite(rise).any():
+        return ""
+    least, worst = ROSE_SD * applied.machine.tolerance.effort_percent, int(np.nanargmax(rise))
+    place = f"{fixed(float(s.lat_deg[worst]), 6)}, {fixed(float(s.lon_deg[worst]), 6)}"
+    rows = [(f"more than {least:g} % harder", f"{fixed(float(s.area_m2[rise > least].sum()) / 10_000.0, 4)} ha"),
+            ("hardest", f"{_signed(float(rise[worst]))} % at {place}, {s.time_s[worst]:.0f} s into the log")]
+    inside = np.clip(rise, *np.nanpercentile(rise, (1.0, 99.0)))       # starts and stops would take all the colours
+    said = Picture(_ground(applied, [("effort", inside)], "% harder", "jobeffort", "Map of the drive's effort"),
+                   "How much harder the metering drive worked than in the easy quarter of the job, at its speed, "
+                   "opening and supply: where it rises look for stones, clods, wet product, an outlet that closes.")
+    return section("How hard the metering drive worked", facts(rows), figure(said))
+
+
+def _ground(applied: AsApplied, shown: list[tuple[str, Values]], unit: str, name: str, title: str) -> str:
+    """Maps of the ground covered next to each other on one scale, as SVG: each value (n,) by its stretch."""
     from matplotlib.collections import PolyCollection
     s = applied.stretches
     plane = TangentPlane(float(s.lat_deg.mean()), float(s.lon_deg.mean()))
     corners = plane.many_to_m(s.corners_deg[..., 0].ravel(), s.corners_deg[..., 1].ravel()).reshape(-1, 4, 2)
-    planned = bool(np.isfinite(s.target_kg_ha).any())
-    shown = [("wanted", s.target_kg_ha)] * planned + [("applied", s.applied_kg_ha)]
     known = np.concatenate([values[np.isfinite(values)] for _name, values in shown])
     low, high = float(known.min()), float(known.max())
     with drawn(6.6, 4.6, len(shown)) as (canvas, axes):
-        for ax, (name, values) in zip(axes[0], shown, strict=True):
+        for ax, (word, values) in zip(axes[0], shown, strict=True):
             ground = PolyCollection(list(corners), array=values, cmap="cividis", linewidths=0.0)
             ground.set_clim(low, high)
             ax.add_collection(ground)
@@ -108,14 +142,12 @@ def applied_map(applied: AsApplied) -> Picture:
             (west, east), (south, north) = ax.get_xlim(), ax.get_ylim()
             ax.locator_params(axis="x", nbins=_most_ticks((east - west) / (north - south)), min_n_ticks=1)
             ax.locator_params(axis="y", nbins=_most_ticks((north - south) / (east - west)), min_n_ticks=1)
-            ax.set_title(name)
+            ax.set_title(word)
             ax.set_xlabel("east, m")
             ax.set_ylabel("north, m")
         bar: Any = canvas.colorbar(ground, ax=list(axes[0]), shrink=0.8)
-        bar.set_label("kg/ha")
-        return Picture(svg(canvas, "jobmap", "Maps of the wanted and of the applied rate"),
-                       "Wanted and applied rate where the material came to lie, on one scale; the line is the field's "
-                       "edge.")
+        bar.set_label(unit)
+        return svg(canvas, name, title)
 
 
 def _most_ticks(slenderness: float) -> int:

@@ -44,7 +44,7 @@ class EffortWatch:
             self._off, self.says = None, self._rests
             return
         machine, own = self._machine, self._machine.effort
-        u = self._input(rpm, opening_mm, c)
+        u = effort_input(machine, rpm, opening_mm, c)
         should = shaft_effort(own, u)
         load = should - shaft_effort(own, EffortInput(u.speed, supply_share=u.supply_share))
         share = min(1.0, dt_s / MEAN_S)
@@ -63,13 +63,14 @@ class EffortWatch:
         if not (high or low):
             self._usual += min(1.0, dt_s / min(USUAL_S, self._turned_s)) * (off / max(should, 1e-9) - self._usual)
 
-    def _input(self, rpm: float, opening_mm: float, c: Conditions) -> EffortInput:
-        machine = self._machine
-        full = 1.0 if c.hopper_kg is None else c.hopper_kg / machine.flow.full_kg
-        nominal_v = machine.shaft.nominal_supply_v
-        return EffortInput(rpm, 0.0, nominal_v / max(1.0, nominal_v if c.supply_v is None else c.supply_v), *in_flutes(
-            machine.flow, rpm, max(0.0, opening_mm - machine.gate.offset_mm), c.pitch_deg, full, c.elapsed_s, 0.0,
-            c.refilled))
+
+def effort_input(machine: Machine, rpm: float, opening_mm: float, c: Conditions) -> EffortInput:
+    """What the metering drive's effort depends on, at a steady speed."""
+    full = 1.0 if c.hopper_kg is None else c.hopper_kg / machine.flow.full_kg
+    nominal_v = machine.shaft.nominal_supply_v
+    return EffortInput(rpm, 0.0, nominal_v / max(1.0, nominal_v if c.supply_v is None else c.supply_v), *in_flutes(
+        machine.flow, rpm, max(0.0, opening_mm - machine.gate.offset_mm), c.pitch_deg, full, c.elapsed_s, 0.0,
+        c.refilled))
 
 
 def _fresh(m: Measurements, read: Reading | None) -> float | None:

@@ -12,7 +12,9 @@ from typer.testing import CliRunner
 
 from console.cli import app
 from control.log_row import LogRow
-from drivers.files.exports.as_applied import AsApplied
+from drivers.files.config import load
+from drivers.files.exports.as_applied import AsApplied, SpreadProduct, as_applied
+from drivers.files.kinds import MACHINE
 from drivers.files.read_log import RunLog, read_log
 from drivers.files.run_log import write_log
 from drivers.files.run_meta import run_meta
@@ -29,6 +31,27 @@ def test_the_page_tells_the_logs_sums(applied: AsApplied) -> None:
     assert f"{t.applied_n_kg:.2f} kg (46.0 % of the product)" in page
     assert page.count("<svg") == 2 and "2026-03-07 23:59 UTC" in page
     assert "within 2 %" in page
+
+
+def test_a_map_says_where_the_drives_effort_rose(known_log: RunLog, tmp_path: Path) -> None:
+    """A machine file 20 % off all along says nothing; 3 m of clods at 20 s do."""
+    from console.reports.job_page import effort_rise, job_page
+    machine = load("huanghai", MACHINE).model
+    own = 8.0 + 0.6 * 70.0 + 0.06 * 5.5 * 20.0
+    with known_log.path.open(encoding="utf-8", newline="") as text, (tmp_path / "effort.csv").open(
+            "w", encoding="utf-8", newline="") as out:
+        rows = csv.DictReader(text)
+        written = csv.DictWriter(out, rows.fieldnames or ())
+        written.writeheader()
+        for one in rows:
+            clods = 20.0 <= float(one["time_s"]) < 22.4
+            written.writerow(one | {"shaft_effort": f"{own * (1.8 if clods else 1.2):.3f}"})
+    applied = as_applied(read_log(tmp_path / "effort.csv"), machine, SpreadProduct("urea", 0.46))
+    rise, s = effort_rise(applied), applied.stretches
+    assert np.nanmax(rise) == pytest.approx(60.0, abs=2.0) and np.nanmedian(rise) == pytest.approx(0.0, abs=0.1)
+    assert s.time_s[rise > 10.0].min() > 19.9 and s.time_s[rise > 10.0].max() < 22.6
+    page = job_page(applied, "topdress test")
+    assert page.count("<svg") == 3 and "How hard the metering drive worked" in page and "hardest</" in page
 
 
 def test_doses_have_a_line_of_their_own(applied: AsApplied) -> None:

@@ -17,10 +17,13 @@ from control.field.coverage import Coverage, Covered
 from control.field.totals import Arrival, Totaliser, Totals
 from control.geodesy import Place, TangentPlane
 from control.log_row import HEAD_COLUMNS
+from control.loop.effort_watch import effort_input
+from control.machine.effort import shaft_effort
 from control.machine.fall import drop_s
 from control.machine.landing import falls_s
 from control.machine.machine import Machine
 from control.machine.sections import LoggedValves, SectionStrip
+from control.metering.inverse import Conditions
 from control.orders import State, TargetSource
 from drivers.files.exports.stopped import TURNING_RPM, StoppedRelease, is_released_stopped, released_stopped
 from drivers.files.read_log import RunLog
@@ -68,6 +71,7 @@ class WorkedStretches(NamedTuple):
     fix_quality: Floats
     satellites: Floats
     hdop: Floats
+    effort_percent: Floats      # by which the metering drive worked harder than the machine file says; NaN: not known
     width_m: Floats             # of the whole machine, or of one section where they have valves
 
 
@@ -166,6 +170,7 @@ class _WorkedRows(NamedTuple):
     fix_quality: Floats
     satellites: Floats
     hdop: Floats
+    effort_percent: Floats
     opened: npt.NDArray[np.bool_]       # (n, sections): which flowed; one column where the machine is one whole
 
 
@@ -185,8 +190,26 @@ def _worked(log: RunLog, machine: Machine) -> _WorkedRows:
     at = np.interp(lands - 0.5 * step, time, turned) % 360.0
     wanted = np.where(is_worked(log), log.numbers("target_rate_kg_ha"), np.nan)     # commanded to stop: no target
     columns = [time, step, speed, applied, wanted, begin, end, at, shaft,
-               log.numbers("opening_mm"), log.numbers("fix_quality"), log.numbers("satellites"), log.numbers("hdop")]
+               log.numbers("opening_mm"), log.numbers("fix_quality"), log.numbers("satellites"), log.numbers("hdop"),
+               effort_percent(log, machine)]
     return _WorkedRows._make((plane, *(column[counts] for column in (*columns, opened(log, machine)))))
+
+
+def effort_percent(log: RunLog, machine: Machine) -> Floats:
+    """By how much harder the metering drive worked in each row (n,) than its machine file says, at its speed, opening,
+    supply, pitch and fill, %; NaN where no effort is known, or hardly any is due."""
+    effort, rpm, opening = (np.abs(log.numbers(name)) for name in ("shaft_effort", "shaft_rpm", "opening_mm"))
+    known = np.isfinite(effort) & np.isfinite(opening) & (rpm > TURNING_RPM)
+    if not machine.has("effort") or not known.any():
+        return np.full(len(log), np.nan)
+    pitch, kg, supply = (np.where(np.isfinite(values := log.numbers(name)), values, usual) for name, usual in (
+        ("pitch_deg", 0.0), ("hopper_kg", machine.flow.full_kg), ("supply_v", machine.shaft.nominal_supply_v)))
+    should = np.full(len(log), np.nan)
+    should[known] = [
+        shaft_effort(machine.effort, effort_input(machine, turns, mm, Conditions(at_s, full_kg, deg, volts)))
+        for turns, mm, at_s, full_kg, deg, volts in np.column_stack(
+            (rpm, opening, log.time_s, kg, pitch, supply))[known].tolist()]
+    return np.where(should > machine.noise.effort, 100.0 * (effort / should - 1.0), np.nan)
 
 
 def strips_of(log: RunLog, machine: Machine) -> tuple[SectionStrip, ...]:
@@ -330,7 +353,8 @@ def _of_strip(rows: _WorkedRows, width: float, every_s: float) -> WorkedStretche
         _to_deg(rows.plane, corners.reshape(-1, 2)).reshape(-1, 4, 2), heading,
         np.add.reduceat(length, first) / duration, duration, np.add.reduceat(length, first), 10_000.0 * ha, target,
         kg / ha, target_kg, kg, rows.shaft_rpm[centre], rows.opening_mm[centre], rows.fix_quality[centre],
-        rows.satellites[centre], rows.hdop[centre], np.full(len(first), width))
+        rows.satellites[centre], rows.hdop[centre], np.add.reduceat(rows.effort_percent, first) / (last - first + 1),
+        np.full(len(first), width))
 
 
 def _corners(begin: Floats, end: Floats, from_deg: Floats, to_deg: Floats, width_m: float) -> Floats:
