@@ -15,26 +15,36 @@ EDGE = 0.25                     # following, the middle moves when the machine c
 
 
 class Pixels(NamedTuple):
-    """columns x rows pixels; west and north: of the upper left pixel's corner, m; metres: of a pixel."""
+    """columns x rows pixels; west and north: of the upper left pixel's corner, m; metres: of a pixel. halved: it is
+    half as wide as high, a quarter of a cell of the terminal."""
 
     columns: int
     rows: int
     metres: float
     west_m: float
     north_m: float
+    halved: bool = False
+
+    @property
+    def wide_m(self) -> float:
+        return 0.5 * self.metres if self.halved else self.metres
+
+    def quarters(self) -> Pixels:
+        """The same ground in pixels of half the width."""
+        return self._replace(columns=2 * self.columns, halved=True)
 
     def at(self, east_m: float, north_m: float) -> tuple[int, int]:
         """Column and row of the pixel of a place; it may lie outside."""
-        return int((east_m - self.west_m) // self.metres), int((self.north_m - north_m) // self.metres)
+        return int((east_m - self.west_m) // self.wide_m), int((self.north_m - north_m) // self.metres)
 
     def place(self, column: float, row: float) -> tuple[float, float]:
         """East and north of a pixel's middle, m."""
-        return self.west_m + (column + 0.5) * self.metres, self.north_m - (row + 0.5) * self.metres
+        return self.west_m + (column + 0.5) * self.wide_m, self.north_m - (row + 0.5) * self.metres
 
     def middles(self) -> tuple[Floats, Floats]:
         """East of every column and north of every row, m."""
         columns, rows = np.arange(self.columns, dtype=np.float64), np.arange(self.rows, dtype=np.float64)
-        return self.west_m + (columns + 0.5) * self.metres, self.north_m - (rows + 0.5) * self.metres
+        return self.west_m + (columns + 0.5) * self.wide_m, self.north_m - (rows + 0.5) * self.metres
 
 
 class MapCamera(NamedTuple):
@@ -64,12 +74,13 @@ class MapCamera(NamedTuple):
         return self if inside else self._replace(east_m=place[0], north_m=place[1])
 
 
-def fit(box: Box | None, columns: int, rows: int) -> MapCamera:
-    """The nearest round scale at which a box is seen whole on columns x rows pixels, and calm while it grows."""
-    box = box or Box(0.0, 0.0, 0.0, 0.0)
-    need = max((box.east_m - box.west_m) / max(1, columns - 4), (box.north_m - box.south_m) / max(1, rows - 4),
+def fit(box: Box | None, columns: int, rows: int, snug: bool = False) -> MapCamera:
+    """The nearest round scale at which a box is seen whole on columns x rows pixels, and calm while it grows. snug: as
+    large as it can be."""
+    box, edge = box or Box(0.0, 0.0, 0.0, 0.0), 1 if snug else 4
+    need = max((box.east_m - box.west_m) / max(1, columns - edge), (box.north_m - box.south_m) / max(1, rows - edge),
                LEAST_SPAN_M / max(1, min(columns, rows)))
-    metres = next((scale for scale in SCALES_M if scale >= need), need)
+    metres = need if snug else next((scale for scale in SCALES_M if scale >= need), need)
     return MapCamera(0.5 * (box.west_m + box.east_m), 0.5 * (box.south_m + box.north_m), metres)
 
 

@@ -58,15 +58,16 @@ def _question(app: TopdressApp, found: tuple[Recent, ...]) -> ChoiceDialog:
     now = _("Esc: it stays as it is now, {job} on {machine}.").format(
         job=frame.job if frame is not None else "--", machine=frame.machine if frame is not None else "--")
     return ChoiceDialog(_("Which field and job?"), [
-        Choice(str(number), _words(one, app.utc_offset_s)) for number, one in enumerate(found)], "", now)
+        Choice(str(number), _words(one, app), picture=one.card and one.card.picture)
+        for number, one in enumerate(found)], "", now)
 
 
-def _words(one: Recent, utc_offset_s: float) -> str:
+def _words(one: Recent, app: TopdressApp) -> str:
     day = one.began_utc[:10]
-    since = f"{day} {wall_clock(one.began_utc, utc_offset_s)[:5]}" if day else _("not worked yet")
-    field = one.field or _("no field")
-    job = one.job or file_name(one.files[0])
-    return "  ".join(part for part in (since, field, job, one.machine) if part)
+    since = f"{day} {wall_clock(one.began_utc, app.utc_offset_s)[:5]}" if day else _("not worked yet")
+    done = _("{area} done").format(area=app.units.area.full(one.card.done_ha)) if one.card and one.card.done_ha else ""
+    rows = (since, one.field or _("no field")), (one.job or file_name(one.files[0]), done), (one.machine,)
+    return "\n".join("  ".join(part for part in row if part) for row in rows).strip()
 
 
 def start_from_any_page(app: TopdressApp) -> None:

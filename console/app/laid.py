@@ -6,8 +6,8 @@ from math import floor, log10
 from typing import NamedTuple
 
 from console.app.layers import RATES, LayerScale, MapLayer
-from console.app.scale import calm_ends
 from console.app.worked import Worked
+from console.scale import calm_ends
 
 _PARTS = 10                    # of a harvest's range: its scale ends at a round tenth
 

@@ -5,11 +5,11 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from console.app.field_picture import FieldPicture
-from console.app.scale import Rgb, calm_ends, colour, error_colour
 from console.app.units import Units
 from console.app.view import ERROR_SPAN
 from console.app.worked import Worked
 from console.locale import N_
+from console.scale import Rgb, calm_ends, colour, error_colour, passes_colour
 
 
 class MapLayer(StrEnum):
@@ -17,10 +17,14 @@ class MapLayer(StrEnum):
     TARGET = "target"
     ERROR = "error"
     NDVI = "ndvi"
+    PASSES = "passes"
 
 
 LABELS = {MapLayer.APPLIED: N_("applied"), MapLayer.TARGET: N_("target"), MapLayer.ERROR: N_("error"),
-          MapLayer.NDVI: N_("NDVI")}
+          MapLayer.NDVI: N_("NDVI"), MapLayer.PASSES: N_("passes")}
+KINDS_OF = {MapLayer.APPLIED: (0,), MapLayer.TARGET: (1,), MapLayer.ERROR: (0, 1), MapLayer.NDVI: (2,),
+            MapLayer.PASSES: (3,)}      # of Worked
+PASSES_ENDS = (1.0, 2.0)    # covered once; twice or more: overlap
 NDVI_ENDS = (0.2, 0.9)      # bare soil to a closed canopy, as the heads tell them
 RATES = frozenset({MapLayer.APPLIED, MapLayer.TARGET})
 
@@ -43,7 +47,7 @@ class LayerScale(NamedTuple):
         return f"{sign}{round(value * self.per_si, self.decimals) + 0.0:.{self.decimals}f}"
 
     def colour(self, share: float) -> Rgb:
-        return error_colour(share) if self.layer is MapLayer.ERROR else colour(share)
+        return {MapLayer.ERROR: error_colour, MapLayer.PASSES: passes_colour}.get(self.layer, colour)(share)
 
 
 def scale_of(layer: MapLayer, worked: Worked, picture: FieldPicture | None, units: Units,
@@ -55,6 +59,8 @@ def scale_of(layer: MapLayer, worked: Worked, picture: FieldPicture | None, unit
     """
     if layer is MapLayer.ERROR:
         return LayerScale(layer, -ERROR_SPAN, ERROR_SPAN, 100.0, 0, "%")
+    if layer is MapLayer.PASSES:
+        return LayerScale(layer, *PASSES_ENDS, 1.0, 0, "x")
     if layer is MapLayer.NDVI:
         low, high = NDVI_ENDS if most_kg_ha is not None else calm_ends(worked.ndvi_ends or (), step=0.05, least=0.2)
         return LayerScale(layer, low, high, 1.0, 2, "")

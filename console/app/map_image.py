@@ -1,4 +1,5 @@
-"""The map as numbers: which palette entry every pixel has. Pure; a widget turns it into segments."""
+"""The map as numbers: which palette entry every pixel has, and which two of them a cell of the terminal shows. Pure;
+MapInk turns it into colours."""
 from __future__ import annotations
 
 from collections.abc import Iterable
@@ -12,12 +13,13 @@ from console.app.braille import BITS
 from console.app.camera import Pixels
 from console.app.field_picture import FieldPicture, Ring
 from console.app.laid import LaidView
-from console.app.layers import RATES, LayerScale, MapLayer
-from console.app.scale import STEPS
+from console.app.layers import KINDS_OF, RATES, LayerScale, MapLayer
 from console.app.view import RATE_FLOOR_KG_HA
 from console.app.worked import KINDS, NOTHING_KG_HA, Window, Worked
+from console.scale import STEPS
 
 Image = npt.NDArray[np.uint8]           # (rows, columns), from the north-west
+Codes = npt.NDArray[np.int32]           # (rows, columns) of the terminal
 Values = npt.NDArray[np.float32]
 _BITS = np.array(BITS, dtype=np.uint8)
 
@@ -27,31 +29,47 @@ PLAN = DONE + STEPS                     # PLAN + step: planned ground
 LAID = PLAN + STEPS                     # LAID + step: ground of a laid file
 GLOW = LAID + STEPS                     # GLOW + step: worked ground of the pass behind the machine
 ENTRIES = GLOW + STEPS
+CELL_SHARE = 0.75                       # of a pixel's height, that a cell under it has at most
 STRAIGHT_DEG, STRAIGHT_M = 10.0, 8.0    # a pass: so long, and so straight
 
 
-class GroundPixels(NamedTuple):
-    """Means over each pixel, NaN where nothing is known; passed: whether the outlets' middle went there."""
+class Ground(NamedTuple):
+    """What was entered, as it lies under the pixels."""
 
-    applied_kg_ha: Values
-    target_kg_ha: Values
-    ndvi: Values
-    passed: npt.NDArray[np.bool_]
+    worked: Worked
+    pixels: Pixels
 
     def layer(self, layer: MapLayer) -> Values:
+        return self.shown(layer)[0]
+
+    def shown(self, layer: MapLayer) -> tuple[Values, npt.NDArray[np.bool_]]:
+        """Means over each pixel, NaN where nothing is known; and whether the outlets' middle went there."""
+        kinds = KINDS_OF[layer]
+        planes = self.planes(*kinds, *(KINDS + kind for kind in kinds), 2 * KINDS)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            means = planes[:len(kinds)] / planes[len(kinds):-1]
         if layer is MapLayer.ERROR:
-            floor = np.maximum(self.target_kg_ha, np.float32(RATE_FLOOR_KG_HA))
-            return np.asarray((self.applied_kg_ha - self.target_kg_ha) / floor, dtype=np.float32)
-        return {MapLayer.APPLIED: self.applied_kg_ha, MapLayer.TARGET: self.target_kg_ha,
-                MapLayer.NDVI: self.ndvi}[layer]
+            means = (means[:1] - means[1:]) / np.maximum(means[1:], np.float32(RATE_FLOOR_KG_HA))
+        return means[0], planes[-1] > 0.0
 
-
-def ground(worked: Worked, pixels: Pixels) -> GroundPixels:
-    """What was entered, as it lies under the pixels."""
-    planes = _under(worked, pixels)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        applied, target, ndvi = planes[:KINDS] / planes[KINDS:2 * KINDS]
-    return GroundPixels(applied, target, ndvi, planes[2 * KINDS] > 0.0)
+    def planes(self, *which: int) -> Window:
+        """Summed over every pixel (planes, rows from the north, columns)."""
+        pixels, worked = self.pixels, self.worked
+        seen = np.zeros((len(which), pixels.rows, pixels.columns), dtype=np.float32)
+        if worked.box is None:
+            return seen
+        cell = worked.cell_for(CELL_SHARE * pixels.metres)
+        (west, south, east, north), far_m = worked.box, worked.reach_m + cell
+        left, top = pixels.at(west - far_m, north + far_m)
+        right, bottom = pixels.at(east + far_m, south - far_m)
+        left, right = max(0, left), min(pixels.columns, right + 1)
+        top, bottom = max(0, top), min(pixels.rows, bottom + 1)
+        if left < right and top < bottom:
+            columns = _PixelAxis.of(pixels.west_m + left * pixels.wide_m, pixels.wide_m, right - left, cell)
+            rows = _PixelAxis.of(pixels.north_m - bottom * pixels.metres, pixels.metres, bottom - top, cell)
+            planes = worked.window(cell, columns.first, rows.first, columns.cells, rows.cells, which)
+            seen[:, top:bottom, left:right] = columns.gathered(rows.gathered(planes, 1), 2)[:, ::-1, :]
+        return seen
 
 
 def image(worked: Worked, picture: FieldPicture | None, scale: LayerScale, pixels: Pixels, plan: bool = True,
@@ -64,11 +82,10 @@ def image(worked: Worked, picture: FieldPicture | None, scale: LayerScale, pixel
     if picture is not None and picture.planned is not None and plan and scale.layer in RATES:
         _colour(seen, picture.planned.seen(pixels), scale, PLAN)
     if laid is not None:
-        values = ground(laid.worked, pixels).layer(laid.scale.layer)
+        values = Ground(laid.worked, pixels).layer(laid.scale.layer)
         _colour(seen, np.where(_nothing(values, laid.scale), np.float32(np.nan), values), laid.scale, LAID)
-    here = ground(worked, pixels)
-    seen[here.passed] = PASSAGE
-    values = here.layer(scale.layer)
+    values, passed = Ground(worked, pixels).shown(scale.layer)
+    seen[passed] = PASSAGE
     nothing = _nothing(values, scale)
     seen[nothing] = PASSAGE
     _colour(seen, np.where(nothing, np.float32(np.nan), values), scale, DONE)
@@ -77,14 +94,20 @@ def image(worked: Worked, picture: FieldPicture | None, scale: LayerScale, pixel
 
 def glow(seen: Image, worked: Worked, pixels: Pixels) -> None:
     """The worked ground that the trail covers, in its own entries."""
-    cell_m = max(pixels.metres, worked.cells_m[0])
-    east, north = (np.floor(middles / cell_m).astype(np.int64) for middles in pixels.middles())
-    west, south = int(east[0]), int(north[-1])
-    covered = np.zeros((int(north[0]) - south + 1, int(east[-1]) - west + 1), dtype=np.bool_)
-    column, row = (np.floor(worked.trail_places() / cell_m).astype(np.int64) - (west, south)).T
-    inside = (column >= 0) & (column < covered.shape[1]) & (row >= 0) & (row < covered.shape[0])
-    covered[row[inside], column[inside]] = True
-    seen[covered[np.ix_(north - south, east - west)] & (seen >= DONE) & (seen < PLAN)] += GLOW - DONE
+    cells_m = np.maximum((pixels.wide_m, pixels.metres), worked.cells_m[0])
+    east, north = (np.floor(middles / cell_m).astype(np.int64) for middles, cell_m in zip(
+        pixels.middles(), cells_m, strict=True))
+    trail = np.floor(worked.trail_places() / cells_m).astype(np.int64)
+    trail = trail[((trail >= (east[0], north[-1])) & (trail <= (east[-1], north[0]))).all(axis=1)]
+    if not len(trail):
+        return
+    (west, south), (east_end, north_end) = trail.min(axis=0), trail.max(axis=0)
+    covered = np.zeros((north_end - south + 1, east_end - west + 1), dtype=np.bool_)
+    covered[trail[:, 1] - south, trail[:, 0] - west] = True
+    columns = slice(*np.searchsorted(east, (west, east_end + 1)))
+    rows = slice(*np.searchsorted(-north, (-north_end, 1 - south)))
+    near = seen[rows, columns]
+    near[covered[np.ix_(north[rows] - south, east[columns] - west)] & (near >= DONE) & (near < PLAN)] += GLOW - DONE
 
 
 def next_passes(worked: Worked, pixels: Pixels) -> tuple[Ring, ...]:
@@ -106,7 +129,8 @@ def next_passes(worked: Worked, pixels: Pixels) -> tuple[Ring, ...]:
     found = []
     for aside_m in (-worked.width_m, worked.width_m):
         middle = begin.east_m + aside_m * north, begin.north_m - aside_m * east
-        spread = ground(worked, Pixels(1, 1, 2.0 * half_m, middle[0] - half_m, middle[1] + half_m)).applied_kg_ha
+        spread = Ground(worked, Pixels(1, 1, 2.0 * half_m, middle[0] - half_m, middle[1] + half_m)).layer(
+            MapLayer.APPLIED)
         if not np.isfinite(spread).any():
             found.append(tuple((middle[0] + way_m * east, middle[1] + way_m * north) for way_m in (-far_m, far_m)))
     return tuple(found)
@@ -131,6 +155,36 @@ def line_dots(lines: Iterable[Ring], pixels: Pixels) -> Image:
     return dots
 
 
+PAIR_BITS = 8                           # of an entry in a code
+
+
+class Halves(NamedTuple):
+    """What the cells of the terminal show of 2 x 2 pixels each. codes: which of them, bit 0 the north-western, have the
+    higher entry x 2^16 + that entry x 2^8 + the lower one; behind: what lies behind a line."""
+
+    codes: Codes
+    behind: Image
+
+
+def halves(seen: Image) -> Halves:
+    """A cell has two colours: its four entries are parted where they lie farthest apart."""
+    quarters = seen[0::2, 0::2], seen[0::2, 1::2], seen[1::2, 0::2], seen[1::2, 1::2]
+    (low, high), (other_low, other_high) = ((np.minimum(a, b), np.maximum(a, b)) for a, b in (
+        quarters[:2], quarters[2:]))
+    inner, other_inner = np.maximum(low, other_low), np.minimum(high, other_high)
+    first, second = np.minimum(low, other_low), np.minimum(inner, other_inner)
+    third, fourth = np.maximum(inner, other_inner), np.maximum(high, other_high)
+    gap = np.maximum(np.maximum(second - first, third - second), fourth - third)
+    one_below, one_above = second - first == gap, fourth - third == gap
+    below = np.where(one_below, first, np.where(one_above, third, second))       # the highest of the lower ones
+    codes = np.zeros(first.shape, dtype=np.int32)
+    for k, quarter in enumerate(quarters):
+        codes |= (quarter > below).astype(np.int32) << (2 * PAIR_BITS + k)
+    upper = np.where(one_below & (gap > 0), third, fourth).astype(np.int32)
+    lower = np.where(one_above & ~one_below, second, first)
+    return Halves(codes | upper << PAIR_BITS | lower, third)
+
+
 def _nothing(values: Values, scale: LayerScale) -> npt.NDArray[np.bool_]:
     """Where rates are those of a passage without application."""
     return np.asarray(values < NOTHING_KG_HA) & (scale.layer in RATES)
@@ -140,16 +194,6 @@ def _colour(seen: Image, values: Values, scale: LayerScale, first: int) -> None:
     known = np.isfinite(values)
     share = np.clip((values[known] - scale.low) / (scale.high - scale.low), 0.0, 1.0)
     seen[known] = first + np.rint(share * (STEPS - 1)).astype(np.uint8)
-
-
-def _under(worked: Worked, pixels: Pixels) -> Window:
-    """Planes summed over every pixel (planes, rows from the north, columns)."""
-    cell = worked.cell_for(pixels.metres)
-    south = pixels.north_m - pixels.rows * pixels.metres
-    columns = _PixelAxis.of(pixels.west_m, pixels.metres, pixels.columns, cell)
-    rows = _PixelAxis.of(south, pixels.metres, pixels.rows, cell)
-    planes = worked.window(cell, columns.first, rows.first, columns.cells, rows.cells)
-    return columns.gathered(rows.gathered(planes, 1), 2)[:, ::-1, :]
 
 
 class _PixelAxis(NamedTuple):
@@ -170,6 +214,8 @@ class _PixelAxis(NamedTuple):
         return cls(int(starts[0]), int(starts[-1] - starts[0]), starts[:-1] - starts[0], True)
 
     def gathered(self, planes: Window, axis: int) -> Window:
+        if self.cells == len(self.starts):
+            return planes
         if self.summed:
             return np.asarray(np.add.reduceat(planes, self.starts, axis=axis), dtype=np.float32)
         return np.take(planes, self.starts, axis=axis)

@@ -20,15 +20,18 @@ from control.log_row import LogRow
 Floats = npt.NDArray[np.float64]
 Window = npt.NDArray[np.float32]       # (2 x kinds + 1, rows, columns): sums, counts, passages
 
-CELLS_M = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
-KINDS = 3                              # applied, target, NDVI
+CELLS_M = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
+VALUES = 3                             # of a spot: applied, target, NDVI
+KINDS = VALUES + 1                     # and how often the ground was spread on
 PLANES = 2 * KINDS + 1
+_SINCE = PLANES                        # a cell's own plane: how far was driven when it was spread on last, m; 0: never
+REVISIT_WIDTHS = 3.0                   # driven since: not the same pass; as control.field.coverage has it
 STEP_M = 0.4                           # shorter ways are not entered: standing still weighs nothing
 TRAIL = 60                             # spots of the pass behind the machine: some 30 m
 NOTHING_KG_HA = 1.0                    # less than this is passage, not application
 TURNING_RPM = 2.0                      # the lag paper's threshold of a shaft that turns
 JUMP_M = 12.0                          # places further apart are not joined
-MOST_TILES = 2_000                     # of one size of cell: 57 MB
+MOST_TILES = 1_400                     # of one size of cell: 57 MB
 _TILE = 32                             # cells on a side
 ALL_OPEN = -1.0
 MOST_BITS = 52                         # that a float holds exactly
@@ -44,6 +47,7 @@ class Spot(NamedTuple):
     target_kg_ha: float
     ndvi: float
     open_bits: float = ALL_OPEN         # of the sections, bit 0 the leftmost
+    way_m: float = 0.0                  # driven until here; Worked says it
 
 
 def spot_of(frame: Frame) -> Spot | None:
@@ -98,12 +102,14 @@ class Worked:
     def clear(self) -> None:
         self.version = 0
         self.cells_m: tuple[float, ...] = CELLS_M
-        self.box: Box | None = None
+        self.box: Box | None = None             # of the outlets' middle
+        self.reach_m = 0.0                      # to either side of it
         self.rate_ends: tuple[float, float] | None = None       # of applied and target, kg/ha
         self.ndvi_ends: tuple[float, float] | None = None
         self._tiles: dict[float, dict[tuple[int, int], Window]] = {cell: {} for cell in CELLS_M}
         self._new: dict[float, set[tuple[int, int]]] = {cell: set() for cell in CELLS_M}   # not yet in larger cells
         self._last: Spot | None = None
+        self._way_m = 0.0
         self.trail: deque[Spot] = deque(maxlen=TRAIL)
 
     @property
@@ -122,10 +128,9 @@ class Worked:
         laid = np.concatenate((along, points))
         self.trail.extend(way.end for way in ways)
         self._widen(laid)
-        middle = np.concatenate((laid[:, :2], np.full((len(laid), KINDS), np.nan)), axis=1)
-        swath = self._across(laid)
-        self._enter(swath, False)
-        self._enter(middle, True)
+        middle = np.full((len(laid), 2 + KINDS + 1), np.nan)
+        middle[:, :2], middle[:, -1] = laid[:, :2], 1.0
+        self._enter(np.concatenate((self._across(laid), middle)))
         while len(self._tiles[self.cells_m[0]]) > self.most_tiles and len(self.cells_m) > 1:
             self._sum_up(self.cells_m[1])
             del self._tiles[self.cells_m[0]], self._new[self.cells_m[0]]
@@ -137,11 +142,12 @@ class Worked:
         self.add(spots)
         self._last, self.trail = last, trail
 
-    def window(self, cell_m: float, column: int, row: int, columns: int, rows: int) -> Window:
-        """Planes (sums of applied, target, NDVI; their counts; passages) of cells column ... column + columns, row
-        south to north; zeros where nothing was entered."""
+    def window(self, cell_m: float, column: int, row: int, columns: int, rows: int,
+               planes: Sequence[int] = range(PLANES)) -> Window:
+        """Planes (sums of applied, target, NDVI, how often; their counts; passages) of cells column ... column +
+        columns, row south to north; zeros where nothing was entered."""
         self._sum_up(cell_m)
-        seen = np.zeros((PLANES, rows, columns), dtype=np.float32)
+        seen = np.zeros((len(planes), rows, columns), dtype=np.float32)
         tiles = self._tiles[cell_m]
         for tile_row in range(row // _TILE, (row + rows - 1) // _TILE + 1):
             for tile_column in range(column // _TILE, (column + columns - 1) // _TILE + 1):
@@ -151,8 +157,9 @@ class Worked:
                 r0, c0 = tile_row * _TILE, tile_column * _TILE
                 r = slice(max(row, r0), min(row + rows, r0 + _TILE))
                 c = slice(max(column, c0), min(column + columns, c0 + _TILE))
-                seen[:, r.start - row:r.stop - row, c.start - column:c.stop - column] = (
-                    tile[:, r.start - r0:r.stop - r0, c.start - c0:c.stop - c0])
+                for k, plane in enumerate(planes):
+                    seen[k, r.start - row:r.stop - row, c.start - column:c.stop - column] = (
+                        tile[plane, r.start - r0:r.stop - r0, c.start - c0:c.stop - c0])
         return seen
 
     def cell_for(self, pixel_m: float) -> float:
@@ -161,47 +168,67 @@ class Worked:
 
     def trail_places(self) -> Floats:
         """East and north of the ground that the trail covers, a place for each of the finest cells across."""
-        return self._across(np.array(self.trail, dtype=np.float64))[:, :2] if self.trail else np.zeros((0, 2))
+        laid = np.array(self.trail, dtype=np.float64).reshape(-1, len(Spot._fields))
+        return self._swath(laid, self._aside())[0].reshape(-1, 2)
 
     # --- inside -------------------------------------------------------------------------------------------------
 
     def _new_ways(self, spots: Sequence[Spot]) -> Iterator[_Way]:
         for spot in spots:
             last = self._last
-            if last is None:
-                self._last = spot
-                yield _Way(spot, spot, False)
-                continue
-            apart_m = hypot(spot.east_m - last.east_m, spot.north_m - last.north_m)
-            if apart_m >= STEP_M:
-                self._last = spot
-                yield _Way(last, spot, apart_m <= JUMP_M)
+            apart_m = 2.0 * self._revisit_m if last is None else hypot(spot.east_m - last.east_m,
+                                                                       spot.north_m - last.north_m)
+            if last is None or apart_m >= STEP_M:
+                self._way_m += apart_m
+                self._last = spot._replace(way_m=self._way_m)
+                yield _Way(last or self._last, self._last, last is not None and apart_m <= JUMP_M)
+
+    @property
+    def _revisit_m(self) -> float:
+        return REVISIT_WIDTHS * self.width_m
 
     def _widen(self, laid: Floats) -> None:
         (west, south), (east, north) = laid[:, :2].min(axis=0).tolist(), laid[:, :2].max(axis=0).tolist()
         old = self.box or Box(west, south, east, north)
+        self.reach_m = max(self.reach_m, 0.5 * self.width_m)
         self.box = Box(min(old.west_m, west), min(old.south_m, south), max(old.east_m, east), max(old.north_m, north))
         self.rate_ends = _ends(self.rate_ends, laid[:, 3:5], NOTHING_KG_HA)
         self.ndvi_ends = _ends(self.ndvi_ends, laid[:, 5], -1.0)
 
-    def _across(self, laid: Floats) -> Floats:
-        """Rows east, north, values: a row for each cell's width of the outlets' width."""
+    def _aside(self) -> Floats:
+        """m to the right of the outlets' middle: a place for each cell's width of the outlets' width."""
         count = max(1, ceil(self.width_m / self.cells_m[0]))
-        aside = (np.arange(count) + 0.5) / count * self.width_m - 0.5 * self.width_m
+        return np.asarray((np.arange(count) + 0.5) / count * self.width_m - 0.5 * self.width_m)
+
+    @staticmethod
+    def _swath(laid: Floats, aside: Floats) -> tuple[Floats, Floats]:
+        """Places (spot, aside, east and north), and the direction to the right (spot, east and north)."""
         heading = np.radians(laid[:, 2])
-        right_east = np.where(np.isfinite(heading), np.cos(heading), 0.0)
-        right_north = np.where(np.isfinite(heading), -np.sin(heading), 0.0)
-        east = laid[:, 0, None] + right_east[:, None] * aside
-        north = laid[:, 1, None] + right_north[:, None] * aside
-        values = np.repeat(laid[:, 3:3 + KINDS], count, axis=0)
+        right = np.stack((np.cos(heading), -np.sin(heading)), axis=1)
+        right[~np.isfinite(heading)] = 0.0
+        return laid[:, None, :2] + right[:, None, :] * aside[:, None], right
+
+    def _across(self, laid: Floats) -> Floats:
+        """Rows east, north, values, the way driven where something was spread on the cell's middle, else NaN, and 0 for
+        no passage: a row for each cell's width of the outlets' width."""
+        aside = self._aside()
+        places, right = self._swath(laid, aside)
+        count = len(aside)
+        values = np.repeat(laid[:, 3:3 + VALUES], count, axis=0)
         if self.sections:
             of = np.searchsorted(self.sections, aside / self.width_m + 0.5).clip(max=len(self.sections) - 1)
-            bits = laid[:, 3 + KINDS].astype(np.int64)
+            bits = laid[:, 3 + VALUES].astype(np.int64)
             values[(bits[:, None] >> of & 1 == 0).reshape(-1), :2] = np.nan     # nothing from a closed section
-        return np.concatenate((east.reshape(-1, 1), north.reshape(-1, 1), values), axis=1)
+        middles = (np.floor(places / self.cells_m[0]) + 0.5) * self.cells_m[0]
+        off = ((middles - laid[:, None, :2]) * right[:, None, :]).sum(axis=2)
+        spread = (np.abs(off) <= 0.5 * self.width_m).reshape(-1) & (values[:, 0] >= NOTHING_KG_HA)
+        rows = np.zeros((len(values), 2 + KINDS + 1))
+        rows[:, :2], rows[:, 2:2 + VALUES] = places.reshape(-1, 2), values
+        rows[:, 2 + VALUES] = np.where(spread, np.repeat(laid[:, 4 + VALUES], count), np.nan)
+        return rows
 
-    def _enter(self, rows: Floats, passage: bool) -> None:
-        """Add rows (n, 2 + kinds) to the finest cells; `passage`: count the places only."""
+    def _enter(self, rows: Floats) -> None:
+        """Add rows of `_across` to the finest cells."""
         cell_m = self.cells_m[0]
         cells = np.floor(rows[:, :2] / cell_m).astype(np.int64)
         tile = cells // _TILE
@@ -214,20 +241,33 @@ class Worked:
             self._new[cell_m].add((column, row))
             inside = cells[begin:end] - np.array((column * _TILE, row * _TILE))
             flat = inside[:, 1] * _TILE + inside[:, 0]
-            by_cell = planes.reshape(PLANES, _TILE * _TILE)
-            if passage:
-                np.add.at(by_cell[2 * KINDS], flat, 1.0)
-                continue
-            for kind in range(KINDS):
+            by_cell = planes.reshape(len(planes), _TILE * _TILE)
+            np.add.at(by_cell[2 * KINDS], flat, rows[begin:end, -1])
+            for kind in range(VALUES):
                 values = rows[begin:end, 2 + kind]
                 known = np.isfinite(values)
                 np.add.at(by_cell[kind], flat[known], values[known])
                 np.add.at(by_cell[KINDS + kind], flat[known], 1.0)
+            self._count(by_cell, flat, rows[begin:end, 2 + VALUES])
+
+    def _count(self, by_cell: Window, cells: npt.NDArray[np.int64], way_m: Floats) -> None:
+        """Those that the outlets came to anew were spread on once more."""
+        known = np.isfinite(way_m)
+        cells, way_m = cells[known], way_m[known]
+        order = np.lexsort((way_m, cells))
+        cells, way_m = cells[order], way_m[order]
+        times, covered, since = by_cell[VALUES], by_cell[KINDS + VALUES], by_cell[_SINCE]
+        before, same = since[cells], cells[1:] == cells[:-1]
+        before[1:][same] = way_m[:-1][same]
+        anew = cells[(before == 0.0) | (way_m - before > self._revisit_m)]
+        covered[anew] = np.maximum(1.0, covered[anew])
+        np.add.at(times, anew, covered[anew])           # of a cell that was made of four: all that were covered
+        np.maximum.at(since, cells, way_m)
 
     def _tile(self, cell_m: float, at: tuple[int, int]) -> Window:
         tile = self._tiles[cell_m].get(at)
         if tile is None:
-            tile = self._tiles[cell_m][at] = np.zeros((PLANES, _TILE, _TILE), dtype=np.float32)
+            tile = self._tiles[cell_m][at] = np.zeros((PLANES + 1, _TILE, _TILE), dtype=np.float32)
         return tile
 
     def _sum_up(self, cell_m: float) -> None:
@@ -235,7 +275,9 @@ class Worked:
         half = _TILE // 2
         for small, large in pairwise(cell for cell in self.cells_m if cell <= cell_m):
             for column, row in self._new[small]:
-                fours = self._tiles[small][column, row].reshape(PLANES, half, 2, half, 2).sum(axis=(2, 4))
+                tile_of_four = self._tiles[small][column, row].reshape(PLANES + 1, half, 2, half, 2)
+                fours = tile_of_four.sum(axis=(2, 4))
+                fours[_SINCE] = tile_of_four[_SINCE].max(axis=(1, 3))
                 tile = self._tile(large, (column // 2, row // 2))
                 r, c = half * (row % 2), half * (column % 2)
                 tile[:, r:r + half, c:c + half] = fours
@@ -258,9 +300,9 @@ def _filled(ways: Sequence[_Way], step_m: float) -> Floats:
     count = np.maximum(1, np.ceil(np.hypot(*(end - begin)[:, :2].T) / step_m)).astype(np.int64)
     which = np.repeat(np.arange(len(ways)), count)
     share = (np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count) + 1) / count[which]
-    rows = end[which]
-    rows[:, :2] = begin[which, :2] + share[:, None] * (end - begin)[which, :2]
-    return rows
+    way = end - begin
+    way[:, 2:-1] = 0.0              # heading and values are those of its end
+    return np.asarray(end[which] - (1.0 - share)[:, None] * way[which])
 
 
 def _ends(old: tuple[float, float] | None, values: Floats, least: float) -> tuple[float, float] | None:

@@ -10,6 +10,7 @@ from console.reports.figure import AFTER, BEFORE, LINE, drawn, svg
 from console.reports.html import Picture, escape, facts, figure, page, section
 from console.reports.job_about import NOBODY, About, named, time_line
 from console.reports.numbers import fixed, number, span_of
+from console.scale import STEPS, colour
 from control.field.across import across_words
 from control.geodesy import TangentPlane
 from drivers.files.exports.as_applied import AsApplied
@@ -124,14 +125,16 @@ def effort_section(applied: AsApplied) -> str:
 def _ground(applied: AsApplied, shown: list[tuple[str, Values]], unit: str, name: str, title: str) -> str:
     """Maps of the ground covered next to each other on one scale, as SVG: each value (n,) by its stretch."""
     from matplotlib.collections import PolyCollection
+    from matplotlib.colors import ListedColormap
     s = applied.stretches
     plane = TangentPlane(float(s.lat_deg.mean()), float(s.lon_deg.mean()))
     corners = plane.many_to_m(s.corners_deg[..., 0].ravel(), s.corners_deg[..., 1].ravel()).reshape(-1, 4, 2)
     known = np.concatenate([values[np.isfinite(values)] for _name, values in shown])
     low, high = float(known.min()), float(known.max())
+    colours = ListedColormap([[part / 255.0 for part in colour(step / (STEPS - 1))] for step in range(STEPS)])
     with drawn(6.6, 4.6, len(shown)) as (canvas, axes):
         for ax, (word, values) in zip(axes[0], shown, strict=True):
-            ground = PolyCollection(list(corners), array=values, cmap="cividis", linewidths=0.0)
+            ground = PolyCollection(list(corners), array=values, cmap=colours, linewidths=0.0)
             ground.set_clim(low, high)
             ax.add_collection(ground)
             if applied.field_deg is not None:

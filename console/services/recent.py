@@ -21,17 +21,19 @@ LOOKED_AT = 60          # of the newest logs, a week of a contractor's; and of t
 def recent(logs: Path, own: Path) -> tuple[Recent, ...]:
     """logs: the folder of the logs; own: of the user's jobs, which are listed too. Sets of which a
     file is gone, or cannot be read any more, are left out."""
+    done = done_of_jobs(logs)
     found: dict[tuple[str, ...], Recent] = {}
     for sidecar in _newest(logs, LOOKED_AT):
         with contextlib.suppress(OSError, ValueError, ConfigError):
-            one = _of_run(meta_from_yaml(sidecar.read_text(encoding="utf-8")))
+            one = _of_run(meta_from_yaml(sidecar.read_text(encoding="utf-8")), done)
             if one is not None:
                 found.setdefault(one.files, one)
     for path in _newest(own / JOB.folder, LOOKED_AT):
         if not any(str(path) in one.files for one in found.values()):
             with contextlib.suppress(OSError, ConfigError):
                 job = load(path, JOB).model
-                found[str(path),] = Recent((str(path),), job.title or path.stem, job.field.title)
+                found[str(path),] = Recent((str(path),), job.title or path.stem, job.field.title,
+                                           card=card(path, done))
     return tuple(found.values())
 
 
@@ -67,7 +69,7 @@ def _newest(folder: Path, most: int) -> list[Path]:
     return sorted(times, key=lambda path: -times[path])[:most]
 
 
-def _of_run(meta: RunMeta) -> Recent | None:
+def _of_run(meta: RunMeta, done: dict[Path, tuple[float, str]]) -> Recent | None:
     """None: all of its files are those that are shipped. Raises ConfigError: one is gone."""
     kinds = {}
     for file in meta.sha256:
@@ -83,4 +85,5 @@ def _of_run(meta: RunMeta) -> Recent | None:
     field = job.get("field")
     return Recent(files, str(job.get("title") or job.get("id") or ""),
                   str(field.get("title") or "") if isinstance(field, dict) else "",
-                  str(machine.get("title") or machine.get("id") or ""), meta.started_utc or "")
+                  str(machine.get("title") or machine.get("id") or ""), meta.started_utc or "",
+                  card(Path(kinds[JOB.format]), done) if JOB.format in kinds else None)

@@ -45,7 +45,11 @@ async def test_one_key_takes_the_newest_and_one_leaves_all_as_it_is(full, source
         await asked(full, pilot)
         assert isinstance(full.screen, ChoiceDialog)
         text = "\n".join(shown(full))
-        assert "Which field and job?" in text and "> 1  2026-03-17 13:05  North 40" in text and "not worked yet" in text
+        assert "Which field and job?" in text and "2026-03-17 13:05  North 40" in text and "0.86 ha done" in text
+        assert any(0x2800 < ord(character) < 0x2900 for character in text), "a small picture"
+        await pilot.press("end")
+        assert "not worked yet" in "\n".join(shown(full))
+        await pilot.press("home")
         await pilot.press("escape")
         assert full.screen is full.page and ("recent",) not in [one[:1] for one in desk.asked]
         ask_first(full, desk)

@@ -9,13 +9,14 @@ import pytest
 from console.app.app import TopdressApp
 from console.app.dialogs import ChoiceDialog, Confirm
 from console.app.field_picture import FieldPicture, Planned
+from console.app.map_ink import small_map
 from console.app.name_dialog import NameDialog
 from console.app.number_dialog import NumberDialog
 from console.app.pages.job.map_dialog import MapDialog
 from console.app.pages.job.service import File
 from console.app.remaining_work import remaining_work
-from console.app.small_map import outline, shaded
 from console.app.units import METRIC
+from console.scale import colour
 from tests.app.harness import settled
 from tests.app.made_up.job import FACTS, SampleJobService
 from tests.app.made_up.run import sample_services
@@ -47,7 +48,8 @@ async def test_a_map_from_a_stick_is_shown_and_then_taken(full, desk, shown, pil
     await settled(full, pilot)
     assert isinstance(full.screen, MapDialog)
     text = " ".join(" ".join(shown(full)).split())
-    for said in ("1.20 ha, 312 kg in all", "column rate, read as kg/ha", "above the crop's limit", "░ 200 kg/ha"):
+    for said in ("1.20 ha, 312 kg in all", "column rate, read as kg/ha", "above the crop's limit",
+                 "200 ████████████████ 350 kg/ha"):
         assert said in text, said
     assert not any(asked[0] == "map" for asked in desk.asked), "looking changes nothing"
     await pilot.press("enter")
@@ -156,11 +158,17 @@ def test_what_a_job_still_takes(frames):
     assert remaining_work(frame, None).text(METRIC) == "--"
 
 
-def test_a_field_in_a_few_characters():
-    drawn = outline((((0.0, 0.0), (40.0, 0.0), (40.0, 40.0), (0.0, 40.0)),), 8, 4)
-    assert len(drawn) == 4 and all(drawn) and outline((), 8, 4) == ()
+async def test_a_small_map_is_the_large_one_s_drawing(full, pilot):
+    ring = ((0.0, 0.0), (40.0, 0.0), (40.0, 40.0), (0.0, 40.0))
+    drawn = small_map(full.page, FieldPicture("", (ring,)), 8, 4)
+    assert len(drawn) == 4 and {len(row) for row in drawn} == {8} and small_map(full.page, None, 8, 4) == []
+    for row in (drawn[0], drawn[-1]):
+        assert all(0x2800 < ord(text) < 0x2900 for text, _style in row), "a line all along"
     rates = np.array([[100.0, np.nan], [200.0, 300.0]], np.float32)
-    assert shaded(Planned(0.0, 0.0, 10.0, rates), 2, 1)[0] in ("▒█", "░█", "▓█", "░ ")
+    planned = [cell for row in small_map(full.page, FieldPicture("", planned=Planned(0.0, 0.0, 10.0, rates)), 8, 4)
+               for cell in row]
+    low, high = ("#{:02x}{:02x}{:02x}".format(*colour(share)) for share in (0.0, 1.0))
+    assert any(low in style for _text, style in planned) and any(high in style for _text, style in planned)
 
 
 async def test_the_job_page_tells_what_is_left(full, shown, pilot):

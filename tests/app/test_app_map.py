@@ -56,10 +56,11 @@ async def pane(app, pilot):
 async def test_colours_by_key_and_by_click(app, pilot, pane):
     legend = app.page.query_one("#map-scale", MapLegend)
     seen = []
-    for _press in range(4):
+    for _press in MapLayer:
         seen.append((pane.view.scale.layer, legend.view.scale.unit))
         await pilot.press("v")
-    assert seen == [(MapLayer.APPLIED, "kg/ha"), (MapLayer.TARGET, "kg/ha"), (MapLayer.ERROR, "%"), (MapLayer.NDVI, "")]
+    assert seen == [(MapLayer.APPLIED, "kg/ha"), (MapLayer.TARGET, "kg/ha"), (MapLayer.ERROR, "%"), (MapLayer.NDVI, ""),
+                    (MapLayer.PASSES, "x")]
     assert pane.view.scale.layer is MapLayer.APPLIED
     await pilot.click("#map-bar", offset=(22, 0))
     assert pane.view.scale.layer is MapLayer.ERROR
@@ -153,7 +154,7 @@ async def test_a_file_is_laid_on_the_map_by_its_key_and_taken_off_again(app, sho
     await pilot.press("v", "v", "v")
     assert pane.view.laid is None, "no NDVI in it"
     assert any("file autumn.geojson: no NDVI in it" in row for row in shown(app))
-    await pilot.press("v", "j", "up", "enter")
+    await pilot.press("v", "v", "j", "up", "enter")
     assert not legend.display and pane.view.laid is None
     assert [pane.render_line(row).text for row in range(pane.content_size.height)] == before
 

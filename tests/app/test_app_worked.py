@@ -13,10 +13,23 @@ from console.app.camera import MapCamera, Pixels, fit
 from console.app.field_picture import FieldPicture, Planned
 from console.app.history import History, LogHistory
 from console.app.layers import MapLayer, scale_of
-from console.app.map_image import DONE, EMPTY, GLOW, PASSAGE, PLAN, glow, ground, image, line_dots, next_passes
-from console.app.scale import STEPS
+from console.app.map_image import (
+    CELL_SHARE,
+    DONE,
+    EMPTY,
+    GLOW,
+    PASSAGE,
+    PLAN,
+    Ground,
+    glow,
+    halves,
+    image,
+    line_dots,
+    next_passes,
+)
 from console.app.units import IMPERIAL, METRIC
-from console.app.worked import KINDS, Box, Spot, Worked, spot_of
+from console.app.worked import CELLS_M, KINDS, PLANES, Box, Spot, Worked, spot_of
+from console.scale import STEPS
 from tests.app.made_up.run import run_frames
 
 
@@ -28,26 +41,26 @@ def straight(length_m: float, step_m: float = 0.8, applied: float = 300.0, east_
 def test_a_swath_is_as_wide_as_the_outlets_and_nothing_beside_it():
     worked = Worked(width_m=3.0)
     worked.add(straight(20.0, east_m=5.5))
-    seen = ground(worked, Pixels(12, 22, 1.0, 0.0, 21.0))
-    done = ~np.isnan(seen.applied_kg_ha)
+    seen = Ground(worked, Pixels(12, 22, 1.0, 0.0, 21.0))
+    done = ~np.isnan(seen.layer(MapLayer.APPLIED))
     assert done[5:20].sum(axis=1).tolist() == [3] * 15
     assert np.flatnonzero(done[10]).tolist() == [4, 5, 6]
     assert not done[0].any() and not done[21].any(), "nothing ahead of it, nothing behind"
-    assert np.flatnonzero(seen.passed[10]).tolist() == [5]
+    assert np.flatnonzero(seen.shown(MapLayer.APPLIED)[1][10]).tolist() == [5]
 
 
 def test_heading_east_the_swath_lies_north_and_south():
     worked = Worked(width_m=3.0)
     worked.add([Spot(east, 5.5, 90.0, 300.0, 320.0, 0.5) for east in np.arange(0.0, 10.0, 0.8).tolist()])
-    seen = ground(worked, Pixels(10, 10, 1.0, 0.0, 10.0))
-    assert np.flatnonzero(~np.isnan(seen.applied_kg_ha[:, 4])).tolist() == [3, 4, 5]
+    seen = Ground(worked, Pixels(10, 10, 1.0, 0.0, 10.0))
+    assert np.flatnonzero(~np.isnan(seen.layer(MapLayer.APPLIED)[:, 4])).tolist() == [3, 4, 5]
 
 
 def test_a_gap_between_frames_is_filled_but_a_jump_is_not():
     worked = Worked(width_m=1.0)
     worked.add([Spot(0.5, 0.5, 0.0, 300.0, 300.0, 0.5), Spot(0.5, 8.5, 0.0, 300.0, 300.0, 0.5),
                 Spot(0.5, 40.5, 0.0, 300.0, 300.0, 0.5)])
-    seen = ground(worked, Pixels(1, 45, 1.0, 0.0, 45.0)).applied_kg_ha[::-1, 0]
+    seen = Ground(worked, Pixels(1, 45, 1.0, 0.0, 45.0)).layer(MapLayer.APPLIED)[::-1, 0]
     assert np.flatnonzero(~np.isnan(seen)).tolist() == [*range(9), 40]
 
 
@@ -57,15 +70,15 @@ def test_standing_still_weighs_nothing():
     version = worked.version
     worked.add([Spot(0.5, 0.6, 0.0, 0.0, 300.0, 0.5)] * 1000)
     assert worked.version == version
-    assert ground(worked, Pixels(1, 1, 1.0, 0.0, 1.0)).applied_kg_ha[0, 0] == 300.0
+    assert Ground(worked, Pixels(1, 1, 1.0, 0.0, 1.0)).layer(MapLayer.APPLIED)[0, 0] == 300.0
 
 
 def test_what_is_not_known_does_not_count_as_zero():
     worked = Worked(width_m=1.0)
     worked.add([Spot(0.5, 0.0, 0.0, nan, 300.0, nan), Spot(0.5, 0.5, 0.0, 200.0, 300.0, nan)])
-    seen = ground(worked, Pixels(1, 1, 1.0, 0.0, 1.0))
-    assert (seen.applied_kg_ha[0, 0], seen.target_kg_ha[0, 0]) == (200.0, 300.0)
-    assert isnan(seen.ndvi[0, 0])
+    seen = Ground(worked, Pixels(1, 1, 1.0, 0.0, 1.0))
+    assert (seen.layer(MapLayer.APPLIED)[0, 0], seen.layer(MapLayer.TARGET)[0, 0]) == (200.0, 300.0)
+    assert isnan(seen.layer(MapLayer.NDVI)[0, 0])
 
 
 def test_a_held_machine_leaves_a_passage_only():
@@ -86,14 +99,13 @@ def test_at_every_scale_nothing_is_lost_and_the_mean_is_kept(metres):
     worked.add(spots)
     size = int(130 / metres) + 2
     pixels = Pixels(size, size, metres, -20.0 // metres * metres, 105.0 // metres * metres + metres)
-    if metres < 1.0:
-        seen = ground(worked, pixels)
-        assert set(np.unique(seen.applied_kg_ha[~np.isnan(seen.applied_kg_ha)])) == {
-            value for value in np.unique(ground(worked, Pixels(130, 130, 1.0, -20.0, 106.0)).applied_kg_ha)
+    if metres < CELLS_M[0]:
+        seen = Ground(worked, pixels)
+        assert set(np.unique(seen.layer(MapLayer.APPLIED)[~np.isnan(seen.layer(MapLayer.APPLIED))])) == {
+            value for value in np.unique(Ground(worked, Pixels(260, 260, 0.5, -20.0, 106.0)).layer(MapLayer.APPLIED))
             if value == value}
         return
-    from console.app.map_image import _under
-    planes, finest = _under(worked, pixels), worked.window(1.0, -20, -24, 130, 130)
+    planes, finest = Ground(worked, pixels).planes(*range(PLANES)), worked.window(0.5, -40, -48, 260, 260)
     assert planes.sum(axis=(1, 2)) == pytest.approx(finest.sum(axis=(1, 2)), rel=1e-5)
     assert planes[KINDS].sum() > 0
 
@@ -102,12 +114,12 @@ def test_at_every_scale_nothing_is_lost_and_the_mean_is_kept(metres):
 @pytest.mark.parametrize("north", [0.5, 1.5, 2.5, 4.5, 11.5])
 def test_a_cell_is_seen_in_the_pixel_that_its_middle_lies_in(metres, north):
     """All cells of the size that a scale is drawn from; the middle of the one that holds 0.5 m east."""
-    worked = Worked(width_m=1.0)
+    worked = Worked(width_m=0.5)
     worked.add([Spot(0.5, north, 0.0, 300.0, 300.0, 0.5)])
-    cell_m = worked.cell_for(metres)
+    cell_m = worked.cell_for(CELL_SHARE * metres)
     middle = tuple((place // cell_m + 0.5) * cell_m for place in (0.5, north))
     pixels = MapCamera(0.0, 6.0, metres).pixels(20, 80)
-    lit = np.argwhere(~np.isnan(ground(worked, pixels).applied_kg_ha))
+    lit = np.argwhere(~np.isnan(Ground(worked, pixels).layer(MapLayer.APPLIED)))
     column, row = pixels.at(middle[0] + 0.01, middle[1] + 0.01)       # on an edge the north-eastern one
     assert [row, column] in lit.tolist()
     assert len(lit) == max(1.0, cell_m / metres) ** 2
@@ -120,8 +132,8 @@ def test_the_memory_is_bounded_however_far_is_driven():
     assert worked.cells_m[0] > 1.0, "the finest cells were given up"
     assert worked.tiles <= 20 * len(worked.cells_m)
     assert (worked.box.west_m, worked.box.east_m) == (0.0, 40.0 * 399 + 5.0)
-    far = ground(worked, Pixels(1, 1, 32.0, 8000.0, 32.0))
-    assert far.applied_kg_ha[0, 0] == pytest.approx(300.0), "what was entered first is still there"
+    far = Ground(worked, Pixels(1, 1, 32.0, 8000.0, 32.0))
+    assert far.layer(MapLayer.APPLIED)[0, 0] == pytest.approx(300.0), "what was entered first is still there"
 
 
 def test_added_one_by_one_or_all_at_once_is_the_same():
@@ -176,12 +188,66 @@ def test_the_pass_behind_the_machine_glows_and_the_next_one_is_where_nothing_was
     assert next_passes(worked, pixels) == (), "a turn has none"
 
 
+def passes_of(*ways: list[Spot], width_m: float = 2.4, all_at_once: bool = True) -> Worked:
+    """Driven one after the other; far apart, where a list holds it, is no way."""
+    worked, spots = Worked(width_m=width_m), [spot for way in ways for spot in way]
+    for some in [spots] if all_at_once else [[spot] for spot in spots]:
+        worked.add(some)
+    return worked
+
+
+FAR = [Spot(500.0, 500.0, 0.0, nan, nan, nan)]
+
+
+@pytest.mark.parametrize("all_at_once", [True, False])
+@pytest.mark.parametrize(("apart_m", "twice"), [(2.4, 0.0), (1.4, 1.0 / 3.8), (3.4, 0.0)])
+def test_ground_that_was_spread_on_twice_is_overlap_and_a_seam_is_none(apart_m, twice, all_at_once):
+    """Two passes of 2.4 m, at 50 places across the raster; `twice`: of what they cover together."""
+    shares = []
+    for shift in np.arange(0.003, 0.5, 0.01).tolist():
+        ways = (straight(20.0, east_m=10.0 + shift), FAR, straight(20.0, east_m=10.0 + shift + apart_m))
+        times = Ground(passes_of(*ways, all_at_once=all_at_once), Pixels(60, 60, 0.5, 0.0, 35.0)).layer(MapLayer.PASSES)
+        known = times[np.isfinite(times)]
+        assert set(known.tolist()) <= {1.0, 2.0}
+        shares.append(float((known == 2.0).mean()))
+    assert np.mean(shares) == pytest.approx(twice, abs=0.02 if twice else 0.0)
+
+
+def test_a_tight_turn_and_a_machine_that_is_held_are_no_overlap():
+    turn = [Spot(10.0 + 1.5 * np.sin(t), 10.0 + 1.5 * np.cos(t), float(np.degrees(t) + 90.0), 300.0, 300.0, nan)
+            for t in np.arange(0.0, np.pi, 0.3).tolist()]
+    held = [spot._replace(applied_kg_ha=nan) for spot in straight(30.0, east_m=20.5)]
+    times = Ground(passes_of(turn, FAR, straight(30.0, east_m=20.5), FAR, held), Pixels(40, 40, 1.0, 0.0, 40.0)).layer(
+        MapLayer.PASSES)
+    assert np.nanmax(times) == 1.0
+
+
+def test_overlap_stays_where_the_finest_cells_are_given_up():
+    one = straight(60.0, east_m=10.5)
+    worked = passes_of(one, FAR, one)
+    worked.most_tiles = 4
+    worked.add([Spot(3000.0, 0.0, 0.0, nan, nan, nan)])
+    worked.add(one)
+    assert 0.5 < worked.cells_m[0] < worked.width_m
+    times = Ground(worked, Pixels(1, 1, 32.0, 0.0, 32.0)).layer(MapLayer.PASSES)
+    assert times[0, 0] == pytest.approx(3.0, rel=0.05)
+
+
+@pytest.mark.parametrize(("quarters", "shown"), [
+    ([[5, 5], [5, 5]], ("█", 5, 5)), ([[5, 9], [5, 5]], ("▝", 9, 5)), ([[9, 9], [5, 9]], ("▜", 9, 5)),
+    ([[0, 7], [7, 0]], ("▞", 7, 0)), ([[3, 4], [40, 41]], ("▄", 41, 3)), ([[3, 4], [5, 60]], ("▗", 60, 4)),
+    ([[0, 50], [52, 53]], ("▟", 52, 0))])
+def test_a_cell_shows_its_quarters_in_the_two_colours_that_differ_most(quarters, shown):
+    code = int(halves(np.array(quarters, np.uint8)).codes[0, 0])
+    assert (" ▘▝▀▖▌▞▛▗▚▐▜▄▙▟█"[code >> 16] if code >> 16 else "█", code >> 8 & 255, code & 255) == shown
+
+
 def test_error_goes_from_too_little_to_too_much_against_50_at_least():
     worked = Worked(width_m=1.0)
     for north, applied, target in ((0.5, 210.0, 300.0), (10.5, 390.0, 300.0), (20.5, 20.0, 10.0)):
         worked.add([Spot(0.5, north, 0.0, applied, target, 0.5)])
         worked.add([Spot(500.0, 500.0, 0.0, nan, nan, nan)])
-    seen = ground(worked, Pixels(1, 21, 1.0, 0.0, 21.0)).layer(MapLayer.ERROR)[::-1, 0]
+    seen = Ground(worked, Pixels(1, 21, 1.0, 0.0, 21.0)).layer(MapLayer.ERROR)[::-1, 0]
     assert seen[[0, 10, 20]].tolist() == pytest.approx([-0.3, 0.3, 0.2])
 
 
@@ -266,6 +332,6 @@ def test_ground_from_before_is_entered_without_a_way_to_it():
     history.add_before([(0.5, 30.0, 0.0, 250.0), (0.5, 33.0, 0.0, 250.0), (0.5, 36.0, 0.0, 250.0)])
     for frame in here[15:]:
         history.add(frame)
-    seen = ground(history.worked, Pixels(1, 50, 1.0, 0.0, 50.0)).applied_kg_ha[::-1, 0]
+    seen = Ground(history.worked, Pixels(1, 50, 1.0, 0.0, 50.0)).layer(MapLayer.APPLIED)[::-1, 0]
     assert np.flatnonzero(~np.isnan(seen)).tolist() == [*range(30, 37), *range(40, 45)]
     assert seen[30:37] == pytest.approx(250.0)

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from console.app.camera import Pixels
 from console.app.layers import MapLayer, scale_of
-from console.app.map_image import ground
+from console.app.map_image import Ground
 from console.app.units import METRIC
 from console.cli import app as cli
 from console.frame import Frame
@@ -56,8 +56,8 @@ def test_our_own_files_lie_where_it_was_done(run, frame, name):
     assert laid.worked.box.east_m == pytest.approx(own.box.east_m, abs=1.0)
     assert laid.worked.box.north_m == pytest.approx(own.box.north_m, abs=3.0)
     for place in ((frame.place_m[0], frame.place_m[1] - back_m) for back_m in (20.0, 45.0)):
-        one, other = (float(ground(worked, Pixels(1, 1, 2.0, place[0] - 1.0, place[1] + 1.0)).applied_kg_ha[0, 0])
-                      for worked in (laid.worked, own))
+        pixel = Pixels(1, 1, 2.0, place[0] - 1.0, place[1] + 1.0)
+        one, other = (float(Ground(worked, pixel).layer(MapLayer.APPLIED)[0, 0]) for worked in (laid.worked, own))
         assert one == pytest.approx(other, rel=0.1)
     assert laid.worked.width_m == pytest.approx(2.4)
     assert laid.worked.rate_ends[1] == pytest.approx(own.rate_ends[1], rel=0.05)

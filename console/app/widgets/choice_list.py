@@ -2,6 +2,7 @@
 where there are more. A click marks."""
 from __future__ import annotations
 
+from itertools import zip_longest
 from typing import NamedTuple
 
 from rich.cells import cell_len
@@ -10,16 +11,30 @@ from textual.content import Content
 from textual.geometry import Size
 from textual.message import Message
 
+from console.app.field_picture import FieldPicture
+from console.app.map_ink import small_map
 from console.app.widgets.panel import Panel, Picked, fit, line, right, wrapped
 from console.locale import _
 
+THUMB, THUMB_GAP = (9, 4), 2        # columns and rows of a field's picture, and blanks between it and a label
 
 class Choice(NamedTuple):
-    """why: why it cannot be taken now, and how it could be; empty where it can. A label may have several lines."""
+    """why: why it cannot be taken now, and how it could be; empty where it can. A label may have several lines.
+    picture: drawn next to it, small."""
 
     value: str
     label: str
     why: str = ""
+    picture: FieldPicture | None = None
+
+
+class _Row(NamedTuple):
+    """choice: its number. drawn: a row of its picture, between head and text."""
+
+    choice: int
+    head: str
+    drawn: list[tuple[str, str]]
+    text: str
 
 
 class ChoicesView(NamedTuple):
@@ -34,6 +49,10 @@ class ChoicesView(NamedTuple):
 class ChoiceList(Panel[ChoicesView]):
     """Off lines, which cannot be taken, are muted. Posts Picked."""
 
+    def __init__(self, view: ChoicesView, *, id: str | None = None) -> None:
+        super().__init__(view, id=id)
+        self._thumbs: dict[object, list[list[tuple[str, str]]]] = {}
+
     class Wheeled(Message):
         def __init__(self, lines: int) -> None:
             super().__init__()
@@ -47,9 +66,13 @@ class ChoiceList(Panel[ChoicesView]):
         scrolls = room < len(rows)
         shown = []
         bar = _bar(first, room, len(rows)) if scrolls else ()
-        for row, (index, text) in enumerate(rows[first:first + room]):
+        for place, (index, head, drawn, text) in enumerate(rows[first:first + room]):
             style = "bold $on-select on $select" if index == view.at else "$muted" if view.choices[index].why else ""
-            shown.append(line((fit(text, width - scrolls), style), (bar[row], "$muted") if scrolls else ""))
+            back = " on $select" if index == view.at else ""
+            shown.append(line((head, style), *(
+                (cell, own if " on " in own else own + back) if own else (cell, style) for cell, own in drawn),
+                (fit(text, max(0, width - scrolls - cell_len(head) - len(drawn))), style),
+                (bar[place], "$muted") if scrolls else ""))
         if view.wrong:
             said = _("no line {typed} here: 1 to {count}").format(typed=view.wrong, count=len(view.choices))
             shown.append(line((fit(f" ! {said}", width), "bold $on-alarm-red on $alarm-red")))
@@ -58,43 +81,52 @@ class ChoiceList(Panel[ChoicesView]):
             shown.append(line((right(_("{at} of {count}").format(at=at, count=len(view.choices)), width), "$muted")))
         return shown
 
-    def _rows(self, view: ChoicesView, width: int) -> list[tuple[int, str]]:
-        """(which choice, text) of every row of the whole list."""
+    def _rows(self, view: ChoicesView, width: int) -> list[_Row]:
+        """Every row of the whole list."""
         digits = len(str(len(view.choices)))
         indent = 4 + digits
+        blank: list[tuple[str, str]] = []
+        if any(choice.picture is not None for choice in view.choices):
+            blank = [(" ", "")] * (THUMB[0] + THUMB_GAP)
+        room = width - indent - len(blank) - 1
         found = []
         for index, choice in enumerate(view.choices):
             now = f"  ({_('now')})" if choice.value == view.now else ""
             label = f"({choice.label}: {choice.why})" if choice.why else f"{choice.label}{now}"
             head = f"{'>' if index == view.at else ' '} {index + 1:>{digits}}  "
-            for text in label.split("\n"):
-                whole = cell_len(text) <= width - indent - 1        # drawn lines keep their blanks
-                for row in (text,) if whole else wrapped(text, width - indent - 1):
-                    found.append((index, head + row))
-                    head = " " * indent
+            texts = [row for text in label.split("\n") for row in wrapped(text, room)]
+            for drawn, text in zip_longest(self._thumb(choice.picture), texts):
+                found.append(_Row(index, head, blank if drawn is None else [*drawn, *blank[THUMB[0]:]], text or ""))
+                head = " " * indent
         return found
 
-    def _window(self, view: ChoicesView, width: int, height: int) -> tuple[list[tuple[int, str]], int, int]:
+    def _thumb(self, picture: FieldPicture | None) -> list[list[tuple[str, str]]]:
+        key = picture, self.app.theme
+        if key not in self._thumbs:
+            self._thumbs[key] = small_map(self, picture, *THUMB)
+        return self._thumbs[key]
+
+    def _window(self, view: ChoicesView, width: int, height: int) -> tuple[list[_Row], int, int]:
         """All rows, the first that is shown, and how many are: the marked one is among them with all its lines."""
         rows = self._rows(view, width)
         room = height if len(rows) + bool(view.wrong) <= height else height - 1
-        marked = [row for row, (index, _text) in enumerate(rows) if index == max(0, view.at)]
+        marked = [row for row, (index, *_rest) in enumerate(rows) if index == max(0, view.at)]
         middle = (marked[0] + marked[-1]) // 2 if marked else 0
         return rows, max(0, min(middle - room // 2, len(rows) - room)), room
 
-    def _shown(self) -> list[tuple[int, str]]:
+    def _shown(self) -> list[_Row]:
         rows, first, room = self._window(self.view, *self.content_size)
         return rows[first:first + room]
 
     def places(self) -> tuple[tuple[int, int], ...]:
-        shown = [index for index, _text in self._shown()]
+        shown = [row.choice for row in self._shown()]
         return tuple((0, shown.index(index)) for index in dict.fromkeys(shown))
 
     def on_click(self, event: events.Click) -> None:
         event.stop()
         shown = self._shown()
         if 0 <= event.y < len(shown):
-            self.post_message(Picked(shown[event.y][0]))
+            self.post_message(Picked(shown[event.y].choice))
 
     def on_mouse_scroll_down(self, event: events.MouseScrollDown) -> None:
         event.stop()

@@ -10,10 +10,10 @@ from textual.strip import Strip
 from textual.widget import Widget
 
 from console.app.layers import RATES, LayerScale, MapLayer
+from console.app.map_ink import LEVELS_DONE, LEVELS_ERROR, LEVELS_PLAN, mixed, rgb_of
 from console.app.terminal import few_colours
 from console.app.units import Unit
 from console.app.widgets.canvas import Canvas
-from console.app.widgets.field_map import LEVELS_DONE, LEVELS_ERROR, LEVELS_PLAN, mixed, rgb_of
 from console.locale import _
 
 _BAR_CELLS = 6

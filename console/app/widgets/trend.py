@@ -12,12 +12,12 @@ from textual.strip import Strip
 
 from console.app.braille import BITS, BLANK, Dots, trace
 from console.app.history import TREND_SPAN_S, Point
-from console.app.scale import calm_ends
 from console.app.units import Unit
 from console.app.view import duration
 from console.app.widgets.canvas import Canvas
 from console.app.widgets.panel import right
 from console.locale import _
+from console.scale import calm_ends
 
 _AXIS = 6
 

@@ -64,9 +64,11 @@ MAPS = (MapFile("/media/STICK/north.geojson", "north.geojson", "STICK", "2026-03
         MapFile("/media/STICK/zones.shp", "zones.shp", "STICK", "2026-03-16 08:12"))
 
 
+RING = ((0.0, 0.0), (60.0, -4.0), (64.0, 40.0), (20.0, 55.0))
 RECENT = (
     Recent(("jobs/north-40.yaml", "machines/spreader.yaml", "cabs/red.yaml"), "Second dressing", "North 40",
-           "Two-disc spreader", "2026-03-17T13:05:00Z"),
+           "Two-disc spreader", "2026-03-17T13:05:00Z", JobCard("Second dressing", "North 40", "winter_wheat", "", 0.86,
+                                                                 "2026-03-17T15:20:00Z", FieldPicture("", (RING,)))),
     Recent(("jobs/division-2.yaml", "machines/huanghai.yaml"), "Huanghai, 23 February", "Huanghai, division 2",
            "Six-outlet fluted-roller applicator", "2026-03-14T06:30:00Z"),
     Recent(("jobs/river.yaml",), "River field", "River field"))
@@ -148,9 +150,8 @@ class SampleJobService:
         return "jobs/division-2-who.yaml"
 
     def cards(self) -> tuple[tuple[File, JobCard | None], ...]:
-        ring = ((0.0, 0.0), (60.0, -4.0), (64.0, 40.0), (20.0, 55.0))
         known = {"division-2": JobCard("Topdressing winter wheat, division 2", "division 2", "winter_wheat",
-                                       "north.geojson", 1.18, "2026-03-18T07:02:00+00:00", FieldPicture("", (ring,)))}
+                                       "north.geojson", 1.18, "2026-03-18T07:02:00+00:00", FieldPicture("", (RING,)))}
         return tuple((file, known.get(file.label)) for file in self.known.jobs)
 
     async def restart(self, anew: bool = False) -> FrameSource:

@@ -19,9 +19,7 @@ from console.app.pages.job.day import (
 from console.app.pages.job.nrich import LEAST_M, StripRun
 from console.app.pages.job.service import File, JobCard, JobService
 from console.app.reasons import why_no_start, why_not_ready
-from console.app.small_map import preview
 from console.app.units import Units
-from console.app.widgets.panel import fit
 from console.locale import N_, _
 from control.agronomy.strips import StripValue
 from control.orders import Do, Order, State
@@ -29,8 +27,6 @@ from control.orders import Do, Order, State
 if TYPE_CHECKING:
     from console.app.pages.job.page import JobScreen
 
-THUMB = (9, 4)              # columns and rows of a field's picture in the list of jobs
-CARD_CELLS = 34             # next to it: together the list's room at 60 columns
 Kind = Literal["job", "crop", "machine"]
 P = ParamSpec("P")
 ENDINGS = ((".geojson", "GeoJSON"), (".shp", "shapefile"), (".zip", "ISO 11783-10"), (".csv", "CSV"))
@@ -123,8 +119,8 @@ def _ask_file(page: JobScreen, service: JobService, kind: Kind) -> None:
         return
     now = {"job": page.facts.job_file, "crop": page.facts.crop_file, "machine": page.facts.machine_file}[kind]
     if kind == "job":
-        page.app.list_files(lambda: [Choice(file.value, card_lines(file, card, page.app.units))
-                                     for file, card in service.cards()],
+        page.app.list_files(lambda: [Choice(file.value, card_lines(file, card, page.app.units),
+                                            picture=card and card.picture) for file, card in service.cards()],
                             lambda choices: _choose_file(page, service, kind, choices, now))
     else:
         files = page.facts.crops if kind == "crop" else page.facts.machines
@@ -146,7 +142,7 @@ def _choose_file(page: JobScreen, service: JobService, kind: Kind, choices: list
 
 
 def card_lines(file: File, card: JobCard | None, units: Units) -> str:
-    """A job's card: a small picture, and what it is known by."""
+    """What a job is known by."""
     if card is None:
         return file.label
     said = [card.title, "  ".join(part for part in (card.field, card.crop) if part)]
@@ -154,10 +150,7 @@ def card_lines(file: File, card: JobCard | None, units: Units) -> str:
         said.append(_("map {name}").format(name=card.map))
     said.append(_("{area} done, {day}").format(area=units.area.full(card.done_ha), day=card.worked_utc[:10])
                 if card.worked_utc else _("not worked yet"))
-    rows = [fit(text, CARD_CELLS).rstrip() for text in said]
-    drawn = preview(card.picture, *THUMB)
-    return "\n".join(f"{drawn[k] if k < len(drawn) else '':<{THUMB[0]}}  {rows[k] if k < len(rows) else ''}".rstrip()
-                     for k in range(max(len(rows), len(drawn))))
+    return "\n".join(said)
 
 
 @_with_files

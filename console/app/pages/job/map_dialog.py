@@ -7,18 +7,20 @@ from textual import events
 from textual.app import ComposeResult
 from textual.binding import Binding
 from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.content import Content
 from textual.widgets import Static
 
 from console.app.dialogs import Choice, ChoiceDialog, Dialog
+from console.app.map_ink import LEVELS_PLAN, planned_scale, small_map
 from console.app.pages.job.day import file_name
 from console.app.pages.job.map_words import map_words
 from console.app.pages.job.service import MapPreview
-from console.app.small_map import SHADES, preview
 from console.app.units import Units
 from console.app.widgets.choice_list import ChoiceList
+from console.app.widgets.map_legend import ramp_of
 from console.locale import _
 
-COLUMNS, ROWS, LEAST_ROWS = 44, 9, 3
+COLUMNS, ROWS, LEAST_ROWS, RAMP_CELLS = 44, 9, 3, 16
 OTHER_ROWS = 20                 # of the screen, that what is said below the picture needs first
 TAKE, COLUMN, UNIT = "take", "column", "unit"
 
@@ -41,27 +43,30 @@ class MapDialog(ChoiceDialog):
         with Vertical(classes="dialog wide"):
             yield Static(self.heading, classes="dialog-title", markup=False)
             with VerticalScroll(classes="dialog-body", can_focus=False):
-                yield Static("\n".join(self.lines()), classes="dialog-text", id="map-said", markup=False)
+                yield Static(Content("\n").join(self.lines()), classes="dialog-text", id="map-said", markup=False)
             yield ChoiceList(self._view(), id="choices")
             with Horizontal(classes="dialog-buttons"):
                 yield from self.buttons()
 
     def on_resize(self, event: events.Resize) -> None:
         Dialog.on_resize(self, event)
-        self.query_one("#map-said", Static).update("\n".join(self.lines()))
+        self.query_one("#map-said", Static).update(Content("\n").join(self.lines()))
 
     def action_scroll_text(self, lines: int) -> None:
         self.query_one(".dialog-body").scroll_relative(y=lines, animate=False)
 
-    def lines(self) -> tuple[str, ...]:
+    def lines(self) -> tuple[Content, ...]:
         shown, units = self.shown, self.units
         if shown.question:
-            return (_("Before this map can be used, say what its rates are."), shown.question)
-        low, high = shown.rates_kg_ha
-        drawn = preview(shown.picture, COLUMNS, max(LEAST_ROWS, min(ROWS, self.app.size.height - OTHER_ROWS)))
-        legend = f"{SHADES[0]} {units.rate.full(low)}   {SHADES[-1]} {units.rate.full(high)}"
+            return Content(_("Before this map can be used, say what its rates are.")), Content(shown.question)
+        rows = max(LEAST_ROWS, min(ROWS, self.app.size.height - OTHER_ROWS))
+        drawn = [Content.assemble(*row) for row in small_map(self, shown.picture, COLUMNS, rows)]
+        scale = planned_scale(shown.picture, units)
+        ramp = ((text, str(style)) for text, style in ramp_of(self, scale, RAMP_CELLS, LEVELS_PLAN))
         said = map_words(shown.check, units) if shown.check is not None else ()
-        return (*drawn, legend, _("{area}, {mass} in all").format(area=units.area.full(shown.area_ha),
-                                                                mass=units.mass.full(shown.mass_kg)),
-                _("column {column}, read as {unit}").format(column=shown.reading.column or "--", unit=shown.unit),
-                *(f"! {one}" for one in said))
+        return (*drawn, Content.assemble(f"{scale.text(scale.low)} ", *ramp, f" {scale.text(scale.high)} {scale.unit}"),
+                *map(Content, (_("{area}, {mass} in all").format(area=units.area.full(shown.area_ha),
+                                                                 mass=units.mass.full(shown.mass_kg)),
+                               _("column {column}, read as {unit}").format(column=shown.reading.column or "--",
+                                                                           unit=shown.unit),
+                               *(f"! {one}" for one in said))))

@@ -119,13 +119,15 @@ class Offer(NamedTuple):
 
 
 class Recent(NamedTuple):
-    """A job that was worked, or could be: its files, and what an operator knows it by. began_utc: of its last run."""
+    """A job that was worked, or could be: its files, and what an operator knows it by. began_utc: of its last run.
+    card: of its job file."""
 
     files: tuple[str, ...]
     job: str
     field: str = ""
     machine: str = ""
     began_utc: str = ""
+    card: JobCard | None = None
 
 
 class Earlier(NamedTuple):

@@ -17,8 +17,8 @@ from rich.cells import cell_len
 from textual.strip import Strip
 
 from console.app.layers import LABELS, LayerScale, MapLayer
+from console.app.map_ink import LAID_SHARE, LEVELS_ERROR, LEVELS_LAID
 from console.app.widgets.canvas import Canvas
-from console.app.widgets.field_map import LAID_SHARE, LEVELS_ERROR, LEVELS_LAID
 from console.app.widgets.map_legend import ramp_of
 from console.app.widgets.panel import fit
 

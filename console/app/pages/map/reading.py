@@ -6,7 +6,8 @@ from typing import NamedTuple
 from console.app.camera import Pixels
 from console.app.field_picture import FieldPicture
 from console.app.laid import LaidView
-from console.app.map_image import GroundPixels, ground
+from console.app.layers import MapLayer
+from console.app.map_image import Ground
 from console.app.remaining_work import remaining_work
 from console.app.units import Units
 from console.app.view import Item, Shown, duration, rate_error, signed_percent
@@ -34,24 +35,26 @@ def reading(where: str, place: tuple[float, float] | None, metres: float, worked
         return PlaceReading(_("no position yet"), ())
     half = 0.5 * metres
     pixel = Pixels(1, 1, metres, place[0] - half, place[1] + half)
-    here = ground(worked, pixel)
-    applied, target, ndvi = (None if (value := float(values[0, 0])) != value else value
-                             for values in (here.applied_kg_ha, here.target_kg_ha, here.ndvi))
+    here = Ground(worked, pixel)
+    applied, target, ndvi, passes = (
+        None if (value := float(here.layer(layer)[0, 0])) != value else value
+        for layer in (MapLayer.APPLIED, MapLayer.TARGET, MapLayer.NDVI, MapLayer.PASSES))
     planned = picture.planned.at(*place) if picture is not None and picture.planned is not None else None
     error = rate_error(target, applied)
     parts = [ReadingPart(_("applied"), units.rate.full(applied)), ReadingPart(_("target"), units.rate.full(target))]
     if laid is not None:
-        parts.append(ReadingPart(_("file"), _of_file(ground(laid.worked, pixel), laid)))
+        parts.append(ReadingPart(_("file"), _of_file(Ground(laid.worked, pixel), laid)))
     if picture is not None and picture.planned is not None:
         parts.append(ReadingPart(_("planned"), units.rate.full(planned)))
     parts += [ReadingPart(_("error"), "--" if error is None else signed_percent(100.0 * error)),
               ReadingPart("NDVI", "--" if ndvi is None else f"{ndvi:.2f}"),
+              ReadingPart(_("passes"), "--" if passes is None else f"{passes:.2g}"),
               ReadingPart(_("east"), units.distance.full(place[0])),
               ReadingPart(_("north"), units.distance.full(place[1]))]
     return PlaceReading(where, tuple(parts))
 
 
-def _of_file(here: GroundPixels, laid: LaidView) -> str:
+def _of_file(here: Ground, laid: LaidView) -> str:
     value = float(here.layer(laid.scale.layer)[0, 0])
     return f"{laid.scale.text(None if value != value else value)} {laid.scale.unit}".rstrip()
 

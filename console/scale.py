@@ -3,7 +3,8 @@
 Straight lines in OKLab (B. Ottosson, 2020, "A perceptual color space for image processing") from a dark blue over a
 full green to a light yellow: lightness rises evenly, blue to yellow is the axis that all common colour deficiencies
 keep, and the middle is a colour, not the grey that lies half-way between the ends. For errors: from a dark blue (too
-little) over a pale grey (right) to a dark orange (too much).
+little) over a pale grey (right) to a dark orange (too much). For passes: from that blue (once) to
+that orange (overlap).
 """
 from __future__ import annotations
 
@@ -57,6 +58,11 @@ def _between(begin: Lab, end: Lab, share: float) -> Lab:
     return lightness, a, b
 
 
+@cache
+def _apart(step: int, steps: int) -> Rgb:
+    return _to_srgb(_between(_UNDER, _OVER, step / (steps - 1)))
+
+
 STEPS = 32
 
 
@@ -68,6 +74,11 @@ def colour(share: float) -> Rgb:
 def error_colour(share: float) -> Rgb:
     """sRGB of an error; share 0 is the most that is too little, 0.5 is right, 1 the most that is too much."""
     return _either_side(round(min(1.0, max(0.0, share)) * (STEPS - 1)), STEPS)
+
+
+def passes_colour(share: float) -> Rgb:
+    """sRGB of how often ground was spread on; share 0 is once, 1 twice or more."""
+    return _apart(round(min(1.0, max(0.0, share)) * (STEPS - 1)), STEPS)
 
 
 def calm_ends(values: Iterable[float], step: float = 50.0, least: float = 100.0) -> tuple[float, float]:
