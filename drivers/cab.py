@@ -23,6 +23,7 @@ from drivers.devices.rate_module_frames import FULL_PWM
 from drivers.devices.slave_board import BoardReadings, SetPointLimits, SlaveBoard
 from drivers.devices.tractor_speed import TractorSpeedDecoder
 from drivers.devices.wheel import WheelGeometry
+from drivers.plugins import plugged
 from drivers.ports import Clock, Port
 
 __all__ = ["BoardConfig", "Cab", "CabConfig", "DeviceStatus", "GnssConfig", "HeadsConfig", "RateModuleConfig"]
@@ -324,7 +325,7 @@ class _Gnss:
     def __init__(self, config: GnssConfig, clock: Clock, opener: Opener) -> None:
         makers: dict[str, Callable[[], FixDecoder]] = {
             "nmea0183": GnssDecoder, "gpsd": GpsdDecoder, "agopengps": AgOpenGpsDecoder}
-        self._decoder = makers[config.protocol]()
+        self._decoder = (makers.get(config.protocol) or plugged("devices", config.protocol))()
         self.line = _opened("gnss", config.protocol, config.port, config.baud, self._decoder, clock, opener)
         self._hello = WATCH if config.protocol == "gpsd" else b""
         self._greeted = 0

@@ -7,7 +7,8 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from drivers.datagrams import is_loopback, line_url, udp_address
-from drivers.devices.canopy_heads import PROTOCOLS, HeadFields
+from drivers.devices.canopy_heads import PROTOCOLS, HeadFields, head_fields
+from drivers.plugins import names, plugged
 
 MOST_HEADS = 12
 MODULE_PORT, CONSOLE_PORT = 28888, 29999        # where rate modules listen, and where they answer
@@ -17,6 +18,18 @@ LineUrl = Annotated[str, AfterValidator(line_url)]
 Baud = Annotated[int, Field(ge=300, le=4_000_000)]
 UdpPort = Annotated[int, Field(ge=1, le=65535)]
 ControlType = Literal["valve", "combo_close", "motor", "motor_weights", "fan", "timed"]
+
+
+RECEIVERS = ("nmea0183", "gpsd", "agopengps")
+
+
+def _receiver(name: str) -> str:
+    if name not in RECEIVERS and not callable(plugged("devices", name)):
+        raise ValueError(f"protocol {name!r}: allowed is one of {', '.join((*RECEIVERS, *names('devices')))}")
+    return name
+
+
+Receiver = Annotated[str, AfterValidator(_receiver), Field(examples=list(RECEIVERS))]
 
 
 class _Config(BaseModel):
@@ -30,7 +43,7 @@ class GnssConfig(_Config):
     address at which this program listens; another one than loopback says who is believed: `?from=ADDRESS`.
     """
 
-    protocol: Literal["nmea0183", "gpsd", "agopengps"] = "nmea0183"
+    protocol: Receiver = "nmea0183"
     port: LineUrl
     baud: Baud = 115200
 
@@ -72,7 +85,7 @@ class HeadsConfig(_Config):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        if self.protocol not in PROTOCOLS and self.layout is None:
+        if head_fields(self.protocol) is None and self.layout is None:
             raise ValueError(f"protocol {self.protocol!r}: allowed is one of {', '.join(PROTOCOLS)}, "
                              "or any name together with a layout")
         if self.multiplexed and len(self.ports) != 1:
@@ -92,7 +105,9 @@ class HeadsConfig(_Config):
     def field_map(self) -> HeadFields:
         if self.layout is not None:
             return HeadFields(self.layout.fields, self.layout.ndvi, self.layout.index_2)
-        return PROTOCOLS[self.protocol]
+        found = head_fields(self.protocol)
+        assert found is not None, "_fits refuses it"
+        return found
 
 
 class BoardConfig(_Config):

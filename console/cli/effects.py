@@ -10,6 +10,7 @@ import typer
 from console.cli.inputs import machine_of
 from console.cli.outputs import Force, machine_file, marked, refuse_collisions
 from console.cli.terms import what_terms_are
+from drivers import plugins
 
 
 def effects(
@@ -46,5 +47,7 @@ def effects(
         typer.echo(f"    seen in: {', '.join(effect.seen_in)}. source: {effect.source}")
         typer.echo(f"    do: {effect.advice}")
         typer.echo(f"    tell apart: {effect.separate}")
+    for name, plugin in plugins.effects().items():
+        typer.echo(f"{name}  (a plug-in's)\n    {plugin.title}. As a term: {plugin.term}\n    do: {plugin.advice}")
     for line in what_terms_are():
         typer.echo(line)

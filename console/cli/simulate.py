@@ -15,7 +15,7 @@ from console.cli.map_notes import print_map_notes
 from console.cli.outputs import Force, new_log_files, refuse_collisions
 from console.cli.plain_errors import CommandError
 from console.cli.progress import progress
-from console.cli.terms import parse_terms
+from console.cli.terms import as_terms, parse_terms
 from console.cli.whole_log import log_output, whole_log
 from console.quick_start import seldom
 from control.orders import Strategy
@@ -84,9 +84,10 @@ def simulate(
     resolved = with_simulated_field(setup.job.model_copy(update=changes), setup.machine)
     if lines := index_disagreements(None, setup.crop, resolved):
         raise ConfigError(lines)
-    planted = [parse_planted(text) for text in effect or ()]
+    by_plugin, own = as_terms(effect or ())
+    planted = [parse_planted(text) for text in own]
     true = setup.machine if plant is None else plausible(setup.machine, plant)
-    terms = parse_terms(term or ())
+    terms = parse_terms([*(term or ()), *by_plugin])
     plants_shown = [*([] if plant is None else [f"machine {plant}"]), *(effect or ()), *(term or ())]
     placed = placed_of_job(resolved, setup.folder, setup.machine, setup.crop.index)
     print_map_notes(check_of_job(resolved, setup.crop.max_rate_kg_ha, setup.folder), job, resolved.warnings)

@@ -4,6 +4,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from console.cli.plain_errors import CommandError
+from drivers.plugins import EffectPlugin, plugged
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,6 +27,22 @@ def parse_terms(texts: Sequence[str]) -> list[Term]:
                                    f"{', '.join(allowed)}")
         found.append(term.model_copy(update={"id": f"{term.id}.{len(found) + 1}"}))
     return found
+
+
+def as_terms(effects: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Of `--effect`: those of plug-ins as texts of terms, and the others. Raises ValueError."""
+    terms, own = list[str](), list[str]()
+    for text in effects:
+        name, _sign, size = text.strip().partition("=")
+        plugin: EffectPlugin | None = plugged("effects", name)
+        if plugin is None:
+            own.append(text)
+            continue
+        try:
+            terms.append(plugin.term.format(size=f"{float(size):g}"))
+        except ValueError:
+            raise CommandError(f"effect {text!r}: allowed is {name}=SIZE, a number") from None
+    return terms, own
 
 
 def _valid(data: dict[str, Any]) -> Term:

@@ -10,7 +10,8 @@ from console.reports.numbers import short
 from control.machine.form import FORMS, SaidNumbers
 from control.machine.machine import CATALOGUE, Change
 from control.machine.term_sums import not_compensated, partly_compensated
-from control.machine.terms import STAGE_OF, VARIABLES, Acts, Term
+from control.machine.terms import STAGE_OF, VARIABLES, Acts, Term, parse_term
+from drivers.plugins import EffectPlugin, effects
 
 LEAST_SHOWN = 1e-3          # of a change for each unit of a variable
 
@@ -39,7 +40,12 @@ def sentence(plain: Mapping[str, Any]) -> str:
                                                                         unit=term.over[0].unit_shown).rstrip()
     elif ranges:
         said += "; " + _("seen with {ranges}").format(ranges=", ".join(ranges))
-    return said
+    return said + "".join(f" ({one.title}: {one.advice})" for one in effects().values() if _alike(term, one))
+
+
+def _alike(term: Term, plugin: EffectPlugin) -> bool:
+    other = parse_term(plugin.term.format(size="1"), Term.model_validate)
+    return (other.acts_on, other.form, other.variables) == (term.acts_on, term.form, term.variables)
 
 
 def compensation(plain: Mapping[str, Any]) -> str:

@@ -9,6 +9,7 @@ import re
 from typing import NamedTuple
 
 from drivers.devices.lines import LineDecoder
+from drivers.plugins import plugged
 
 LOWEST_NDVI = -1.0
 HIGHEST_NDVI = 1.0
@@ -32,6 +33,12 @@ PROTOCOLS: dict[str, HeadFields] = {
     "acs430": HeadFields(fields=5, ndvi=2, index_2=1, index_2_is="ndre"),
     "acs435": HeadFields(fields=8, ndvi=2, index_2=1, index_2_is="ndre"),
 }
+
+
+def head_fields(protocol: str) -> HeadFields | None:
+    """Of a protocol of ours or of a plug-in. Raises ValueError, where that cannot be loaded."""
+    found = PROTOCOLS.get(protocol) or plugged("devices", protocol)
+    return found if isinstance(found, HeadFields) else None
 
 
 class HeadSample(NamedTuple):

@@ -16,6 +16,7 @@ from drivers.devices.lines import Counts
 from drivers.devices.rate_line import RateLineDecoder
 from drivers.devices.slave_board import BoardReadings, SlaveBoard
 from drivers.devices.tractor_speed import TractorSpeedDecoder
+from drivers.plugins import plugged
 
 Record = dict[str, float | int | str | None]
 
@@ -42,6 +43,12 @@ def decode(protocol: str, data: bytes) -> tuple[list[Record], Counts]:
     ------
     ValueError : an unknown protocol; the message lists the known ones. A capture of the console's with a wrong line.
     """
+    name = protocol.removesuffix("-multi")
+    if protocol not in PROTOCOLS and (device := plugged("devices", name)) is not None:
+        data = received(data) if is_capture(data) else data
+        if isinstance(device, HeadFields):
+            return _heads(device, name != protocol, data)
+        return _through(device(), _fix_record, data)
     if protocol not in PROTOCOLS:
         raise ValueError(f"protocol {protocol!r}: allowed is one of {', '.join(sorted(PROTOCOLS))}")
     return PROTOCOLS[protocol](received(data) if is_capture(data) else data)

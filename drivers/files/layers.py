@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,7 +22,8 @@ from drivers.files.limits import check_file, read_json
 from drivers.files.prescriptions.projected import Projection, TransverseMercator, national_grid, projection_of
 from drivers.files.prescriptions.words import NotAMap
 from drivers.files.stated_units import NO_UNITS, StatedUnit, of_json
-from drivers.plain_text import PlaceInFile, Refused
+from drivers.plain_text import PlaceInFile, Refused, one_line
+from drivers.plugins import format_of
 
 KML_KINDS, GEOJSON = (".kml", ".kmz"), (".geojson", ".json")
 DEGREES = ("EPSG:4326", "OGC:CRS84", "EPSG:4258", "EPSG:4490", "EPSG:4269")     # WGS84, and within 2 m of it
@@ -52,6 +53,8 @@ def read_layers(path: Path) -> list[Layer]:
     suffix = "" if path.is_dir() else path.suffix.lower()
     if suffix in GEOJSON:
         return [read_geojson(path)]
+    if (reader := format_of(suffix)) is not None:
+        return [_by_plugin(path, reader)]
     if suffix in (".shp", ".zip", ""):
         from drivers.files.shape_sets import layer_of, shape_sets
         return [layer_of(shapes) for shapes in shape_sets(path)]
@@ -72,6 +75,19 @@ def read_geojson(path: Path, kinds: Collection[str] = KINDS, strict: bool = Fals
         root = read_json(path)
     except ValueError as error:
         raise NotAMap(path, "not readable as JSON: {why}", why=error) from None
+    return _of_features(path, root, kinds, strict)
+
+
+def _by_plugin(path: Path, reader: Callable[[Path], Any]) -> Layer:
+    try:
+        root = reader(path)
+    except Exception as error:          # another's code
+        raise NotAMap(path, "not readable by the plug-in of {suffix}: {why}", suffix=path.suffix,
+                      why=one_line(str(error))) from None
+    return _of_features(path, root, KINDS, strict=True)
+
+
+def _of_features(path: Path, root: Any, kinds: Collection[str], strict: bool) -> Layer:
     kind = root.get("type") if isinstance(root, dict) else type(root).__name__
     found = None
     if isinstance(root, dict) and (kind == "FeatureCollection" or not strict):

@@ -16,6 +16,7 @@ from drivers.files.log_store import SUFFIXES as PARQUET
 from drivers.files.log_store import is_store
 from drivers.files.table import NoHeader, header_of
 from drivers.files.what_it_is import FOREIGN, holds_points, what_is
+from drivers.plugins import format_of
 
 KNOWN_SHARE = 0.5               # of the columns; fewer are another program's log, which the import reads better
 _LOGGED = frozenset({"shaft_rpm_cmd", "opening_mm_cmd", "target_rate_kg_ha", "lat_deg", *SPEEDS})
@@ -33,7 +34,11 @@ class Opened:
     @property
     def is_table(self) -> bool:
         """Rows and columns, whatever its suffix: a text or a workbook."""
-        return not (self.path.is_dir() or self._suffix in FOREIGN or self._suffix in _AREAS)
+        return not (self.path.is_dir() or self._suffix in FOREIGN or self._of_areas)
+
+    @property
+    def _of_areas(self) -> bool:
+        return self._suffix in _AREAS or format_of(self._suffix) is not None
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -72,7 +77,7 @@ class Opened:
             return self._by_columns()
         if self._suffix in PARQUET:
             return "log"
-        if self._suffix in _AREAS:
+        if self._of_areas:
             return "map"
         if what_is(self.path).id == "aog":
             return "field"

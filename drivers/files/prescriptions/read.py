@@ -16,6 +16,7 @@ from drivers.files.prescriptions.task_files import find_task_files
 from drivers.files.prescriptions.words import Imported, NoPolygons, NotAMap, PrescriptionError, RateChoice, RateQuestion
 from drivers.files.shape_sets import ShapeSet, layer_of, shape_sets
 from drivers.files.what_it_is import TABLES, holds_points
+from drivers.plugins import format_of
 
 EVEN = ("raster", "points")     # formats of even cells: none over another
 SHAPES, RASTERS = (".gpkg", ".kml", ".kmz"), (".tif", ".tiff")
@@ -55,7 +56,7 @@ def _read(path: Path, choice: RateChoice) -> Imported:
     if suffix in (".geojson", ".json"):
         from drivers.files.prescriptions.shapes import read_map
         return _areas_or_points(partial(read_map, path, choice), path, choice)
-    if suffix in SHAPES:
+    if suffix in SHAPES or format_of(suffix) is not None:
         from drivers.files.prescriptions.shapes import read_shapes
         return read_shapes(path, choice)
     if suffix in RASTERS:
