@@ -4,9 +4,9 @@ from __future__ import annotations
 import os
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -15,9 +15,13 @@ from console.cli.plain_errors import CANCELLED, CommandError
 from console.cli.progress import ProgressLine
 from drivers import day_clock
 
+if TYPE_CHECKING:
+    from console.services.fleet import Found
+    from console.services.fleet_about import Listed
+
 REPORT = "report.html"
 EVERY_S = 30.0                  # between two lines of progress where there is no terminal
-ABOUT = ("log", "unit", "product", "operator", "field", "time")
+MOST_SAID = 20                  # rows of the list that are of no log
 
 
 def fleet(
@@ -32,8 +36,9 @@ def fleet(
                                          help="On this computer.")] = max(1, os.cpu_count() or 1),
     machine: Annotated[str, typer.Option(metavar="MACHINE", help="Machine file, or name of a shipped one, for logs "
                                          "that name none.")] = "huanghai",
-    about: Annotated[str | None, typer.Option(metavar="TABLE.csv", help="What the logs do not say: a column log (file "
-                                               "name or path), and unit, product, operator, field, time.")] = None,
+    about: Annotated[str | None, typer.Option(metavar="TABLE.csv", help="What the logs do not say: a column log (a "
+                                               "path, or as much of its end as one log has), and unit, product, "
+                                               "operator, field, time.")] = None,
     price: Annotated[float | None, typer.Option(min=0.0, metavar="MONEY", help="Of a kilogram: the report then counts "
                                                 "money.")] = None,
     currency: Annotated[str, typer.Option(metavar="NAME", help="Of the money.")] = "CNY",
@@ -63,11 +68,11 @@ def fleet(
              *([] if table is None else [table])]
     tables = [out / f"{name}.parquet" for name in TABLES]
     refuse_collisions(reads, [marked(out / REPORT, GENERATOR.encode(), tables)], force)
-    known = {} if table is None else _about(table, logs)
+    known = None if table is None else _about(table, logs)
     out.mkdir(parents=True, exist_ok=True)
     salt = f"{FORMAT} {software_version()} {sha256_of(loaded.path)} "
     begin = time.monotonic()
-    asked = Asked(loaded.model.model_dump(mode="json"), known, salt, options, retry)
+    asked = Asked(loaded.model.model_dump(mode="json"), salt, options, retry)
     with cluster(scheduler, min(workers, len(logs))) as client:
         try:
             found = diagnosed(client, logs, asked, out, _progress())
@@ -76,7 +81,7 @@ def fleet(
             typer.echo(f"\ncancelled: what is done is kept in {out}; the same command goes on", err=True)
             raise typer.Exit(CANCELLED) from None
     took_s = time.monotonic() - begin
-    _print_season(found, out, price, currency)
+    _print_season(found, known.of if known else {}, out, price, currency)
     twins = f", {found.twins} the same as others" if found.twins else ""
     typer.echo(f"{len(logs)} logs, {len(found.records)} diagnosed ({found.known} before), {len(found.broken)} broken"
                f"{twins}; {took_s:.0f} s", err=True)
@@ -92,20 +97,21 @@ def _options(said: list[str]) -> dict[str, str]:
     return {name: value for name, _equals, value in (one.partition("=") for one in said)}
 
 
-def _print_season(found: object, out: Path, price: float | None, currency: str) -> None:
+def _print_season(found: Found, rows: Mapping[str, Mapping[str, str]], out: Path, price: float | None,
+                  currency: str) -> None:
     from console.reports.fleet_page import aside_words, costliest, fleet_page, low_words, same_words, shared_words
-    from console.services.fleet import Found
+    from console.services.fleet_about import with_words
     from console.services.fleet_season import season
     from console.services.fleet_tables import write_tables
     from drivers.files.atomic import write_atomically
     from drivers.files.run_meta import software_version
-    assert isinstance(found, Found)
     for line in found.blind:
         typer.echo(line, err=True)
     for path, why in found.broken:
         typer.echo(f"broken: {why}" if path in why else f"broken: {path}: {why}", err=True)
-    whole = season(found.records, found.broken, day_clock.epoch_s() / 86_400.0)
-    write_tables(out, whole, found.records)
+    records = [with_words(one, rows.get(one["path"], {})) for one in found.records]
+    whole = season(records, found.broken, day_clock.epoch_s() / 86_400.0)
+    write_tables(out, whole, records)
     page = fleet_page(whole.machines, whole.fit, low=whole.low, units=whole.units, broken=whole.broken, price=price,
                       currency=currency, software=f"topdress {software_version()}", aside=whole.aside,
                       by_file_date=whole.by_file_date)
@@ -120,17 +126,28 @@ def _print_season(found: object, out: Path, price: float | None, currency: str) 
     typer.echo(f"report: {out / REPORT}", err=True)
 
 
-def _about(table: Path, logs: list[str]) -> dict[str, dict[str, str]]:
-    """By log; a name without a folder stands for every log of that name."""
+def _about(table: Path, logs: list[str]) -> Listed:
+    """What the list says by log. What it does not say, and of which rows there is no log, is said here."""
+    from console.services.fleet_about import COLUMNS, listed
     from drivers.files.table import read_table
-    read = read_table(table, texts=ABOUT)
-    strange = [name for name in read.names if name not in ABOUT]
+    read = read_table(table, texts=COLUMNS)
+    strange = [name for name in read.names if name not in COLUMNS]
     if "log" not in read.columns or strange:
-        raise CommandError(f"{table}: column {(strange or ['log'])[0]}: allowed are {', '.join(ABOUT)}; log must be "
+        raise CommandError(f"{table}: column {(strange or ['log'])[0]}: allowed are {', '.join(COLUMNS)}; log must be "
                            "there")
-    said = {str(name): {column: str(read.columns[column][k]) for column in read.columns if column != "log"}
-            for k, name in enumerate(read.columns["log"])}
-    return {log: found for log in logs if (found := said.get(log) or said.get(log.replace("\\", "/").split("/")[-1]))}
+    try:
+        found = listed([{name: str(column[k]) for name, column in read.columns.items()}
+                        for k in range(len(read.columns["log"]))], logs)
+    except ValueError as error:
+        raise CommandError(f"{table}: {error}") from None
+    for said in found.unused[:MOST_SAID]:
+        typer.echo(f"{table}: {said}", err=True)
+    typer.echo(f"{table}: {len(found.of)} of {len(logs)} logs have a row, {found.silent} have none; "
+               f"{len(found.unused)} rows are of no log", err=True)
+    if not found.of:
+        raise CommandError(f"{table}: no row is of a log: allowed in column log is how the path of one log ends, as "
+                           f"{'/'.join(logs[0].split('/')[-2:])}")
+    return found
 
 
 def _progress(clock: Callable[[], float] = time.monotonic) -> Callable[[int, int, str], None]:

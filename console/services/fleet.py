@@ -57,17 +57,12 @@ class Found:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Asked:
-    """What is wanted of every log. about: what the list says of it, by path; options: of fsspec, for URLs; retry: logs
-    that could not be read are tried again."""
+    """What is wanted of every log. options: of fsspec, for URLs; retry: logs that could not be read are tried again."""
 
     machine: Mapping[str, Any]
-    about: Mapping[str, Mapping[str, str]]
     salt: str
     options: Options = dataclasses.field(default_factory=dict)
     retry: bool = False
-
-    def of(self, path: str) -> dict[str, str]:
-        return dict(self.about.get(path, {}))
 
 
 @contextlib.contextmanager
@@ -229,8 +224,7 @@ def diagnosed(client: Any, paths: Sequence[str], asked: Asked, out: Path, tell: 
             out, keys[path]).is_file()], asked.options)
         work = _Work(client, [who for who in client.nthreads() if who not in blind])
         for number, (path, key, why) in enumerate(work.twice(checksum, {
-                path: (_whole(path), asked.options, asked.salt + json.dumps(asked.of(path), sort_keys=True))
-                for path in unknown})):
+                path: (_whole(path), asked.options, asked.salt) for path in unknown})):
             if why:
                 errors[path] = why
             else:
@@ -245,7 +239,7 @@ def diagnosed(client: Any, paths: Sequence[str], asked: Asked, out: Path, tell: 
         todo = {path: key for key, path in first.items() if key not in kept}
         known = len(kept)
         for number, (path, made, why) in enumerate(work.twice(record, {
-                path: (_whole(path), asked.options, asked.machine, asked.of(path)) for path in todo})):
+                path: (_whole(path), asked.options, asked.machine) for path in todo})):
             if why:                             # what no worker survived, or was not the log's own fault
                 errors[path] = why
             elif (mark := _mark(path, asked)) != marks[path]:
@@ -258,7 +252,7 @@ def diagnosed(client: Any, paths: Sequence[str], asked: Asked, out: Path, tell: 
             tell(known + number + 1, len(first), "diagnosing")
     finally:
         write_atomically(out / SEEN, json.dumps(seen))
-    every = [{"key": key, **kept[key]} for key in first if key in kept]
+    every = [{"key": key, **kept[key], "path": path} for key, path in first.items() if key in kept]
     records = list({one.get("content", one["key"]): one for one in reversed(every)}.values())[::-1]
     broken = [*errors.items(), *((one["path"], one["error"]) for one in records if "error" in one)]
     twins = len(keys) - len(first) + len(every) - len(records)
@@ -411,4 +405,4 @@ def _mark(path: str, asked: Asked) -> str:
                 one.stat().st_mtime_ns if one is not None and one.is_file() else 0 for one in side_files))))
     except (OSError, NotImplementedError):
         return ""
-    return f"{state} {asked.salt} {json.dumps(asked.of(path), sort_keys=True)}"
+    return f"{state} {asked.salt}"

@@ -54,8 +54,8 @@ def checksum(where: str, options: Options, salt: str) -> str:
     return digest.hexdigest()
 
 
-def record(where: str, options: Options, machine: Mapping[str, Any], about: Mapping[str, str]) -> dict[str, Any]:
-    """The record of one log, of plain values. machine: for logs that name none. about: what else is known of it.
+def record(where: str, options: Options, machine: Mapping[str, Any]) -> dict[str, Any]:
+    """The record of one log, of plain values. machine: for logs that name none.
 
     Whatever is wrong with it is a record too: {"error": one line, "lasting": whether it is the log's own fault}. What
     a reader refuses is the log's; no such file, no memory, a package that is missing are the worker's.
@@ -67,7 +67,7 @@ def record(where: str, options: Options, machine: Mapping[str, Any], about: Mapp
     try:
         with local(where, options) as path:
             path.open("rb").close()
-            made = _judged(where, path, Machine.model_validate(machine), about)
+            made = _judged(where, path, Machine.model_validate(machine))
             return {**made, "took_s": time.perf_counter() - began[0], "processor_s": time.process_time() - began[1]}
     except ConfigError as error:
         return {"format": FORMAT, "path": where, "error": error.lines[0], "lasting": True}
@@ -80,7 +80,7 @@ def _first_line(error: Exception) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0]
 
 
-def _judged(where: str, path: Path, default: Machine, about: Mapping[str, str]) -> dict[str, Any]:
+def _judged(where: str, path: Path, default: Machine) -> dict[str, Any]:
     from control.diagnosis.season.evidence import evidence
     from drivers.files.any_log import open_log
     from drivers.files.config import validated
@@ -96,8 +96,8 @@ def _judged(where: str, path: Path, default: Machine, about: Mapping[str, str]) 
     return {
         "format": FORMAT, "path": where, "content": _content(log), "rows": len(log), "duration_s": log.duration_s,
         "model": machine.id, "nominal": hashlib.sha256(machine.model_dump_json().encode()).hexdigest(),
-        "unit": _known(log, about, "unit") or _folder(where), **_time(log, path, about),
-        "shared": {name: _known(log, about, name) for name in SHARED},
+        "unit": _known(log, "unit") or _folder(where), **_time(log, path),
+        "shared": {name: _known(log, name) for name in SHARED},
         "verdict": found.verdict, "worked": seen.worked._asdict(), "percent": seen.percent, "units": seen.units,
         "causes": [{"id": cause.id, "size": cause.size.value, "low": cause.size.low, "high": cause.size.high,
                     "probability": cause.probability, "onset_s": cause.onset_s} for cause in found.causes],
@@ -114,9 +114,9 @@ def _content(log: RunLog) -> str:
     return digest.hexdigest()
 
 
-def _known(log: RunLog, about: Mapping[str, str], name: str) -> str:
-    """As the list of logs says, else as the log's sidecar."""
-    said = about.get(name) or ("" if log.meta is None else log.meta.extra.get(name))
+def _known(log: RunLog, name: str) -> str:
+    """As the log's sidecar says."""
+    said = "" if log.meta is None else log.meta.extra.get(name)
     if not said and name == "field" and log.meta is not None and log.meta.job is not None:
         said = (log.meta.job.get("field") or {}).get("title")
     return str(said or "")
@@ -128,20 +128,20 @@ def _folder(where: str) -> str:
     return parts[-2] if len(parts) > 1 else ""
 
 
-def _time(log: RunLog, path: Path, about: Mapping[str, str]) -> dict[str, Any]:
-    """When the log began, in days since 1970, and who says so: the list, its sidecar, its first fix, else its file.
-
-    A time without a zone counts as UTC.
-    """
+def _time(log: RunLog, path: Path) -> dict[str, Any]:
+    """When the log began, in days since 1970, and who says so: its sidecar, its first fix, else its file."""
     first = next((str(text) for text in log.texts("utc")[:10_000] if text), None)
-    for whence, said in (("list", about.get("time")), ("sidecar", None if log.meta is None else log.meta.started_utc),
-                         ("log", first)):
+    for whence, said in (("sidecar", None if log.meta is None else log.meta.started_utc), ("log", first)):
         if said:
             with contextlib.suppress(ValueError):
-                moment = dt.datetime.fromisoformat(said.replace("Z", "+00:00"))
-                moment = moment if moment.tzinfo else moment.replace(tzinfo=dt.UTC)
-                return {"time_d": moment.timestamp() / 86_400.0, "time_from": whence}
+                return {"time_d": days_of(said), "time_from": whence}
     return {"time_d": path.stat().st_mtime / 86_400.0, "time_from": "file"}
+
+
+def days_of(said: str) -> float:
+    """Days since 1970 of an ISO 8601 time, UTC where it has no zone. Raises ValueError."""
+    moment = dt.datetime.fromisoformat(said.replace("Z", "+00:00"))
+    return (moment if moment.tzinfo else moment.replace(tzinfo=dt.UTC)).timestamp() / 86_400.0
 
 
 @contextlib.contextmanager

@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 from console.cli import app
 from console.reports.fleet_page import costliest, fleet_page, service
 from console.services import fleet
+from console.services.fleet_about import listed, with_words
 from console.services.fleet_job import FORMAT, checksum, record, sidecar_url
 from console.services.fleet_season import season
 from console.services.fleet_tables import TABLES, write_tables
@@ -54,7 +55,7 @@ class Asked:
     def __init__(self, file: Path, spoilt: str = "") -> None:
         self.file, self.spoilt = file, spoilt
 
-    def answer(self, where: str, options: Any, machine: Any, about: Any) -> dict[str, Any]:
+    def answer(self, where: str, options: Any, machine: Any) -> dict[str, Any]:
         with self.file.open("a") as opened:
             opened.write(where + "\n")
         said = {"format": FORMAT, "path": where}
@@ -80,8 +81,8 @@ def client() -> Any:
 @pytest.fixture
 def diagnosed(tmp_path: Path, client: Any) -> Any:
     """All logs of a fleet into `out` of this test, asked of what stands in the place of `record`."""
-    def work(logs: list[str], asked: Asked, about: Any = None, tell: Any = quiet, retry: bool = False) -> Any:
-        wanted = fleet.Asked(MACHINE, about or {}, "s", retry=retry)
+    def work(logs: list[str], asked: Asked, tell: Any = quiet, retry: bool = False) -> Any:
+        wanted = fleet.Asked(MACHINE, "s", retry=retry)
         return fleet.diagnosed(client, logs, wanted, tmp_path / "out", tell, asked.answer)
     return work
 
@@ -92,8 +93,8 @@ def logs(tmp_path: Path) -> list[str]:
 
 
 def test_a_record_tells_machine_time_and_sizes_with_their_errors(tmp_path: Path) -> None:
-    said = record(str(wheel_log(tmp_path / "seeder 7" / "a.csv", 2.0)), {}, MACHINE,
-                  {"operator": "Li", "time": "2026-04-01T08:00:00+08:00"})
+    said = with_words(record(str(wheel_log(tmp_path / "seeder 7" / "a.csv", 2.0)), {}, MACHINE),
+                      {"operator": "Li", "time": "2026-04-01T08:00:00+08:00"})
     assert said["unit"] == "seeder 7" and said["shared"]["operator"] == "Li" and said["rows"] == 1200
     assert said["time_d"] == pytest.approx(20544.0)
     (form,) = [one for one in said["forms"] if "speed.wheel_radius" in one["names"]]
@@ -139,9 +140,9 @@ def test_a_log_counts_for_as_much_whatever_it_has_to_tell(tmp_path: Path) -> Non
 def test_a_broken_log_is_a_record_with_one_line(tmp_path: Path, content: str) -> None:
     path = tmp_path / "broken.csv"
     path.write_text(content)
-    said = record(str(path), {}, MACHINE, {})
+    said = record(str(path), {}, MACHINE)
     assert said["error"] and "\n" not in said["error"]
-    assert record(str(tmp_path / "not-there.csv"), {}, MACHINE, {})["error"]
+    assert record(str(tmp_path / "not-there.csv"), {}, MACHINE)["error"]
 
 
 @pytest.mark.parametrize(("begin", "what"), [(b"PK\x03\x04", "a zip"), (b"PAR1", "a Parquet file"),
@@ -149,7 +150,7 @@ def test_a_broken_log_is_a_record_with_one_line(tmp_path: Path, content: str) ->
 def test_what_has_anothers_suffix_is_said(tmp_path: Path, begin: bytes, what: str) -> None:
     path = tmp_path / "a.csv"
     path.write_bytes(begin + bytes(range(256)))
-    said = record(str(path), {}, MACHINE, {})["error"]
+    said = record(str(path), {}, MACHINE)["error"]
     assert said.startswith(f"{path}: {what}") and said.isprintable()
 
 
@@ -193,8 +194,6 @@ def test_each_log_is_diagnosed_once_and_broken_ones_are_listed(tmp_path: Path, l
     wheel_log(Path(logs[1]), seed=9)
     diagnosed(logs, asked)
     assert asked.so_far[3:] == [logs[1]]
-    diagnosed(logs, asked, {logs[0]: {"operator": "Li"}})
-    assert asked.so_far[4:] == [logs[0]]               # what is known of it is part of it
 
 
 def test_few_tasks_wait_in_the_cluster(client: Any) -> None:
@@ -239,11 +238,11 @@ def test_a_record_that_cannot_be_read_is_made_again(tmp_path: Path, logs: list[s
 class Written(Asked):
     """A log that another program still writes."""
 
-    def answer(self, where: str, options: Any, machine: Any, about: Any) -> dict[str, Any]:
+    def answer(self, where: str, options: Any, machine: Any) -> dict[str, Any]:
         if where == self.spoilt:
             with Path(where).open("a") as opened:
                 opened.write("1000.0,1.0,1.0,300.0\n")
-        return super().answer(where + "", options, machine, about) | {"path": where}
+        return super().answer(where + "", options, machine) | {"path": where}
 
 
 def test_a_log_that_is_written_while_it_is_read_is_read_again(tmp_path: Path, logs: list[str], diagnosed: Any) -> None:
@@ -376,7 +375,8 @@ def records(tmp_path: Path) -> list[dict[str, Any]]:
     for machine, percent in (("one", 3.0), ("two", 0.0)):
         for day in range(4):
             path = wheel_log(tmp_path / machine / f"{day}.parquet", percent, 60.0, seed=day)
-            made.append({"key": f"{machine}{day}", **record(str(path), {}, MACHINE, {"time": f"2026-04-0{day + 1}"})})
+            said = with_words(record(str(path), {}, MACHINE), {"time": f"2026-04-0{day + 1}"})
+            made.append({"key": f"{machine}{day}", **said})
     return made
 
 
@@ -421,6 +421,43 @@ def test_the_command_says_what_it_cannot_use(tmp_path: Path) -> None:
     assert told.exit_code != 0 and "column driver" in told.output
 
 
+@pytest.mark.parametrize(("said", "log"), [
+    ("/data/m1/a.csv", "/data/m1/a.csv"), ("m1/a.csv", "/data/m1/a.csv"), ("m1\\a.csv", "/data/m1/a.csv"),
+    ("./m2/a.csv", "/data/m2/a.csv"), ("b.csv", "/data/m2/b.csv"), ("C:\\logs\\here\\c.csv", "here/c.csv"),
+    ("a.csv", "2 logs end so"), ("1/a.csv", "no such log"), ("m9/b.csv", "no such log"), ("csv", "no such log")])
+def test_a_row_is_of_the_one_log_whose_path_ends_so(said: str, log: str) -> None:
+    logs = ["/data/m1/a.csv", "/data/m2/a.csv", "/data/m2/b.csv", "here/c.csv"]
+    found = listed([{"log": said, "operator": "Li"}], logs)
+    assert [*found.of, *found.unused] == ([log] if log in logs else [f"row 1: {said}: {log}"])
+    assert found.silent == (3 if log in logs else 4)
+    twice = listed([{"log": logs[0]}, {"log": "m1/a.csv"}], logs)
+    assert twice.unused == ("row 2: m1/a.csv: its log has a row already",)
+
+
+def test_about_is_never_ignored_and_a_changed_word_diagnoses_nothing_again(tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason="the extra `fleet` is not installed")
+    for name in ("m1/a", "m2/a"):
+        wheel_log(tmp_path / "in" / f"{name}.csv", seconds=30.0, seed=len(name))
+        wheel_log(tmp_path / "in" / f"{name}b.csv", seconds=30.0, seed=len(name) + 7 + (name > "m2"))
+    table = tmp_path / "about.csv"
+
+    def said(*rows: str) -> Any:
+        table.write_text("\n".join(("log,operator,time", *rows)) + "\n")
+        return CliRunner().invoke(app, ["fleet", str(tmp_path / "in"), "--out", str(tmp_path / "out"), "--about",
+                                        str(table), "--workers", "1", "--force"])
+    none = said("m3/a.csv,Li,", "a.csv,Wang,")
+    assert none.exit_code != 0 and "no row is of a log" in none.output and not (tmp_path / "out").exists()
+    assert "row 1: m3/a.csv: no such log" in none.output and "row 2: a.csv: 2 logs end so" in none.output
+    assert said("m1/a.csv,Li,soon").exit_code != 0
+    first = said("m1/a.csv,Li,2026-04-01", "m3/a.csv,Wang,")
+    assert first.exit_code == 0 and "1 of 4 logs have a row, 3 have none; 1 rows are of no log" in first.output
+    second = said("m1/a.csv,Sun,2026-04-02")
+    assert "(4 before)" in second.output or "(3 before)" in second.output
+    logs = {Path(one["path"]).parent.name + Path(one["path"]).stem: one for one in pl.read_parquet(
+        tmp_path / "out" / "logs.parquet").to_dicts()}
+    assert logs["m1a"]["operator"] == "Sun" and logs["m1a"]["time_d"] == 20_545.0
+
+
 @pytest.fixture(scope="module")
 def two_workers() -> Any:
     distributed = pytest.importorskip("distributed", reason="the extra `fleet` is not installed")
@@ -445,7 +482,7 @@ def test_workers_in_other_folders_find_logs_by_relative_paths(tmp_path: Path, tw
     monkeypatch.chdir(tmp_path)
     logs = [str(wheel_log(Path("in") / f"{k}.csv", seconds=30.0, seed=k)) for k in range(3)]
     two_workers.run(os.chdir, "/")
-    found = fleet.diagnosed(two_workers, logs, fleet.Asked(MACHINE, {}, "s"), tmp_path / "out", quiet)
+    found = fleet.diagnosed(two_workers, logs, fleet.Asked(MACHINE, "s"), tmp_path / "out", quiet)
     assert sorted(one["path"] for one in found.records) == logs and found.twins == 0
 
 
@@ -453,19 +490,19 @@ def test_a_worker_that_does_not_see_the_logs_is_left_out_and_said(tmp_path: Path
     logs = [str(wheel_log(tmp_path / "in" / f"{k}.csv", seconds=30.0, seed=k)) for k in range(4)]
     who = sorted(two_workers.nthreads())[0]
     two_workers.run(hidden, str(tmp_path / "in"), workers=[who])
-    found = fleet.diagnosed(two_workers, logs, fleet.Asked(MACHINE, {}, "s"), tmp_path / "out", quiet)
+    found = fleet.diagnosed(two_workers, logs, fleet.Asked(MACHINE, "s"), tmp_path / "out", quiet)
     assert len(found.records) == 4 and not found.broken and found.twins == 0
     assert len(found.blind) == 1 and who in found.blind[0] and "No such file" in found.blind[0]
     two_workers.run(hidden, str(tmp_path / "in"))
     with pytest.raises(OSError, match="no worker sees the logs"):
-        fleet.diagnosed(two_workers, logs, fleet.Asked(MACHINE, {}, "other"), tmp_path / "out", quiet)
+        fleet.diagnosed(two_workers, logs, fleet.Asked(MACHINE, "other"), tmp_path / "out", quiet)
 
 
 class AtFault(Asked):
     """A worker without memory, or whose disk came off while it read."""
 
-    def answer(self, where: str, options: Any, machine: Any, about: Any) -> dict[str, Any]:
-        said = super().answer(where, options, machine, about)
+    def answer(self, where: str, options: Any, machine: Any) -> dict[str, Any]:
+        said = super().answer(where, options, machine)
         return {**said, "error": "Input/output error", "lasting": False} if where == self.spoilt else said
 
 
@@ -484,8 +521,8 @@ def test_a_workers_fault_is_never_kept_and_a_logs_own_is_tried_again_when_asked(
 
 def test_a_log_that_is_not_there_is_the_workers_fault_and_one_that_is_spoilt_its_own(tmp_path: Path) -> None:
     (tmp_path / "empty.csv").write_text("")
-    assert record(str(tmp_path / "empty.csv"), {}, MACHINE, {})["lasting"]
-    assert not record(str(tmp_path / "gone.csv"), {}, MACHINE, {})["lasting"]
+    assert record(str(tmp_path / "empty.csv"), {}, MACHINE)["lasting"]
+    assert not record(str(tmp_path / "gone.csv"), {}, MACHINE)["lasting"]
     with pytest.raises(FileNotFoundError):
         checksum(str(tmp_path / "gone.csv"), {}, "s")
 
@@ -495,11 +532,11 @@ def test_the_import_file_beside_a_log_or_of_its_folder_says_what_its_columns_mea
     (tmp_path / "a.csv").write_text("t;S;I\n" + rows)
     said = ("format: topdress-import/1\ntime: {column: t, counts: s}\ncolumns:\n"
             "  shaft_rpm_cmd: {from: S, unit: 1/min}\n  shaft_rpm: {from: I, unit: 1/min}\n")
-    assert "error" in record(str(tmp_path / "a.csv"), {}, MACHINE, {})
+    assert "error" in record(str(tmp_path / "a.csv"), {}, MACHINE)
     before = checksum(str(tmp_path / "a.csv"), {}, "s")
     for place in ("a.import.yaml", "import.yaml"):
         (tmp_path / place).write_text(said)
-        found = record(str(tmp_path / "a.csv"), {}, MACHINE, {})
+        found = record(str(tmp_path / "a.csv"), {}, MACHINE)
         assert found.get("rows") == 600, found
         assert checksum(str(tmp_path / "a.csv"), {}, "s") != before
         (tmp_path / place).unlink()
@@ -516,12 +553,12 @@ def test_where_nothing_was_diagnosed_the_command_fails(tmp_path: Path) -> None:
 def test_a_run_as_text_and_as_parquet_is_one_log(tmp_path: Path, client: Any) -> None:
     logs = [str(wheel_log(tmp_path / "in" / name, seconds=30.0)) for name in ("a.csv", "a.parquet")]
     logs.append(str(wheel_log(tmp_path / "in" / "b.csv", seconds=30.0, seed=2)))
-    found = fleet.diagnosed(client, logs, fleet.Asked(MACHINE, {}, "s"), tmp_path / "out", quiet)
+    found = fleet.diagnosed(client, logs, fleet.Asked(MACHINE, "s"), tmp_path / "out", quiet)
     assert len(found.records) == 2 and found.twins == 1 and not found.broken
 
 
 def test_a_log_of_six_seconds_is_no_log(tmp_path: Path) -> None:
-    said = record(str(wheel_log(tmp_path / "a.csv", seconds=6.0)), {}, MACHINE, {})
+    said = record(str(wheel_log(tmp_path / "a.csv", seconds=6.0)), {}, MACHINE)
     assert said["error"].endswith("6 s long: allowed is a log of 20 s and more") and said["lasting"]
 
 

@@ -1,0 +1,60 @@
+"""The list of logs that `--about` names: which row is of which log, and what it says of it."""
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from console.services.fleet_job import SHARED, days_of
+
+COLUMNS = ("log", "unit", *SHARED, "time")
+
+
+class Listed(NamedTuple):
+    """of: by log, what its row says. unused: a line for each row that is of no log, and why. silent: logs without a
+    row."""
+
+    of: Mapping[str, Mapping[str, str]]
+    unused: tuple[str, ...]
+    silent: int
+
+
+def listed(rows: Sequence[Mapping[str, str]], logs: Sequence[str]) -> Listed:
+    """A row is of the log whose path ends, folder by folder, as the row says; or, of a path that was written on another
+    computer, that ends as the log's path as it was given. One log only: a row that fits several is of none.
+
+    rows: of COLUMNS. Raises ValueError for a time that is none.
+    """
+    parts = {log: _parts(log) for log in logs}
+    ends = Counter("/".join(one[k:]) for one in parts.values() for k in range(len(one)))
+    by_end = {"/".join(one[k:]): log for log, one in parts.items() for k in range(len(one))}
+    whole = {"/".join(one): log for log, one in parts.items()}
+    of, unused = dict[str, Mapping[str, str]](), list[str]()
+    for number, row in enumerate(rows, 1):
+        said = _parts(row["log"])
+        path, longer = "/".join(said), ["/".join(said[k:]) for k in range(1, len(said))]
+        log = whole.get(path) or (by_end.get(path) if ends[path] == 1 else None)
+        log = log or (None if ends[path] else next((whole[end] for end in longer if end in whole), None))
+        if row.get("time"):
+            try:
+                days_of(row["time"])
+            except ValueError:
+                raise ValueError(f"row {number}: time {row['time']}: allowed is ISO 8601, as "
+                                 "2026-04-01T08:00:00+08:00") from None
+        if log is None or log in of:
+            why = "its log has a row already" if log else f"{ends[path]} logs end so" if ends[path] else "no such log"
+            unused.append(f"row {number}: {row['log']}: {why}")
+        else:
+            of[log] = row
+    return Listed(of, tuple(unused), len(logs) - len(of))
+
+
+def _parts(path: str) -> list[str]:
+    return [part for part in path.strip().replace("\\", "/").split("/") if part not in ("", ".")]
+
+
+def with_words(record: Mapping[str, Any], row: Mapping[str, str]) -> dict[str, Any]:
+    """A log's record with what its row says in place of what its sidecar does."""
+    time = {"time_d": days_of(row["time"]), "time_from": "list"} if row.get("time") else {}
+    return {**record, "unit": row.get("unit") or record["unit"], **time,
+            "shared": {name: row.get(name) or said for name, said in record["shared"].items()}}
