@@ -8,7 +8,7 @@ from console.reports.figure import AFTER, BEFORE, DIM, drawn, svg
 from console.reports.html import Picture, escape, figure, items, page, paragraph, section, table
 from console.reports.numbers import fixed
 from control.diagnosis.season.courses import Course, Same, SeasonFit, Shared, wears
-from control.diagnosis.season.mixed import MACHINE, Alternative
+from control.diagnosis.season.mixed import Alternative
 from control.diagnosis.season.owner import Low, MachineSeason, still_there
 from control.machine.machine import CATALOGUE
 from drivers import day_clock
@@ -95,7 +95,7 @@ def set_words(cause: Course | Shared) -> str:
     """A cause, or all that it may be with their probabilities."""
     if len(cause.alternatives) < 2:
         return titled(cause.effect)
-    own = (MACHINE, cause.machine) if isinstance(cause, Course) else (cause.factor, cause.level)
+    own = cause.factor, cause.level
     return _(" or ").join(
         f"{titled(one.effect)}{'' if (one.factor, one.level) == own else ' (' + _factor(one) + ')'} "
         f"{100.0 * one.probability:.0f} %" for one in cause.alternatives)

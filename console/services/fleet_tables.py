@@ -31,6 +31,8 @@ TABLES = {
     "machines": {"machine": _TEXT, "logs": _COUNT, "hours": _NUMBER, "applied_kg": _NUMBER, "wrong_kg": _NUMBER,
                  "least_kg": _NUMBER, "most_kg": _NUMBER, "now_percent": _NUMBER, "now_least": _NUMBER,
                  "now_most": _NUMBER, "others_percent": _NUMBER},
+    "costs": {"machine": _TEXT, "factor": _TEXT, "level": _TEXT, "effect": _TEXT, "kg": _NUMBER, "least_kg": _NUMBER,
+              "most_kg": _NUMBER},
 }
 
 
@@ -38,11 +40,8 @@ def write_tables(out: Path, of: Season, records: Sequence[Mapping[str, Any]]) ->
     """`TABLES`, each a Parquet file in `out`. Raises OSError."""
     import polars as pl
 
-    from control.diagnosis.season.mixed import MACHINE
     fit = of.fit
-    sets: list[tuple[str, str, Course | Shared]] = [
-            *((MACHINE, one.machine, one) for one in fit.courses),
-            *((one.factor, one.level, one) for one in fit.shared)]
+    sets: list[Course | Shared] = [*fit.courses, *fit.shared]
     tables: dict[str, list[dict[str, Any]]] = {
         "logs": [{"path": one["path"], "checksum": one["key"], "machine": one["unit"], "time_d": one["time_d"],
                   **one["shared"], "rows": one["rows"], "verdict": one["verdict"],
@@ -54,11 +53,14 @@ def write_tables(out: Path, of: Season, records: Sequence[Mapping[str, Any]]) ->
         "changes": [{"machine": one.machine, "effect": one.effect, **change._asdict()}
                     for one in fit.courses for change in one.changes],
         "levels": [{**one._asdict(), "unit": of.units.get(one.effect, "")} for one in fit.levels],
-        "alternatives": [{"factor": factor, "level": level, "effect": one.effect, "or_factor": other.factor,
+        "alternatives": [{"factor": one.factor, "level": one.level, "effect": one.effect, "or_factor": other.factor,
                           "or_level": other.level, "or_effect": other.effect, "size": other.size,
                           "probability": other.probability}
-                         for factor, level, one in sets for other in one.alternatives],
+                         for one in sets for other in one.alternatives],
         "machines": [one._asdict() for one in of.machines],
+        "costs": [{"machine": one.machine, "factor": cost.cause.factor, "level": cost.cause.level,
+                   "effect": cost.cause.effect, **cost._asdict()}
+                  for one in of.machines for cost in (*one.courses, *one.shared)],
     }
     for name, columns in TABLES.items():
         data = io.BytesIO()

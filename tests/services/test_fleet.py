@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -17,6 +18,7 @@ from typer.testing import CliRunner
 
 from console.cli import app
 from console.reports.fleet_page import costliest, fleet_page, service
+from console.reports.numbers import fixed
 from console.services import fleet
 from console.services.fleet_about import listed, with_words
 from console.services.fleet_job import FORMAT, checksum, record, sidecar_url
@@ -26,6 +28,7 @@ from control.diagnosis.season.courses import Course, SeasonFit, Shared
 from control.diagnosis.season.evidence import evidence
 from control.diagnosis.season.owner import machines
 from control.machine.machine import Machine
+from drivers import day_clock
 from drivers.files.log_store import write_store
 from drivers.files.read_log import read_rows
 
@@ -408,6 +411,66 @@ def test_page_and_tables(tmp_path: Path) -> None:
                       currency="CNY", software="t")
     assert page.index(">one<") < page.index(">two<") and "<svg" in page and "spoilt &lt;b&gt;" in page
     assert "money, CNY" in page
+
+
+def told_season() -> list[dict[str, Any]]:
+    """Four machines, 30 days: m1 wears to -7 % of flow, m2's gate is put right after day 17, compound flows 5 % more.
+    """
+    rng, names = np.random.default_rng(5), ("flow.gain", "scale.gain", "gate.home_error")
+    normal = np.array([[40.0, 39.98, 0.0], [39.98, 40.0, 0.0], [0.0, 0.0, 900.0]])
+    made = list[dict[str, Any]]()
+    for day in range(30):
+        for number in range(1, 5):
+            product = "compound" if (day // 3 + number) % 3 == 0 else "urea"
+            sizes = np.array([5.0 * (product == "compound") - 7.0 / 29.0 * day * (number == 1), 0.0,
+                              0.6 * (number == 2 and day < 18)])
+            right = normal @ sizes + np.linalg.cholesky(normal) @ rng.normal(size=3)
+            form = {"names": list(names), "normal": normal.tolist(), "right": right.tolist(), "open": [], "pulls": []}
+            made.append(bare(f"m{number}/{day}", f"m{number}", 20_500.0 + day, product=product,
+                             operator=("Li", "Sun", "Wang")[(day // 2 + number) % 3], field=f"f{day // 10}")
+                        | {"forms": [form], "units": dict(zip(names, ("%", "%", "mm"), strict=True)), "rows": 1200,
+                           "verdict": "", "causes": [], "percent": {"flow.gain": 1.0, "gate.home_error": 2.0}})
+    return made
+
+
+def test_every_number_of_the_owners_page_is_found_again_in_the_tables(tmp_path: Path) -> None:
+    """Chart, sentence, kilograms, advice and tables say one thing, of a worn machine, a product and a repaired gate."""
+    made = told_season()
+    whole = season(made, [], NOW_D)
+    write_tables(tmp_path, whole, made)
+    tables = {name: pl.read_parquet(tmp_path / f"{name}.parquet").to_dicts() for name in TABLES}
+    page = fleet_page(whole.machines, whole.fit, low=whole.low, units=whole.units, broken=(), price=None,
+                      currency="CNY", software="t")
+    known = set[str]()
+    sums = [{name: sum(one[name] for one in rows) for name in rows[0] if isinstance(rows[0][name], float | int)}
+            for rows in (tables["machines"], *(
+                [one for one in tables["costs"] if (one["level"], one["effect"]) == key]
+                for key in {(one["level"], one["effect"]) for one in tables["costs"]}))]
+    for value in (value for rows in (*tables.values(), sums) for row in rows for value in row.values()):
+        if isinstance(value, float | int):
+            known |= {f"{each:{sign}.{digits}f}" for each in (value, abs(value), 100.0 * value) for digits in range(4)
+                      for sign in ("", "+")} | {f"{abs(value):.2g}"}
+            known |= {fixed(each, digits) for each in (value, 100.0 * value) for digits in range(3)}
+        elif value is not None:
+            known.add(str(value))
+    known |= {day_clock.moment(one["time_d"] * 86_400.0).date().isoformat() for one in tables["changes"]}
+    known |= {"90", str(len(made)), str(len(tables["machines"]))}           # "90 % interval"; what was read
+    text = re.sub(r"<(svg|style|head).*?</\1>|<[^>]*>", " ", page, flags=re.DOTALL)
+    text = re.sub(r"\bm[1-4]\b|\bf[0-2]\b|\bt\b", " ", text)
+    said = re.findall(r"\d{4}-\d\d-\d\d|(?<![\w.+-])[+-]?\d+(?:\.\d+)?(?![\w.])", text.replace("+-", " "))
+    assert len(said) > 60 and not [one for one in said if one not in known], [one for one in said if one not in known]
+    by_machine = {one["machine"]: one for one in tables["machines"]}
+    assert by_machine["m1"]["now_percent"] < -3.0 and by_machine["m1"]["now_most"] == pytest.approx(-7.0, abs=0.8)
+    assert by_machine["m1"]["wrong_kg"] > by_machine["m1"]["least_kg"]
+    advice = service(whole.machines)
+    assert any(one.startswith("product compound: The machine spreads 5 %") for one in advice)
+    assert any(one.startswith("m1: ") for one in advice) and not any(one.startswith("m2: ") for one in advice)
+    (repaired,) = [one for one in tables["changes"] if one["machine"] == "m2"]
+    assert repaired["repair"] > 0.95 and repaired["time_d"] == 20_517.5
+    for one in tables["levels"]:                            # what is surely there is reported, and all else is not
+        key = one["factor"], one["level"], one["effect"]
+        assert (one["probability"] > 0.05) == any(key == (each["factor"], each["level"], each["effect"]) or key == (
+            each["or_factor"], each["or_level"], each["or_effect"]) for each in tables["alternatives"]), one
 
 
 def test_the_command_says_what_it_cannot_use(tmp_path: Path) -> None:

@@ -67,6 +67,14 @@ class Course(NamedTuple):
     alternatives: tuple[Alternative, ...] = ()
 
     @property
+    def factor(self) -> str:
+        return MACHINE
+
+    @property
+    def level(self) -> str:
+        return self.machine
+
+    @property
     def alike(self) -> tuple[str, ...]:
         """Other effects of the set."""
         return tuple(one.effect for one in self.alternatives if one.effect != self.effect)
@@ -195,10 +203,9 @@ def _levels(season: Season, courses_: Sequence[Course], shared: Sequence[Shared]
     if not season.causes:
         return
     seen, logs = scan(season), season.logs
-    shown = {(one.factor, one.level, one.effect): one for one in shared} | {
-        (MACHINE, one.machine, one.effect): Shared(MACHINE, one.machine, one.effect, one.mean, one.mean_half,
-                                                   one.probability, len(one.times_d), one.alternatives)
-        for one in courses_}
+    every = (*shared, *(Shared(one.factor, one.level, one.effect, one.mean, one.mean_half, one.probability,
+                               len(one.times_d), one.alternatives) for one in courses_))
+    shown = {(one.factor, one.level, one.effect): one for one in every}
     of_set = {(other.factor, other.level, other.effect): other.probability * one.probability
               for one in shown.values() for other in one.alternatives}
     for effect in sorted({cause.effect for cause in season.causes}):

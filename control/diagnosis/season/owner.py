@@ -87,10 +87,9 @@ def machines(logs: Sequence[OwnersLog], fit: SeasonFit) -> list[MachineSeason]:
     for log in logs:
         by_machine.setdefault(log.machine, []).append(log)
     of_level = dict[tuple[str, str], list[Course | Shared]]()
-    for one in fit.courses:
-        of_level.setdefault((MACHINE, one.machine), []).append(one)
-    for each in fit.shared:
-        of_level.setdefault((each.factor, each.level), []).append(each)
+    causes: list[Course | Shared] = [*fit.courses, *fit.shared]
+    for cause in causes:
+        of_level.setdefault((cause.factor, cause.level), []).append(cause)
     for machine, own in by_machine.items():
         own.sort(key=lambda one: one.time_d)
         kg = np.array([one.worked.applied_kg for one in own])
@@ -120,7 +119,7 @@ def _costs(of: Mapping[Course | Shared, Doses], kg: Array) -> tuple[Cost, ...]:
 def _doses(cause: Course | Shared, own: Sequence[OwnersLog]) -> Doses:
     """Each of the set where it is: another effect of the same level goes as the cause does."""
     here = cause.pieces[-1].end if isinstance(cause, Course) else cause.size
-    factor, level = (MACHINE, cause.machine) if isinstance(cause, Course) else (cause.factor, cause.level)
+    factor, level = cause.factor, cause.level
     set_ = cause.alternatives or (Alternative(factor, level, cause.effect, here, 1.0),)
     sizes = np.array([at(cause, one.time_d) if isinstance(cause, Course) else cause.size * has(factor, level, one)
                       for one in own])
