@@ -288,7 +288,7 @@ async def test_a_tab_that_only_looks_shows_no_stop_and_says_why(source, clock, s
             await turned(app, pilot, where)
             await later(app, pilot)
             last = shown(app)[-1]
-            assert "hold and STOP are at the machine's console" in last and "X STOP" not in last, where
+            assert "hold and STOP: at the machine" in last and "X STOP" not in last, where
             offered = {action.id for action in app.offered(where)}
             assert not {"hold", "stop"} & offered
             titles = {command.title for command in app.get_system_commands(app.screen)}
@@ -299,7 +299,7 @@ async def test_a_tab_that_only_looks_shows_no_stop_and_says_why(source, clock, s
             for text in ("x", "X", "\x1b[24~", " "):
                 await send(app, pilot, text)
                 assert app.screen is app.page, f"{text!r} asks for nothing while the machine runs"
-                assert "hold and STOP are at" in shown(app)[-1]
+                assert "hold and STOP: at the machine" in shown(app)[-1]
             for x in range(0, size[0], 9) if where == "run" else ():
                 await pilot.click("#keys", offset=(x, 0))
                 while app.screen is not app.page:

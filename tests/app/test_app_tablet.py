@@ -126,12 +126,14 @@ async def test_keys_are_three_rows_high_under_a_finger(tab, source, row):
         assert {key.region.height for key in app.screen.query(Button)} == {3}
 
 
+@pytest.mark.parametrize("looking", [True, False])
 @pytest.mark.parametrize(("page", "under", "rows"), [
     (RUN, FieldMap, 18), (MAP, FieldMap, 23), (JOB, "#job-totals", 12)])
-async def test_a_tablet_on_end_uses_its_height(tab, page, under, rows):
+async def test_a_tablet_on_end_uses_its_height_and_cuts_nothing(tab, page, under, rows, looking):
     app = tab()
     async with app.run_test(size=(65, 43)) as pilot:
-        app.looking = False
+        app.looking = looking
+        app.page.hurry()
         app.tick()
         await turned(app, pilot, page)
         assert app.page.query_one(under).region.height >= rows
