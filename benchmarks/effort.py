@@ -134,7 +134,7 @@ def price() -> dict[str, object]:
     def volts(measured: bool) -> Change:
         return lambda m: m._replace(
             shaft_effort=None if m.shaft_effort is None else Reading(m.shaft_effort.value * 13.5 / 12.0, m.time_s),
-            supply_v=Reading(12.0, m.time_s) if measured else None)
+            supply_v=m.supply_v._replace(value=m.supply_v.value * 12.0 / 13.5) if measured and m.supply_v else None)
 
     def cold(times: float) -> Change:
         """Grease so many times as stiff as when warm, warm after some ten minutes."""

@@ -20,6 +20,8 @@ LEAST_SD = 3.0
 # fit): chance alone is beyond it, on either side, after MEAN_S sqrt(2 pi) exp(NOISE_SD^2 / 2) / NOISE_SD of turning on
 # the mean (first passage of a first-order process: Siegert, Phys. Rev. 81, 1951, 617): 23,000 h, a season has some 300.
 NOISE_SD = 6.0
+HOLDS = 0.5                 # of the bounds, within which what was said is over: at one bound noise would flicker
+SUPPLY_SHARE = 1.2 / 13.5   # that an unmeasured supply falls by while the engine idles: a duty cycle grows as much
 LOAD_SHARE = 0.5            # of the material's load: as near to none of it as to all, so that either error is as likely
 
 
@@ -53,8 +55,10 @@ class EffortWatch:
         self._turned_s += dt_s
         usual = self._usual * should
         chance = NOISE_SD * machine.noise.effort * (0.5 * share) ** 0.5
-        sudden = max(LOAD_SHARE * load, chance)
-        far = max(sudden, LEAST_SD * _open(own, u, should, machine.tolerance.effort_percent))
+        unknown = own.by_supply * SUPPLY_SHARE * should if c.supply_v is None else 0.0
+        held = HOLDS if self.says.harder_percent or self.says.unloaded else 1.0
+        sudden = held * max(LOAD_SHARE * load, chance, unknown)
+        far = max(sudden, held * LEAST_SD * _open(own, u, should, machine.tolerance.effort_percent, 0.5 * unknown))
         more, less = (usual + sudden, usual - sudden) if self._turned_s > SETTLES_S else (inf, -inf)
         more, less = min(far, more), max(-far, less) if load > chance else -should
         high, low = off > more, off < less
@@ -77,7 +81,7 @@ def _fresh(m: Measurements, read: Reading | None) -> float | None:
     return read.value if read is not None and is_fresh(read.time_s, m.time_s, HOLDS_S["shaft_effort"]) else None
 
 
-def _open(own: Effort, u: EffortInput, should: float, percent: float) -> float:
-    """What a sound drive's parts, each within its tolerance (1 s.d.), leave open of its effort."""
+def _open(own: Effort, u: EffortInput, should: float, percent: float, supply_sd: float) -> float:
+    """What a sound drive's parts, each within its tolerance (1 s.d.), and its supply leave open of its effort."""
     parts = [should - shaft_effort(own._replace(**{name: 0.0}), u) for name in OF_SHAFT if getattr(own, name) > 0.0]
-    return 0.01 * percent * hypot(*parts)
+    return hypot(0.01 * percent * hypot(*parts), supply_sd)
