@@ -26,7 +26,7 @@ def mended(columns: Mapping[str, NDArray[Any]], utc_s: Callable[[], NDArray[np.f
 
     Arrays that change are copied. utc_s : as of `mended_times`. Raises ValueError, one line.
     """
-    begins = np.flatnonzero([_begins(text) for text in columns.get("events", ())])
+    begins = np.array([k for k, text in enumerate(columns.get("events", ())) if text and _begins(text)], np.intp)
     times = mended_times(np.asarray(columns["time_s"], np.float64), utc_s, begins)
     found = {name: values if isinstance(times.rows, slice) else values[times.rows] for name, values in columns.items()}
     findings = list(times.findings)
