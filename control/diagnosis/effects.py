@@ -60,6 +60,7 @@ class EffectRow:
     found_by: FoundBy = FoundBy.SCAN
     needs: tuple[Needs, ...] = ()
     form_over: str = ""                 # recorded variable over which its form may differ from the catalogue's
+    at_end: bool = False                # its size is what is lost at the end of that variable, seldom where a log works
     siblings: tuple[str, ...] = ()      # effects of nearly the same form: its own form may lean towards theirs
     moves: str = ""                     # nominal value of its stage that it adds to: that value's tolerance is its own
     may_begin: bool = True              # whether it may begin in the middle of a run
@@ -156,14 +157,15 @@ SHAFT_DEAD_ZONE = EffectRow("shaft.dead_zone", 10.0, (2.0, 8.0, 20.0, 40.0), nee
                             form_over="shaft_rpm",
                             only_adds=True)
 SHAFT_SATURATION = EffectRow("shaft.saturation", 15.0, (3.0, 12.0, 30.0, 60.0), needs=(Needs.OPEN_LOOP,),
-                             form_over="shaft_rpm", only_adds=True)
+                             form_over="shaft_rpm", at_end=True, only_adds=True)
 SHAFT_NEUTRAL = EffectRow("shaft.neutral", 10.0, (0.5,), needs=(Needs.OPEN_LOOP, Needs.OFF_ZERO), form_over="shaft_rpm",
                           may_begin=False)       # a setting, a trim
 SHAFT_BACK_GAIN = EffectRow("shaft.back_gain", 5.0, (0.5,), needs=(Needs.BOTH_WAYS,), form_over="shaft_rpm")
 SHAFT_BACK_ZONE = EffectRow("shaft.back_zone", 5.0, (0.5,), needs=(Needs.BOTH_WAYS, Needs.OPEN_LOOP),
                             form_over="shaft_rpm")
 SHAFT_VOLTAGE_SAG = EffectRow("shaft.voltage_sag", 3.0, (0.5,), form_over="supply_v")
-SHAFT_LOAD_DROOP = EffectRow("shaft.load_droop", 6.0, (1.0,), needs=(Needs.OPENING,), form_over="opening_mm")
+SHAFT_LOAD_DROOP = EffectRow("shaft.load_droop", 6.0, (1.0,), needs=(Needs.OPENING,), form_over="opening_mm",
+                             at_end=True)
 SHAFT_COARSE_ENCODER = EffectRow("shaft.coarse_encoder", 4.0, found_by=FoundBy.STEPS, costs=Costs.NEITHER)
 SHAFT_STALL = EffectRow("shaft.stall", 1.0, found_by=FoundBy.STOP)
 GATE_OFFSET = EffectRow("gate.offset", 1.5, (0.1,), form_over="opening_mm")
@@ -175,8 +177,8 @@ GATE_SLOW = EffectRow("gate.slow", 8.0, (0.4, 1.5, 5.0, 10.0, 15.0), needs=(Need
 GATE_STUCK = EffectRow("gate.stuck", 1.0, found_by=FoundBy.STOP)
 FLOW_GAIN = EffectRow("flow.gain", 6.0, (1.0,))
 FLOW_ZERO_OFFSET = EffectRow("flow.zero_offset", 6.0, (1.0,), form_over="opening_mm")
-FLOW_FILL_FALLOFF = EffectRow("flow.fill_falloff", 6.0, (1.0,), form_over="shaft_rpm", only_adds=True)
-FLOW_HOPPER_HEAD = EffectRow("flow.hopper_head", 6.0, (1.0,), form_over="hopper_kg")
+FLOW_FILL_FALLOFF = EffectRow("flow.fill_falloff", 6.0, (1.0,), form_over="shaft_rpm", at_end=True, only_adds=True)
+FLOW_HOPPER_HEAD = EffectRow("flow.hopper_head", 6.0, (1.0,), form_over="hopper_kg", at_end=True)
 FLOW_MOISTURE_DRIFT = EffectRow("flow.moisture_drift", 5.0, (1.0,), form_over="time_s", may_begin=False)
 FLOW_BATCH = EffectRow("flow.batch", 6.0, (1.0,), needs=(Needs.REFILL,), may_begin=False)
 FLOW_BLOCKED_OUTLET = EffectRow("flow.blocked_outlet", 17.0, (2.0,), FoundBy.ONSET)

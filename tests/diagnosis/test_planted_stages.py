@@ -32,10 +32,12 @@ from tests.diagnosis.logs import (
     Rng,
     followed,
     gate_answers,
+    held,
     planted_in,
     speeds,
     stairs_work,
     taken,
+    wandering,
     whole_run,
 )
 from tests.diagnosis.planted import check, found_as_planted, planted
@@ -447,3 +449,18 @@ def test_a_logger_that_only_lost_rows_tells_of_moves_as_before() -> None:
     log = gate(taken(WORK, np.random.default_rng(1).random(len(WORK["time_s"])) > 0.08))
     data = run_data(log, HUANGHAI)
     assert data.gate.left_out == 0 and data.gate.moves_seen
+
+
+def test_a_loss_at_full_speed_is_known_there_as_far_as_its_form_is() -> None:
+    """8 % lost at 100 r/min by a power of 2.7 where the catalogue has the third, in work at 62 to 84 r/min."""
+    rng, time_s = np.random.default_rng(1), np.arange(0.0, 1500.0, 0.1)
+    rpm, mm = held(rng, time_s, 62.0, 84.0, 25.0), held(rng, time_s, 15.0, 30.0, 31.0)
+    shaft, opening = followed(rpm, -float(np.expm1(-2.0)), 20.0, 4), followed(mm, 1.0, 2.0, 1)
+    left_kg = 295.0 - np.cumsum(5.5e-3 * shaft * opening * (1.0 - 0.08 * (shaft / 100.0) ** 2.7) / 60.0) * 0.1
+    found = diagnose_run({"time_s": time_s, "shaft_rpm_cmd": rpm, "opening_mm_cmd": mm,
+                          "shaft_rpm": shaft + rng.normal(0.0, 0.3, len(time_s)),
+                          "opening_mm": opening + rng.normal(0.0, 0.1, len(time_s)),
+                          "hopper_kg": np.round((left_kg + 0.15 * wandering(rng, len(time_s), 0.9)) / 0.05) * 0.05},
+                         HUANGHAI)
+    falls = next(one.size for one in found.causes if one.id == "flow.fill_falloff")
+    assert falls.low is not None and falls.high is not None and falls.low < 8.0 < falls.high < 12.0

@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from control.diagnosis.effects import ROWS
 from control.diagnosis.judgement.evidence import Z90, Column, Role, fitted, problem, projected
 from control.diagnosis.judgement.noise import Noise, series_of
+from control.diagnosis.judgement.prior import FORM_SHARE
 from control.diagnosis.result import Gain
 
 from .columns import WAVES
@@ -103,26 +105,34 @@ def _corrected(blocks: HeldOut, fixed: Sequence[tuple[Column, Array]], others: S
     return np.asarray(before - sum(a * series for a, series in zip(amplitude, shapes, strict=True)))
 
 
-def spread_in_time(one: GroupResult) -> dict[int, float]:
-    """How far the size of each part (by its place) goes up and down while it is there, beyond what noise makes of one
-    that stays: s.d. about its mean. Where its course in time, or its form, is not the catalogue's, one size says no
-    more than that.
+def spread_of_sizes(one: GroupResult) -> dict[int, float]:
+    """How far the size of each part (by its place) goes up and down while it is there, and over the variable of its
+    form, beyond what noise makes of one that stays: s.d. about its mean. Where its course in time, or its form, is not
+    the catalogue's, one size says no more than that.
 
-    Of shapes in time with energies G, of which the hypothesis leaves A, and their sizes b of covariance C, the mean
+    Of shapes with energies G, of which the rest of the hypothesis leaves A, and their sizes b of covariance C, the mean
     square is (b'Gb - tr(G C A C)) over the energy of the part's own column; the last term is what noise alone gives.
+    What is given at the end of its variable is known there as far as its form is: the prior's share, as far as the log
+    leaves it open.
     """
     columns, found = one.search.columns, one.found
     base = columns.of_hypothesis(found.parts)
     slopes = [k for k, column in enumerate(base) if column.label.role is Role.SLOPE]
     shapes = [shape for k in slopes for shape in columns.over_time(base[k], found.parts[base[k].label.part])]
     p = problem(columns.model.channels, columns.model.banded_residual(found.parts), [*base, *shapes])
-    every, left = p.under(found.noise).A, projected(p, np.arange(len(base)), found.noise)
+    every, of_base = p.under(found.noise).A, np.arange(len(base))
     spread = {}
     for k, at in zip(slopes, range(len(base), len(base) + len(shapes), WAVES), strict=True):
-        places = np.arange(at, at + WAVES)
-        energy, beyond = every[at:at + WAVES, at:at + WAVES], left.of(places)
-        sizes = beyond.fit(p.sd[places])
-        by_noise = float(np.trace(energy @ sizes.cov @ beyond.A @ sizes.cov))
-        square = max(0.0, float(sizes.b @ energy @ sizes.b) - by_noise) / max(1e-300, float(every[k, k]))
+        own = [j for j in p.places(Role.FORM) if j < len(base) and base[j].label.part == base[k].label.part]
+        square = 0.0
+        for places in (np.arange(at, at + WAVES), np.array(own, int)):
+            energy = every[np.ix_(places, places)]
+            beyond = projected(p, np.setdiff1d(of_base, places), found.noise).of(places)
+            sizes = beyond.fit(p.sd[places])
+            by_noise = float(np.trace(energy @ sizes.cov @ beyond.A @ sizes.cov))
+            square += max(0.0, float(sizes.b @ energy @ sizes.b) - by_noise) / max(1e-300, float(every[k, k]))
+        part = found.parts[base[k].label.part]
+        if own and ROWS[part.id].at_end:        # `sizes` are those of its form
+            square += (FORM_SHARE * part.size) ** 2 * float(np.mean(np.diag(sizes.cov) / p.sd[own] ** 2))
         spread[base[k].label.part] = float(np.sqrt(square))
     return spread

@@ -48,7 +48,7 @@ from control.machine.shaft import swing
 from .channels import channels
 from .cost import field_cost
 from .findings import is_steady, mistaken_row, mistaken_unit, rows_doubted
-from .gain import measure_gain, spread_in_time
+from .gain import measure_gain, spread_of_sizes
 from .hypothesis import EffectInstance, schedule
 from .intermittent import ReadOff
 from .log import gate
@@ -208,7 +208,7 @@ def report(data: RunData, machine: Machine, judged: Sequence[GroupResult], read_
     for one in judged:
         rest = remains(one, {name for each in read_off for name in ROWS[each.part.id].channels})
         doubt = mistaken_unit(data.shaft, machine) if "shaft" in one.search.model.names else 0.0
-        varies = spread_in_time(one)
+        varies = spread_of_sizes(one)
         named = [_cause(one, k, float(np.hypot(sd, varies.get(k, 0.0))), machine, data,
                         max(unknown_share(one, k, rest), doubt * is_steady(part),
                             mistaken_row(part, sd, data, machine)))
