@@ -3,16 +3,20 @@ from __future__ import annotations
 
 import datetime as dt
 import math
+import timeit
 import tracemalloc
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
+from shapely.geometry import Point
 
 from control.field.across import across, across_words
+from control.field.boundary import Boundary
 from control.field.coverage import Coverage
-from control.geodesy import offset
+from control.field.totals import Totaliser
+from control.geodesy import direction, offset
 from drivers.files.setup import load_setup
 
 
@@ -209,3 +213,193 @@ def test_a_silent_head_is_left_out_and_one_alone_says_nothing(setup):
     found = across(setup.rule, setup.machine, some)
     assert found is not None and found.samples == 1
     assert across(setup.rule, setup.machine, np.full((3, 6), np.nan)) is None
+
+
+# --- Totals against numpy on whole arrays ----------------------------------------------------------------------------
+
+def test_by_hand():
+    totals = Totaliser(2.4, 0.45)
+    for _ in range(4000):
+        totals.add(0.05, 1.25, 300.0, 290.0)
+    done = totals.snapshot()
+    assert done.area_ha == pytest.approx(0.06)
+    assert done.applied_kg == pytest.approx(18.0)
+    assert done.applied_n_kg == pytest.approx(8.1)
+    assert done.target_kg == pytest.approx(17.4)
+    assert done.worked_s == pytest.approx(200.0)
+    assert done.mean_rate_kg_ha == pytest.approx(300.0)
+    assert done.cv_percent == pytest.approx(0.0, abs=1e-4)
+    assert done.cuc_percent == pytest.approx(100.0, abs=1e-4)
+    assert done.error_percent == pytest.approx(100 * (300 / 290 - 1))
+
+
+def test_nothing_worked_is_not_zero_percent():
+    done = Totaliser(2.4, 0.45).snapshot()
+    assert done.area_ha == 0.0
+    assert done.mean_rate_kg_ha is done.cv_percent is done.cuc_percent is done.error_percent is None
+
+
+def test_weighted_by_area_not_by_time():
+    totals = Totaliser(2.0, 0.45)
+    totals.add(10.0, 1.0, 100.0)
+    totals.add(10.0, 3.0, 300.0)
+    done = totals.snapshot()
+    assert done.mean_rate_kg_ha == pytest.approx(250.0)
+    assert done.cv_percent == pytest.approx(100 * math.sqrt(0.25 * 150 ** 2 + 0.75 * 50 ** 2) / 250)
+    assert done.cuc_percent == pytest.approx(100 * (1 - (0.25 * 150 + 0.75 * 50) / 250))
+
+
+@settings(deadline=None)
+@given(st.integers(0, 2 ** 32), st.floats(20.0, 400.0), st.floats(0.0, 0.4))
+def test_the_same_as_on_whole_arrays(seed, level, spread):
+    rng = np.random.default_rng(seed)
+    rate = np.abs(level * (1.0 + spread * rng.standard_normal(300)))
+    speed = rng.uniform(0.5, 3.0, 300)
+    totals = Totaliser(2.4, 0.45)
+    for v, r in zip(speed, rate, strict=True):
+        totals.add(0.05, float(v), float(r))
+    area = 2.4 * speed * 0.05 / 1e4
+    mean = np.average(rate, weights=area)
+    done = totals.snapshot()
+    assert done.mean_rate_kg_ha == pytest.approx(mean)
+    assert done.cv_percent == pytest.approx(
+        100 * math.sqrt(np.average((rate - mean) ** 2, weights=area)) / mean, abs=1e-3)
+    assert done.cuc_percent == pytest.approx(
+        100 * (1 - np.average(np.abs(rate - mean), weights=area) / mean), abs=100 * 0.25 / level)
+
+
+@pytest.mark.parametrize(("step", "speed", "rate"), [
+    (0.05, None, 300.0), (0.05, 1.0, None), (0.05, 0.0, 300.0), (0.05, -1.0, 300.0), (0.05, math.nan, 300.0),
+    (0.05, math.inf, 300.0), (0.05, 1.0, math.nan), (0.05, 1.0, math.inf), (0.05, 1.0, -5.0), (-0.05, 1.0, 300.0),
+])
+def test_what_is_not_known_adds_nothing(step, speed, rate):
+    totals = Totaliser(2.4, 0.45)
+    totals.add(step, speed, rate, 300.0)
+    assert totals.snapshot() == Totaliser(2.4, 0.45).snapshot()
+
+
+def test_zero_rate_is_worked_area():
+    totals = Totaliser(2.4, 0.45)
+    totals.add(1.0, 1.0, 0.0, 0.0)
+    done = totals.snapshot()
+    assert done.area_ha == pytest.approx(2.4e-4) and done.mean_rate_kg_ha == 0.0
+    assert done.cv_percent is None and done.error_percent is None
+
+
+def test_what_cannot_be_is_refused():
+    with pytest.raises(ValueError, match="width"):
+        Totaliser(0.0, 0.45)
+    with pytest.raises(ValueError, match="product_n_fraction"):
+        Totaliser(2.4, 46.0)
+
+
+def test_a_pass_is_as_long_as_its_ground():
+    """Dead time at its begin, run-out at its end: counted both, each pass is longer by one of them."""
+    totals = Totaliser(2.4, 0.45)
+    for _ in range(2):
+        for _ in range(8):
+            assert not totals.add(0.05, 1.25, 2.0, 300.0)
+        for _ in range(1912):
+            assert totals.add(0.05, 1.25, 300.0, 300.0)
+        for _ in range(8):
+            assert totals.add(0.05, 1.25, 300.0, 0.0)
+        totals.rest()
+    done = totals.snapshot()
+    assert done.area_ha == pytest.approx(0.0576) and done.mean_rate_kg_ha == pytest.approx(300.0)
+    assert totals.add(0.05, 1.25, 0.0, 0.0) and not Totaliser(2.4, 0.45).add(0.05, 1.25, 0.0, 300.0)
+    assert Totaliser(2.4, 0.45).add(0.05, 1.25, 0.0), "where no target is known, all work counts"
+
+
+# --- The edge of a field: inside, outside, and how far ahead ---------------------------------------------------------
+
+SQUARE = [(0.0, 0.0), (100.0, 0.0), (100.0, 50.0), (0.0, 50.0)]
+HOLE = [(40.0, 20.0), (60.0, 20.0), (60.0, 30.0), (40.0, 30.0)]
+L_SHAPE = [(0.0, 0.0), (60.0, 0.0), (60.0, 20.0), (20.0, 20.0), (20.0, 80.0), (0.0, 80.0)]
+
+
+def test_inside_outside_edge_and_hole():
+    field = Boundary(SQUARE, [HOLE])
+    assert field.contains(10, 10) and field.contains(0, 0) and field.contains(100, 25)
+    assert not field.contains(50, 25) and not field.contains(-0.001, 10) and not field.contains(10, 50.001)
+    assert field.contains(40, 25)
+    assert not field.contains(math.nan, 10) and not field.contains(math.inf, 10)
+    assert field.area_ha == pytest.approx((5000 - 200) / 10_000)
+    assert list(field.many_inside([(10, 10), (50, 25), (-5, 0)])) == [True, False, False]
+    assert {len(ring) for ring in field.rings} == {4} and len(field.rings) == 2
+
+
+@pytest.mark.parametrize(("heading", "metres"), [(0, 40.0), (90, 90.0), (180, 10.0), (270, 10.0),
+                                                 (45, 40 * math.sqrt(2)), (360, 40.0), (-90, 10.0)])
+def test_way_to_the_edge_in_every_direction_north_included(heading, metres):
+    assert Boundary(SQUARE).crossings_m(10, 10, heading) == pytest.approx([metres])
+
+
+def test_crossings_go_through_holes_and_arms():
+    field = Boundary(SQUARE, [HOLE])
+    assert field.crossings_m(10, 25, 90.0) == pytest.approx([30, 50, 90])
+    assert field.crossings_m(10, 25, 90.0, farthest_m=49.0) == pytest.approx([30])
+    assert field.crossings_m(-10, 25, 270.0) == []
+    assert field.crossings_m(-10, 25, 270.0) == []
+    assert field.crossings_m(math.nan, 25, 90.0) == [] == field.crossings_m(0, 25, math.nan)
+    assert Boundary(L_SHAPE).crossings_m(-5, 10, 90.0) == pytest.approx([5, 65])
+
+
+def test_through_a_corner_and_along_an_edge():
+    diamond = Boundary([(0, -10), (10, 0), (0, 10), (-10, 0)])
+    assert diamond.crossings_m(-20, 0, 90.0) == pytest.approx([10, 30])
+    assert diamond.crossings_m(0, 0, 0.0) == pytest.approx([10])
+    assert len(diamond.crossings_m(-20, 10, 90.0)) % 2 == 0            # touches one corner only
+    assert len(Boundary(SQUARE).crossings_m(-10, 0, 90.0)) % 2 == 0    # runs along an edge
+    assert len(Boundary(L_SHAPE).crossings_m(0, -1, 1e-38)) % 2 == 0   # as good as along an edge
+
+
+@settings(deadline=None)
+@given(st.floats(-150, 150), st.floats(-150, 150), st.floats(0, 360), st.floats(0.1, 300))
+def test_counting_crossings_tells_inside_from_outside(east, north, heading, far):
+    """Between here and there the line crosses the edge an odd number of times when one of them is outside."""
+    field = Boundary(L_SHAPE, [[(5, 5), (15, 5), (15, 15), (5, 15)]])
+    there = offset((east, north), heading, far)
+    ways = field.crossings_m(east, north, heading, far)
+    assume(min(field.shape.boundary.distance(Point(place)) for place in ((east, north), there)) > 1e-6)
+    assert (len(ways) % 2 == 1) == (field.contains(east, north) != field.contains(*there))
+
+
+@given(st.floats(-150, 150), st.floats(-150, 150), st.floats(0, 360))
+def test_few_corners_one_by_one_give_what_many_at_once_give_to_the_last_bit(east, north, heading):
+    field = Boundary(L_SHAPE, [[(5, 5), (15, 5), (15, 15), (5, 15)]])
+    line = (east, north, *direction(heading))
+    assert field._few and field._crossed_of_few(*line) == field._crossed_of_many(*line)
+
+
+def test_inset_leaves_the_headland_out():
+    field = Boundary(SQUARE, [HOLE]).inset(5.0)
+    assert field.area_ha == pytest.approx((90 * 40 - 30 * 20) / 10_000)
+    assert not field.contains(4, 25) and field.contains(6, 25) and not field.contains(36, 25)
+    assert Boundary(SQUARE).inset(26.0).is_empty
+    assert Boundary(SQUARE).inset(26.0).crossings_m(1, 1, 0.0) == []
+    assert not Boundary(SQUARE).inset(26.0).contains(50, 25)
+    assert Boundary(SQUARE).inset(0.0).area_ha == Boundary(SQUARE).inset(5e-324).area_ha == Boundary(SQUARE).area_ha
+    with pytest.raises(ValueError, match="0 or more"):
+        Boundary(SQUARE).inset(-1.0)
+
+
+@pytest.mark.parametrize(("outline", "holes", "part"), [
+    ([(0, 0), (1, 1)], [], "2 corners; allowed is 3"),
+    ([(0, 0), (10, 10), (10, 0), (0, 10)], [], "outline: Self-intersection"),
+    ([(0, 0), (1, 1), (2, 2)], [], "outline"),
+    ([(0, 0), (1, math.nan), (2, 2)], [], "corner 2"),
+    (SQUARE, [[(200, 200), (210, 200), (210, 210)]], "inside the outline"),
+    (SQUARE, [[(1, 1), (2, 2)]], "hole 1: 2 corners"),
+])
+def test_what_is_no_field_is_refused(outline, holes, part):
+    with pytest.raises(ValueError, match=part):
+        Boundary(outline, holes)
+
+
+def test_quick_enough_for_every_tick():
+    angles = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    field = Boundary([(300 * math.cos(a), 200 * math.sin(a)) for a in angles])
+    inside = min(timeit.repeat(lambda: field.contains(50.0, 40.0), number=200, repeat=5)) / 200
+    ahead = min(timeit.repeat(lambda: field.crossings_m(50.0, 40.0, 30.0), number=200, repeat=5)) / 200
+    assert inside < 20e-6
+    assert ahead < 100e-6

@@ -1,6 +1,8 @@
 """From the file's words to the log's: units, signs, times, row conventions, extra columns, several files."""
 from __future__ import annotations
 
+import re
+import runpy
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -18,6 +20,7 @@ from drivers.files.any_log import open_log, raw_and_mapping
 from drivers.files.imports.convert import convert
 from drivers.files.imports.join import joined
 from drivers.files.imports.log_file import write_imported
+from drivers.files.imports.units import UNITS
 from drivers.files.read_log import RunLog, read_log
 
 TIME: dict[str, Any] = {"column": "t", "counts": "s"}
@@ -317,3 +320,71 @@ def test_what_is_opened_is_what_would_be_written_and_read_and_no_file_lies_betwe
         np.testing.assert_array_equal(opened.columns[name], array, err_msg=name)
         assert opened.columns[name].dtype == array.dtype
     assert opened.meta is not None and read.meta is not None and opened.meta.extra == read.meta.extra
+
+
+# --- How hard a drive works, of a log of another machine: a column of the log's, not a nameless one ------------------
+
+@pytest.mark.parametrize(("header", "command", "scale", "column"), [
+    ("motor current [mA]", "target rpm", 0.001, "shaft_effort"),
+    ("motor_torque_nm", "target rpm", 1.0, "shaft_effort"),
+    ("duty [%]", "target rpm", 1.0, "shaft_effort"), ("gate_current_a", "target rpm", 1.0, "gate_effort")])
+def test_effort_of_another_machine_is_a_column_of_the_log(header: str, command: str, scale: float, column: str,
+                                                          topdress: Callable[..., Result], tmp_path: Path) -> None:
+    rows = np.arange(200)
+    wanted = 30.0 + 10.0 * (rows // 20 % 3)
+    turned = np.concatenate((wanted[:1], wanted[:-1])) + 0.1 * np.sin(rows)
+    effort = 400.0 + 3.0 * turned + np.cos(rows)
+    path, out = tmp_path / "other.csv", tmp_path / "log.csv"
+    path.write_text(f"time [s],{command},actual rpm,{header}\n" + "".join(
+        f"{0.1 * k:.1f},{a:g},{b:.3f},{c:.3f}\n" for k, a, b, c in zip(rows, wanted, turned, effort, strict=True)))
+    result = topdress("import", path, "--out", out)
+    assert result.exit_code == 0, result.output
+    log = read_log(out)
+    assert np.allclose(log.numbers(column)[:200], scale * effort, atol=6e-4)
+    assert np.allclose(log.numbers("shaft_rpm_cmd")[:200], wanted)
+
+
+# --- What the commands on docs/import.md make of its files; these are those of their script --------------------------
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "import.md").read_text(encoding="utf-8")
+EXAMPLES = ROOT / "docs" / "examples" / "import"
+
+
+def test_what_its_commands_make(topdress: Callable[..., Result], tmp_path: Path,
+                                monkeypatch: pytest.MonkeyPatch) -> None:
+    """That they say what the page shows is seen with those of the other pages (tests/docs)."""
+    monkeypatch.chdir(tmp_path)
+    for name, more in (("planter.csv", ["--mapping", EXAMPLES / "planter.yaml"]), ("tractor.csv", []),
+                       ("applied.geojson", [])):
+        assert topdress("import", EXAMPLES / name, *more, "--out", f"{Path(name).stem}-log.csv").exit_code == 0
+    planter = read_log(tmp_path / "planter-log.csv")
+    assert planter.texts("utc")[0] == "2026-04-14T07:30:00.000Z"
+    assert set(planter.texts("state")) == {"ready", "working"}
+    assert planter.numbers("opening_mm").max() <= 60.0
+    assert "x_发动机扭矩_nm" in read_log(tmp_path / "tractor-log.csv").columns
+    wanted = read_log(tmp_path / "applied-log.csv").numbers("target_rate_kg_ha")
+    assert set(wanted.round(1)) <= {134.5, 168.1, 201.8, 235.4}
+
+
+def test_the_example_files_are_those_of_their_script(tmp_path: Path) -> None:
+    made = runpy.run_path(str(EXAMPLES / "make.py"))["FILES"]
+    for name, write in made.items():
+        assert (EXAMPLES / name).read_bytes() == write(), f"{name}: run docs/examples/import/make.py"
+
+
+def test_the_shipped_import_file_is_the_guess_with_two_lines_by_hand(topdress: Callable[..., Result],
+                                                                     tmp_path: Path) -> None:
+    topdress("import", EXAMPLES / "planter.csv", "--guess", "--mapping", tmp_path / "planter.yaml")
+    guessed = (tmp_path / "planter.yaml").read_text(encoding="utf-8").splitlines()
+    shipped = (EXAMPLES / "planter.yaml").read_text(encoding="utf-8").splitlines()
+    by_hand = [line for line in shipped if line not in guessed and not line.startswith("#")]
+    assert [line.strip() for line in by_hand] == ["zone: Europe/Berlin", "opening_mm:", "from: Schieberöffnung",
+                                                  'unit: "%"', "full: 60"]
+
+
+def test_the_page_names_every_unit_that_a_column_can_be_in() -> None:
+    listed = PAGE[PAGE.index("Units: "):PAGE.index("Usual other spellings")]
+    for unit in UNITS:
+        if unit.quantity not in ("other", "time", "nitrogen", "count"):         # no column of a log is in those
+            assert re.search(rf"(?<![\w/]){re.escape(unit.name)}(?![\w/])", listed), unit.name

@@ -1,16 +1,25 @@
 """Prescriptions through every format and back; rasters; the pass as GeoPackage."""
 from __future__ import annotations
 
+import json
 import sys
+import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import shapefile
 import shapely
+from typer.testing import CliRunner
 
+from console.cli import app
 from control.targets.prescription import MapData, Zone, statistics
+from drivers.files.imports.mapping import Source
+from drivers.files.imports.read import read_raw
+from drivers.files.imports.trouble import ImportTrouble
 from drivers.files.prescriptions.read import read_prescription
-from drivers.files.prescriptions.words import RateChoice, RateQuestion
+from drivers.files.prescriptions.words import LB_AC_KG_HA, RateChoice, RateQuestion
 from drivers.files.prescriptions.write import write_prescription
 from drivers.plain_text import Refused
 
@@ -165,3 +174,201 @@ def test_cells_of_a_turned_raster_lie_where_rasterio_has_them(degrees: float, tm
         row, column = divmod(round(zone.rate_kg_ha) - 90, 4)
         wanted = [transform @ (column + right, row + down) for right, down in ((0, 0), (1, 0), (1, 1), (0, 1))]
         assert zone.rings_deg[0][:, ::-1] == pytest.approx(np.array(wanted), abs=1e-12)
+
+
+# --- Zips, folders and shapefiles as other programs leave them: what is read and asked, in which letters and units.
+
+RATES = [120.0, 150.0, 180.0]
+GERMAN: dict[str, list[Any]] = {"Güllegabe": RATES, "Schlag": ["Höhe", "Süd", "Café"]}
+CHINESE: dict[str, list[Any]] = {"施肥量": RATES, "地块": ["北一号地", "北二号地", "南"]}
+TASK = ('<ISO11783_TaskData VersionMajor="4" VersionMinor="3" DataTransferOrigin="1">'
+        '<TSK A="TSK1" G="1" H="0" I="0" J="0">'
+        '<TZN A="0"><PDV A="0006" B="9000"/></TZN><TZN A="1"><PLN A="2"><LSG A="1"><PNT A="2" C="40.0" D="116.0"/>'
+        '<PNT A="2" C="40.0" D="116.001"/><PNT A="2" C="40.001" D="116.0"/></LSG></PLN><PDV A="0006" B="{rate}"/></TZN>'
+        '</TSK></ISO11783_TaskData>')
+
+
+def write(path: Path, columns: dict[str, list[Any]], encoding: str = "utf-8", cpg: str = "", driver: int | None = None,
+          points: bool = False) -> Path:
+    kind = shapefile.POINT if points else shapefile.POLYGON
+    with shapefile.Writer(str(path), shapeType=kind, encoding=encoding) as writer:
+        for name, values in columns.items():
+            writer.field(name, *(("C", 20) if isinstance(values[0], str) else ("N", 12, 2)))
+        for k in range(3):
+            west = 116.0 + 0.001 * k
+            if points:
+                writer.point(west, 40.0)
+            else:
+                east = west + 0.001
+                writer.poly([[(west, 40.0), (west, 40.001), (east, 40.001), (east, 40.0), (west, 40.0)]])
+            writer.record(*(values[k] for values in columns.values()))
+    if cpg:
+        path.with_suffix(".cpg").write_text(cpg)
+    if driver is not None:
+        table = bytearray(path.with_suffix(".dbf").read_bytes())
+        table[29] = driver
+        path.with_suffix(".dbf").write_bytes(table)
+    return path.with_suffix(".shp")
+
+
+def packed(path: Path, names: dict[str, bytes]) -> Path:
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, data in names.items():
+            archive.writestr(name, data)
+    return path
+
+
+def parts(shp: Path, prefix: str = "") -> dict[str, bytes]:
+    return {f"{prefix}{file.name}": file.read_bytes() for file in shp.parent.glob(f"{shp.stem}*") if file != shp.parent}
+
+
+@pytest.mark.parametrize(("columns", "encoding", "cpg", "driver"), [
+    (CHINESE, "utf-8", "UTF-8", None), (CHINESE, "gb18030", "GBK", None), (CHINESE, "gb18030", "936", None),
+    (CHINESE, "gb18030", "", 0x4D), (CHINESE, "gb18030", "", None), (CHINESE, "gb18030", "UTF-8", None),
+    (CHINESE, "utf-8", "GBK", None), (GERMAN, "latin-1", "ISO-8859-1", None), (GERMAN, "cp1252", "ANSI 1252", None),
+    (GERMAN, "latin-1", "", 0x57), (GERMAN, "latin-1", "", None), (GERMAN, "latin-1", "UTF-8", None),
+    (GERMAN, "utf-8", "", None), (GERMAN, "cp850", "", 0x02)])
+def test_texts_of_a_table_are_read_in_their_letters(tmp_path: Path, columns: dict[str, list[Any]], encoding: str,
+                                                    cpg: str, driver: int | None) -> None:
+    path = write(tmp_path / "m", columns, encoding, cpg, driver)
+    read = read_prescription(path)
+    assert read.layers == (next(iter(columns)),)
+    assert [zone.rate_kg_ha for zone in read.data.zones] == RATES
+    points = write(tmp_path / "p", columns, encoding, cpg, driver, points=True)
+    frame = read_raw(points).frame
+    for name, values in columns.items():
+        assert frame[name].to_list() == values
+
+
+@pytest.mark.parametrize(("name", "encoding", "taken"), [
+    ("Target_Rate_kg", "utf-8", "Target_Rat"), ("推荐施肥量公斤", "utf-8", "推荐施"),
+    ("APPLICATION_RATE", "utf-8", "APPLICATIO")])
+def test_names_cut_to_ten_bytes_are_known(tmp_path: Path, name: str, encoding: str, taken: str) -> None:
+    raw = name.encode(encoding)[:10]
+    path = write(tmp_path / "m", {"RATE000000": RATES}, "latin-1")
+    table = path.with_suffix(".dbf").read_bytes().replace(b"RATE000000", raw.ljust(10, b"\0"))
+    path.with_suffix(".dbf").write_bytes(table)
+    assert read_prescription(path).layers == (taken,)
+
+
+def test_two_columns_cut_to_one_name_are_both_there(tmp_path: Path) -> None:
+    path = write(tmp_path / "m", {"TARGET_RA1": RATES, "TARGET_RA2": [9.0, 9.0, 9.0]}, "latin-1")
+    table = path.with_suffix(".dbf").read_bytes()
+    table = table.replace(b"TARGET_RA2", b"TARGET_RAT").replace(b"TARGET_RA1", b"TARGET_RAT")
+    path.with_suffix(".dbf").write_bytes(table)
+    with pytest.raises(RateQuestion, match=r"allowed TARGET_RAT, TARGET_RAT \(2\)"):
+        read_prescription(path)
+
+
+# -- units in the makers' side files ----------------------------------------------------------------------------------
+
+def deere(unit: str) -> bytes:
+    return json.dumps({"Version": "1.0", "DataAttributes": [
+        {"Name": "IsoTime"}, {"Name": "TargetRate", "Description": "target", "Unit": unit}]}).encode()
+
+
+@pytest.mark.parametrize(("side", "data", "factor", "unit"), [
+    ("m-Deere-Metadata.json", deere("lb1ac-1"), LB_AC_KG_HA, "lb/ac"), ("m-Deere-Metadata.json", deere("kg1ha-1"), 1.0,
+                                                                       "kg/ha"),
+    ("m-Metadata.json", deere("g1[m2]-1"), 10.0, "g/m2"),
+    ("m.shp.xml", b"<metadata><attr><attrlabl>TARGETRATE</attrlabl><attrdomv><rdom><attrunit>lb/acre</attrunit></rdom>"
+                  b"</attrdomv></attr></metadata>", LB_AC_KG_HA, "lb/ac")])
+def test_the_unit_in_a_makers_side_file_holds(tmp_path: Path, side: str, data: bytes, factor: float, unit: str) -> None:
+    path = write(tmp_path / "m", {"TargetRate": RATES})
+    (tmp_path / side).write_bytes(data)
+    zipped = packed(tmp_path / "rx.zip", parts(path, "Rx/"))
+    for place in (path, zipped):
+        read = read_prescription(place)
+        assert (read.unit, read.unit_from) == (unit, f"named in {side}")
+        assert read.data.zones[0].rate_kg_ha == pytest.approx(120.0 * factor)
+    assert read_prescription(path, RateChoice(unit="kg/ha")).data.zones[0].rate_kg_ha == 120.0, "the operator's stands"
+
+
+@pytest.mark.parametrize(("column", "unit", "why"), [
+    ("TargetRate", "gal1ac-1", "density None"), ("TargetRate", "ton1ac-1", "unit ton/ac in m-Deere-Metadata.json"),
+    ("TargetRate", "seeds1ac-1", "unit seeds/ac in")])
+def test_a_side_files_unit_that_cannot_be_used_is_a_question(tmp_path: Path, column: str, unit: str, why: str) -> None:
+    path = write(tmp_path / "m", {column: RATES})
+    (tmp_path / "m-Deere-Metadata.json").write_bytes(deere(unit))
+    with pytest.raises(RateQuestion, match=why):
+        read_prescription(path)
+
+
+def test_a_name_and_a_side_file_that_disagree_are_a_question(tmp_path: Path) -> None:
+    path = write(tmp_path / "m", {"Rate_kg_ha": RATES})
+    (tmp_path / "m-Deere-Metadata.json").write_bytes(deere("lb1ac-1").replace(b"TargetRate", b"Rate_kg_ha"))
+    with pytest.raises(RateQuestion, match=r"unit lb/ac in m-Deere-Metadata\.json, kg/ha by its own name"):
+        read_prescription(path)
+
+
+# -- zips and folders -------------------------------------------------------------------------------------------------
+
+@pytest.fixture
+def rx(tmp_path: Path) -> dict[str, bytes]:
+    return parts(write(tmp_path / "rx", {"Tgt_Rate": RATES}))
+
+
+@pytest.fixture
+def edge(tmp_path: Path) -> dict[str, bytes]:
+    return parts(write(tmp_path / "edge", {"rate": [1.0, 5.0, 9.0]}))
+
+
+def task(rate: int) -> bytes:
+    return TASK.format(rate=rate).encode()
+
+
+def test_what_a_macintosh_adds_does_not_count(tmp_path: Path, rx: dict[str, bytes]) -> None:
+    junk = {f"__MACOSX/._{name}": b"\0\x05\x16\x07" for name in rx} | {"._rx.shp": b"\0", ".DS_Store": b"\0"}
+    assert len(read_prescription(packed(tmp_path / "m.zip", rx | junk)).data.zones) == 3
+
+
+def test_one_of_several_shapefiles_is_asked_for_and_named(tmp_path: Path, rx: dict[str, bytes],
+                                                          edge: dict[str, bytes]) -> None:
+    path = packed(tmp_path / "two.zip", {f"a/{n}": d for n, d in rx.items()} | {f"b/{n}": d for n, d in edge.items()})
+    with pytest.raises(RateQuestion, match=r"2 shapefiles: allowed is one of a/rx\.shp, b/edge\.shp"):
+        read_prescription(path)
+    for name, first in (("rx", 120.0), ("b/edge.shp", 1.0), ("EDGE.SHP", 1.0), ("a", 120.0)):
+        assert read_prescription(path, RateChoice(inside=name)).data.zones[0].rate_kg_ha == first
+    with pytest.raises(Refused, match="no prescription named c"):
+        read_prescription(path, RateChoice(inside="c"))
+    told = CliRunner().invoke(app, ["map", str(path), "--inside", "rx"])
+    assert told.exit_code == 0 and "3 zones" in told.stdout
+
+
+def test_a_task_set_stands_before_shapefiles_and_says_so(tmp_path: Path, rx: dict[str, bytes]) -> None:
+    path = packed(tmp_path / "both.zip", rx | {"TASKDATA/TASKDATA.XML": task(31500)})
+    read = read_prescription(path)
+    assert (read.format, read.data.zones[0].rate_kg_ha) == ("isoxml", 315.0)
+    assert "not used next to the task set: rx.shp" in read.findings[-1].text
+    assert read_prescription(path, RateChoice(inside="rx.shp")).format == "shapefile"
+
+
+def test_task_sets_however_deep_and_of_several_one(tmp_path: Path, rx: dict[str, bytes]) -> None:
+    names = {"2024/TASKDATA/TASKDATA.XML": task(10000), "2025/export/TaskData/taskdata.xml": task(20000)}
+    path = packed(tmp_path / "sets.zip", names)
+    with pytest.raises(RateQuestion, match="2 task sets: allowed is one of 2024/TASKDATA, 2025/export/TaskData"):
+        read_prescription(path)
+    assert read_prescription(path, RateChoice(inside="2025")).data.zones[0].rate_kg_ha == 200.0
+    folder = tmp_path / "stick"
+    for name, data in names.items():
+        (folder / name).parent.mkdir(parents=True)
+        (folder / name).write_bytes(data)
+    with pytest.raises(RateQuestion, match="2 task sets"):
+        read_prescription(folder)
+    assert read_prescription(folder / "2024").data.zones[0].rate_kg_ha == 100.0
+
+
+def test_a_zip_in_a_zip_is_said(tmp_path: Path, rx: dict[str, bytes]) -> None:
+    inner = packed(tmp_path / "inner.zip", rx)
+    with pytest.raises(Refused, match=r"it holds inner\.zip: unpack that first"):
+        read_prescription(packed(tmp_path / "outer.zip", {"inner.zip": inner.read_bytes()}))
+
+
+def test_points_of_a_zip_with_areas_beside_are_imported(tmp_path: Path, rx: dict[str, bytes]) -> None:
+    points = parts(write(tmp_path / "applied", {"AppRate": RATES}, points=True))
+    assert read_raw(packed(tmp_path / "job.zip", rx | points)).frame["AppRate"].to_list() == RATES
+    more = {name.replace("applied", "second"): data for name, data in points.items()}
+    both = packed(tmp_path / "two.zip", points | more)
+    with pytest.raises(ImportTrouble, match=r"2 shapefiles of points: say source\.inside"):
+        read_raw(both)
+    assert read_raw(both, Source(inside="second")).frame["AppRate"].to_list() == RATES
