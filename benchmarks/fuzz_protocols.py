@@ -20,9 +20,9 @@ from typing import Any, NamedTuple
 from verdict import exit_code
 
 from control.readings import DriveCommand, GnssFix, SpeedPlan
-from drivers.board.framing import Receiver
+from drivers.board.framing import Receiver, seal
 from drivers.devices import agopengps, board_frames, gpsd, lag_rig, point_dose, rate_module_frames
-from drivers.devices.board_frames import CommandFrame, StatusFrame, encode_command, encode_status
+from drivers.devices.board_frames import CommandFrame, encode_command
 from drivers.devices.canopy_heads import PROTOCOLS, HeadDecoder, HeadFields
 from drivers.devices.gnss import GnssDecoder
 from drivers.devices.nmea import Ignored, Rejected, parse
@@ -101,10 +101,9 @@ def whole(chance: random.Random) -> int:
 
 
 def board_status(chance: random.Random) -> bytes:
-    return encode_status(StatusFrame(
-        whole(chance), whole(chance), chance.randrange(2**32), chance.randrange(2**32), chance.randrange(2**32),
-        chance.uniform(0, 100), chance.uniform(0, 60), chance.choice((None, chance.uniform(0, 300))),
-        chance.uniform(9, 15), chance.uniform(-9, 9), chance.uniform(-9, 9), chance.choice((None, True, False)), 1))
+    counts = ",".join(str(chance.randrange(2**bits)) for bits in (16, 16, 32, 32, 32))
+    read = ",".join(f"{chance.uniform(*ends):.3f}" for ends in ((0, 100), (0, 60), (0, 300), (9, 15), (-9, 9), (-9, 9)))
+    return seal(f"S1,{counts},{read},{chance.choice(('', '1', '0'))},1")
 
 
 def board_command(chance: random.Random) -> bytes:
@@ -212,10 +211,8 @@ SUBJECTS: dict[str, Subject] = {
     "acs435": heads("acs435", False),
     "greenseeker-multi": heads("greenseeker", True),
     "board status": Subject(board_status, crc_frames(board_frames.decode_status), lambda: _fed(SlaveBoard()), CRC16),
-    "board command": Subject(board_command, crc_frames(board_frames.decode_command), lambda: _fed(VirtualBoard()),
-                             CRC16),
-    "board program": Subject(board_command, lambda data: [tuple(fields) for fields in Receiver().feed(data)],
-                             lambda: Receiver().feed, CRC16),
+    "board command": Subject(board_command, lambda data: [tuple(fields) for fields in Receiver().feed(data)],
+                             lambda: _fed(VirtualBoard()), CRC16),
     "dose report": Subject(dose_report, crc_frames(point_dose.decode_report), lambda: _fed(SlaveBoard()), CRC16),
     "lag rig": Subject(lag_line, crc_frames(lag_rig.decode_status), lambda: _fed(lag_rig.LagRig()), CRC16),
     "rate module": Subject(module_status, datagrams(rate_module_frames.decode_heard), _module, SUM),

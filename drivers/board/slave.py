@@ -171,17 +171,10 @@ class Slave:
         pins = self._pins
         dt_s = 0.0 if self._last_us is None else min(now_us - self._last_us, 20000) * 1e-6
         self._last_us = now_us
-        if self._heard_us is not None and now_us - self._heard_us >= SILENT_HOST_US:
-            self._heartbeat_lost, self._armed, self._heard_us = True, False, None
-            self._newest.renew()
-        for fields in self.receiver.feed(pins.read()):
-            try:
-                self._obey(fields, now_us)
-            except ValueError as kind:
-                self._reject(str(kind.args[0]), now_us)
-        enabled = self._armed and self._enable and not pins.driver_fault()
-        if enabled != self.enabled:
-            self.enabled = enabled
+        before = self.enabled
+        self.hear(now_us)
+        enabled = self.enabled
+        if enabled != before:
             pins.enable(enabled)
         if not enabled:
             self._stop_shaft(now_us)
@@ -195,9 +188,25 @@ class Slave:
             self._control(enabled, now_us)
         if now_us >= self._next_status_us:
             self._next_status_us = now_us + STATUS_US
-            pins.write(self._status(now_us))
-            if now_us < self._report_until_us:
-                pins.write(seal(f"E1,{self._next_seq()},{self._report}"))
+            self.say(now_us, now_us)
+
+    def hear(self, now_us: int) -> None:
+        """What the host sent: from here on the newest order is in force, and `enabled` says whether the drives are."""
+        if self._heard_us is not None and now_us - self._heard_us >= SILENT_HOST_US:
+            self._heartbeat_lost, self._armed, self._heard_us = True, False, None
+            self._newest.renew()
+        for fields in self.receiver.feed(self._pins.read()):
+            try:
+                self._obey(fields, now_us)
+            except ValueError as kind:
+                self._reject(str(kind.args[0]), now_us)
+        self.enabled = self._armed and self._enable and not self._pins.driver_fault()
+
+    def say(self, now_us: int, clock_us: int) -> None:
+        """The status, `clock_us` for the board's clock in it, and what became of a dose."""
+        self._pins.write(self._status(now_us, clock_us))
+        if now_us < self._report_until_us:
+            self._pins.write(seal(f"E1,{self._next_seq()},{self._report}"))
 
     def _reject(self, kind: str, now_us: int) -> None:
         """An old order stops the board until it is sent enable 0. While no order has come with the word the host has
@@ -301,7 +310,7 @@ class Slave:
         self._report_until_us = end_us + REPORT_US
         self._pins.write(seal(f"E1,{self._next_seq()},{self._report}"))
 
-    def _status(self, now_us: int) -> bytes:
+    def _status(self, now_us: int, clock_us: int) -> bytes:
         pins = self._pins
         pulses, pulse_us = pins.wheel()
         sensor_mm = pins.opening_mm()
@@ -318,8 +327,8 @@ class Slave:
                 gate_effort, 0.0, 1000.0)
         return seal(",".join((
             name, str(self._next_seq()), str(max(self._newest.last, 0) % SEQUENCES),
-            str(now_us % WRAP),
-            str(pulses % WRAP), str(pulse_us % WRAP), decimal(self.shaft_rpm, -10.0, 400.0) or "0.000",
+            str(clock_us % WRAP), str(pulses % WRAP), str(pulse_us % WRAP),
+            decimal(self.shaft_rpm, -10.0, 400.0) or "0.000",
             decimal(self._gate.reckoned_mm if sensor_mm is None else sensor_mm, -10.0, 110.0) or "0.000",
             decimal(pins.hopper_kg(), -100.0, 5000.0), decimal(pins.supply_v(), 0.0, 60.0),
             decimal(pins.pitch_deg(), -60.0, 60.0), decimal(pins.roll_deg(), -60.0, 60.0),

@@ -5,7 +5,6 @@ The protocol is described in docs/protocol-slave-board.md; the names and ranges 
 from __future__ import annotations
 
 import binascii
-import math
 import re
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -129,39 +128,10 @@ def encode_command(frame: CommandFrame) -> bytes:
 ASK = b"$A1*%04X\r\n" % binascii.crc_hqx(b"A1", 0xFFFF)
 
 
-def encode_word(seq: int, word: int) -> bytes:
-    return _seal(f"{WORD},{seq % SEQUENCES},{word}")
-
-
 def decode_word(frame: bytes) -> tuple[int, int]:
     """Sequence number and word. Raises `BadFrame` with its kind."""
     fields = open_frame(frame, WORD, 2)
     return whole(fields[0], SEQUENCES - 1), whole(fields[1], COUNTERS - 1)
-
-
-def encode_status(frame: StatusFrame) -> bytes:
-    """The line with its CRC and line end; an optional value that is not finite is sent as not fitted."""
-    values = [_text(getattr(frame, name)) for name in MEASURED]
-    switch = "" if frame.work_switch is None else f"{frame.work_switch:d}"
-    valves, efforts = frame.valves_open, (frame.shaft_effort, frame.gate_effort)
-    name, more = (STATUS, []) if valves is None else (STATUS_VALVES, [str(valves)])
-    if efforts != (None, None):
-        name, more = STATUS_EFFORT, ["" if valves is None else str(valves), *map(_text, efforts)]
-    return _seal(",".join([name, str(frame.seq % SEQUENCES), str(frame.echo % SEQUENCES),
-                           str(frame.micros % COUNTERS), str(frame.pulses % COUNTERS),
-                           str(frame.pulse_micros % COUNTERS), *values, switch, str(frame.flags), *more]))
-
-
-def decode_command(frame: bytes) -> CommandFrame:
-    """A frame as received, without `$` and line end. Raises `BadFrame` with its kind."""
-    name = next((name for name in (COMMAND_VALVES, COMMAND_WORD) if frame.startswith(name.encode())), COMMAND)
-    worded, valved = name == COMMAND_WORD, name == COMMAND_VALVES
-    fields = open_frame(frame, name, 6 if worded else 5 if valved else 4)
-    seq, enable = whole(fields[0], (COUNTERS if worded else SEQUENCES) - 1), whole(fields[3], 1)
-    valved = valved or (worded and fields[4] != "")
-    return CommandFrame(seq, plain_number(fields[1], *COMMAND_SHAFT_RPM), plain_number(fields[2], *COMMAND_OPENING_MM),
-                        bool(enable), whole(fields[4], (1 << MOST_VALVES) - 1) if valved else None,
-                        whole(fields[5], COUNTERS - 1) if worded else None)
 
 
 def decode_status(frame: bytes) -> StatusFrame:
@@ -221,7 +191,3 @@ def plain_number(text: str, low: float, high: float) -> float:
     if not low <= value <= high:
         raise BadFrame("out_of_range")
     return value
-
-
-def _text(value: float | None) -> str:
-    return "" if value is None or not math.isfinite(value) else f"{value:.3f}"

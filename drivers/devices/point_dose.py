@@ -68,25 +68,6 @@ def encode_dose(seq: int, dose: int, angle_deg: float, shaft_rpm: float, word: i
     return b"$%b*%04X\r\n" % (payload, crc16(payload))
 
 
-class DoseFrame(NamedTuple):
-    """One `D1` or `D3`."""
-
-    seq: int
-    dose: int
-    angle_deg: float
-    shaft_rpm: float
-    word: int | None
-
-
-def decode_dose(frame: bytes) -> DoseFrame:
-    """A frame as received, without `$` and line end. Raises `BadFrame` with its kind."""
-    worded = frame.startswith(DOSE_WORD.encode())
-    fields = open_frame(frame, DOSE_WORD if worded else DOSE, 5 if worded else 4)
-    return DoseFrame(whole(fields[0], (COUNTERS if worded else SEQUENCES) - 1), whole(fields[1], SEQUENCES - 1),
-                     plain_number(fields[2], *ANGLE_DEG), plain_number(fields[3], *SHAFT_RPM),
-                     whole(fields[4], COUNTERS - 1) if worded else None)
-
-
 def decode_report(frame: bytes) -> DoseReport:
     """A frame as received, without `$` and line end. Raises `BadFrame` with its kind."""
     fields = open_frame(frame, REPORT, 6)

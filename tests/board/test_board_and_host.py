@@ -4,7 +4,6 @@ from __future__ import annotations
 import contextlib
 import math
 import os
-import random
 import secrets
 import signal
 import subprocess
@@ -18,7 +17,6 @@ from control.readings import DriveCommand
 from control.simulation.plant import SensorReadings
 from drivers.board.slave import BoardSettings, Slave
 from drivers.cab import Cab, CabConfig
-from drivers.devices.board_frames import CommandFrame, encode_command
 from drivers.devices.point_dose import DoseState, PointDose, decode_report, encode_dose
 from drivers.devices.slave_board import SetPointLimits, SlaveBoard
 from drivers.virtual.board import VirtualBoard
@@ -156,47 +154,6 @@ def test_the_host_reads_of_lost_steps_and_of_homing(scenarios):
     bench.run(1.5, 0, 40, 1)
     last = SlaveBoard().feed(b"".join(bench.machine.sent), 0.0)[-1]
     assert last.steps_lost and not last.homing
-
-
-@pytest.mark.parametrize("worded", [False, True])
-@pytest.mark.parametrize("seed", range(8))
-def test_board_and_virtual_board_obey_alike(seed, worded, scenarios):
-    """A spoilt stream of commands with silences in it, in which old ones come again: both follow the same set-points
-    at every moment, and count the same."""
-    chance = random.Random(seed)
-    words = list(range(1, 20)) if worded else []
-    pins = scenarios.Machine(words=words[:])
-    real, virtual = Slave(pins, BoardSettings()), VirtualBoard(25.0, lambda: words.pop(0) if words else None)
-    seq = chance.randrange(65536)
-    sent = [b""]
-    enabled_ticks = 0
-    for tick in range(1500):
-        now_us = tick * 10_000
-        if tick % 200 < 150 and tick % 5 == 0:
-            enable = chance.random() < 0.95 and tick % 200 > 20
-            line = bytearray(encode_command(CommandFrame(seq, chance.uniform(0.0, 90.0), 25.0, enable,
-                                                         word=virtual.word)))
-            sent.append(bytes(line))
-            seq += chance.choice((0, 1, 1, 1, 1, 3))
-            if chance.random() < 0.03:
-                line = bytearray(chance.choice(sent))
-            if chance.random() < 0.2:
-                line[chance.randrange(len(line))] ^= 1 << chance.randrange(8)
-            if chance.random() < 0.05:
-                line = line[:chance.randrange(len(line))]
-            pins.inbox += bytes(line)
-            virtual.feed(bytes(line), now_us * 1e-6)
-        command, enabled = virtual.set_points(now_us * 1e-6)
-        pins.now_us = now_us
-        real.tick(now_us)
-        assert real.enabled == enabled, tick
-        assert (real._wanted_rpm if real.enabled else 0.0) == pytest.approx(command.shaft_rpm, abs=1e-6)
-        enabled_ticks += enabled
-    assert 200 < enabled_ticks < 1400
-    kinds = set(real.receiver.rejected) & {"old_order", "repeated_sequence"}
-    assert kinds == {"old_order", "repeated_sequence"}
-    assert {kind: real.receiver.rejected[kind] for kind in kinds} == {kind: virtual.counts.rejected[kind]
-                                                                      for kind in kinds}
 
 
 class Line:

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from console.cli import app
 from control.readings import FASTEST_ANNOUNCED_MPS, GnssFix, SpeedPlan
 from drivers.board.framing import seal
-from drivers.devices.board_frames import STATUS_RANGES, CommandFrame, StatusFrame, encode_command, encode_status
+from drivers.devices.board_frames import STATUS_RANGES, CommandFrame, encode_command
 from drivers.devices.canopy_heads import PROTOCOLS as HEAD_PROTOCOLS
 from drivers.devices.canopy_heads import HeadDecoder
 from drivers.devices.capture import captured, header, is_capture, received
@@ -52,9 +52,8 @@ def clean(protocol: str) -> bytes:
             "lat": 34.28, "lon": 119.88 + tick * 1e-6, "track": 12.0, "speed": 1.25}).encode() + b"\n"
             for tick in range(40))
     if protocol == "board":
-        return b"".join(encode_status(StatusFrame(
-            tick, tick, tick * 50_000, tick // 3, tick * 50_000, 60.0, 25.0, 250.0, 13.5, 1.0, 0.0, True, 1))
-            for tick in range(40))
+        return b"".join(seal(f"S1,{tick},{tick},{tick * 50_000},{tick // 3},{tick * 50_000},60.000,25.000,250.000,"
+                             "13.500,1.000,0.000,1,1") for tick in range(40))
     if protocol == "tractor":
         return b"".join(sentence(SpeedPlan(0.0, ((0.0, 1.2 + tick / 100.0), (1.5, 2.0)), 0.5)) for tick in range(40))
     if protocol == "rate_line":
@@ -199,7 +198,7 @@ def test_decode_reads_it_as_it_reads_the_bare_bytes():
 FIX = GnssFix(0.0, 34.28, 119.88, 4, 14, 0.8, 1.25, 12.0)
 HEARD = {
     "nmea0183": b"".join(gnss_sentences(FIX._replace(time_s=t / 5)) for t in range(3)),
-    "slave-board/1": b"".join(encode_status(StatusFrame(n, 0, n * 50000, 0, 0, 0.0, 25.0)) for n in range(5)),
+    "slave-board/1": b"".join(seal(f"S1,{n},0,{n * 50000},0,0,0.000,25.000,,,,,,0") for n in range(5)),
     "greenseeker": b"345,0.5\r\n" + head_line(0.5, HEAD_PROTOCOLS["greenseeker"]) * 4,
     "acs435": head_line(0.5, HEAD_PROTOCOLS["acs435"]) * 4,
     "greenseeker (multiplexed)": b"".join(head_line(0.5, HEAD_PROTOCOLS["greenseeker"], head) for head in (1, 2, 3)),
