@@ -90,7 +90,7 @@ def crc_frames(decode: Callable[[bytes], Said]) -> Callable[[bytes], list[Said]]
             for frame in line.split(b"$")[1:]:
                 try:
                     found.append(decode(frame))
-                except board_frames.BadFrame:
+                except ValueError:
                     continue
         return found
     return said
@@ -113,16 +113,14 @@ def board_command(chance: random.Random) -> bytes:
 
 def lag_line(chance: random.Random) -> bytes:
     start = chance.randrange(2**32)
-    payload = (f"L1,{whole(chance)},{whole(chance)},3,{start + 1700000},{chance.uniform(0, 100):.3f},"
-               f"{chance.randrange(4096)},{start},{start + chance.randrange(2000000)},0").encode()
-    return b"$%b*%04X\r\n" % (payload, board_frames.crc16(payload))
+    return seal(f"L1,{whole(chance)},{whole(chance)},3,{start + 1700000},{chance.uniform(0, 100):.3f},"
+                f"{chance.randrange(4096)},{start},{start + chance.randrange(2000000)},0")
 
 
 def dose_report(chance: random.Random) -> bytes:
     begin = chance.randrange(2**31)
-    payload = (f"E1,{whole(chance)},{whole(chance)},{chance.randrange(1, 5)},{chance.uniform(0, 360):.3f},{begin},"
-               f"{begin + chance.randrange(500000)}").encode()
-    return b"$%b*%04X\r\n" % (payload, board_frames.crc16(payload))
+    return seal(f"E1,{whole(chance)},{whole(chance)},{chance.randrange(1, 5)},{chance.uniform(0, 360):.3f},{begin},"
+                f"{begin + chance.randrange(500000)}")
 
 
 def module_status(chance: random.Random) -> bytes:

@@ -101,16 +101,12 @@ def picture_of(one: ComparedChannel, name: str) -> Picture:
                   alpha=0.55, label=MEASURED)
         left.plot(one.time_s[rows], one.of_old[rows], color=BEFORE, linestyle="--", linewidth=1.5, label=OLD)
         left.plot(one.time_s[rows], one.of_new[rows], color=AFTER, linewidth=1.5, label=NEW)
-        left.set_title("where the two differ most")
-        left.set_xlabel("time, s")
-        left.set_ylabel(f"{one.channel}, {one.unit}")
+        left.set(title="where the two differ most", xlabel="time, s", ylabel=f"{one.channel}, {one.unit}")
         zero_line(right)
         for series, colour, line, label in ((one.of_old, BEFORE, "--", OLD), (one.of_new, AFTER, "-", NEW)):
             at, errors = _over_time(one.time_s, one.measured - series)
             right.plot(at, errors, color=colour, linestyle=line, linewidth=1.4, label=label)
-        right.set_title("error, r.m.s. over time")
-        right.set_xlabel("time, s")
-        right.set_ylabel(one.unit)
+        right.set(title="error, r.m.s. over time", xlabel="time, s", ylabel=one.unit)
         legend_below(figure_, grid)
         text = svg(figure_, name, escape(f"{one.channel}: measured, and predicted by both machine files"))
     return Picture(text, f"{one.channel}: error {number(one.old)} {one.unit} with the old machine file, "

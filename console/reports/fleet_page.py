@@ -214,8 +214,7 @@ def _time_line(course: Course, unit: str, name: str) -> Picture:
         dates = AutoDateLocator(minticks=2, maxticks=MOST_DATES)
         plot.xaxis.set_major_locator(dates)
         plot.xaxis.set_major_formatter(ConciseDateFormatter(dates))
-        plot.set_ylabel(unit)
-        plot.set_title(titled(course.effect))
+        plot.set(ylabel=unit, title=titled(course.effect))
         return Picture(svg(drawing, name, escape(said)), said)
 
 

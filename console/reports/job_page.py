@@ -145,9 +145,7 @@ def _ground(applied: AsApplied, shown: list[tuple[str, Values]], unit: str, name
             (west, east), (south, north) = ax.get_xlim(), ax.get_ylim()
             ax.locator_params(axis="x", nbins=_most_ticks((east - west) / (north - south)), min_n_ticks=1)
             ax.locator_params(axis="y", nbins=_most_ticks((north - south) / (east - west)), min_n_ticks=1)
-            ax.set_title(word)
-            ax.set_xlabel("east, m")
-            ax.set_ylabel("north, m")
+            ax.set(title=word, xlabel="east, m", ylabel="north, m")
         bar: Any = canvas.colorbar(ground, ax=list(axes[0]), shrink=0.8)
         bar.set_label(unit)
         return svg(canvas, name, title)
@@ -184,8 +182,7 @@ def error_histogram(applied: AsApplied) -> Picture | None:
         share = np.histogram(np.clip(error, -ERROR_TO_PERCENT, ERROR_TO_PERCENT), edges, weights=area)[0]
         ax.bar(edges[:-1], 100.0 * share / area.sum(), width=1.0, align="edge", color=AFTER)
         ax.axvline(0.0, color=BEFORE, linewidth=1.2)
-        ax.set_xlabel("applied against target, % (outermost bars: and beyond)")
-        ax.set_ylabel("share of the area, %")
+        ax.set(xlabel="applied against target, % (outermost bars: and beyond)", ylabel="share of the area, %")
         return Picture(svg(canvas, "joberror", "Distribution of the rate error"),
                        "Rate error by area, stretch by stretch.")
 

@@ -35,8 +35,7 @@ def residual_panel(axes: Any, axis: Axis, before: Binned, after: Binned | None, 
         axes.set_xticks(range(len(axis.names)), axis.names)
         axes.set_xlim(-0.6, len(axis.names) - 0.4)
         axes.grid(False, axis="x")
-    axes.set_xlabel(axis.label)
-    axes.set_ylabel(f"residual, {unit}")
+    axes.set(xlabel=axis.label, ylabel=f"residual, {unit}")
 
 
 def _banded(axes: Any, means: Binned, colour: str, marker: str, line: str, label: str, hollow: bool) -> None:

@@ -61,8 +61,7 @@ def draw(picture: Picture, name: str) -> Drawn:
             colour = COLOURS[line.kind]
             ax.plot(line.x, line.y, "-" if line.joined else MARKS[line.kind], color=colour, label=line.name,
                     markersize=3.0 if len(line.x) > 40 else 6.0)
-        ax.set_xlabel(picture.x)
-        ax.set_ylabel(picture.y)
+        ax.set(xlabel=picture.x, ylabel=picture.y)
         ax.legend()
         return Drawn(svg(canvas, name, escape(picture.title)), picture.title)
 

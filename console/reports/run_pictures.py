@@ -95,9 +95,7 @@ def _stretch(axes: Any, view: View, others: tuple[EffectInstance, ...], effect: 
     axes.plot(at, view.predict(others)[rows], color=BEFORE, linestyle="--", linewidth=1.5,
               label=OTHERS if others else NOMINAL)
     axes.plot(at, view.predict((*others, part))[rows], color=AFTER, linewidth=1.5, label=EXTENDED)
-    axes.set_xlabel("time, s")
-    axes.set_ylabel(f"{view.quantity}, {view.unit}")
-    axes.set_title("a stretch of the log")
+    axes.set(xlabel="time, s", ylabel=f"{view.quantity}, {view.unit}", title="a stretch of the log")
     if part.onset_s is not None:
         axes.axvline(part.onset_s, color=INK, linestyle=":", linewidth=1.4, label="onset")
 
@@ -132,9 +130,7 @@ def left_picture(views: Sequence[View], parts: Sequence[EffectInstance], left: U
         axes.errorbar(means.at, means.mean, yerr=means.half, color=colour, marker="s" if named else "o",
                       linestyle="none", capsize=3, markerfacecolor=colour if named else PAPER,
                       label=EXTENDED if named else NOMINAL)
-        axes.set_xlabel(axis.label)
-        axes.set_ylabel(f"residual, {view.unit}")
-        axes.set_title("residual: measured less predicted")
+        axes.set(xlabel=axis.label, ylabel=f"residual, {view.unit}", title="residual: measured less predicted")
         if fit:
             _extension(grid[0, 1], fit, axis)
         elif not axis.names and view.segments is None:
@@ -152,9 +148,8 @@ def _extension(axes: Any, fit: TableFit, axis: Axis) -> None:
     nodes = np.array(fit.nodes) / (60.0 if fit.variable == "time_s" else 1.0)
     zero_line(axes)
     axes.plot(nodes, fit.values, color=THIRD, marker="o", markersize=4.0, linewidth=2.0, label="smooth function")
-    axes.set_xlabel(axis.label)
-    axes.set_ylabel(f"{fit.stage} more than nominal, {unit}")
-    axes.set_title("the extension, between its nodes")
+    axes.set(xlabel=axis.label, ylabel=f"{fit.stage} more than nominal, {unit}",
+             title="the extension, between its nodes")
 
 
 def time_lines(views: Sequence[View], parts: Sequence[EffectInstance], name: str) -> Picture | None:

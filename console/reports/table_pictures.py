@@ -168,8 +168,7 @@ def left_picture(views: Sequence[MeasuredColumn], left: Unexplained, name: str) 
                   markerfacecolor=colour if named else PAPER, label=EXTENDED if named else NOMINAL)
         if left.variable in view.variables and len(np.unique(x)) > 2:
             smooth_line(axes, x, view.after)
-        axes.set_xlabel(label)
-        axes.set_ylabel(f"residual, {view.unit}")
+        axes.set(xlabel=label, ylabel=f"residual, {view.unit}")
         legend_below(figure, grid)
         text = svg(figure, name, escape(f"{view.name}: what is left along {left.variable}"))
     return Picture(text, f"What is left of {view.name}{' along with the causes named' if named else ''}, against "
@@ -186,8 +185,7 @@ def phase_picture(views: Sequence[MeasuredColumn], step_s: float, name: str) -> 
         axes = grid[0, 0]
         axes.hist(phase, bins=np.linspace(-0.5, 0.5, PHASES + 1), color=AFTER, edgecolor=PAPER, label=MEASURED)
         axes.axhline(len(phase) / PHASES, color=BEFORE, linestyle="--", linewidth=1.6, label="expected without steps")
-        axes.set_xlabel(f"time less the nearest multiple of {step_s:.4f} s, in steps")
-        axes.set_ylabel("rows")
+        axes.set(xlabel=f"time less the nearest multiple of {step_s:.4f} s, in steps", ylabel="rows")
         legend_below(figure, grid)
         text = svg(figure, name, "times within a step of the clock")
     return Picture(text, "Times that come in steps heap about the multiples of the step.")

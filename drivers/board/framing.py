@@ -118,7 +118,8 @@ def number(text: bytes, low: float, high: float) -> float:
     before, point, after = unsigned.partition(b".")
     if not 1 <= len(before) <= 6 or len(after) > 6 or (point and not after):
         raise ValueError("not_a_number")
-    value = whole(before, 999999) + (whole(after, 999999) / 10.0 ** len(after) if after else 0.0)
+    scale: int = 10 ** len(after)
+    value = (whole(before, 999999) * scale + (whole(after, 999999) if after else 0)) / scale
     if text[:1] == b"-":
         value = -value
     if not low <= value <= high:

@@ -9,6 +9,8 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from drivers.board.framing import REPEAT_WINDOW, SEQUENCES, WORDS, number, seal, whole
+
 VERSION = 1
 COMMAND, STATUS = f"T{VERSION}", f"S{VERSION}"
 STATUS_VALVES = "S2"            # the same with how the sections' valves stand, from a board whose valves have switches
@@ -16,9 +18,7 @@ STATUS_EFFORT = "S3"            # both, valves empty where it has none, and how 
 COMMAND_VALVES = "T2"          # the same with the sections' valves; a board without them does not obey it
 COMMAND_WORD = "T3"            # both, with the board's word: what was recorded under another one is old
 WORD = "W1"                     # the board's word, in answer to ASK
-SEQUENCES = 1 << 16
-COUNTERS = 1 << 32              # micros and pulses run over here; words, and counts of commands with one, are below it
-REPEAT_WINDOW = 16              # a sequence number this little behind the last one is an old frame
+COUNTERS = WORDS                # micros and pulses run over here; words, and counts of commands with one, are below it
 SILENT_HOST_S = 1.0             # the board stops by itself after this
 
 FLAG_ENABLED = 1                # the drives follow the set-points
@@ -43,12 +43,10 @@ STATUS_RANGES: dict[str, tuple[float, float]] = {
 MEASURED = tuple(STATUS_RANGES)
 EFFORT = (0.0, 1000.0)          # % of full duty, A or N m: as the machine file says
 
-_CRC = re.compile(r"[0-9A-Fa-f]{4}")
-_NUMBER = re.compile(r"-?\d{1,6}(\.\d{1,6})?")
-_WHOLE = re.compile(r"\d{1,10}")
+_CRC = re.compile(rb"[0-9A-Fa-f]{4}")
 
 
-class BadFrame(Exception):
+class BadFrame(ValueError):
     """A frame that is wrong; the argument is the kind under which it is counted."""
 
 
@@ -121,73 +119,49 @@ def encode_command(frame: CommandFrame) -> bytes:
     said = f"{frame.shaft_rpm:.3f},{frame.opening_mm:.3f},{frame.enable:d}"
     valves = "" if frame.valves is None else f",{frame.valves}"
     if frame.word is not None:
-        return _seal(f"{COMMAND_WORD},{frame.seq % COUNTERS},{said}{valves or ','},{frame.word}")
-    return _seal(f"{COMMAND_VALVES if valves else COMMAND},{frame.seq % SEQUENCES},{said}{valves}")
+        return seal(f"{COMMAND_WORD},{frame.seq % COUNTERS},{said}{valves or ','},{frame.word}")
+    return seal(f"{COMMAND_VALVES if valves else COMMAND},{frame.seq % SEQUENCES},{said}{valves}")
 
 
-ASK = b"$A1*%04X\r\n" % binascii.crc_hqx(b"A1", 0xFFFF)
+ASK = seal("A1")
 
 
 def decode_word(frame: bytes) -> tuple[int, int]:
-    """Sequence number and word. Raises `BadFrame` with its kind."""
+    """Sequence number and word. Raises ValueError with its kind."""
     fields = open_frame(frame, WORD, 2)
     return whole(fields[0], SEQUENCES - 1), whole(fields[1], COUNTERS - 1)
 
 
 def decode_status(frame: bytes) -> StatusFrame:
-    """A frame as received, without `$` and line end. Raises `BadFrame` with its kind."""
+    """A frame as received, without `$` and line end. Raises ValueError with its kind."""
     name = next((name for name in (STATUS_VALVES, STATUS_EFFORT) if frame.startswith(name.encode())), STATUS)
     fields = open_frame(frame, name, {STATUS: 13, STATUS_VALVES: 14, STATUS_EFFORT: 16}[name])
     seq, echo = (whole(text, SEQUENCES - 1) for text in fields[:2])
     micros, pulses, pulse_micros = (whole(text, COUNTERS - 1) for text in fields[2:5])
-    shaft_rpm = plain_number(fields[5], *STATUS_RANGES["shaft_rpm"])
-    opening_mm = plain_number(fields[6], *STATUS_RANGES["opening_mm"])
-    fitted = [plain_number(text, *STATUS_RANGES[name]) if text else None
+    shaft_rpm = number(fields[5], *STATUS_RANGES["shaft_rpm"])
+    opening_mm = number(fields[6], *STATUS_RANGES["opening_mm"])
+    fitted = [number(text, *STATUS_RANGES[name]) if text else None
               for name, text in zip(MEASURED[2:], fields[7:11], strict=True)]
     hopper_kg, supply_v, pitch_deg, roll_deg = fitted
     work_switch = bool(whole(fields[11], 1)) if fields[11] else None
-    valved = name == STATUS_VALVES or (name == STATUS_EFFORT and fields[13] != "")
+    valved = name == STATUS_VALVES or (name == STATUS_EFFORT and fields[13] != b"")
     return StatusFrame(seq, echo, micros, pulses, pulse_micros, shaft_rpm, opening_mm, hopper_kg, supply_v,
                        pitch_deg, roll_deg, work_switch, whole(fields[12], 255),
                        whole(fields[13], (1 << MOST_VALVES) - 1) if valved else None,
-                       *(plain_number(text, *EFFORT) if text else None for text in fields[14:]))
+                       *(number(text, *EFFORT) if text else None for text in fields[14:]))
 
 
-def _seal(payload: str) -> bytes:
-    data = payload.encode("ascii")
-    return b"$%b*%04X\r\n" % (data, crc16(data))
-
-
-def open_frame(frame: bytes, kind: str, count: int) -> list[str]:
-    """The fields after the frame's name, once CRC, name and number of fields are right."""
+def open_frame(frame: bytes, kind: str, count: int) -> list[bytes]:
+    """The fields after the frame's name, once CRC, name and number of fields are right. Raises BadFrame."""
     payload, star, crc = frame.partition(b"*")
-    text_crc = crc.strip().decode("latin-1")
-    if not star or not text_crc:
+    crc = crc.strip()
+    if not star or not crc:
         raise BadFrame("missing_crc")
-    if not _CRC.fullmatch(text_crc) or int(text_crc, 16) != crc16(payload):
+    if not _CRC.fullmatch(crc) or int(crc, 16) != crc16(payload):
         raise BadFrame("bad_crc")
-    name, *fields = payload.decode("latin-1").split(",")
-    if name != kind:
+    name, *fields = payload.split(b",")
+    if name != kind.encode():
         raise BadFrame("unknown_frame")
     if len(fields) != count:
         raise BadFrame("wrong_length")
     return fields
-
-
-def whole(text: str, high: int) -> int:
-    """A number of 1 to 10 digits up to `high`. Raises `BadFrame`."""
-    if not _WHOLE.fullmatch(text):
-        raise BadFrame("not_a_number")
-    if int(text) > high:
-        raise BadFrame("out_of_range")
-    return int(text)
-
-
-def plain_number(text: str, low: float, high: float) -> float:
-    """A decimal number without exponent, from `low` to `high`. Raises `BadFrame`."""
-    if not _NUMBER.fullmatch(text):
-        raise BadFrame("not_a_number")
-    value = float(text)
-    if not low <= value <= high:
-        raise BadFrame("out_of_range")
-    return value

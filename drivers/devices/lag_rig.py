@@ -5,16 +5,8 @@ import math
 from typing import NamedTuple
 
 from control.readings import Reading
-from drivers.devices.board_frames import (
-    COUNTERS,
-    SEQUENCES,
-    BadFrame,
-    crc16,
-    is_repeat,
-    open_frame,
-    plain_number,
-    whole,
-)
+from drivers.board.framing import SEQUENCES, number, seal, whole
+from drivers.devices.board_frames import COUNTERS, BadFrame, is_repeat, open_frame
 from drivers.devices.lines import LineDecoder
 
 ORDER, STATUS = "R1", "L1"
@@ -74,15 +66,14 @@ class LagRig(LineDecoder[RigReadings]):
         for frame in self._frames(line):
             try:
                 readings.append(self._take(decode_status(frame), time_s))
-            except BadFrame as kind:
+            except ValueError as kind:
                 self.counts.reject(str(kind))
         return readings
 
     def order(self, run: int, arm: bool) -> bytes:
         """Arm the rig for a run of that number, or let it idle. Sent again and again, it does no harm."""
-        payload = f"{ORDER},{self._next_order},{run % SEQUENCES},{arm:d}".encode()
-        self._next_order = (self._next_order + 1) % SEQUENCES
-        return b"$%b*%04X\r\n" % (payload, crc16(payload))
+        count, self._next_order = self._next_order, (self._next_order + 1) % SEQUENCES
+        return seal(f"{ORDER},{count},{run % SEQUENCES},{arm:d}")
 
     def _take(self, status: RigStatus, time_s: float) -> RigReadings:
         if is_repeat(status.seq, self._last_seq):
@@ -113,12 +104,12 @@ class LagRig(LineDecoder[RigReadings]):
 
 
 def decode_status(frame: bytes) -> RigStatus:
-    """A frame as received, without `$` and line end. Raises `BadFrame` with its kind."""
+    """A frame as received, without `$` and line end. Raises ValueError with its kind."""
     fields = open_frame(frame, STATUS, 9)
     seq, run = whole(fields[0], SEQUENCES - 1), whole(fields[1], SEQUENCES - 1)
     state, micros = whole(fields[2], LANDED), whole(fields[3], COUNTERS - 1)
-    shaft_rpm = plain_number(fields[4], -400.0, 400.0)
-    plate = int(plain_number(fields[5], -999999.0, 999999.0))
+    shaft_rpm = number(fields[4], -400.0, 400.0)
+    plate = int(number(fields[5], -999999.0, 999999.0))
     start = whole(fields[6], COUNTERS - 1) if fields[6] else None
     land = whole(fields[7], COUNTERS - 1) if fields[7] else None
     if (start is None) != (state < TURNING) or (land is None) != (state < LANDED):

@@ -61,6 +61,12 @@ def checksum(payload: bytes) -> int:
     return reduce(operator.xor, payload, 0)
 
 
+def seal(payload: str) -> bytes:
+    """A sentence from what stands between `$` and `*`."""
+    data = payload.encode("ascii")
+    return b"$%b*%02X\r\n" % (data, checksum(data))
+
+
 def parse(sentence: bytes) -> Sentence:
     """Read one sentence, given without `$` and line end.
 

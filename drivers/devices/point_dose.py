@@ -9,7 +9,8 @@ import math
 from enum import IntEnum
 from typing import NamedTuple
 
-from drivers.devices.board_frames import COUNTERS, SEQUENCES, BadFrame, crc16, open_frame, plain_number, whole
+from drivers.board.framing import SEQUENCES, number, seal, whole
+from drivers.devices.board_frames import COUNTERS, BadFrame, open_frame
 
 DOSE, REPORT = "D1", "E1"
 DOSE_WORD = "D3"            # with the board's word, as `board_frames.COMMAND_WORD`
@@ -64,18 +65,17 @@ def encode_dose(seq: int, dose: int, angle_deg: float, shaft_rpm: float, word: i
         if not low <= value <= high:
             raise ValueError(f"dose: {name} {value}, allowed is {low:g} to {high:g}")
     name, count, tail = (DOSE, seq % SEQUENCES, "") if word is None else (DOSE_WORD, seq % COUNTERS, f",{word}")
-    payload = f"{name},{count},{dose % SEQUENCES},{angle_deg:.3f},{shaft_rpm:.3f}{tail}".encode()
-    return b"$%b*%04X\r\n" % (payload, crc16(payload))
+    return seal(f"{name},{count},{dose % SEQUENCES},{angle_deg:.3f},{shaft_rpm:.3f}{tail}")
 
 
 def decode_report(frame: bytes) -> DoseReport:
-    """A frame as received, without `$` and line end. Raises `BadFrame` with its kind."""
+    """A frame as received, without `$` and line end. Raises ValueError with its kind."""
     fields = open_frame(frame, REPORT, 6)
     seq, dose = whole(fields[0], SEQUENCES - 1), whole(fields[1], SEQUENCES - 1)
     state = whole(fields[2], DoseState.ABORTED)
     if state < DoseState.RUNNING:
         raise BadFrame("out_of_range")
-    turned_deg = plain_number(fields[3], 0.0, 2.0 * ANGLE_DEG[1])
+    turned_deg = number(fields[3], 0.0, 2.0 * ANGLE_DEG[1])
     return DoseReport(seq, dose, DoseState(state), turned_deg, whole(fields[4], COUNTERS - 1),
                       whole(fields[5], COUNTERS - 1))
 

@@ -16,7 +16,7 @@ import re
 from typing import NamedTuple
 
 from drivers.devices.lines import LineDecoder
-from drivers.devices.nmea import checksum
+from drivers.devices.nmea import checksum, seal
 
 MOST_KG_HA = 2000.0             # as a job's rates
 _RAVEN = re.compile(rb"\$R(?:,RC,(?P<target>\d{1,6})|[0-9A-Z-]{1,6},AR,(?P<actual>\d{1,6}))(?:,\d{0,6})*")
@@ -69,5 +69,4 @@ class RateLineDecoder(LineDecoder[RateSaid]):
 
 def target_sentence(rate_kg_ha: float) -> bytes:
     """A target as `$PTDRT`."""
-    body = f"PTDRT,{rate_kg_ha:.1f}".encode()
-    return b"$%s*%02X\r\n" % (body, checksum(body))
+    return seal(f"PTDRT,{rate_kg_ha:.1f}")

@@ -5,6 +5,7 @@ import math
 from typing import NamedTuple
 
 from control.readings import DriveCommand, Reading, ValvesSeen
+from drivers.board.framing import SEQUENCES
 from drivers.devices.board_frames import (
     ASK,
     FLAG_DRIVER_FAULT,
@@ -14,7 +15,6 @@ from drivers.devices.board_frames import (
     FLAG_OLD_ORDER,
     FLAG_STEPS_LOST,
     FLAG_WORD_UNUSED,
-    SEQUENCES,
     WORD,
     BadFrame,
     CommandFrame,
@@ -146,7 +146,7 @@ class SlaveBoard(LineDecoder[BoardReadings]):
                     self._word, self._ask, self._asked = word, False, 0
                 else:
                     readings.append(self._take(decode_status(frame), time_s))
-            except BadFrame as kind:
+            except ValueError as kind:
                 self.counts.reject(str(kind))
         return readings
 

@@ -11,7 +11,7 @@ import re
 
 from control.readings import MOST_ANNOUNCED, SpeedPlan, can_be_announced
 from drivers.devices.lines import LineDecoder
-from drivers.devices.nmea import checksum
+from drivers.devices.nmea import checksum, seal
 
 HEAD = b"PTDSP,"
 _SENTENCE = re.compile(rb"\$([^*$]*)\*([0-9A-Fa-f]{2})")
@@ -54,5 +54,4 @@ class TractorSpeedDecoder(LineDecoder[SpeedPlan]):
 def sentence(announced: SpeedPlan) -> bytes:
     """The same as bytes, for a gateway or a virtual tractor."""
     pairs = ",".join(f"{in_s:.2f},{3.6 * mps:.3f}" for in_s, mps in announced.points)
-    body = f"PTDSP,{announced.acceleration_mps2:.2f},{pairs}".encode()
-    return b"$%s*%02X\r\n" % (body, checksum(body))
+    return seal(f"PTDSP,{announced.acceleration_mps2:.2f},{pairs}")

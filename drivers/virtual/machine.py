@@ -10,19 +10,13 @@ from control.readings import GnssFix
 from control.simulation.plant import Plant
 from drivers.cab import BoardConfig, Cab, CabConfig, GnssConfig, HeadsConfig
 from drivers.devices.canopy_heads import PROTOCOLS, HeadFields
-from drivers.devices.nmea import MPS_PER_KNOT, checksum
+from drivers.devices.nmea import MPS_PER_KNOT, seal
 from drivers.ports import Clock, MemoryPort, Port, memory_pair
 from drivers.virtual.board import VirtualBoard
 from drivers.virtual.extras import Extra
 
 MODE_OF_QUALITY = {1: "A", 2: "D", 3: "P", 4: "R", 5: "F", 6: "E", 7: "M", 8: "S"}
 FIRST_MOMENT = datetime(2026, 4, 1, 6, 0, 0, tzinfo=UTC)    # where a fix carries no UTC of its own
-
-
-def sentence(payload: str) -> bytes:
-    """An NMEA sentence from what stands between `$` and `*`."""
-    data = payload.encode("ascii")
-    return b"$%b*%02X\r\n" % (data, checksum(data))
 
 
 def gnss_sentences(fix: GnssFix, talker: str = "GN") -> bytes:
@@ -41,9 +35,9 @@ def gnss_sentences(fix: GnssFix, talker: str = "GN") -> bytes:
     knots = "" if fix.speed_mps is None else f"{fix.speed_mps / MPS_PER_KNOT:.3f}"
     kmh = "" if fix.speed_mps is None else f"{fix.speed_mps * 3.6:.3f}"
     course = "" if fix.heading_deg is None else f"{fix.heading_deg % 360.0:.3f}"
-    return (sentence(f"{talker}GGA,{clock},{place},{fix.fix_quality},{satellites},{hdop},0.0,M,0.0,M,,")
-            + sentence(f"{talker}RMC,{clock},{'A' if valid else 'V'},{place},{knots},{course},{at:%d%m%y},,,{mode}")
-            + sentence(f"{talker}VTG,{course},T,,M,{knots},N,{kmh},K,{mode}"))
+    return (seal(f"{talker}GGA,{clock},{place},{fix.fix_quality},{satellites},{hdop},0.0,M,0.0,M,,")
+            + seal(f"{talker}RMC,{clock},{'A' if valid else 'V'},{place},{knots},{course},{at:%d%m%y},,,{mode}")
+            + seal(f"{talker}VTG,{course},T,,M,{knots},N,{kmh},K,{mode}"))
 
 
 def head_line(ndvi: float, layout: HeadFields, head: int | None = None) -> bytes:

@@ -2,8 +2,9 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Callable
 from pathlib import Path
-from typing import TypedDict
+from typing import TypedDict, TypeVar
 
 import numpy as np
 
@@ -16,13 +17,14 @@ from control.targets.map_check import MapCheck, map_check
 from control.targets.map_profile import MapProfile
 from control.targets.plants import PlantList
 from control.targets.point_source import FARTHEST_DOSE_M, DoseError
-from control.targets.prescription import on_plane, rates_on
+from control.targets.prescription import MapData, on_plane, rates_on
 from control.targets.rate_map import Floats
 from drivers.files.archives import files_of
 from drivers.files.limits import check_file
-from drivers.files.prescriptions.words import ZONE_FACTOR, Imported, PrescriptionError, RateQuestion
+from drivers.files.prescriptions.words import ZONE_FACTOR, PrescriptionError, RateQuestion
 from drivers.plain_text import PlaceInFile
 
+Made = TypeVar("Made")
 FASTEST_MPS = 10.0          # of a machine that gives single doses; a speed in km/h is beyond it
 
 
@@ -98,14 +100,7 @@ def map_of_job(job: Job, folder: Path) -> MapProfile | None:
     The file's rates are taken as kg/ha; what needs a choice is converted with `topdress map` first.
     Raises PrescriptionError in one line, OSError.
     """
-    if job.target.map is None:
-        return None
-    read = _read(folder / job.target.map)
-    plane = _origin(job) or read.data.plane()
-    try:
-        return MapProfile(on_plane(read.data, plane), plane)
-    except ValueError as error:
-        raise PrescriptionError(read.path, "{why}", why=error) from None
+    return _of_map(job, folder, lambda data, plane: MapProfile(on_plane(data, plane), plane))
 
 
 def check_of_job(job: Job, limit_kg_ha: float, folder: Path) -> MapCheck | None:
@@ -113,23 +108,24 @@ def check_of_job(job: Job, limit_kg_ha: float, folder: Path) -> MapCheck | None:
 
     limit_kg_ha: the crop's. Raises PrescriptionError in one line, OSError.
     """
+    return _of_map(job, folder, lambda data, plane: map_check(data, limit_kg_ha, job.field.boundary(), plane))
+
+
+def _of_map(job: Job, folder: Path, make: Callable[[MapData, TangentPlane], Made]) -> Made | None:
+    """Of the job's map, as the file alone says it, on the field's plane, else on its own. Raises
+    PrescriptionError, OSError."""
     if job.target.map is None:
         return None
-    read = _read(folder / job.target.map)
-    try:
-        return map_check(read.data, limit_kg_ha, job.field.boundary(), _origin(job) or read.data.plane())
-    except ValueError as error:
-        raise PrescriptionError(read.path, "{why}", why=error) from None
-
-
-def _read(path: Path) -> Imported:
-    """As the file alone says it. Raises PrescriptionError, OSError."""
     from drivers.files.prescriptions.read import read_prescription  # most jobs have no map
     try:
-        return read_prescription(path)
+        read = read_prescription(folder / job.target.map)
     except RateQuestion as question:
         raise RateQuestion.of(question, hint="; a job takes what topdress map IN ... --out NEW.geojson writes") \
             from None
+    try:
+        return make(read.data, _origin(job) or read.data.plane())
+    except ValueError as error:
+        raise PrescriptionError(read.path, "{why}", why=error) from None
 
 
 def plants_of_job(job: Job, folder: Path, plane: TangentPlane | None = None) -> PlantList | None:
