@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 from click.testing import Result
-from typer.testing import CliRunner
 
 from console.threads import few_for_matrices
 
@@ -60,8 +59,8 @@ def pytest_report_header(config: pytest.Config) -> str | None:
 @pytest.fixture(scope="session")
 def topdress() -> Callable[..., Result]:
     """Runs the command with these arguments."""
-    from console.cli import app
-    return lambda *words: CliRunner().invoke(app, [str(word) for word in words])
+    from tests.command import topdress
+    return topdress
 
 
 @pytest.fixture

@@ -9,9 +9,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
-from typer.testing import CliRunner
 
-from console.cli import app
 from control.agronomy.crop import Crop
 from control.agronomy.noa import prepare, rate_table
 from control.agronomy.strips import StripValue
@@ -20,6 +18,7 @@ from control.field.job import Job, rule_of
 from drivers.files.config_error import ConfigError
 from drivers.files.farm_lines import COLUMNS
 from drivers.files.setup import Setup, load_setup
+from tests.command import topdress
 
 CROPS = Path(__file__).parents[2] / "configs" / "crops"
 NAMES = sorted(path.stem for path in CROPS.glob("*.yaml"))
@@ -117,7 +116,7 @@ def test_check_tells_of_a_strip_that_is_missing(crop_data, tmp_path):
     for strip, said in ((0.40, False), (None, True)):
         (tmp_path / "leafy.yaml").write_text(yaml.safe_dump(sufficient(crop_data, ndvi_nrich=strip)))
         (tmp_path / "job.yaml").write_text("format: topdress-job/1\ncrop: leafy.yaml\nsimulated: {heads_index: ndre}\n")
-        result = CliRunner().invoke(app, ["check", str(tmp_path / "leafy.yaml"), str(tmp_path / "job.yaml")])
+        result = topdress("check", tmp_path / "leafy.yaml", tmp_path / "job.yaml")
         assert result.exit_code == 0 and ("N-rich strip missing" in result.output) == said, result.output
 
 
@@ -310,12 +309,12 @@ def test_what_a_ceiling_refuses(rows, nitrogen, said, tmp_path):
     path = written(tmp_path, rows, **nitrogen)
     with pytest.raises(ConfigError, match=said):
         load_setup("huanghai", path, DAY)
-    checked = CliRunner().invoke(app, ["check", str(path)])
+    checked = topdress("check", path)
     assert checked.exit_code != 0 and said in checked.output
 
 
 def test_check_says_what_is_left(tmp_path):
-    result = CliRunner().invoke(app, ["check", str(written(tmp_path, [], year_max_kg_ha=170.0, given_kg_ha=60.0))])
+    result = topdress("check", written(tmp_path, [], year_max_kg_ha=170.0, given_kg_ha=60.0))
     assert result.exit_code == 0 and "110.0 kg N/ha left, at most 244.4 kg/ha of product" in result.output
 
 

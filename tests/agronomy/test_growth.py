@@ -6,11 +6,9 @@ import datetime as dt
 import numpy as np
 import pytest
 from pydantic import ValidationError
-from typer.testing import CliRunner
 
 from console.app.pages.job.day import LOOK, OK, checks
 from console.app.units import METRIC
-from console.cli import app
 from console.reports.job_about import About, happened, named
 from control.agronomy.crop import Crop
 from control.agronomy.days import days_above_base
@@ -22,6 +20,7 @@ from drivers.files.kinds import JOB
 from drivers.files.setup import load_setup
 from drivers.files.weather import WeatherError, growing_days, read_weather
 from tests.app.made_up.job import facts_of
+from tests.command import topdress
 from tests.control_loop.closed import SETUP, Closed
 
 FEEKES = GrowthWindow(scale="feekes", first=4, last=6)
@@ -80,10 +79,10 @@ def test_check_says_it(tmp_path):
     for growth, said in ((None, "growth stage not said"), (GrowthStage(scale="feekes", stage=8), "feekes 8 is outside"),
                          (GrowthStage(scale="feekes", stage=5), "")):
         save(tmp_path / "job.yaml", demo.model_copy(update={"growth": growth}), JOB)
-        result = CliRunner().invoke(app, ["check", str(tmp_path / "job.yaml")])
+        result = topdress("check", tmp_path / "job.yaml")
         assert result.exit_code == 0 and ("growth stage" in result.output) == bool(said) and said in result.output
     save(tmp_path / "job.yaml", demo.model_copy(update={"ndvi_nrich": 0.5, "ndvi_check": 0.55}), JOB)
-    assert "response index 0.91: no response" in CliRunner().invoke(app, ["check", str(tmp_path / "job.yaml")]).output
+    assert "response index 0.91: no response" in topdress("check", tmp_path / "job.yaml").output
 
 
 def test_the_list_before_work_says_it():

@@ -6,9 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from console.cli import app
 from control.calibration import BenchTable, fit_flow, fit_lag
 from control.calibration.tube_fit import settle_tube
 from control.machine.fall import lag_paper_s
@@ -16,6 +14,7 @@ from control.machine.machine import Adopted, Machine, with_effect
 from control.machine.start import response_s
 from drivers.files.config import load
 from drivers.files.kinds import MACHINE as MACHINE_FILES
+from tests.command import topdress
 
 MACHINE = Machine(adopted=(Adopted(id="shaft.gain", size=1.0), Adopted(id="flow.gain", size=5.0)))
 
@@ -213,7 +212,7 @@ def test_calibrate_lag_takes_a_table_of_steps(tmp_path: Path) -> None:
     rows = "".join(f"40,80,{k},{drop + 0.01 * (k % 3 - 1):.3f}\n" for k in range(10))
     (tmp_path / "steps.csv").write_text("before_rpm,shaft_rpm,replicate,drop_s\n" + rows, encoding="utf-8")
     out = tmp_path / "mine.yaml"
-    result = CliRunner().invoke(app, ["calibrate", "lag", str(tmp_path / "steps.csv"), "--out", str(out)])
+    result = topdress("calibrate", "lag", tmp_path / "steps.csv", "--out", out)
     assert result.exit_code == 0, result.output
     assert "tube: 10 changes between two rates" in result.output
     mine = load(str(out), MACHINE_FILES).model
@@ -223,8 +222,7 @@ def test_calibrate_lag_takes_a_table_of_steps(tmp_path: Path) -> None:
 def test_a_table_of_starts_says_what_is_missing(tmp_path: Path) -> None:
     rows = "".join(f"{n},{1.8288 - 0.0083 * n + 0.01 * k:.3f}\n" for n in (10, 30, 50, 70) for k in (-1, 0, 1))
     (tmp_path / "starts.csv").write_text("shaft_rpm,drop_s\n" + rows, encoding="utf-8")
-    result = CliRunner().invoke(app, ["calibrate", "lag", str(tmp_path / "starts.csv"), "--out",
-                                      str(tmp_path / "mine.yaml")])
+    result = topdress("calibrate", "lag", tmp_path / "starts.csv", "--out", tmp_path / "mine.yaml")
     assert result.exit_code == 0 and "a step from 40 to 80 r/min at the rig, ten times" in result.output
-    result = CliRunner().invoke(app, ["diagnose", str(tmp_path / "starts.csv")])
+    result = topdress("diagnose", tmp_path / "starts.csv")
     assert "a step from 40 to 80 r/min at the rig, ten times" in result.output, result.output

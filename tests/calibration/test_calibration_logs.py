@@ -7,18 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from typer.testing import CliRunner
 
-from console.cli import app
 from control.calibration import BenchTable, WheelLog, check_heads, fit_lag, fit_wheel
 from control.geodesy import TangentPlane
 from control.machine.fall import drop_s
 from control.machine.machine import Adopted, Machine
 from control.machine.start import first_fall_s
+from tests.command import topdress
 
 MACHINE = Machine(adopted=(Adopted(id="speed.wheel_radius", size=1.0), Adopted(id="canopy.head_fouled", size=-3.0)))
 PLANE = TangentPlane(34.28, 119.88)
-runner = CliRunner()
 
 
 def drive(circumference_m: float, *, slip_percent: float = 0.0, idle_s: float = 150.0, work_s: float = 200.0,
@@ -174,17 +172,17 @@ def test_a_drop_that_hardly_depends_on_shaft_speed_is_the_same_for_a_start() -> 
 
 def test_the_commands_write_new_machine_files_with_provenance(tmp_path: Path) -> None:
     log = tmp_path / "run.csv"
-    done = runner.invoke(app, ["simulate", "--seconds", "200", "--out", str(log), "--effect", "speed.wheel_radius=2",
-                               "--effect", "canopy.head_fouled=-7.5#5"])
+    done = topdress("simulate", "--seconds", "200", "--out", log, "--effect", "speed.wheel_radius=2", "--effect",
+                    "canopy.head_fouled=-7.5#5")
     assert done.exit_code == 0, done.output
     for what, said, record in (("wheel", "wheel circumference, m", "speed.wheel_circumference_m"),
                                ("heads", "head 5  off by -7.", "canopy.head_fouled")):
         out = tmp_path / f"{what}.yaml"
-        result = runner.invoke(app, ["calibrate", what, str(log), "--out", str(out)])
+        result = topdress("calibrate", what, log, "--out", out)
         assert result.exit_code == 0, result.output
         assert said in result.output
         machine = yaml.safe_load(out.read_text())
         assert [(r["id"], r["data"], len(r["sha256"])) for r in machine["adopted"]] == [(record, str(log), 64)]
-        again = runner.invoke(app, ["calibrate", what, str(log), "--out", str(out)])
+        again = topdress("calibrate", what, log, "--out", out)
         assert again.exit_code == 2 and "nothing is overwritten" in again.output
     assert machine["heads"]["fouled_head"] == 5.0

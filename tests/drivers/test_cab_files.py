@@ -18,6 +18,7 @@ from drivers.files.kinds import CAB, KINDS
 from drivers.files.setup import load_setup
 from drivers.ports import memory_pair
 from drivers.virtual.machine import virtual_cab
+from tests.command import topdress
 
 
 def test_three_cabs_are_shipped():
@@ -120,9 +121,7 @@ def test_a_gate_set_by_hand_is_never_told_to_move_and_the_rate_still_holds(strat
 
 
 def test_two_figures_for_one_wheel_are_said_by_check_and_refused_by_a_run(tmp_path):
-    from typer.testing import CliRunner
 
-    from console.cli import app
     from console.worker.assemble import assemble
     from console.worker.options import Options
     from drivers.files.config import save
@@ -135,7 +134,7 @@ def test_two_figures_for_one_wheel_are_said_by_check_and_refused_by_a_run(tmp_pa
         machine.unlink(missing_ok=True)
         save(machine, nominal.model_copy(update={"speed": nominal.speed._replace(
             wheel_circumference_m=circumference)}), MACHINE)
-        result = CliRunner().invoke(app, ["check", str(cab), str(machine)])
+        result = topdress("check", cab, machine)
         assert (result.exit_code == 2) == wrong and (said in result.output) == wrong
     with pytest.raises(ValueError, match="as the shipped machine huanghai has it"):
         assemble(Options((str(cab),), tmp_path / "w.json", log=str(tmp_path / "a.csv")), lambda: 0.0)
@@ -176,9 +175,7 @@ def test_valves_are_reached_through_the_bytes_of_the_virtual_machine():
 
 
 def test_valves_that_no_device_drives_are_said(tmp_path):
-    from typer.testing import CliRunner
 
-    from console.cli import app
     from drivers.files.config import shipped
     machine = str(shipped("machines")["huanghai_sections"])
     module = "rate_module: {pulses_per_turn: 360.0, fixed_opening_mm: 25.0, address: 127.0.0.1"
@@ -186,7 +183,7 @@ def test_valves_that_no_device_drives_are_said(tmp_path):
                            ("board: {port: 'socket://127.0.0.1:9'}", False)):
         cab = tmp_path / "cab.yaml"
         cab.write_text(f"format: topdress-cab/1\n{devices}\n")
-        result = CliRunner().invoke(app, ["check", str(cab), machine])
+        result = topdress("check", cab, machine)
         assert (result.exit_code != 0) == wrong, result.output
         assert ("key board: missing: allowed a board, or a rate module with valves" in result.output) == wrong
 

@@ -8,9 +8,7 @@ import random
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
-from typer.testing import CliRunner
 
-from console.cli import app
 from control.readings import FASTEST_ANNOUNCED_MPS, GnssFix, SpeedPlan
 from drivers.board.framing import seal
 from drivers.devices.board_frames import STATUS_RANGES, CommandFrame, encode_command
@@ -30,6 +28,7 @@ from drivers.virtual.board import VirtualBoard
 from drivers.virtual.extras import agopengps_frames
 from drivers.virtual.faults import at_wrong_baud
 from drivers.virtual.machine import gnss_sentences, head_line
+from tests.command import topdress
 
 SHORT = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 RANGES = {"lat_deg": (-90, 90), "lon_deg": (-180, 180), "fix_quality": (1, 9), "satellites": (0, 200), "hdop": (0, 100),
@@ -248,14 +247,14 @@ def test_modules_on_the_network_are_named():
 
 
 def test_the_command_says_what_cannot_be_opened_and_goes_on():
-    result = CliRunner().invoke(app, ["devices", "--seconds", "0.3", "socket://127.0.0.1:1", "/dev/no-such-port"])
+    result = topdress("devices", "--seconds", "0.3", "socket://127.0.0.1:1", "/dev/no-such-port")
     assert result.exit_code == 1
     first, second = result.output.splitlines()
     assert "cannot be opened" in first and "cannot be opened" in second
 
 
 def test_a_port_that_cannot_be_read_is_one_plain_line():
-    result = CliRunner().invoke(app, ["devices", "socket://nowhere"])
+    result = topdress("devices", "socket://nowhere")
     assert result.exit_code == 2
     assert "allowed is socket://HOST:PORT" in result.output
 

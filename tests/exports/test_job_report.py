@@ -8,9 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from console.cli import app
 from control.log_row import LogRow
 from drivers.files.config import load
 from drivers.files.exports.as_applied import AsApplied, SpreadProduct, as_applied
@@ -18,6 +16,7 @@ from drivers.files.kinds import MACHINE
 from drivers.files.read_log import RunLog, read_log
 from drivers.files.run_log import write_log
 from drivers.files.run_meta import run_meta
+from tests.command import topdress
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
 
@@ -119,13 +118,13 @@ def test_costs_where_the_job_has_a_price(known_log: RunLog, tmp_path: Path) -> N
     priced = {**meta.job, "price_per_kg": 0.62, "currency": "U<D", "product": "urea"}
     path = tmp_path / "log.csv"
     write_log(path, dataclasses.replace(meta, job=priced), list(known_log.rows()))
-    done = CliRunner().invoke(app, ["map", str(path), "--out", str(tmp_path / "r.html")])
+    done = topdress("map", path, "--out", tmp_path / "r.html")
     assert done.exit_code == 0, done.output
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     found = re.search(r"<dt>cost</dt>\s*<dd>([0-9.]+) U&lt;D, ([0-9.]+) U&lt;D/ha, at 0.62 U&lt;D a kilogram; "
                       r"against the target ([-+\N{MINUS SIGN}]?[0-9.]+) U&lt;D</dd>", page)
     assert found is not None, re.findall(r"<dt>cost.*", page)
-    said = CliRunner().invoke(app, ["record", str(path), "--out", str(tmp_path / "farm.csv")])
+    said = topdress("record", path, "--out", tmp_path / "farm.csv")
     assert said.exit_code == 0 and f"{found[1]} U<D" in said.output, said.output
     row = next(csv.DictReader((tmp_path / "farm.csv").open(encoding="utf-8")))
     assert (row["cost"], row["currency"], row["price_per_kg"]) == (found[1], "U<D", "0.62")
@@ -133,7 +132,7 @@ def test_costs_where_the_job_has_a_price(known_log: RunLog, tmp_path: Path) -> N
     assert float(found[2]) == pytest.approx(0.62 * float(row["applied_kg_ha"]), abs=0.02)
     free = write_log(tmp_path / "free.csv", dataclasses.replace(meta, job={**priced, "price_per_kg": "dear"}),
                      list(known_log.rows()))
-    assert CliRunner().invoke(app, ["map", str(free), "--out", str(tmp_path / "f.html")]).exit_code == 0
+    assert topdress("map", free, "--out", tmp_path / "f.html").exit_code == 0
     assert "<dt>cost" not in (tmp_path / "f.html").read_text(encoding="utf-8")
 
 
@@ -145,7 +144,7 @@ def test_a_log_without_a_target_has_a_page_too(applied: AsApplied) -> None:
 
 def test_topdress_map_writes_it_and_every_export(known_log: RunLog, tmp_path: Path) -> None:
     for name in ("r.html", "r.csv", "r.geojson", "r.shp", "r.zip", "task"):
-        told = CliRunner().invoke(app, ["map", str(known_log.path), "--out", str(tmp_path / "new" / name)])
+        told = topdress("map", known_log.path, "--out", tmp_path / "new" / name)
         assert told.exit_code == 0, told.stderr
         assert " in 60 s of work" in told.stdout
         assert (tmp_path / "new" / name).exists()

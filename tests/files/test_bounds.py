@@ -7,9 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
-from console.cli import app
 from control.field.job import Canopy, Job, Simulated, rule_of
 from control.machine.machine import Machine
 from control.metering.inverse import opening_for
@@ -20,6 +18,7 @@ from control.simulation.closed_loop import simulated_run
 from drivers.files.config import ConfigError, validated
 from drivers.files.kinds import CAB, CROP, JOB, MACHINE, PRODUCT
 from drivers.files.setup import load_setup
+from tests.command import topdress
 
 KINDS = {kind.format: kind for kind in (MACHINE, JOB, CROP, CAB, PRODUCT)}
 ENDS = (("minimum", "exclusiveMinimum"), ("maximum", "exclusiveMaximum"))
@@ -67,7 +66,7 @@ def wide(tmp_path: Path, width: str) -> Path:
 def test_a_width_that_no_machine_has_is_refused_in_one_line(tmp_path, command):
     path, log = wide(tmp_path, "100000"), tmp_path / "run.csv"
     arguments = [str(path)] if command == "check" else ["--machine", str(path), "--seconds", "5", "--out", str(log)]
-    result = CliRunner().invoke(app, [command, *arguments])
+    result = topdress(command, *arguments)
     assert result.exit_code != 0 and not log.exists()
     assert result.output.strip().splitlines() == [
         f"{path}: key geometry.working_width_m: value 100000: allowed 0.1 to 60 (line 8)"]

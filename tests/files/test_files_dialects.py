@@ -12,9 +12,7 @@ import numpy as np
 import openpyxl
 import polars as pl
 import pytest
-from typer.testing import CliRunner
 
-from console.cli import app
 from control.log_row import COLUMNS, LogRow
 from drivers.files.any_log import open_log
 from drivers.files.bench_table import read_bench_table
@@ -24,6 +22,7 @@ from drivers.files.opened import Opened
 from drivers.files.read_log import RunLog, meta_of, read_log, read_rows
 from drivers.files.run_log import write_log
 from drivers.files.run_meta import run_meta
+from tests.command import topdress
 
 T = np.arange(50) * 0.1
 SHAFT = 40.0 + np.sin(T)
@@ -150,7 +149,7 @@ def test_an_unclosed_quote_is_refused_and_not_half_read(tmp_path: Path, monkeypa
     lines[20] = lines[20].replace(",", ',"')
     path.write_text("\n".join(lines) + "\n")
     at = 2 if command[0] == "calibrate" else 1
-    told = CliRunner().invoke(app, [*command[:at], str(path), *command[at:]])
+    told = topdress(*command[:at], path, *command[at:])
     assert told.exit_code == 2
     assert told.output.strip() == f"{path}: line 21: a quote is opened and not closed: allowed are pairs of quotes"
     assert sorted(file.name for file in tmp_path.iterdir()) == ["q.csv"]
@@ -262,22 +261,22 @@ def test_only_some_columns(text_log: Path, tmp_path: Path) -> None:
 
 def test_the_command_makes_it_and_takes_it_back(text_log: Path, tmp_path: Path) -> None:
     store, again = tmp_path / "kept.parquet", tmp_path / "again.csv"
-    told = CliRunner().invoke(app, ["import", str(text_log), "--out", str(store)])
+    told = topdress("import", text_log, "--out", store)
     assert told.exit_code == 0 and "40 rows" in told.output, told.output
     same(read_rows(store), read_rows(text_log))
-    assert CliRunner().invoke(app, ["import", str(store), "--out", str(again)]).exit_code == 0
+    assert topdress("import", store, "--out", again).exit_code == 0
     whole, back = read_rows(text_log), read_rows(again)
     same(replace(back, findings=()), replace(whole, findings=()))
-    twice = CliRunner().invoke(app, ["import", str(text_log), "--out", str(store)])
+    twice = topdress("import", text_log, "--out", store)
     assert twice.exit_code != 0 and "exists already" in twice.output
-    wrong = CliRunner().invoke(app, ["import", str(text_log), "--out", str(tmp_path / "kept.json")])
+    wrong = topdress("import", text_log, "--out", tmp_path / "kept.json")
     assert wrong.exit_code != 0
 
 
 def test_a_foreign_log_becomes_a_store_at_once(tmp_path: Path) -> None:
     source = Path(__file__).parents[2] / "docs/examples/import/tractor.csv"
     for name in ("log.csv", "log.parquet", "log.parquet"):                  # made anew of the same file
-        told = CliRunner().invoke(app, ["import", str(source), "--out", str(tmp_path / name)])
+        told = topdress("import", source, "--out", tmp_path / name)
         assert told.exit_code == 0, told.output
     same(read_log(tmp_path / "log.parquet"), read_log(tmp_path / "log.csv"))
 
@@ -313,7 +312,7 @@ def test_a_log_of_ours_comes_back_from_its_store_to_the_byte(tmp_path: Path) -> 
             for k in range(60)] + [LogRow(3.1), LogRow(3.1001)]
     first = write_log(tmp_path / "run.csv", run_meta(seed=3, extra={"note": "ß 播"}), rows)
     for source, out in ((first, tmp_path / "run.parquet"), (tmp_path / "run.parquet", tmp_path / "back" / "run.csv")):
-        result = CliRunner().invoke(app, ["import", str(source), "--out", str(out)])
+        result = topdress("import", source, "--out", out)
         assert result.exit_code == 0, result.output
     assert (tmp_path / "back" / "run.csv").read_bytes() == first.read_bytes()
     assert (tmp_path / "back" / "run.yaml").read_bytes() == first.with_suffix(".yaml").read_bytes()
@@ -324,7 +323,7 @@ def test_of_another_program_s_text_every_number_comes_back_the_same(tmp_path: Pa
     first.write_text("time_s,hopper_kg,load\r\n" + "".join(
         f"{k / 7:.12f},{100 - k / 3:.17g},{k / 10:.3f}\r\n" for k in range(50)), encoding="utf-8")
     for source, out in ((first, tmp_path / "run.parquet"), (tmp_path / "run.parquet", tmp_path / "back" / "run.csv")):
-        assert CliRunner().invoke(app, ["import", str(source), "--out", str(out)]).exit_code == 0
+        assert topdress("import", source, "--out", out).exit_code == 0
     log, back = read_rows(first), read_rows(tmp_path / "back" / "run.csv")
     for name in ("time_s", "hopper_kg", "load"):
         np.testing.assert_array_equal(log.columns[name], back.columns[name])

@@ -6,11 +6,9 @@ from pathlib import Path
 
 import pytest
 from pydantic import ValidationError
-from typer.testing import CliRunner
 
 from console.app.pages.job.day import LOOK, OK, checks
 from console.app.units import METRIC
-from console.cli import app
 from console.services.job import JobFiles, Launcher
 from control.agronomy.product import CatchTest, Product
 from control.field.job_names import JobNames
@@ -19,9 +17,9 @@ from drivers.files.config import load, save, shipped
 from drivers.files.config_error import ConfigError
 from drivers.files.kinds import JOB, MACHINE, PRODUCT
 from drivers.files.setup import load_setup, product_note
+from tests.command import topdress
 
 TODAY = dt.date(2026, 3, 18)
-runner = CliRunner()
 
 
 def prills(*tests: CatchTest) -> Product:
@@ -88,10 +86,10 @@ def test_what_is_not_allowed(change):
 
 
 def test_check_tells_of_the_product(job, tmp_path):
-    said = runner.invoke(app, ["check", str(job), "bench"])
+    said = topdress("check", job, "bench")
     assert said.exit_code == 0 and "product urea_prilled: no catch test with machine bench" in said.output
     save(job, load(str(job), JOB).model.model_copy(update={"product_file": "none.yaml"}), JOB)
-    said = runner.invoke(app, ["check", str(job)])
+    said = topdress("check", job)
     assert said.exit_code != 0 and "none.yaml" in said.output
     with pytest.raises(ConfigError, match="name it in the job file"):
         from drivers.files.setup import by_kind
@@ -105,17 +103,15 @@ def test_a_catch_test_is_added_with_its_date(tmp_path):
     table.write_text("shaft_rpm,opening_mm,duration_s,mass_kg\n" + "".join(
         f"{a},{b},{c},{d * (1 + 0.001 * (-1) ** k)}\n" for k, (a, b, c, d) in enumerate(rows)))
     out = tmp_path / "mine.yaml"
-    said = runner.invoke(app, ["calibrate", "catch", str(table), "--product", "urea_prilled", "--date", "2026-03-18",
-                               "--out", str(out)])
+    said = topdress("calibrate", "catch", table, "--product", "urea_prilled", "--date", "2026-03-18", "--out", out)
     assert said.exit_code == 0, said.output
     test = load(str(out), PRODUCT).model.newest_test("huanghai")
     assert test.grams_per_rev_mm == pytest.approx(6.1, rel=0.002) and test.date == TODAY and len(test.sha256) == 64
     again = tmp_path / "again.yaml"
-    said = runner.invoke(app, ["calibrate", "catch", str(table), "--product", str(out), "--date", "2026-03-19",
-                               "--out", str(again)])
+    said = topdress("calibrate", "catch", table, "--product", out, "--date", "2026-03-19", "--out", again)
     assert said.exit_code == 0 and len(load(str(again), PRODUCT).model.catch_tests) == 2
     for more in (["--out", str(out), "--product", str(out)], ["--out", str(tmp_path / "x.yaml"), "--date", "today"]):
-        assert runner.invoke(app, ["calibrate", "catch", str(table), *more]).exit_code != 0
+        assert topdress("calibrate", "catch", table, *more).exit_code != 0
 
 
 @pytest.fixture

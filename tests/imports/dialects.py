@@ -17,11 +17,10 @@ from zoneinfo import ZoneInfo
 import numpy as np
 import numpy.typing as npt
 import yaml
-from typer.testing import CliRunner
 
-from console.cli import app
 from control.log_row import DECIMALS
 from drivers.files.read_log import read_log
+from tests.command import topdress
 
 Floats = npt.NDArray[np.float64]
 ROWS, STEP_S = 400, 0.1
@@ -332,8 +331,7 @@ SHORT = {"heading_deg": "Heading", "speed_mps": "Speed", "wheel_speed_mps": "Whe
 def problems(of: Deal, truth: dict[str, Floats], folder: Path) -> list[str]:
     """Imports the deal by the command; one line for each thing that is not as the truth has it."""
     source, out = write(of, truth, folder), folder / f"out{of.number}.csv"
-    runner = CliRunner()
-    first = runner.invoke(app, ["import", str(source), "--out", str(out)])
+    first = topdress("import", source, "--out", out)
     arguments = ["import", str(source), "--out", str(out)]
     if of.told and of.time != "local":
         if first.exit_code != 0:
@@ -345,11 +343,11 @@ def problems(of: Deal, truth: dict[str, Floats], folder: Path) -> list[str]:
         return ["refused, but something was written, or nothing said"]
     if not of.told or of.time == "local":
         by_hand = folder / f"deal{of.number}.import.yaml"
-        guessed = runner.invoke(app, ["import", str(source), "--guess", "--mapping", str(by_hand)])
+        guessed = topdress("import", source, "--guess", "--mapping", by_hand)
         if guessed.exit_code != 0:
             return [f"no guess: {guessed.output}"]
         _put_right(of, by_hand)
-        again = runner.invoke(app, [*arguments, "--mapping", str(by_hand)])
+        again = topdress(*arguments, "--mapping", by_hand)
         if again.exit_code != 0:
             return [f"refused with its import file: {line}" for line in again.output.splitlines()]
     return _against_truth(of, truth, out)

@@ -16,10 +16,9 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 import numpy.typing as npt
-from typer.testing import CliRunner
 
-from console.cli import app
 from drivers.files.read_log import read_log
+from tests.command import topdress
 
 D = sys.modules["topdress_dialects"]        # loaded by `conftest.py`
 Floats = npt.NDArray[np.float64]
@@ -212,7 +211,7 @@ def problems(of: Dress, truth: dict[str, Floats], folder: Path) -> tuple[str, li
     """What became of it (imported, asked, refused, wrong, broken), and what is to say of it."""
     source, kept = write(of, truth, folder)
     out = folder / f"out{of.number}.csv"
-    done = CliRunner().invoke(app, ["import", str(source), "--out", str(out)])
+    done = topdress("import", source, "--out", out)
     lines = done.output.splitlines()
     if done.exception is not None and not isinstance(done.exception, SystemExit):
         return "broken", [repr(done.exception)]

@@ -14,9 +14,7 @@ import openpyxl
 import polars as pl
 import pytest
 from click.testing import Result
-from typer.testing import CliRunner
 
-from console.cli import app
 from console.services.logs import RunLogs
 from drivers.files.any_log import open_log
 from drivers.files.config import load
@@ -33,6 +31,7 @@ from drivers.files.imports.time_logs import TOTAL_AREA, WIDTH, WORK, LoggedValue
 from drivers.files.imports.trouble import ImportTrouble
 from drivers.files.read_log import read_log
 from drivers.files.what_it_is import holds_points
+from tests.command import topdress
 
 BEGIN = dt.datetime(2026, 3, 20, 8, 0, tzinfo=dt.UTC)
 TASK = '<ISO11783_TaskData VersionMajor="4" VersionMinor="3"><TSK A="TSK1">{}</TSK></ISO11783_TaskData>'
@@ -182,7 +181,7 @@ def points(path: Path, told: bool = True) -> Path:
 
 
 def run(*words: str) -> str:
-    told = CliRunner().invoke(app, list(words))
+    told = topdress(*words)
     assert told.exit_code in (0, 3), told.output
     return told.output
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from console.cli import app
 from control.agronomy.crop import Crop
@@ -37,6 +36,7 @@ from control.papers.points import delays, microsteps, points_claims
 from control.targets.point import point_lag
 from drivers.files.config import load
 from drivers.files.kinds import CROP
+from tests.command import topdress
 from tests.places import PAPERS
 
 
@@ -232,7 +232,7 @@ def test_the_page_is_written_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     from console.cli import reproduce
     from control.papers.lag import lag_section
     monkeypatch.setattr(reproduce, "run_papers", lambda seed: [lag_section(Machine())])
-    told = CliRunner().invoke(app, ["reproduce", "--out", str(tmp_path / "r")])
+    told = topdress("reproduce", "--out", tmp_path / "r")
     assert told.exit_code == 0, told.stderr
     page = (tmp_path / "r" / "reproduce.html").read_text()
     assert page.count("<svg") == 4 and "position at 1 Hz" in page and "http" not in page.replace("http-equiv", "")

@@ -10,13 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from scipy.stats import ttest_ind
-from typer.testing import CliRunner
 
-from console.cli import app
 from control.geodesy import TangentPlane
 from control.papers import published
 from control.papers.trial import Plot, Trial, choice_of, trial_section
 from drivers.files.trial import TrialError, read_plots, read_trial, read_weights
+from tests.command import topdress
 
 PLANE = TangentPlane(34.28, 119.88)
 JOB = """format: topdress-job/1
@@ -53,8 +52,8 @@ def plots_file(path: Path, names: tuple[str, ...] = NAMES) -> Path:
 def driven(tmp_path_factory: pytest.TempPathFactory) -> Driven:
     folder = tmp_path_factory.mktemp("trial")
     (folder / "job.yaml").write_text(JOB)
-    ran = CliRunner().invoke(app, ["simulate", "--job", str(folder / "job.yaml"), "--seconds", "140", "--seed", "3",
-                                   "--effect", "flow.gain=7", "--out", str(folder / "run.csv")])
+    ran = topdress("simulate", "--job", folder / "job.yaml", "--seconds", "140", "--seed", "3", "--effect",
+                   "flow.gain=7", "--out", folder / "run.csv")
     assert ran.exit_code == 0, ran.output
     with (folder / "run.truth.csv").open() as file:
         rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
@@ -110,12 +109,12 @@ def test_one_page(driven: Driven) -> None:
     page = driven.folder / "trial.html"
     arguments = ["trial", str(driven.plots), str(driven.log), str(driven.weights), "--after", str(driven.log),
                  "--out", str(page)]
-    told = CliRunner().invoke(app, [*arguments, "--control", "A"])
+    told = topdress(*arguments, "--control", "A")
     assert told.exit_code == 0, told.output
     assert "target.decision_hz" in told.stdout and "the paper's are +7.17 and 8.42 %" in told.stdout
     text = page.read_text()
     assert text.count("<svg") == 3 and "Canopy index by plot" in text and "what each has more than A" in text
-    wrong = CliRunner().invoke(app, [*arguments, "--control", "C", "--force"])
+    wrong = topdress(*arguments, "--control", "C", "--force")
     assert wrong.exit_code == 2 and "--control C: allowed is one of A, B" in wrong.output
 
 

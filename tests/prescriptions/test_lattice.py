@@ -11,15 +11,14 @@ import polars as pl
 import pytest
 import shapefile
 import shapely
-from typer.testing import CliRunner
 
-from console.cli import app
 from control.geodesy import TangentPlane
 from control.targets.prescription import statistics
 from drivers.files.prescriptions.lattice import NoLattice, lattice_of
 from drivers.files.prescriptions.read import read_prescription
 from drivers.files.prescriptions.words import RateChoice, RateQuestion
 from drivers.plain_text import Refused
+from tests.command import topdress
 
 PLANE = TangentPlane(34.8, 113.6)
 RATES = (120.0, 180.5, 240.0, 300.0)
@@ -139,7 +138,7 @@ def test_points_of_geojson_and_shapefile(tmp_path, ending):
     area, mass = sums(path)
     true_area, true_mass = by_shapely(places, rates, 10.0, 10.0, 12.0)
     assert area == pytest.approx(true_area, rel=2e-4) and mass == pytest.approx(true_mass, rel=2e-4)
-    told = CliRunner().invoke(app, ["map", str(path)])
+    told = topdress("map", path)
     assert told.exit_code == 0, told.output
     assert "taken for the middles of cells of 10 x 10 m" in told.output
     assert "rates        " in told.output and "(by its name)" in told.output
@@ -189,7 +188,7 @@ def test_what_is_no_lattice_is_one_line(tmp_path, places, said):
     with pytest.raises(Refused, match=said) as trouble:
         read_prescription(path)
     assert "\n" not in str(trouble.value) and str(path) in str(trouble.value)
-    told = CliRunner().invoke(app, ["map", str(path)])
+    told = topdress("map", path)
     assert told.exit_code == 2 and "Traceback" not in told.output
 
 

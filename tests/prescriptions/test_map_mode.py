@@ -11,9 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from console.cli import app
 from console.worker.assemble import assemble
 from console.worker.options import Options
 from control.field.job import Ground, Job, Simulated, SpeedChange, Wanted
@@ -37,6 +35,7 @@ from drivers.files.prescriptions.for_job import map_of_job, plants_of_job
 from drivers.files.read_log import read_log
 from drivers.files.setup import Setup, load_setup
 from drivers.plain_text import Refused
+from tests.command import topdress
 from tests.control_loop.closed import Change, Closed
 
 RING = [[119.88, 34.28], [119.881, 34.28], [119.881, 34.281], [119.88, 34.281], [119.88, 34.28]]
@@ -157,11 +156,10 @@ def test_broken_plant_lists_are_said_in_one_line(tmp_path: Path, text: str, word
 
 # --- A job with a map through the commands: simulated, replayed, refused in one line where the map is not there ------
 
-runner = CliRunner()
 
 
 def invoke(*words: Any) -> str:
-    result = runner.invoke(app, [str(word) for word in words])
+    result = topdress(*words)
     assert result.exit_code == 0, result.output
     return result.output
 
@@ -200,14 +198,14 @@ def test_a_run_follows_the_map_and_its_replay_finds_the_map_again(job: Path, tmp
     shutil.move(job.with_suffix(".geojson"), log.parent)
     invoke("replay", log, "--headless", "--out", tmp_path / "beside.csv")
     (log.parent / "map_demo.geojson").unlink()
-    result = runner.invoke(app, ["replay", str(log), "--headless", "--out", str(tmp_path / "none.csv")])
+    result = topdress("replay", log, "--headless", "--out", tmp_path / "none.csv")
     assert result.exit_code == 2
     assert "map_demo.geojson: not there" in result.output and len(result.output.strip().splitlines()) == 1
 
 
 def test_a_map_that_is_missing_is_one_line(job: Path, tmp_path: Path) -> None:
     job.with_suffix(".geojson").unlink()
-    result = runner.invoke(app, ["simulate", "--job", str(job), "--seconds", "5"])
+    result = topdress("simulate", "--job", job, "--seconds", "5")
     assert result.exit_code == 2
     assert "map_demo.geojson: not there" in result.output and len(result.output.strip().splitlines()) == 1
     with pytest.raises(ValueError, match=r"map_demo\.geojson: not there"):
@@ -216,7 +214,7 @@ def test_a_map_that_is_missing_is_one_line(job: Path, tmp_path: Path) -> None:
 
 def test_map_mode_without_a_map_is_said_by_check(job: Path) -> None:
     job.write_text(job.read_text().replace("  map: map_demo.geojson\n", ""))
-    result = runner.invoke(app, ["check", str(job)])
+    result = topdress("check", job)
     assert result.exit_code == 2
     assert "source map needs the key map" in result.output
 

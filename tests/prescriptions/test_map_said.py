@@ -11,13 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
-from typer.testing import CliRunner, Result
 
 from console.app.pages.job.day import LOOK, STOP, checks
 from console.app.pages.job.map_words import map_words
 from console.app.units import METRIC
 from console.app.words import alarm_words
-from console.cli import app
 from console.locale import use
 from console.services.job import JobFiles
 from console.services.launcher import Launcher
@@ -31,8 +29,8 @@ from drivers.files.config import shipped
 from drivers.files.prescriptions.read import read_prescription
 from drivers.files.prescriptions.words import RateChoice, RateQuestion
 from tests.app.made_up.job import FACTS
+from tests.command import topdress
 
-runner = CliRunner()
 LAT, LON, STEP = 34.28, 119.88, 0.0005
 LIMIT = 500.0                   # of the shipped crop
 
@@ -59,8 +57,8 @@ def cut(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """Log and output of a run on a map with 1000 kg/ha."""
     folder = tmp_path_factory.mktemp("cut")
     log = folder / "run.csv"
-    result = runner.invoke(app, ["simulate", "--job", str(strips(folder, (1000.0, 300.0, 1000.0))), "--seconds", "120",
-                                 "--out", str(log), "--summary"])
+    result = topdress("simulate", "--job", strips(folder, (1000.0, 300.0, 1000.0)), "--seconds", "120", "--out", log,
+                      "--summary")
     assert result.exit_code == 0, result.output
     return log, result.output
 
@@ -82,14 +80,14 @@ def test_the_summary_the_export_and_the_report_miss_the_plan_by_what_was_cut(cut
                                                                             tmp_path: Path) -> None:
     log, said = cut
     assert "above the crop's limit: 500 kg/ha are applied there" in said and "target_cut" in said
-    told = json.loads(runner.invoke(app, ["map", str(log), "--json"]).stdout)
+    told = json.loads(topdress("map", log, "--json").stdout)
     known = [row for row in rows_of(log) if row["target_rate_kg_ha"] == "1000.0"]
     share = len(known) / len(rows_of(log))
     assert told["error_percent"] == pytest.approx(100.0 * ((500 * share + 300 * (1 - share)) / (
         1000 * share + 300 * (1 - share)) - 1.0), abs=2.0)
     assert told["cut_at_crop_limit"]["limit_kg_ha"] == LIMIT
     assert told["cut_at_crop_limit"]["less_kg"] == pytest.approx(500.0 * told["cut_at_crop_limit"]["area_ha"])
-    text = runner.invoke(app, ["map", str(log), "--out", str(tmp_path / "r.html")]).output
+    text = topdress("map", log, "--out", tmp_path / "r.html").output
     assert "wanted up to 1000 kg/ha: the crop's limit of 500 was applied there" in text
     page = html.unescape((tmp_path / "r.html").read_text())
     assert "above the crop's limit" in page and "kg less than wanted" in page
@@ -131,13 +129,13 @@ def test_a_job_without_a_map_has_no_such_line() -> None:
 
 def test_check_reads_the_map_that_a_job_names(tmp_path: Path) -> None:
     job = strips(tmp_path, (1000.0,))
-    fine = runner.invoke(app, ["check", str(job)])
+    fine = topdress("check", job)
     assert fine.exit_code == 0 and "note:" in fine.output and "above the crop's limit" in fine.output
     (tmp_path / "map.geojson").unlink()
-    gone = runner.invoke(app, ["check", str(job)])
+    gone = topdress("check", job)
     assert gone.exit_code != 0 and "map.geojson: not there" in gone.output
     (tmp_path / "map.geojson").write_text('{"type": "FeatureCollection", "features": [')
-    broken = runner.invoke(app, ["check", str(job)])
+    broken = topdress("check", job)
     assert broken.exit_code != 0 and "not readable as JSON" in broken.output
 
 
@@ -235,10 +233,6 @@ def test_columns_that_are_not_used_are_said(tmp_path: Path) -> None:
 
 # --- `topdress map` as a person types it -----------------------------------------------------------------------------
 
-def topdress(*words: object) -> Result:
-    return CliRunner().invoke(app, ["map", *map(str, words)])
-
-
 @pytest.fixture
 def square_field(tmp_path: Path) -> Path:
     ring = [[116.0, 40.0], [116.001, 40.0], [116.001, 40.001], [116.0, 40.001], [116.0, 40.0]]
@@ -250,7 +244,7 @@ def square_field(tmp_path: Path) -> Path:
 
 
 def test_a_map_is_told(square_field: Path) -> None:
-    told = topdress(square_field)
+    told = topdress("map", square_field)
     assert told.exit_code == 0
     assert "1 zone, numbers in kg/ha" in told.stdout
     assert "altogether   0.9482 ha, 189.63 kg, mean 200.00 kg/ha" in told.stdout
@@ -258,7 +252,7 @@ def test_a_map_is_told(square_field: Path) -> None:
 
 @pytest.mark.parametrize("out", ["o.geojson", "o.shp", "o.zip", "task"])
 def test_a_map_is_converted(square_field: Path, tmp_path: Path, out: str) -> None:
-    told = topdress(square_field, "--out", tmp_path / "new" / out, "--unit", "g/m2", "--scale", "0.1", "--json")
+    told = topdress("map", square_field, "--out", tmp_path / "new" / out, "--unit", "g/m2", "--scale", "0.1", "--json")
     assert told.exit_code == 0
     assert json.loads(told.stdout)["mass_kg"] == pytest.approx(189.63, abs=0.01)
     again = read_prescription(tmp_path / "new" / out)
@@ -266,14 +260,14 @@ def test_a_map_is_converted(square_field: Path, tmp_path: Path, out: str) -> Non
 
 
 def test_fallbacks_go_along_to_a_task(square_field: Path, tmp_path: Path) -> None:
-    topdress(square_field, "--out", tmp_path / "o.zip", "--default", "90", "--outside", "1", "--lost", "45")
+    topdress("map", square_field, "--out", tmp_path / "o.zip", "--default", "90", "--outside", "1", "--lost", "45")
     assert tuple(read_prescription(tmp_path / "o.zip").data.fallbacks) == (90.0, 1.0, 45.0)
 
 
 @pytest.mark.parametrize("words", [("--unit", "bags"), ("--column", "dose"), ("--rate-from", "guess"),
                                    ("--out", "x.pdf")])
 def test_what_cannot_be_is_one_line_and_no_success(square_field: Path, words: tuple[str, str]) -> None:
-    told = topdress(square_field, *words)
+    told = topdress("map", square_field, *words)
     assert told.exit_code != 0
     assert told.stdout == ""
     assert len(told.stderr.strip().splitlines()) == 1 and "allowed" in told.stderr
@@ -281,7 +275,7 @@ def test_what_cannot_be_is_one_line_and_no_success(square_field: Path, words: tu
 
 def test_the_source_is_never_written_over(square_field: Path) -> None:
     before = square_field.read_bytes()
-    told = topdress(square_field, "--out", square_field)
+    told = topdress("map", square_field, "--out", square_field)
     assert told.exit_code != 0
     assert square_field.read_bytes() == before
 
@@ -294,16 +288,16 @@ def test_zones_are_merged_by_a_step_of_rate_and_keep_their_mass(tmp_path: Path) 
     file.write_text(json.dumps({"type": "FeatureCollection", "features": [
         {"type": "Feature", "properties": {"rate": rate}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
         for rate, ring in zip(rates.tolist(), strips, strict=True)]}))
-    told = topdress(file, "--merge", 5, "--outside", 30, "--out", out, "--json")
+    told = topdress("map", file, "--merge", 5, "--outside", 30, "--out", out, "--json")
     assert told.exit_code == 0, told.output
-    said, whole = json.loads(told.stdout), json.loads(topdress(file, "--json").stdout)
+    said, whole = json.loads(told.stdout), json.loads(topdress("map", file, "--json").stdout)
     assert said["mass_kg"] == pytest.approx(whole["mass_kg"], rel=1e-6)
     assert 9 <= len({share["rate_kg_ha"] for share in said["rates"]}) <= 10 and said["zones"] < 400
     texts = {one["id"]: one["text"] for one in said["findings"]}
     assert "400 zones merged to" in texts["merged"] and "as much mass" in texts["merged"]
     assert "outside, " in texts["not_written"] and ".kml has no place for rates" in texts["not_written"]
     for step in (0, -5):
-        refused = topdress(file, "--merge", step, "--out", tmp_path / "none.kml")
+        refused = topdress("map", file, "--merge", step, "--out", tmp_path / "none.kml")
         assert refused.exit_code == 2 and "allowed is a step above 0" in refused.output
         assert not (tmp_path / "none.kml").exists()
 
@@ -313,5 +307,5 @@ def test_a_zone_that_crosses_itself_is_put_right_and_said(tmp_path: Path) -> Non
     ring = [[116.0, 40.0], [116.001, 40.001], [116.001, 40.0], [116.0, 40.001], [116.0, 40.0]]
     file.write_text(json.dumps({"type": "FeatureCollection", "features": [
         {"type": "Feature", "properties": {"rate": 100}, "geometry": {"type": "Polygon", "coordinates": [ring]}}]}))
-    told = topdress(file)
+    told = topdress("map", file)
     assert "altogether   0.4741 ha" in told.stdout and "1 zone with edges that cross: what they enclose" in told.stdout

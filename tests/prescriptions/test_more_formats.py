@@ -11,9 +11,7 @@ import numpy as np
 import pytest
 import shapefile
 import shapely
-from typer.testing import CliRunner
 
-from console.cli import app
 from control.targets.prescription import MapData, Zone, statistics
 from drivers.files.imports.mapping import Source
 from drivers.files.imports.read import read_raw
@@ -22,6 +20,7 @@ from drivers.files.prescriptions.read import read_prescription
 from drivers.files.prescriptions.words import LB_AC_KG_HA, RateChoice, RateQuestion
 from drivers.files.prescriptions.write import write_prescription
 from drivers.plain_text import Refused
+from tests.command import topdress
 
 
 def plan() -> MapData:
@@ -132,9 +131,7 @@ def test_without_rasterio_one_line_says_so(tmp_path: Path, monkeypatch: pytest.M
 
 
 def test_an_index_becomes_rates_by_the_crops_rule(tmp_path: Path) -> None:
-    from typer.testing import CliRunner
 
-    from console.cli import app
     from control.agronomy.noa import rate_kg_ha
     from drivers.files.config import load
     from drivers.files.kinds import CROP
@@ -144,7 +141,7 @@ def test_an_index_becomes_rates_by_the_crops_rule(tmp_path: Path) -> None:
     (tmp_path / "ndvi.geojson").write_text(text)
 
     def run(*words: object) -> str:
-        result = CliRunner().invoke(app, ["map", str(tmp_path / "ndvi.geojson"), *map(str, words)])
+        result = topdress("map", tmp_path / "ndvi.geojson", *words)
         return f"{result.exit_code} {result.output}"
     assert run().startswith("2 ")
     done = run("--rule", "demo", "--out", tmp_path / "rates.geojson")
@@ -331,7 +328,7 @@ def test_one_of_several_shapefiles_is_asked_for_and_named(tmp_path: Path, rx: di
         assert read_prescription(path, RateChoice(inside=name)).data.zones[0].rate_kg_ha == first
     with pytest.raises(Refused, match="no prescription named c"):
         read_prescription(path, RateChoice(inside="c"))
-    told = CliRunner().invoke(app, ["map", str(path), "--inside", "rx"])
+    told = topdress("map", path, "--inside", "rx")
     assert told.exit_code == 0 and "3 zones" in told.stdout
 
 

@@ -10,9 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from console.cli import app
 from console.worker.assemble import assemble
 from console.worker.options import Options
 from control.field.coverage import Raster
@@ -31,9 +29,9 @@ from control.targets.point_source import CommandedDose, Due, PointSource
 from drivers.files.prescriptions.for_job import placed_of_job
 from drivers.files.prescriptions.words import PrescriptionError
 from drivers.files.setup import Setup, load_setup
+from tests.command import topdress
 
 TICK_S = 0.05
-runner = CliRunner()
 
 
 @pytest.fixture(scope="module")
@@ -267,17 +265,17 @@ def test_the_summary_compares_with_and_without_the_threshold_and_the_log_replays
         "target: {source: point, plants: plants.csv}\n"
         "simulated: {speed_kmh: 3.6, pass_length_m: 60.0, passes: 1, hopper_kg: 20.0, refill_at_kg: 1.0}\n")
     log, job = tmp_path / "log.csv", tmp_path / "job.yaml"
-    done = runner.invoke(app, ["simulate", "--machine", "bench", "--job", str(job), "--seconds", "70", "--json",
-                               "--out", str(log), "--effect", "lag.offset=0.2"])
+    done = topdress("simulate", "--machine", "bench", "--job", job, "--seconds", "70", "--json", "--out", log,
+                    "--effect", "lag.offset=0.2")
     assert done.exit_code == 0, done.output
     told = json.loads(done.output.splitlines()[-1])
     assert told["without_threshold"]["mean_m"] == pytest.approx(0.2 - 0.07, abs=0.04)
     assert abs(told["with_threshold"]["mean_m"]) < 0.03
     assert told["with_threshold"]["missed"] == 0 and told["with_threshold"]["plants"] > 120
-    text = runner.invoke(app, ["simulate", "--machine", "bench", "--job", str(job), "--seconds", "20", "--summary"])
+    text = topdress("simulate", "--machine", "bench", "--job", job, "--seconds", "20", "--summary")
     assert "learned threshold  dose error p50" in text.output and "without threshold  dose error p50" in text.output
     again = tmp_path / "again.csv"
-    assert runner.invoke(app, ["replay", str(log), "--headless", "--out", str(again)]).exit_code == 0
+    assert topdress("replay", log, "--headless", "--out", again).exit_code == 0
     assert again.read_text().count("dose 120") == pytest.approx(log.read_text().count("dose 120"), abs=1)
 
 

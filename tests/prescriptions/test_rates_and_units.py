@@ -13,9 +13,7 @@ import openpyxl
 import pytest
 import shapefile
 import shapely
-from typer.testing import CliRunner
 
-from console.cli import app
 from drivers.files.imports.guess import guess
 from drivers.files.imports.read import read_raw
 from drivers.files.imports.units import unit_named
@@ -28,6 +26,7 @@ from drivers.files.prescriptions.words import (
     RateQuestion,
 )
 from drivers.plain_text import Refused
+from tests.command import topdress
 
 RATES = [120.5, 150.0, 180.25, 210.0]
 BOXES = [shapely.box(116.0 + 0.001 * k, 40.0, 116.001 + 0.001 * k, 40.001) for k in range(4)]
@@ -290,9 +289,9 @@ def test_a_task_files_numbers_are_by_its_identifier(tmp_path: Path, shown: str) 
 def test_nothing_is_exported_as_kilograms(tmp_path: Path) -> None:
     path = as_shapefile(tmp_path, {"rate": RATES, "unit": ["l/ha"] * 4})
     out = tmp_path / "out.geojson"
-    said = CliRunner().invoke(app, ["map", str(path), "--out", str(out)])
+    said = topdress("map", path, "--out", out)
     assert said.exit_code == 2 and "rates in l/ha, density None" in said.output and not out.exists()
-    said = CliRunner().invoke(app, ["map", str(path), "--out", str(out), "--density", "1.3"])
+    said = topdress("map", path, "--out", out, "--density", "1.3")
     assert said.exit_code == 0 and "l/ha named in column unit" in said.output
     assert highest(read_prescription(out)) == pytest.approx(210.0 * 1.3)
 
@@ -376,7 +375,7 @@ def test_what_its_name_says_is_taken_and_said(write: Callable[[Columns], Path], 
     assert (read.layers, read.unit) == ((name,), unit)
     assert read.data.zones[0].rate_kg_ha == pytest.approx(
         120.5 * {"kg/ha": 1.0, "lb/ac": LB_AC_KG_HA, "kg/mu": 15.0}[unit])
-    told = CliRunner().invoke(app, ["map", str(path)])
+    told = topdress("map", path)
     assert f"rates        {name} (by its name" in told.stdout
     assert f"{unit} {'named in the file' if unit in ('lb/ac', 'kg/mu') or 'kg/ha' in str(columns) else 'as the file'}" \
         in told.stdout

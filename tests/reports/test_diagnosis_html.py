@@ -12,10 +12,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import console
-from console.cli import app
 from console.reports import html
 from console.reports.diagnosis_html import diagnosis_page
 from console.reports.fleet_page import fleet_page
@@ -27,6 +25,7 @@ from control.calibration.bench_table import BenchTable
 from control.diagnosis.result import Cause, Diagnosis, FieldCost, NotShown, TableFit, Unexplained
 from control.diagnosis.season.courses import SeasonFit
 from control.machine.machine import CATALOGUE, Machine
+from tests.command import topdress
 
 OF_RUNS = [i for i, e in CATALOGUE.items() if "run" in " ".join(e.effect.seen_in)]
 EMPTY = frozenset({"meta", "line", "circle", "rect", "br", "path", "use"})
@@ -234,7 +233,7 @@ def test_a_log_of_one_command_has_a_report(tmp_path: Path) -> None:
     machine.write_text("format: topdress-machine/1\nid: held\nstages: [shaft]\nshaft: {full_rpm: 1000, "
                        "acceleration_rpm_s: 1.0e+6, dead_time_s: 0, time_constant_s: 0.05}\n"
                        "limits: {shaft_low_rpm: 0, shaft_high_rpm: 1000}\nnoise: {shaft_rpm: 5}\n")
-    done = CliRunner().invoke(app, ["diagnose", str(log), "--machine", str(machine), "--report", str(out)])
+    done = topdress("diagnose", log, "--machine", machine, "--report", out)
     assert done.exit_code in (0, 1) and out.exists(), done.output
     assert "shaft" in harmless(out.read_text(encoding="utf-8")).said()
 
@@ -244,7 +243,7 @@ def test_command_writes_the_report(tmp_path: Path) -> None:
     rows = [f"{rpm},{2.2118 - 0.0083 * rpm + 0.4 + 0.01 * ((3 * k) % 5 - 2):.3f}"
             for k, rpm in enumerate(range(10, 71, 5))]
     data.write_text("shaft_rpm,lag_s\n" + "\n".join(rows) + "\n")
-    result = CliRunner().invoke(app, ["diagnose", str(data), "--report", str(out)])
+    result = topdress("diagnose", data, "--report", out)
     assert result.exit_code == 0, result.output
     said = harmless(out.read_text(encoding="utf-8")).said()
     assert "lag.offset" in said and "a <b>.csv" in said

@@ -3,11 +3,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from typer.testing import CliRunner
-
-from console.cli import app
 from console.reports.effects_page import markdown
 from control.machine.machine import CATALOGUE
+from tests.command import topdress
 
 PAGE = Path(__file__).parents[2] / "docs" / "effects.md"
 
@@ -29,6 +27,6 @@ def test_page_says_all_of_each_effect() -> None:
 
 def test_command_writes_the_page(tmp_path: Path) -> None:
     out = tmp_path / "effects.md"
-    result = CliRunner().invoke(app, ["effects", "--markdown", str(out)])
+    result = topdress("effects", "--markdown", out)
     assert result.exit_code == 0 and result.output == ""
     assert out.read_text(encoding="utf-8") == markdown(CATALOGUE)
