@@ -160,17 +160,17 @@ def _rate(found: dict[str, Details], now_s: float, s: Situation, rate: RateWatch
 
 
 def _follow(found: dict[str, Details], now_s: float, s: Situation, follow: FollowWatch, limits: SafetyLimits) -> None:
-    told = s.commanded
+    commanded = s.commanded
     shaft_far = lasted(follow.shaft_far_since_s, now_s, limits.drive_far_s)
     gate_far = lasted(follow.gate_far_since_s, now_s, limits.drive_far_s)
     if shaft_far or lasted(follow.shaft_off_since_s, now_s, limits.shaft_off_s):
         found["shaft_far_off" if shaft_far else "shaft_off"] = (
-            ("shaft_rpm", _rounded(told.expected_rpm + follow.shaft_off_rpm)),
-            ("told_rpm", _rounded(told.shaft_rpm if shaft_far else told.expected_rpm)))
+            ("shaft_rpm", _rounded(commanded.expected_rpm + follow.shaft_off_rpm)),
+            ("told_rpm", _rounded(commanded.shaft_rpm if shaft_far else commanded.expected_rpm)))
     if gate_far or lasted(follow.gate_off_since_s, now_s, limits.gate_off_s):
         found["gate_far_off" if gate_far else "gate_off"] = (
-            ("opening_mm", _rounded(told.expected_mm + follow.gate_off_mm, 1)),
-            ("told_mm", _rounded(told.expected_mm, 1)))
+            ("opening_mm", _rounded(commanded.expected_mm + follow.gate_off_mm, 1)),
+            ("told_mm", _rounded(commanded.expected_mm, 1)))
 
 
 def _hopper_empty(found: dict[str, Details], m: Memory, now_s: float, seen: Senses, hopper: HopperWatch,
