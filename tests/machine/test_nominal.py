@@ -23,7 +23,6 @@ from control.machine.shaft import (
     Shaft,
     ShaftInput,
     ShaftOutput,
-    asked_rpm,
     lag_s,
     shaft_start,
     shaft_step,
