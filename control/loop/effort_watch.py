@@ -21,7 +21,7 @@ LEAST_SD = 3.0
 # the mean (first passage of a first-order process: Siegert, Phys. Rev. 81, 1951, 617): 23,000 h, a season has some 300.
 NOISE_SD = 6.0
 HOLDS = 0.5                 # of the bounds, within which what was said is over: at one bound noise would flicker
-SUPPLY_SHARE = 1.2 / 13.5   # that an unmeasured supply falls by while the engine idles: a duty cycle grows as much
+SUPPLY_SHARE = 1.2 / 12.3   # that a duty cycle grows by where an unmeasured supply falls as the engine idles
 LOAD_SHARE = 0.5            # of the material's load: as near to none of it as to all, so that either error is as likely
 
 

@@ -45,16 +45,14 @@ def test_chance_alone_cries_as_seldom_as_is_stated(monkeypatch: pytest.MonkeyPat
     assert 0.6 < np.mean(times) / stated_s(2.5) < 1.8
 
 
-HEAVY = Effort(coulomb=40.0, load=0.08, by_supply=1.0)      # 11 of load at 25 mm
-
-
-def said_at(harder: list[float], supply_v: float | None) -> list[bool]:
+def said_at(harder: list[float], supply_v: float | None, load: float) -> list[bool]:
     """Whether it says `harder`, second by second, of a drive that takes so many per cent more than it should."""
-    machine = Machine.model_validate({"id": "heavy", "stages": ["effort"], "effort": HEAVY._asdict()})
+    machine = Machine.model_validate({"id": "heavy", "stages": ["effort"], "effort": {
+        "coulomb": 40.0, "load": load / 137.5, "by_supply": 1.0}})
     watch, conditions, found = EffortWatch(machine), Conditions(0.0, None, 0.0, supply_v), []
     for k in range(20 * len(harder)):
         at = 0.05 * k
-        watch.update(Measurements(at, shaft_effort=Reading(51.0 * (1.0 + 0.01 * harder[k // 20]), at),
+        watch.update(Measurements(at, shaft_effort=Reading((40.0 + load) * (1.0 + 0.01 * harder[k // 20]), at),
                                   shaft_rpm=Reading(60.0, at), opening_mm=Reading(25.0, at)), conditions, 0.05, True)
         found.append(watch.says.harder_percent > 0.0)
     return found[19::20]
@@ -62,11 +60,12 @@ def said_at(harder: list[float], supply_v: float | None) -> list[bool]:
 
 def test_what_is_said_ends_once_and_does_not_flicker_at_its_bound() -> None:
     """Half of the load is 10.8 %: around it, up and down by a per cent every 10 s."""
-    said = said_at([0.0] * 40 + ([11.8] * 10 + [9.8] * 10) * 6 + [3.0] * 20, 13.5)
+    said = said_at([0.0] * 40 + ([11.8] * 10 + [9.8] * 10) * 6 + [3.0] * 20, 13.5, 11.0)
     assert sum(a != b for a, b in pairwise(said)) == 2 and not said[39] and said[100] and not said[-1]
 
 
 def test_an_unmeasured_supply_that_falls_as_the_engine_idles_is_no_load() -> None:
-    """12.3 V in place of 13.5: a duty cycle of 9.8 % more, which a measured supply would explain."""
-    idling = [0.0] * 40 + [9.8] * 40
-    assert not any(said_at(idling, None)) and any(said_at([0.0] * 40 + [20.0] * 40, None))
+    """12.3 V in place of 13.5: a duty cycle of 9.7 % more; half of the load is 6 %."""
+    idling = [0.0] * 40 + [9.7] * 40
+    assert not any(said_at(idling, None, 5.5)) and any(said_at(idling, 13.5, 5.5))
+    assert any(said_at([0.0] * 40 + [20.0] * 40, None, 5.5))
