@@ -66,6 +66,7 @@ NEVER_BY_EYE = ("shaft.coarse_encoder",)        # true of every encoder, and no 
 
 
 LEAST_ROWS = 60
+VOLTS = ("10V", "14V", "16V", "20V")
 
 
 class Case(NamedTuple):
@@ -86,6 +87,7 @@ class Case(NamedTuple):
     names: tuple[str, ...] = ()
     extra: dict[str, Any] = {}  # further columns of the log
     stage: str = "shaft"
+    fits: bool = True           # whether others of its pair are judged by what it gave
 
 
 def _wheels() -> list[Case]:
@@ -151,11 +153,13 @@ def _known() -> list[Case]:
         found.append(Case(f"heater/{run}/1/forwards", "heater", f"tclabA_{run}.txt", {"from": "u1", "scale": 0.7},
                           {"from": "t1", "offset": -20.8}, HEATER, (GAIN, SLOW), seconds, False,
                           extra={"x_heater2": {"from": "u2"}}))
-    for half in ("even", "odd"):
-        found.append(Case(f"thruster/{half}/motor/both", "thruster", f"thruster/{half}",
-                          {"from": "pwm", "scale": 9.5, "offset": -14250.0}, {"from": "rpm"}, THRUSTER,
-                          (SUPPLY, ZONE, CURVE, GAIN, SIDES), {"counts": "rows", "step_s": 1.0}, True,
-                          extra={"supply_v": {"from": "v"}}))
+    for which in ("even", "odd", *VOLTS):        # halves of all supplies; and adopted at 14 V, judged at the others
+        alone = which in VOLTS
+        found.append(Case(f"thruster/{which}/motor/both", "thruster alone" if alone else "thruster",
+                          f"thruster/{which}", {"from": "pwm", "scale": 9.5, "offset": -14250.0}, {"from": "rpm"},
+                          THRUSTER, ((ZONE, CURVE, GAIN, SIDES) if alone else (SUPPLY, ZONE, CURVE, GAIN, SIDES)),
+                          {"counts": "rows", "step_s": 1.0}, True, extra={"supply_v": {"from": "v"}},
+                          fits=not alone or which == "14V"))
     for word, truth in (("normal", (PLAY,)), ("lackLubrication1", (PLAY,)), ("backlash1", (PLAY,))):
         found.append(Case(f"actuator/{word}/gate/both", "actuator", f"actuator/{word}", {"from": "set_point"},
                           {"from": "position"}, ACTUATOR, truth, {"counts": "rows", "step_s": 0.04}, False,
@@ -216,11 +220,11 @@ def _prepared(case: Case, folder: Path) -> Path | None:
             DRIVES / case.file, delimiter=",", skiprows=1).tolist()]
     elif kind == "thruster":                # speeds have no sign: below 1500 us it turns backwards
         rows.append(("pwm", "rpm", "v"))
-        for volts in ("10V", "14V", "16V", "20V"):
+        for volts in (which,) if which in VOLTS else VOLTS:
             with (KNOWN / f"thruster_{volts}.csv").open(encoding="utf-8") as lines_of:
                 for k, one in enumerate(list(csv.reader(lines_of))[1:]):
                     pwm, rpm, volt = float(one[0]), float(one[1]), float(one[3])
-                    if k % 2 == (which == "odd"):
+                    if which in VOLTS or k % 2 == (which == "odd"):
                         rows.append((pwm, rpm if pwm > 1500.0 else -rpm, volt))
     elif kind == "actuator":
         rows.append(("set_point", "position", "current", "load"))
@@ -399,9 +403,9 @@ def pairs(ran: dict[str, Ran]) -> list[tuple[Case, Case]]:
             by_pair.setdefault(case.pair, []).append(case)
     for several in by_pair.values():
         for k, case in enumerate(several):
-            others = [one for one in several if one is not case] if len(several) < 4 else [
-                several[(k + 1) % len(several)]]
-            found += [(case, other) for other in others]
+            others = [one for one in several if one is not case] if len(several) < 4 or not all(
+                one.fits for one in several) else [several[(k + 1) % len(several)]]
+            found += [(case, other) for other in others if case.fits]
     return found
 
 

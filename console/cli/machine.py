@@ -2,12 +2,14 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from console.cli.calibrate import EffortUnit
 from console.cli.outputs import Force, Output, log_files, refuse_collisions
 from console.cli.plain_errors import CommandError
 
@@ -42,6 +44,18 @@ class Answers:
                 return value
             typer.echo(f"value {value:g}: allowed more than 0", err=True)
 
+    def unit(self, given: EffortUnit | None, columns: Mapping[str, Any]) -> EffortUnit | None:
+        """Of the log's effort; None: it is no reference."""
+        if given is not None or not self.ask or "shaft_effort" not in columns:
+            return given
+        self.count += 1
+        units = [*EffortUnit, "none"]
+        while True:
+            said = typer.prompt(f"How hard it works, of a sound drive, in ({', '.join(units)})", default="%", err=True)
+            if said in units:
+                return None if said == "none" else EffortUnit(said)
+            typer.echo(f"{said}: allowed {', '.join(units)}", err=True)
+
     def yes(self, given: bool | None, question: str, usual: bool) -> bool:
         if given is not None or not self.ask:
             return usual if given is None else given
@@ -65,11 +79,13 @@ def machine(
                                                 "1 s.d., r/min.")] = None,
     time_constant: Annotated[float | None, typer.Option(metavar="S", min=1e-4, max=3600.0, help="Its time constant, s, "
                                                         "where the log does not show it.")] = None,
+    effort_unit: Annotated[EffortUnit | None, typer.Option(help="Of `shaft_effort`, where the log has it and the drive "
+                                                           "was sound: later logs are held against it.")] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Ask nothing: what the log suggests is taken.")] = False,
     force: Force = False,
 ) -> None:
-    """Write a first machine file of one stage from a log, asking full speed, rows, direction and sensor noise, and the
-    time constant where the log does not show it."""
+    """Write a first machine file of one stage from a log, asking full speed, rows, direction and sensor noise, the time
+    constant where the log does not show it, and in what its effort is where it has one."""
     from control.calibration.first_machine import NoColumn, suggested
     from drivers.files.any_log import open_log
     from drivers.files.atomic import write_atomically
@@ -91,6 +107,7 @@ def machine(
     answers = Answers(not yes)
     made = _asked(found, answers, full_speed, settled, both_ways, noise, time_constant)
     text = machine_text(made, kind, f"{HEAD} {log.name}")
+    text = _with_effort(text, columns, answers.unit(effort_unit, columns), log.name)
     write_atomically(out, text)
     load(str(out), MACHINE)                 # what is written is what is read
     typer.echo(f"{out}: a {kind.value}, {made.full_rpm:g} r/min{_times(found, made)}{_neutral(made)}; {answers.count} "
@@ -111,6 +128,23 @@ def _asked(found: Suggested, answers: Answers, full_speed: float | None, settled
         tau_s = answers.number(None, "Time constant of the drive, s (this log does not show it)", USUAL_TAU_S)
     return found._replace(full_rpm=full, settled=rows, both_ways=both, noise_rpm=sd, dead_s=found.dead_s or 0.0,
                           tau_s=tau_s)
+
+
+def _with_effort(text: str, columns: Mapping[str, Any], unit: EffortUnit | None, name: str) -> str:
+    """The file with what the drive takes for itself, by its log. Raises ValueError, one line, where it does not say."""
+    import yaml
+
+    from control.diagnosis.runs.effort_reference import fit_effort
+    from control.machine.effort import Effort
+    from control.machine.machine import Machine
+    if unit is None:
+        return text
+    fitted, _fits = fit_effort(columns, Machine.model_validate(yaml.safe_load(text)), name, unit=unit.value)
+    parts = ", ".join(f"{part}: {value:.4g}" for part, value in fitted.effort._asdict().items()
+                      if value != Effort._field_defaults[part])
+    text = text.replace("stages: [shaft]", "stages: [shaft, effort]")
+    text = text.replace("noise: {", f"noise: {{effort: {fitted.noise.effort:.3g}, ")
+    return text + f'effort_unit: "{unit.value}"\neffort: {{{parts}}}\n'
 
 
 def _times(found: Suggested, made: Suggested) -> str:

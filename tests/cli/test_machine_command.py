@@ -51,6 +51,25 @@ def test_four_questions_make_a_file_of_a_few_lines(tmp_path: Path) -> None:
     assert beside.exit_code == 2 and "allowed is another name" in beside.output
 
 
+def test_what_the_drive_takes_for_itself_is_in_the_file_where_the_log_says_it(tmp_path: Path) -> None:
+    """20 % dry and 0.03 % for each r/min, planted; asked as a fifth question, left out where nobody says its unit."""
+    log, out = log_of(tmp_path / "pump-log.csv", one_way=True), tmp_path / "pump.yaml"
+    head, *rows = log.read_text().splitlines()
+    noise = np.random.default_rng(6).standard_normal(len(rows))
+    log.write_text("\n".join((f"{head},shaft_effort", *(
+        f"{row},{20.0 + 0.03 * float(row.split(',')[2]) + one:.3f}" for row, one in zip(rows, noise, strict=True)))))
+    words = ["machine", "--from", str(log), "--out", str(out), "--kind", "pump"]
+    done = RUNNER.invoke(app, words, input="1500\n\n\n\n\n")
+    assert done.exit_code == 0 and "5 questions" in done.output, done.output
+    made = load(str(out), MACHINE).model
+    assert made.has("effort") and made.effort_unit == "%" and made.noise.effort == pytest.approx(1.0, rel=0.2)
+    assert (made.effort.coulomb, made.effort.viscous) == (pytest.approx(20.0, rel=0.05), pytest.approx(0.03, rel=0.1))
+    found = diagnose_run(dict(read_rows(log).columns), made)
+    assert [one.channel for one in found.channels] == ["shaft", "effort"] and found.data.stages == ("shaft", "effort")
+    assert RUNNER.invoke(app, [*words, "--yes", "--force"]).exit_code == 0
+    assert not load(str(out), MACHINE).model.has("effort")
+
+
 def test_what_it_has_not_got_is_not_told_of(tmp_path: Path) -> None:
     log, out = log_of(tmp_path / "fan-log.csv", one_way=True, steps=30), tmp_path / "fan.yaml"
     done = RUNNER.invoke(app, ["machine", "--from", str(log), "--out", str(out), "--kind", "fan", "--yes"])
