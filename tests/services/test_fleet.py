@@ -462,6 +462,8 @@ def test_every_number_of_the_owners_page_is_found_again_in_the_tables(tmp_path: 
     by_machine = {one["machine"]: one for one in tables["machines"]}
     assert by_machine["m1"]["now_percent"] < -3.0 and by_machine["m1"]["now_most"] == pytest.approx(-7.0, abs=0.8)
     assert by_machine["m1"]["wrong_kg"] > by_machine["m1"]["least_kg"]
+    (gate,) = [one for one in tables["costs"] if one["machine"] == "m2" and one["factor"] == "machine"]
+    assert gate["kg"] == pytest.approx(18 * 10.0 * 0.012, rel=0.05)         # 0.6 mm is 1.2 % of the dose
     advice = service(whole.machines)
     assert any(one.startswith("product compound: The machine spreads 5 %") for one in advice)
     assert any(one.startswith("m1: ") for one in advice) and not any(one.startswith("m2: ") for one in advice)

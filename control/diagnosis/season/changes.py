@@ -101,8 +101,9 @@ def _ahead(each: Array) -> Array:
 
 def _between(end: int) -> Array:
     """(end,) log prior of a stretch from each log on to `end`: a change before it, none within."""
-    begins = np.arange(end)
-    return np.asarray(np.where(begins > 0, CHANGES, 0.0) + STAYS * (end - 1 - begins))
+    prior = STAYS * np.arange(end - 1, -1, -1)
+    prior[1:] += CHANGES
+    return np.asarray(prior)
 
 
 def _stretches(times_d: Array, sizes: Array, variance: Array, level_sd: float) -> Array:

@@ -54,6 +54,7 @@ SWEEPS = 3
 ROUNDS = 40                 # of adding, and of asking again: causes that a machine, or what it shares with others, has
 SHOWN = 0.05                # probability from which on an alternative is named
 CURVE_DF, LEAST_LOGS = 5, 3             # of a smooth course, and logs for each number of it
+LEAST = 1e-12               # of an information, to divide by
 NOTHING = 1e-6              # of a level's information: what no other term takes, to rounding
 MACHINE, FLEET = "machine", "fleet"
 # Stages whose effects a single machine has, or all by the way in which they are made and calibrated: what a scale
@@ -124,13 +125,14 @@ class OneMachine(NamedTuple):
 
 class Scan(NamedTuple):
     """Every level (row) and effect along with what is there: (rows, q). odds: log of, for against. cross: by effect,
-    what each row shares with the shared terms, their covariance `cov` (q, terms, terms)."""
+    what each row shares with the shared terms, their covariance `cov` (q, terms, terms). doubts: of a row and a cause,
+    the share of the row's information that lies in logs of that cause."""
 
     score: Array
     information: Array
     tau: Array
     odds: Array
-    doubt: Array
+    doubts: dict[tuple[int, int], Array]
     cross: tuple[csr_array, ...]
     cov: Array
 
@@ -299,7 +301,7 @@ def scan(season: Season) -> Scan:
     score, raw, took = (np.zeros((rows + 2 * count, q)) for _ in range(3))      # a course may also rise, or fall
     shared = Gaussian(np.zeros((q, total, total)), np.zeros((q, total)))
     places, values = list[Array](), list[Array]()
-    doubts = dict[tuple[int, int], tuple[float, Array]]()
+    doubts = dict[tuple[int, int], Array]()
     for machine, one in enumerate(season.machines):
         own, information = len(one.own), np.diagonal(one.likely.A, axis1=1, axis2=2)
         weight = 1.0 / (1.0 + one.scatter * information)
@@ -326,13 +328,8 @@ def scan(season: Season) -> Scan:
         took[:, k] += np.asarray(each.multiply(each @ sizes.cov[k]).sum(axis=1)).ravel() if total else 0.0
     information = np.where(raw - took > NOTHING * raw, raw - took, 0.0)
     score = np.where(information > 0.0, score, 0.0)
-    doubt = np.zeros((rows, q))
-    for (row, number), (both, touched) in doubts.items():
-        cause = season.causes[number]
-        share = both / max(1, int(np.any(cause.columns != 0.0, axis=1).sum()))
-        doubt[row] = np.maximum(doubt[row], touched * FORM_SHARE ** 2 * cause.log_odds * share)
-    return _with_odds(season, Scan(score, information, np.zeros_like(score), np.zeros((rows, q)), doubt, cross,
-                                   sizes.cov))
+    return _with_odds(season, Scan(score, information, np.zeros_like(score), np.zeros((rows, q)), {
+        key: each / np.maximum(raw[key[0]], LEAST) for key, each in doubts.items()}, cross, sizes.cov))
 
 
 def _levels_of_machine(season: Season, machine: int) -> tuple[Indices, Array]:
@@ -348,19 +345,29 @@ def _levels_of_machine(season: Season, machine: int) -> tuple[Indices, Array]:
     return np.concatenate([which, [rows + machine, rows + count + machine]]), has
 
 
-def _doubts(season: Season, one: OneMachine, which: Indices, has: Array,
-            found: dict[tuple[int, int], tuple[float, Array]]) -> None:
-    """By level and cause: logs that have both, and the effects in the same channels: what is there may leave to others
-    what its form does not follow."""
+def _doubts(season: Season, one: OneMachine, which: Indices, has: Array, found: dict[tuple[int, int], Array]) -> None:
+    """By level and cause (q,): a level's information in logs that have both, of effects in the same channels: what is
+    there may leave to others what its form does not follow."""
     for number, here in one.terms.items():
         cause = season.causes[number]
         if not row_of(season.logs.names[cause.effect]).form_over:
             continue
         there = np.any(one.cross[cause.effect, here] != 0.0, axis=0)
         touched = np.any(one.likely.A[there, cause.effect] != 0.0, axis=0)
-        for row, both in zip(which[:-2].tolist(), (has[:, :-2].T @ there).tolist(), strict=True):
-            before = found.get((row, number), (0.0, touched))
-            found[row, number] = before[0] + both, before[1] | touched
+        both = (has[there, :-2].T @ np.diagonal(one.likely.A[there], axis1=1, axis2=2)) * touched
+        for row, each in zip(which[:-2].tolist(), both, strict=True):
+            found[row, number] = found.get((row, number), 0.0) + each
+
+
+def doubt(season: Season, doubts: dict[tuple[int, int], Array], gained: Array) -> Array:
+    """(rows, q) of what each gained: of each cause no more than its form may be wrong by, and no more than is gained in
+    logs that have it: what a level shows elsewhere is not that cause's."""
+    result = np.zeros_like(gained)
+    for (row, number), share in doubts.items():
+        cause, taken = season.causes[number], np.minimum(share, 1.0) * np.maximum(gained[row], 0.0)
+        taken[cause.effect] *= cause.row != row             # not of itself
+        result[row] += np.minimum(taken, FORM_SHARE ** 2 * max(0.0, cause.log_odds))
+    return result
 
 
 def _with_odds(season: Season, seen: Scan) -> Scan:
@@ -377,7 +384,8 @@ def _with_odds(season: Season, seen: Scan) -> Scan:
         odds[of] = np.take_along_axis(each[:, of], best[None, None], axis=0)[0] + names[of]
     shapes = np.stack([odds[:count], odds[rows:rows + count], odds[rows + count:]])
     odds[:count] = logsumexp(shapes, axis=0) - np.log(len(shapes))
-    return seen._replace(tau=tau, odds=odds[:rows] - seen.doubt)
+    return seen._replace(tau=tau, odds=odds[:rows] - doubt(season, seen.doubts, odds[:rows] - np.where(
+        np.isfinite(names[:rows]), names[:rows], 0.0)))
 
 
 def _counts(season: Season, causes: Iterable[EffectAtLevel]) -> Array:
@@ -498,7 +506,7 @@ def _of_stretches(times_d: Array, course: Partition, sd: float) -> tuple[Array, 
 
 def _again(season: Season) -> Season:
     """Each cause made and asked anew along with all others; what share no machine at a time."""
-    season, done = _changed(season, _by_machines), set[tuple[int, int]]()
+    season, done = _changed(season, lambda one: one, _by_machines), set[tuple[int, int]]()
     for _ in range(ROUNDS):             # of each machine one that was not made anew
         keys = [(one.row, one.effect) for one in season.causes]
         turn = set(_apart(season.levels, [key for key in keys if key not in done]))
@@ -506,13 +514,13 @@ def _again(season: Season) -> Season:
             break
         done |= turn
         season = _replaced(season, {k: [key] for k, key in enumerate(keys) if key in turn})
-    return _changed(season, _stands)
+    return _changed(season, judged, _stands)
 
 
-def _changed(season: Season, asked: Callable[[Season, int], Keys | None]) -> Season:
+def _changed(season: Season, seen: Callable[[Season], Season], asked: Callable[[Season, int], Keys | None]) -> Season:
     """Until nothing is to stand in any cause's place."""
     for _ in range(ROUNDS):
-        season = judged(season)
+        season = seen(season)
         other = {k: new for k in range(len(season.causes)) if (new := asked(season, k)) is not None}
         turn = set(_apart(season.levels, [(season.causes[k].row, k) for k in other]))
         if not turn:
@@ -554,14 +562,18 @@ def judged(season: Season) -> Season:
     if not season.causes:
         return season
     seen, held, counts = scan(season), _names(season), _counts(season, season.causes)
-    causes, every = list[EffectAtLevel](), names_prior(season, np.zeros(len(counts)))
+    every, tried = names_prior(season, np.zeros(len(counts))), list[tuple[tuple[Alternative, ...], float]]()
+    gained, odds = np.zeros(every.shape), list[float]()
     for number, cause in enumerate(season.causes):
         others = counts - _counts(season, [cause])
         prior = every + np.log1p(others) - np.log1p(others.sum() / len(others))
-        alternatives, gained = _alternatives(season, seen, prior, held, number)
-        causes.append(cause._replace(alternatives=alternatives, log_odds=gained + float(
-            prior[cause.row, cause.effect] - seen.doubt[cause.row, cause.effect])))
-    return season._replace(causes=tuple(causes))
+        tried.append(_alternatives(season, seen, prior, held, number))
+        gained[cause.row, cause.effect] = tried[-1][1]
+        odds.append(tried[-1][1] + float(prior[cause.row, cause.effect]))
+    less = doubt(season, seen.doubts, gained)
+    return season._replace(causes=tuple(
+        cause._replace(alternatives=alternatives, log_odds=each - float(less[cause.row, cause.effect]))
+        for cause, (alternatives, _), each in zip(season.causes, tried, odds, strict=True)))
 
 
 def _alternatives(season: Season, seen: Scan, prior: Array, held: set[tuple[int, int]],
@@ -586,8 +598,8 @@ def _alternatives(season: Season, seen: Scan, prior: Array, held: set[tuple[int,
         factor, level = levels.keys[row]
         return Alternative(factor, level, logs.names[effect], size, 0.0)
     if own is None:
-        here = season.begins[number]
-        shared = np.array([[[_dot(seen, k, cause.row)[here]]] for k in effects])
+        here = np.array([season.begins[number]])
+        shared = np.array([_through(seen, k, np.array([cause.row]), here) for k in effects])
         sizes = gains(seen.information[cause.row, effects][:, None, None], seen.score[cause.row, effects][:, None],
                       shared, cause.sd * usual[effects, None] / usual[cause.effect])
     else:
@@ -608,13 +620,13 @@ def _alternatives(season: Season, seen: Scan, prior: Array, held: set[tuple[int,
         if not len(asked):
             continue
         if own is None:
-            shared = np.array([_dot(seen, k, row)[here] for row in asked])[:, None, None]
+            shared = _through(seen, k, asked, here)[:, None]
         else:
             which, has = _levels_of_machine(season, cause.row)
             fit, across, _ = _eliminated(own.products, own.own)
             crossed = has[:, np.searchsorted(which[:-2], asked)].T @ own.cross[k].T
-            through = np.stack([_dot(seen, k, row)[own.place] for row in asked])
-            shared = (crossed[:, :len(own.own)] @ fit.cov[:, terms] - through @ (across @ fit.cov[:, terms]))[:, None]
+            shared = (crossed[:, :len(own.own)] @ fit.cov[:, terms] - _through(seen, k, asked, own.place) @ (
+                across @ fit.cov[:, terms]))[:, None]
         fits = gains(seen.information[asked, k][:, None, None], seen.score[asked, k][:, None], shared,
                      cause.sd[:1] * usual[k] / usual[cause.effect])
         tried += [(base[k], float(fits.gain[j]), prior[row, k], named(row, k, float(fits.b[j, 0])))
@@ -629,9 +641,9 @@ def _alternatives(season: Season, seen: Scan, prior: Array, held: set[tuple[int,
     return tuple(one for one in ranked if one.probability >= SHOWN), base[cause.effect]
 
 
-def _dot(seen: Scan, effect: int, row: int) -> Array:
-    """(terms,) covariance of the shared terms by what a row shares with each."""
-    return np.asarray(seen.cross[effect][[row]] @ seen.cov[effect]).ravel()
+def _through(seen: Scan, effect: int, rows: Indices, terms: Indices) -> Array:
+    """(rows, terms) covariance of some shared terms by what each row shares with all of them."""
+    return np.asarray(seen.cross[effect][rows] @ seen.cov[effect][:, terms])
 
 
 def _by_machines(season: Season, number: int) -> Keys | None:

@@ -123,8 +123,10 @@ def _doses(cause: Course | Shared, own: Sequence[OwnersLog]) -> Doses:
     set_ = cause.alternatives or (Alternative(factor, level, cause.effect, here, 1.0),)
     sizes = np.array([at(cause, one.time_d) if isinstance(cause, Course) else cause.size * has(factor, level, one)
                       for one in own])
+    own_size = next((one.size for one in set_ if (one.factor, one.level, one.effect) == (factor, level, cause.effect)),
+                    here)               # as the others' sizes: at the last log in which it is there
     doses = np.stack([np.array([each.percent.get(one.effect, 0.0) for each in own]) * (
-        sizes * (one.size / here if here else 0.0) if (one.factor, one.level) == (factor, level) else
+        sizes * (one.size / own_size if own_size else 0.0) if (one.factor, one.level) == (factor, level) else
         np.array([one.size * has(one.factor, one.level, each) for each in own])) for one in set_])
     weights = np.array([one.probability for one in set_])
     ends = doses[np.argmin(np.abs(doses), axis=0), np.arange(len(own))]
