@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test exam check lock licences release benchmark-diagnosis clean
+.PHONY: run test exam check lock docs licences release benchmark-diagnosis clean
 
 # Exactly the packages of the lock files, by their hashes; nothing else is fetched, not even to build. pip tells what it
 # fetches: a first start takes minutes.
@@ -75,6 +75,10 @@ lock: .venv-tools/.installed
 licences: .venv-tools/.installed
 	.ci/licences
 
+# The pages of docs/ and of every module's docstrings as a site in site/.
+docs: .venv-tools/.installed
+	$(TOOLS)/mkdocs build --strict --quiet
+
 # `make release TAG=v0.1.0`: wheel, bill of materials and licences in dist/, tried in a fresh environment.
 release: .venv-tools/.installed
 	.ci/release $(TAG)
@@ -83,4 +87,4 @@ benchmark-diagnosis: $(VENV)/.installed
 	$(BIN)/python benchmarks/diagnosis/run.py --cases 1200 --seed 1 --programmes all --jobs 2 --out docs/benchmark-diagnosis.md
 
 clean:
-	rm -rf $(VENV) .venv-tools .venv-release dist
+	rm -rf $(VENV) .venv-tools .venv-release dist site
