@@ -188,7 +188,7 @@ ACTIONS = (
            lambda app: app.turn_to(TRENDS), locked=True),
     Action("devices_screen", "f5", "F5", N_("devices"), N_("Every port and what it sends; test it, record raw data."),
            lambda app: app.turn_to(DEVICES), locked=True),
-    Action("calibrate_screen", "f6", "F6", N_("calibrate"), N_("Catch test, lag test, heads check, wheel."),
+    Action("calibrate_screen", "f6", "F6", N_("calibrate"), N_("Catch test, lag test, heads check, wheel, effort."),
            lambda app: app.turn_to(CALIBRATE), locked=True),
     Action("replay_screen", "f7", "F7", N_("replay"), N_("A log, played again."), lambda app: app.turn_to(REPLAY),
            locked=True),

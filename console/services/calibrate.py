@@ -6,7 +6,7 @@ import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from console.app.pages.calibrate.catch import CatchPoint
 from console.app.pages.calibrate.service import Calibrated, CalibrateService, CurvePoint, Estimate, LagTable, Number
@@ -48,6 +48,7 @@ def calibrate_job(machine: Machine, wheel_circumference_m: float | None = None, 
         open_lag_table=lambda path: open_lag_table(Path(path).expanduser()),
         fit_lag=lambda path, label: fit_lag(machine, path, label),
         fit_wheel=lambda samples: fit_wheel(machine, counted_m, samples),
+        fit_effort=lambda path: fit_effort(machine, path),
         save=lambda fitted, name: save(machine, fitted, name, place, counted_m),
         name_for=lambda kind: free_path(place, f"{machine.id}-{kind}-{day_clock.today():%Y%m%d}", ".yaml").stem)
 
@@ -203,6 +204,20 @@ def _wheel(machine: Machine, counted_m: float, samples: Sequence[WheelSample],
     return wheel_fit.fit_wheel(log, machine, counted_m, "straight drive on the Calibrate page", date=today)
 
 
+# --- effort -----------------------------------------------------------------------------------------------------------
+
+
+def fit_effort(machine: Machine, path: str) -> Calibrated:
+    """What the drives take, from a run log as far as it is written; what is saved is what was fitted."""
+    from control.diagnosis.runs import effort_reference
+    from drivers.files.any_log import open_log
+    new, fits = effort_reference.fit_effort(dict(open_log(Path(path)).columns), machine, path,
+                                            date=day_clock.today().isoformat())
+    numbers = [_estimate(cast(Number, place.removeprefix("effort.")), one, unit, 4)
+               for fit in fits for place, one, unit in fit.numbers]
+    return Calibrated("effort", tuple(numbers), scatter=f"{fits[0].scatter:.3g} {fits[0].unit}", source=(new,))
+
+
 # --- files ------------------------------------------------------------------------------------------------------------
 
 
@@ -225,7 +240,9 @@ def save(machine: Machine, fitted: Calibrated, name: str, folder: Path, counted_
             raise ValueError(f"{taken}: exists already: nothing is overwritten")
     folder.mkdir(parents=True, exist_ok=True)
     today = day_clock.today().isoformat()
-    if fitted.kind == "wheel":
+    if fitted.kind == "effort":
+        (new,) = fitted.source
+    elif fitted.kind == "wheel":
         new, _fit = _wheel(machine, counted_m, fitted.source, today)
     elif fitted.kind == "lag":
         table, label = fitted.source

@@ -16,7 +16,7 @@ from console.app.widgets.chips import Chips, placed
 from console.link import WorkerGone
 from control.orders import Answer, Do, Order
 from control.safety import BenchRun
-from tests.app.harness import feed, later, settled
+from tests.app.harness import feed, later, looked, settled, tell
 from tests.app.made_up.calibrate import POINTS, lag_under_way, many_devices, sample_calibrate_job, standing
 
 SIZE = (100, 30)
@@ -351,12 +351,30 @@ async def test_the_wheel_is_measured_also_while_another_page_is_looked_at(app, s
 
 
 @pytest.mark.exam
+async def test_a_reference_of_effort_is_fitted_to_the_log_of_this_run_and_saved(app, source, frames, opened, shown):
+    source.newest = replace(frames[-1], row=frames[-1].row._replace(shaft_effort=58.25), log_path="")
+    async with app.run_test(size=SIZE) as pilot:
+        page = await opened(pilot, right=4)
+        await later(app, pilot)
+        assert page.calibration.kind == "effort" and "58.2" in "\n".join(shown(app))
+        await pilot.press("q", "5")
+        assert "nothing is recorded yet" in app.notice_text
+        tell(source, log_path="/logs/sound.csv")
+        await looked(app, pilot)
+        await pilot.press("q", "5")
+        await settled(app, pilot)
+        assert page.calibration.fitted.source == ("/logs/sound.csv",)
+        assert "shaft, with its speed 0.5980 % for each r/min (90 %: 0.5900 to 0.6060)" in " ".join(
+            "\n".join(shown(app)).split())
+        assert chip_of(page, "cal_save")[0].lead
+
+
 async def test_every_chip_stands_whole_on_the_screen(app, opened):
     async with app.run_test(size=(120, 40)) as pilot:
         page = await opened(pilot)
         for size in ((80, 24), (100, 30), (120, 40)):
             await pilot.resize_terminal(*size)
-            for right in range(4):
+            for right in range(5):
                 page.turn(right)
                 page.hurry()
                 await later(app, pilot)

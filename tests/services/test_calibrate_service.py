@@ -97,6 +97,21 @@ def test_a_wheel_is_fitted_by_the_circumference_it_was_counted_by_and_saved(mach
         job.fit_wheel(samples[:100])
 
 
+def test_a_reference_of_effort_is_saved_as_it_was_fitted(machine, tmp_path):
+    """From a run's log; what the log gained since is not in the file."""
+    log, job, rng = tmp_path / "run.csv", calibrate_job(machine, folder=tmp_path / "machines"), np.random.default_rng(3)
+    rpm, mm = np.repeat(rng.uniform(20.0, 90.0, 60), 100), np.repeat(rng.uniform(10.0, 40.0, 20), 300)
+    effort = 12.0 + 0.4 * rpm + 0.05 * 5.5 * mm + rng.standard_normal(6000)
+    np.savetxt(log, np.column_stack((0.05 * np.arange(6000), rpm, rpm, mm, mm, effort)), delimiter=",", comments="",
+               header="time_s,shaft_rpm_cmd,shaft_rpm,opening_mm_cmd,opening_mm,shaft_effort", fmt="%.3f")
+    found = job.fit_effort(str(log))
+    assert [one.name for one in found.estimates] == ["coulomb", "viscous", "load"]
+    log.unlink()
+    new = load(Path(job.save(found, "effort")), MACHINE).model
+    assert [getattr(new.effort, one.name) for one in found.estimates] == [one.value for one in found.estimates]
+    assert (new.effort.coulomb, new.effort.viscous, new.effort.load) == pytest.approx((12.0, 0.4, 0.05), rel=0.05)
+
+
 def test_the_papers_lag_tables_are_offered_fitted_and_saved(machine, tmp_path):
     job = calibrate_job(machine, folder=tmp_path, tables=(PAPERS,))
     offered = {Path(table.path).name: table for table in job.lag_tables()}

@@ -44,6 +44,12 @@ def _wheel(samples: Sequence[WheelSample]) -> Calibrated:
     return Calibrated("wheel", (Estimate("circumference", 2.4868, 2.4849, 2.4887, "m", 4),), source=tuple(samples))
 
 
+def _effort(path: str) -> Calibrated:
+    return Calibrated("effort", (Estimate("coulomb", 8.11, 7.6, 8.62, "%", 4),
+                                 Estimate("viscous", 0.598, 0.59, 0.606, "% for each r/min", 4)), scatter="0.33 %",
+                      source=(path,))
+
+
 def _save(fitted: Calibrated, name: str) -> str:
     if name == "taken":
         raise ValueError("machines/taken.yaml: exists already: nothing is overwritten")
@@ -56,7 +62,8 @@ def sample_calibrate_job() -> CalibrateService:
         wheel_circumference_m=2.5, most_kg=300.0,
         expected_kg=lambda shaft_rpm, opening_mm, revolutions: GRAMS * opening_mm * revolutions / 1000.0,
         fit_catch=_catch, lag_tables=lambda: TABLES,
-        open_lag_table=lambda path: LagTable(path, 70), fit_lag=_lag, fit_wheel=_wheel, save=_save,
+        open_lag_table=lambda path: LagTable(path, 70), fit_lag=_lag, fit_wheel=_wheel, fit_effort=_effort,
+        save=_save,
         name_for=lambda kind: f"huanghai-{kind}-20260318")
 
 

@@ -21,7 +21,11 @@ if TYPE_CHECKING:
 ESTIMATES = {
     "grams_per_rev_mm": N_("flow"), "zero_offset": N_("at zero opening"), "fill_falloff": N_("lost at 100 r/min"),
     "slope": N_("slope"), "intercept": N_("at 0 r/min"), "circumference": N_("circumference"),
-    "carried_share": N_("carried along"),
+    "carried_share": N_("carried along"), "coulomb": N_("shaft, dry"), "coulomb_back": N_("shaft backwards, dry"),
+    "viscous": N_("shaft, with its speed"), "viscous_back": N_("shaft backwards, with its speed"),
+    "load": N_("shaft, with the material"), "gate_coulomb": N_("gate, dry"),
+    "gate_coulomb_back": N_("gate backwards, dry"), "gate_viscous": N_("gate, with its speed"),
+    "gate_viscous_back": N_("gate backwards, with its speed"),
 }
 UNIT_WORDS = {"g/rev/mm": N_("g per turn and mm"), "g/rev": N_("g per turn"), "s per r/min": N_("s per r/min")}
 AXES = {"opening mm": N_("opening, mm"), "shaft r/min": N_("shaft, r/min"), "g per turn": N_("g per turn"),

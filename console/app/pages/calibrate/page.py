@@ -1,4 +1,4 @@
-"""The Calibrate screen: four guided sequences; what turns the shaft turns it only while a key or button is held."""
+"""The Calibrate screen: five guided sequences; what turns the shaft turns it only while a key or button is held."""
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Sequence
@@ -20,6 +20,7 @@ from console.app.name_dialog import NameDialog
 from console.app.pages.calibrate.calibration import Calibration, FrameSeen
 from console.app.pages.calibrate.catch_calibration import CatchCalibration
 from console.app.pages.calibrate.curve import Curve, CurveView
+from console.app.pages.calibrate.effort_calibration import EffortCalibration
 from console.app.pages.calibrate.guide import Guide, GuideView
 from console.app.pages.calibrate.heads_calibration import HeadsCalibration
 from console.app.pages.calibrate.keys import ACTIONS
@@ -146,7 +147,8 @@ class CalibrateScreen(Page):
         self.busy = ""
         self.runner = Runner(self._give, lambda asked: self.run_worker(asked, group="held", exit_on_error=False))
         self.calibrations: tuple[Calibration, ...] = (
-            CatchCalibration(self), LagCalibration(self), HeadsCalibration(self), WheelCalibration(self))
+            CatchCalibration(self), LagCalibration(self), HeadsCalibration(self), WheelCalibration(self),
+            EffortCalibration(self))
         self.at = 0
         self._computing: Worker[None] | None = None
         self._watch: Timer | None = None

@@ -9,7 +9,8 @@ from console.app.pages.calibrate.catch import CatchPoint
 from console.app.pages.calibrate.wheel import WheelSample
 
 Number = Literal["grams_per_rev_mm", "zero_offset", "fill_falloff", "slope", "intercept", "circumference",
-                 "carried_share"]
+                 "carried_share", "coulomb", "coulomb_back", "viscous", "viscous_back", "load", "gate_coulomb",
+                 "gate_coulomb_back", "gate_viscous", "gate_viscous_back"]
 
 
 class Estimate(NamedTuple):
@@ -35,7 +36,8 @@ class CurvePoint(NamedTuple):
 class Calibrated(NamedTuple):
     """What a calibration found. `source` goes back to `save` as it is.
 
-    kind: catch, lag, wheel. x_name, y_name: words of the axes (untranslated), with units. range: of x, where it holds.
+    kind: catch, lag, wheel, effort. x_name, y_name: words of the axes (untranslated), with units. range: of x, where it
+    holds.
     """
 
     kind: str
@@ -79,5 +81,6 @@ class CalibrateService:
     open_lag_table: Callable[[str], LagTable]
     fit_lag: Callable[[str, str | None], Calibrated]
     fit_wheel: Callable[[Sequence[WheelSample]], Calibrated]
+    fit_effort: Callable[[str], Calibrated]     # to the run log at this path
     save: Callable[[Calibrated, str], str]
     name_for: Callable[[str], str]        # a free name for a new machine file of this kind of calibration
