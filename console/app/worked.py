@@ -27,7 +27,9 @@ PLANES = 2 * KINDS + 1
 _SINCE = PLANES                        # a cell's own plane: how far was driven when it was spread on last, m; 0: never
 REVISIT_WIDTHS = 3.0                   # driven since: not the same pass; as control.field.coverage has it
 STEP_M = 0.4                           # shorter ways are not entered: standing still weighs nothing
-TRAIL = 60                             # spots of the pass behind the machine: some 30 m
+SPACING = 0.7                          # of a cell, between places that are entered: below the side of a square that has
+                                       # a place of such a lattice in it however it is turned, 1 / sqrt(2)
+TRAIL = 90                             # places of the pass behind the machine: some 30 m
 NOTHING_KG_HA = 1.0                    # less than this is passage, not application
 TURNING_RPM = 2.0                      # the lag paper's threshold of a shaft that turns
 JUMP_M = 12.0                          # places further apart are not joined
@@ -123,10 +125,11 @@ class Worked:
         if not ways:
             return
         self.version += 1
-        along = _filled([way for way in ways if way.joined], self.cells_m[0])
+        along = _filled([way for way in ways if way.joined], SPACING * self.cells_m[0])
         points = np.array([way.end for way in ways if not way.joined], dtype=np.float64).reshape(-1, len(Spot._fields))
         laid = np.concatenate((along, points))
-        self.trail.extend(way.end for way in ways)
+        laid = laid[np.argsort(laid[:, -1], kind="stable")]         # as it was driven
+        self.trail.extend(Spot(*row) for row in laid[-TRAIL:].tolist())
         self._widen(laid)
         middle = np.full((len(laid), 2 + KINDS + 1), np.nan)
         middle[:, :2], middle[:, -1] = laid[:, :2], 1.0
@@ -196,8 +199,8 @@ class Worked:
         self.ndvi_ends = _ends(self.ndvi_ends, laid[:, 5], -1.0)
 
     def _aside(self) -> Floats:
-        """m to the right of the outlets' middle: a place for each cell's width of the outlets' width."""
-        count = max(1, ceil(self.width_m / self.cells_m[0]))
+        """Places across the outlets' width, m to the right of their middle."""
+        count = max(1, ceil(self.width_m / (SPACING * self.cells_m[0])))
         return np.asarray((np.arange(count) + 0.5) / count * self.width_m - 0.5 * self.width_m)
 
     @staticmethod
@@ -210,7 +213,7 @@ class Worked:
 
     def _across(self, laid: Floats) -> Floats:
         """Rows east, north, values, the way driven where something was spread on the cell's middle, else NaN, and 0 for
-        no passage: a row for each cell's width of the outlets' width."""
+        no passage: a row for each place across."""
         aside = self._aside()
         places, right = self._swath(laid, aside)
         count = len(aside)

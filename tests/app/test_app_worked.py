@@ -114,7 +114,7 @@ def test_at_every_scale_nothing_is_lost_and_the_mean_is_kept(metres):
 @pytest.mark.parametrize("north", [0.5, 1.5, 2.5, 4.5, 11.5])
 def test_a_cell_is_seen_in_the_pixel_that_its_middle_lies_in(metres, north):
     """All cells of the size that a scale is drawn from; the middle of the one that holds 0.5 m east."""
-    worked = Worked(width_m=0.5)
+    worked = Worked(width_m=0.3)
     worked.add([Spot(0.5, north, 0.0, 300.0, 300.0, 0.5)])
     cell_m = worked.cell_for(CELL_SHARE * metres)
     middle = tuple((place // cell_m + 0.5) * cell_m for place in (0.5, north))
@@ -184,8 +184,25 @@ def test_the_pass_behind_the_machine_glows_and_the_next_one_is_where_nothing_was
     bare = seen.copy()
     glow(seen, worked, pixels)
     assert (seen[49 - 5, 5:7] == bare[49 - 5, 5:7] + GLOW - DONE).all() and (seen[:, 7:] == bare[:, 7:]).all()
+    near = pixels._replace(columns=40, rows=120, metres=0.5)
+    seen = image(worked, None, scale_of(MapLayer.APPLIED, worked, None, METRIC), near)
+    glow(seen, worked, near)
+    assert (seen[2 * 30:2 * 49, 2 * 5:2 * 7] >= GLOW).all(), "without gaps between the frames"
     worked.add([Spot(1.0, 0.0, 90.0, 300.0, 300.0, 0.5), Spot(2.0, 0.0, 90.0, 300.0, 300.0, 0.5)])
     assert next_passes(worked, pixels) == (), "a turn has none"
+
+
+@pytest.mark.parametrize("heading_deg", [0.0, 20.0, 30.0, 45.0, 137.0, 270.0])
+def test_no_hole_is_in_a_pass_whatever_its_heading(heading_deg):
+    worked, (east, north) = Worked(2.4), (np.sin(np.radians(heading_deg)), np.cos(np.radians(heading_deg)))
+    worked.add([Spot(way_m * east + 0.13, way_m * north + 0.29, heading_deg, 300.0, 300.0, nan)
+                for way_m in np.arange(0.0, 33.0, 0.83).tolist()])
+    pixels = Pixels(160, 160, 0.5, -40.0, 40.0)
+    eastward, northward = np.meshgrid(*pixels.middles())
+    along = (eastward - 0.13) * east + (northward - 0.29) * north
+    off = (eastward - 0.13) * north - (northward - 0.29) * east
+    under = (np.abs(off) <= 1.2) & (along > 1.0) & (along < 31.0)
+    assert np.isfinite(Ground(worked, pixels).layer(MapLayer.APPLIED)[under]).all()
 
 
 def passes_of(*ways: list[Spot], width_m: float = 2.4, all_at_once: bool = True) -> Worked:
