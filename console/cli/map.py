@@ -116,8 +116,7 @@ def _source(text: str | None) -> Literal["ddi", "presentation"] | None:
 def _by_rule(source: Path, choice: RateChoice, job: str) -> Imported:
     """A map of an index, as rates by the rule of a job's crop."""
 
-    from drivers.files.prescriptions.by_rule import by_rule, index_choice
-    from drivers.files.prescriptions.read import read_prescription
+    from drivers.files.prescriptions.read import by_rule, index_choice, read_prescription
     from drivers.files.setup import load_setup
     rule = load_setup("huanghai", job, day_clock.today()).rule
     return by_rule(read_prescription(source, index_choice(choice, rule, job)), rule)

@@ -19,11 +19,9 @@ from control.machine.steps import Steps
 from control.orders import TargetSource
 from control.readings import Measurements, is_fresh
 from control.sensing import Sensed
-from control.targets.canopy import CanopyDecisions
+from control.targets.canopy import Around, CanopyDecisions, HoldMean, MapAndCanopy
 from control.targets.fence import OUTSIDE, Fence, Fenced
-from control.targets.hold_mean import HoldMean
 from control.targets.index_map import IndexMap
-from control.targets.map_and_canopy import Around, MapAndCanopy
 from control.targets.map_profile import MapProfile
 from control.targets.overlap import LONGEST_M, Overlap
 from control.targets.profile import Everywhere, Profile, Stretches, Target, Unspread

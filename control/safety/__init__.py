@@ -2,11 +2,11 @@
 from __future__ import annotations
 
 from control.safety.alarms import ALARMS, AlarmKind
-from control.safety.bench_run import SETTINGS, BenchRun, BenchSetting, after_setting
 from control.safety.drive_gate import limited, limited_dose, limited_valves
 from control.safety.interlocks import INTERLOCKS
 from control.safety.limits import DriveLimits, SafetyLimits
 from control.safety.memory import Allowances
+from control.safety.ordered import SETTINGS, BenchRun, BenchSetting, after_setting
 from control.safety.watchdog import Safety
 from control.safety.words import POWERED, REFUSALS, STATE_REASONS, Commanded, Situation, Verdict, read_refusal, refusal
 

@@ -10,8 +10,7 @@ from typing import Any, Protocol
 from control.readings import DriveCommand, GnssFix
 from control.simulation.plant import SensorReadings
 from drivers.ports import UNPLUGGED, Clock, Port, PortState
-from drivers.virtual.faults import PortFaults, Spoiler
-from drivers.virtual.served_line import ServedLine
+from drivers.virtual.faults import PortFaults, ServedLine, Spoiler
 
 RELEASE = {"class": "VERSION", "release": "3.25", "proto_major": 3, "proto_minor": 15}
 DEVICE = "/dev/virtual"

@@ -20,6 +20,7 @@ from drivers.virtual.faults import (
     DRIVES,
     PortFaults,
     Runaway,
+    ServedLine,
     Spoiler,
     TimedFault,
     VirtualRunaway,
@@ -29,7 +30,6 @@ from drivers.virtual.faults import (
 from drivers.virtual.gpsd import GpsdServer, VirtualGpsd
 from drivers.virtual.lag_rig import VirtualLagRig
 from drivers.virtual.machine import OPENING_MM, VirtualMachine
-from drivers.virtual.served_line import ServedLine
 
 
 # A pseudo-terminal as the virtual machine's end of a serial line, under a name that stays. POSIX systems only.

@@ -21,7 +21,7 @@ from control.readings import Reading
 from control.simulation.closed_loop import Record
 from control.simulation.errors import errors, landing, needs
 from control.simulation.tractor import field_path
-from control.targets.hold_mean import HORIZON_M, LEAST_FACTOR, MOST_FACTOR, MOST_OWED, HoldMean
+from control.targets.canopy import HORIZON_M, LEAST_FACTOR, MOST_FACTOR, MOST_OWED, HoldMean
 from tests.control_loop.closed import SETUP, Closed
 
 DT_S, RPM, G_REV = 0.1, 70.0, 121.0         # 5.5 g a millimetre at 22 mm: 0.14 kg/s; ordered 0.09 in the field

@@ -20,8 +20,8 @@ from control.orders import Do, TargetSource
 from control.simulation.assembly import control_loop, simulated_machine
 from control.simulation.canopy import AcrossWidth, CanopyField
 from control.simulation.closed_loop import Record, simulated_run
+from control.targets.canopy import Around, MapAndCanopy
 from control.targets.index_map import MOST_OFF, IndexMap
-from control.targets.map_and_canopy import Around, MapAndCanopy
 from control.targets.map_profile import MapProfile
 from control.targets.prescription import Fallbacks, Prescription
 from control.targets.profile import Stretches, Target, TargetChange

@@ -13,8 +13,7 @@ from drivers.files.imports.trouble import ImportTrouble
 from drivers.files.imports.words import folded, subject_of
 from drivers.files.limits import check_file
 from drivers.files.parquet_limits import check_parquet
-from drivers.files.prescriptions.cells import cell_of
-from drivers.files.prescriptions.column_words import MOST_UNITS, unit_columns
+from drivers.files.prescriptions.column_words import MOST_UNITS, cell_of, unit_columns
 from drivers.files.sheet_text import SUFFIXES
 from drivers.files.stated_units import ANY, of_texts, together
 

@@ -15,8 +15,16 @@ from drivers.files.archives import Folder
 from drivers.files.imports.trouble import listed
 from drivers.files.imports.units import unit_named
 from drivers.files.imports.words import wanted_or_done
-from drivers.files.prescriptions.cells import Cell, cell_of
-from drivers.files.prescriptions.column_words import BOUNDS, NUTRIENTS, kind_of, own_unit, unit_columns, words_of
+from drivers.files.prescriptions.column_words import (
+    BOUNDS,
+    NUTRIENTS,
+    Cell,
+    cell_of,
+    kind_of,
+    own_unit,
+    unit_columns,
+    words_of,
+)
 from drivers.files.prescriptions.words import (
     NITROGEN_UNITS,
     UNIT_NOT_NAMED,

@@ -176,7 +176,7 @@ def _numbers_of(job: Job, name: str | None, folder: Path, width_m: float, index:
     Raises PrescriptionError in one line, OSError."""
     if name is None:
         return None
-    from drivers.files.prescriptions.by_rule import read_index
+    from drivers.files.prescriptions.read import read_index
     data = read_index(folder / name, index).data
     plane = _origin(job) or plane or data.plane()
     return IndexMap(rates_on(data, plane), plane, width_m)
