@@ -157,8 +157,8 @@ SETTINGS = (Do.CALIBRATE_SHAFT, Do.CALIBRATE_OPENING)
 
 
 class BenchSetting(NamedTuple):
-    """What shaft and gate are to do in a calibrating run: wanted set-points, before the drives' limits. A run begins with
-    a standing shaft and the gate where it is."""
+    """What shaft and gate are to do in a calibrating run: wanted set-points, before the drives' limits. A run begins
+    with a standing shaft and the gate where it is."""
 
     shaft_rpm: float = 0.0
     opening_mm: float | None = None     # None: stays

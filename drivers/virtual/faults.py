@@ -235,8 +235,8 @@ def _is_head(device: str) -> bool:
 
 
 class ServedLine:
-    """One device's byte line as the virtual machine serves it, on all its ends: what it says goes, spoilt, to each; what
-    any of them says is heard."""
+    """One device's byte line as the virtual machine serves it, on all its ends: what it says goes, spoilt, to each;
+    what any of them says is heard."""
 
     def __init__(self, ends: Sequence[Port], clock: Clock, seed: int) -> None:
         self._ends = tuple(ends)
