@@ -8,7 +8,6 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
@@ -31,16 +30,6 @@ for (const file of files) {
 }
 mp.runPython("import sys; sys.path.append('/app')\\nimport board_scenarios; board_scenarios.main()");
 """
-
-
-@pytest.fixture(scope="session")
-def scenarios() -> ModuleType:
-    """The scenarios as a module of this interpreter."""
-    spec = importlib.util.spec_from_file_location("topdress_board_scenarios", HERE / "board_scenarios.py")
-    assert spec and spec.loader
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.fixture(scope="session")

@@ -20,6 +20,7 @@ from drivers.cab import Cab, CabConfig
 from drivers.devices.point_dose import DoseState, PointDose, decode_report, encode_dose
 from drivers.devices.slave_board import SetPointLimits, SlaveBoard
 from drivers.virtual.board import VirtualBoard
+from tests.board import board_scenarios as scenarios
 
 HOST = """
 import sys, time
@@ -38,7 +39,7 @@ while True:
 class Terminal:
     """The board's program on the far side of a pseudo-terminal, in real time, on a thread of its own."""
 
-    def __init__(self, scenarios) -> None:
+    def __init__(self) -> None:
         import tty
         self.master, self._slave = os.openpty()
         tty.setraw(self._slave)
@@ -88,10 +89,10 @@ class Terminal:
 
 
 @pytest.fixture
-def terminal(scenarios):
+def terminal():
     if sys.platform == "win32":
         pytest.skip("no pseudo-terminals on this system")
-    made = Terminal(scenarios)
+    made = Terminal()
     yield made
     made.close()
 
@@ -143,7 +144,7 @@ def test_a_killed_host_means_a_stopped_machine_one_second_later(terminal):
         host.wait()
 
 
-def test_the_host_reads_of_lost_steps_and_of_homing(scenarios):
+def test_the_host_reads_of_lost_steps_and_of_homing():
     bench, host = scenarios.Bench(sensor=False, start_mm=12.0), SlaveBoard()
     bench.run(0.2, 0, 12, 0)
     bench.run(0.1, 50, 25, 1)
@@ -240,7 +241,7 @@ def test_an_older_board_in_the_place_of_a_newer_one_is_asked_in_vain_and_then_sp
 class Bench:
     """Host and board joined by two lists of bytes; ticks of a millisecond, a heartbeat every 50."""
 
-    def __init__(self, scenarios) -> None:
+    def __init__(self) -> None:
         self.pins = scenarios.Machine()
         self.settings = BoardSettings()
         self.board = Slave(self.pins, self.settings)
@@ -266,8 +267,8 @@ class Bench:
 
 
 @pytest.fixture
-def bench(scenarios) -> Bench:
-    made = Bench(scenarios)
+def bench() -> Bench:
+    made = Bench()
     made.run(100)
     made.enable = True
     made.run(100)

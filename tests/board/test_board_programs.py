@@ -11,6 +11,7 @@ import pytest
 from drivers.board import framing
 from drivers.board.framing import crc16, seal
 from drivers.board.motion import ShaftControl, Stepper
+from tests.board import board_scenarios as scenarios
 
 BOARD = Path(framing.__file__).parent
 
@@ -23,7 +24,7 @@ def test_the_crc_is_the_protocols(board_crc=binascii.crc_hqx):
     assert seal("T1,41,70.000,25.000,1") == b"$T1,41,70.000,25.000,1*7B29\r\n", "the example of the page"
 
 
-def test_a_silent_host_stops_the_drives_after_one_second(scenarios):
+def test_a_silent_host_stops_the_drives_after_one_second():
     rpm, stopped_ms, flags, restarted, on_again, gate_mm = scenarios.safe_stop()
     assert rpm == 60
     assert stopped_ms == [1000]
@@ -45,7 +46,7 @@ def test_a_silent_host_stops_the_drives_after_one_second(scenarios):
     pytest.param("gate_moves", [[25.0, 1300], [40.0, 1500], [10.0, -3000], [10.1, 10]],
                  id="the gate reaches its places by as many steps"),
     pytest.param("lost_steps", [8, 40.0, 0], id="lost steps are seen, told and made good")])
-def test_the_board_does(scenarios, scenario, found):
+def test_the_board_does(scenario, found):
     assert scenarios.SCENARIOS[scenario]() == found
 
 
@@ -56,19 +57,19 @@ def test_the_board_does(scenarios, scenario, found):
     # 27 without a limit to what is learnt
     pytest.param((50.0,), None, 15.0, id="after it was held at a part of its speed"),
     pytest.param((None, 100.0), 500, 2.0, id="a motor that turns a fifth slower than the feed-forward believes")])
-def test_the_shaft_follows(scenarios, given, most_rise_ms, most_overshoot_rpm):
+def test_the_shaft_follows(given, most_rise_ms, most_overshoot_rpm):
     rise_ms, overshoot_rpm, steady_rpm = scenarios.shaft_step(*given)
     assert overshoot_rpm < most_overshoot_rpm and abs(steady_rpm) < 0.3
     assert most_rise_ms is None or rise_ms < most_rise_ms
 
 
-def test_valves_open_only_while_the_drives_are_enabled(scenarios):
+def test_valves_open_only_while_the_drives_are_enabled():
     masks, unknown = scenarios.valves()
     assert masks == [0, 0, 0, 5, 5, 5, 0, 0, 7, 0]
     assert unknown == 1, "a board without valves obeys no frame that has them"
 
 
-def test_wrong_frames_are_counted_by_kind_and_not_obeyed(scenarios):
+def test_wrong_frames_are_counted_by_kind_and_not_obeyed():
     counts, obeyed_rpm = scenarios.bad_frames()
     assert dict(counts) == {"bad_crc": 3, "missing_crc": 3, "wrong_length": 1, "out_of_range": 4, "not_a_number": 3,
                             "unknown_frame": 1, "repeated_sequence": 1, "overlong": 1}
@@ -79,7 +80,7 @@ READY, TURNS, OLD, STOPPED, AGAIN = [False, 0], [True, 0], [False, 64, "old_orde
 DOUBLED = [True, 0, "repeated_sequence"]
 
 
-def test_a_board_with_a_word_takes_only_what_is_newer_and_stops_on_what_is_not(scenarios):
+def test_a_board_with_a_word_takes_only_what_is_newer_and_stops_on_what_is_not():
     found, words = scenarios.orders_with_a_word()
     assert found[:2] == [[False, 32], [False, 32]] and words == [0xFEDCBA98, 7], "it wants to be asked for its word"
     assert found[2:10] == [READY, TURNS, DOUBLED, DOUBLED, OLD, STOPPED, STOPPED, AGAIN], "16 behind is old"
@@ -91,13 +92,13 @@ def test_a_board_with_a_word_takes_only_what_is_newer_and_stops_on_what_is_not(s
     assert found[25:] == [READY, TURNS]
 
 
-def test_without_a_word_what_is_older_by_less_than_half_the_circle_is_old(scenarios):
+def test_without_a_word_what_is_older_by_less_than_half_the_circle_is_old():
     found, words = scenarios.orders_without_a_word()
     assert found[:9] == [READY, TURNS, TURNS, DOUBLED, DOUBLED, OLD, STOPPED, STOPPED, AGAIN] and not words
     assert found[9:] == [OLD, STOPPED, AGAIN, [True, 64, "unknown_frame"]]
 
 
-def test_a_new_board_obeys_an_old_host_unless_it_is_set_to_words_only(scenarios):
+def test_a_new_board_obeys_an_old_host_unless_it_is_set_to_words_only():
     found, words = scenarios.orders_without_a_word((5,))
     without, _ = scenarios.orders_without_a_word()
     assert [one[0] for one in found] == [one[0] for one in without] and words == [5]
@@ -112,14 +113,14 @@ def test_the_feed_forward_alone_is_nearly_right():
     assert control.update(1000.0, 0.0, 0.01) == 1.0
 
 
-def test_without_a_displacement_sensor_it_homes_first_and_the_shaft_waits(scenarios):
+def test_without_a_displacement_sensor_it_homes_first_and_the_shaft_waits():
     (homing, duty), (homed, place_mm), *moves = scenarios.gate_moves(False)
     assert (homing, duty, homed) == (16, 0.0, 0)
     assert place_mm == pytest.approx(0.5, abs=0.02)
     assert [place for place, _ in moves] == pytest.approx([25.0, 40.0, 10.0, 10.1], abs=0.02)
 
 
-def test_a_step_of_the_gate(scenarios):
+def test_a_step_of_the_gate():
     rise_ms, overshoot_mm, error_mm = scenarios.gate_step()
     assert rise_ms == pytest.approx(400, abs=20), "8 mm at 20 mm/s"
     assert overshoot_mm <= 0.02 and abs(error_mm) <= 0.005
@@ -138,7 +139,7 @@ def test_no_step_is_lost_or_doubled_whatever_the_target_does():
     assert put_out == stepper.place == wanted
 
 
-def test_a_hundred_doses_turn_as_many_steps_as_their_angles(scenarios):
+def test_a_hundred_doses_turn_as_many_steps_as_their_angles():
     total, least, most, state, took_ms, cut, cut_state, refused, after_refusal = scenarios.doses()
     assert total == round(100 * 120.0 * 400.0 / 360.0)
     assert (least, most) == (133, 134)
@@ -147,24 +148,24 @@ def test_a_hundred_doses_turn_as_many_steps_as_their_angles(scenarios):
     assert (refused, after_refusal) == (3, 0)
 
 
-def test_the_lag_rig_times_start_and_landing(scenarios):
+def test_the_lag_rig_times_start_and_landing():
     run, state, start_ms, land_ms, flags = scenarios.lag_rig()
     assert (run, state, land_ms, flags) == (42, 3, 1900, 0)
     assert start_ms == pytest.approx(403, abs=3), "1 r/min does not start the clock, 20 r/min does at once"
 
 
-def test_a_granule_before_the_start_is_told(scenarios):
+def test_a_granule_before_the_start_is_told():
     assert scenarios.lag_rig(True)[-1] == 2
 
 
-def test_the_scales_conversions_become_kg_and_a_broken_cell_is_not_known(scenarios):
+def test_the_scales_conversions_become_kg_and_a_broken_cell_is_not_known():
     before, *found, kept_kg, silent, again_kg = scenarios.scale()
     assert before is None
     assert found == [[5.0, 25], [105.0, 25], [0.0, 25], [8393.606, 25], [None, 25], [25.0, 25]]
     assert (kept_kg, silent, again_kg) == (25.0, None, 6.0), "silent for a second: not known"
 
 
-def test_the_inclination_is_nose_up_and_right_side_down_positive(scenarios):
+def test_the_inclination_is_nose_up_and_right_side_down_positive():
     flat, written, nose_up, right_down, jolted, slowly, gone, back, other = scenarios.tilt()
     assert (flat, written) == ([0.0, 0.0], [[0x20, 0x47], [0x23, 0x88]])
     assert nose_up == [10.0, 0.0] and right_down == [0.0, 10.0]
@@ -179,7 +180,7 @@ def test_the_inclination_is_nose_up_and_right_side_down_positive(scenarios):
     "orders_without_a_word_refused",
     "shaft_step", "shaft_step_after_jam", "shaft_step_after_hand", "shaft_step_weak_supply", "gate_moves",
     "gate_moves_homed", "gate_step", "lost_steps", "doses", "lag_rig", "lag_rig_early_granule", "scale", "tilt"])
-def test_micropython_does_the_same(part, scenarios, under_micropython):
+def test_micropython_does_the_same(part, under_micropython):
     assert under_micropython[part] == scenarios.SCENARIOS[part]()
 
 

@@ -8,7 +8,6 @@ nothing written; what came in as anything else is wrong.
 from __future__ import annotations
 
 import datetime as dt
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,8 +18,8 @@ import numpy.typing as npt
 
 from drivers.files.read_log import read_log
 from tests.command import topdress
+from tests.imports import dialects as D
 
-D = sys.modules["topdress_dialects"]        # loaded by `conftest.py`
 Floats = npt.NDArray[np.float64]
 COLUMNS = ("lat_deg", "lon_deg", "speed_mps", "shaft_rpm_cmd", "shaft_rpm", "opening_mm_cmd", "opening_mm", "hopper_kg",
            "supply_v", "target_rate_kg_ha", "applied_rate_kg_ha")

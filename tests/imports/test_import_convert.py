@@ -6,7 +6,6 @@ import runpy
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -22,6 +21,7 @@ from drivers.files.imports.join import joined
 from drivers.files.imports.log_file import write_imported
 from drivers.files.imports.units import UNITS
 from drivers.files.read_log import RunLog, read_log
+from tests.imports import dialects, dresses
 
 TIME: dict[str, Any] = {"column": "t", "counts": "s"}
 
@@ -215,11 +215,11 @@ DEALS = 22
 @pytest.mark.parametrize("number", [
     number if number < DEALS // 2 else pytest.param(number, marks=pytest.mark.exam) for number in range(DEALS)])
 @pytest.mark.filterwarnings("ignore::shapefile.PossibleDataLoss")
-def test_a_dialect_comes_in_as_the_truth(number: int, dialects: ModuleType, tmp_path: Path) -> None:
+def test_a_dialect_comes_in_as_the_truth(number: int, tmp_path: Path) -> None:
     assert dialects.problems(dialects.deal(number, seed=13), dialects.true_log(), tmp_path) == []
 
 
-def test_the_deals_of_the_suite_meet_every_kind(dialects: ModuleType) -> None:
+def test_the_deals_of_the_suite_meet_every_kind() -> None:
     deals = [dialects.deal(number, seed=13) for number in range(DEALS)]
     assert {of.kind for of in deals} == {"text", "excel", "parquet", "geojson", "shapefile"}
     assert {of.language for of in deals} == {"en", "de", "zh"}
@@ -236,12 +236,12 @@ SEED = 20261122
 
 @pytest.mark.parametrize("number", [
     number if number < DRESSED // 3 else pytest.param(number, marks=pytest.mark.exam) for number in range(DRESSED)])
-def test_a_dress_is_seen_through_or_asked_about(number: int, dresses: ModuleType, tmp_path: Path) -> None:
+def test_a_dress_is_seen_through_or_asked_about(number: int, tmp_path: Path) -> None:
     what, lines = dresses.problems(dresses.dress(number, SEED), dresses.D.true_log(), tmp_path)
     assert what in ("imported", "asked", "refused"), lines
 
 
-def test_the_deals_of_the_suite_meet_much(dresses: ModuleType) -> None:
+def test_the_deals_of_the_suite_meet_much() -> None:
     deals = [dresses.dress(number, SEED) for number in range(DRESSED)]
     assert {of.kind for of in deals} == {"text", "excel"} and {of.language for of in deals} == {"en", "de", "zh"}
     assert {of.between for of in deals} == set(dresses.BETWEEN) and {of.footer for of in deals} == set(dresses.FOOTERS)

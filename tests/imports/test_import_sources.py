@@ -6,7 +6,6 @@ import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -32,6 +31,7 @@ from drivers.files.imports.trouble import ImportTrouble
 from drivers.files.read_log import read_log
 from drivers.files.what_it_is import holds_points
 from tests.command import topdress
+from tests.imports import task_sets
 
 BEGIN = dt.datetime(2026, 3, 20, 8, 0, tzinfo=dt.UTC)
 TASK = '<ISO11783_TaskData VersionMajor="4" VersionMinor="3"><TSK A="TSK1">{}</TSK></ISO11783_TaskData>'
@@ -242,7 +242,7 @@ def hectares_by_geopandas(lat: Floats, lon: Floats, utc_s: Floats, width_m: floa
 @pytest.mark.parametrize("number", [
     pytest.param(number, marks=() if number in (0, 1, 5, 7, 13, 16, 28, 43) else pytest.mark.exam)
     for number in range(60)])
-def test_a_set(number: int, tmp_path: Path, task_sets: ModuleType) -> None:
+def test_a_set(number: int, tmp_path: Path) -> None:
     made = task_sets.task_set(number, tmp_path)
     if len(made.tasks) > 1:
         with pytest.raises(ImportTrouble) as several:
@@ -279,7 +279,7 @@ def test_a_set(number: int, tmp_path: Path, task_sets: ModuleType) -> None:
         assert float((area * rate).sum()) == pytest.approx(kilograms, rel=1e-4)
 
 
-def test_as_isoxml_sees_it(tmp_path: Path, task_sets: ModuleType) -> None:
+def test_as_isoxml_sees_it(tmp_path: Path) -> None:
     """The library's tasks, logs, devices and bytes are ours; a time log's numbers it does not read."""
     pytest.importorskip("isoxml", reason="isoxml is not installed")
     from isoxml.models.ddi_entities import DDEntity
@@ -303,7 +303,7 @@ def test_as_isoxml_sees_it(tmp_path: Path, task_sets: ModuleType) -> None:
         assert not meaning.unit or unit_named(meaning.unit) is not None
 
 
-def test_the_commands(topdress: Callable[..., Result], tmp_path: Path, task_sets: ModuleType) -> None:
+def test_the_commands(topdress: Callable[..., Result], tmp_path: Path) -> None:
     """Asked with a line for each log; chosen by task, device and log; and by what --guess writes."""
     made = task_sets.task_set(31, tmp_path)
     asked = topdress("import", made.path, "--out", tmp_path / "a.csv")
