@@ -2,15 +2,24 @@
 from __future__ import annotations
 
 import socket
+import statistics
 import sys
 import time
 
 import pytest
 
+from control.field.job import Job
+from control.machine.machine import Machine
+from control.readings import DriveCommand, GnssFix
+from control.simulation.plant import Plant
 from drivers.cab import Cab, CabConfig
+from drivers.devices.board_frames import CommandFrame, encode_command
+from drivers.devices.gnss import GnssDecoder
 from drivers.ports import open_port, socket_address
+from drivers.virtual.board import VirtualBoard
 from drivers.virtual.faults import FaultyPort, PortFaults, TimedFault, at_wrong_baud, faults_at, parse_fault
-from drivers.virtual.served import Serve, ServedMachine
+from drivers.virtual.machine import VirtualMachine, gnss_sentences, virtual_cab
+from drivers.virtual.served import ListeningPort, Serve, ServedMachine
 
 DEVICES = ("gnss", "head_1", "head_2", "board")
 
@@ -166,3 +175,211 @@ def test_gpsd_rate_module_and_agopengps_are_served_too(machine_at, fake_plant):
     finally:
         for cab in cabs:
             cab.close()
+
+
+# --- The virtual machine: sensors arrive through bytes, commands move the plant, silence stops it --------------------
+
+RUN = DriveCommand(60.0, 30.0)
+
+
+@pytest.fixture
+def drive(clock):
+    """Run cab and machine for a while; a command of None sends nothing at all."""
+    def go(cab, machine, seconds, command=None, enabled=False, tick_s=0.05):
+        for _ in range(round(seconds / tick_s)):
+            clock.now_s += tick_s
+            machine.advance(clock.now_s)
+            measured = cab.measure(clock.now_s)
+            if command is not None:
+                cab.command(clock.now_s, command, enabled)
+        return measured
+    return go
+
+
+@pytest.mark.parametrize("multiplexed", [False, True])
+@pytest.mark.parametrize("protocol", ["greenseeker", "acs430", "acs435"])
+def test_what_the_plant_senses_is_measured(clock, drive, fake_plant, protocol, multiplexed):
+    cab, machine = virtual_cab(fake_plant, clock, protocol=protocol, multiplexed=multiplexed)
+    drive(cab, machine, 0.2, RUN, False)
+    m = drive(cab, machine, 5.0, RUN, True)
+    assert m.gnss is not None
+    assert m.gnss.lat_deg == pytest.approx(34.28 + fake_plant.way_m / 111_195.0, abs=2e-9)
+    assert m.gnss.lon_deg == pytest.approx(119.88, abs=2e-9)
+    assert (m.gnss.fix_quality, m.gnss.satellites, m.gnss.hdop) == (4, 14, 0.8)
+    assert m.gnss.speed_mps == pytest.approx(1.25, abs=3e-4)
+    assert m.gnss.heading_deg == pytest.approx(359.9)
+    assert m.gnss.utc == "2026-04-01T06:00:05.200Z"
+    assert [reading.value for reading in m.ndvi] == pytest.approx([0.40, 0.41, 0.42, 0.43, 0.44, 0.45])
+    assert m.ndvi[0].time_s == pytest.approx(clock.now_s, abs=0.5)
+    assert m.wheel_speed_mps.value == pytest.approx(1.25, abs=0.001)
+    assert (m.shaft_rpm.value, m.opening_mm.value, m.hopper_kg.value) == (60.0, 30.0, 250.05)
+    assert (m.supply_v.value, m.pitch_deg.value, m.roll_deg.value, m.work_switch) == (13.5, 1.5, -0.5, True)
+    assert {reading.time_s for reading in (m.shaft_rpm, m.opening_mm, m.wheel_speed_mps)} == {clock.now_s}
+
+
+def test_no_sentence_was_rejected_on_a_clean_line(clock, drive, fake_plant):
+    cab, machine = virtual_cab(fake_plant, clock)
+    drive(cab, machine, 10.0, RUN, False)
+    assert [device.rejected for device in cab.status(clock.now_s)] == [0] * 8
+    assert cab.status(clock.now_s)[0].rate_hz == pytest.approx(5.0, rel=0.01)
+    assert cab.status(clock.now_s)[-1].rate_hz == pytest.approx(20.0, rel=0.01)
+
+
+def test_a_command_acts_from_the_next_step(clock, drive, fake_plant):
+    cab, machine = virtual_cab(fake_plant, clock)
+    drive(cab, machine, 0.2, RUN, False)
+    fake_plant.commands.clear()
+    cab.command(clock.now_s, RUN, True)
+    drive(cab, machine, 0.05)
+    assert fake_plant.commands == [(RUN, True)]
+
+
+def test_standing_still_keeps_the_gate_where_it_is(clock, drive, fake_plant):
+    cab, machine = virtual_cab(fake_plant, clock, opening_mm=17.0)
+    drive(cab, machine, 0.5, RUN, False)
+    assert set(fake_plant.commands) == {(DriveCommand(0.0, 17.0), False)}
+    drive(cab, machine, 0.5, RUN, True)
+    drive(cab, machine, 0.5, DriveCommand(60.0, 40.0), False)
+    assert fake_plant.commands[-1] == (DriveCommand(0.0, 30.0), False)
+
+
+def test_a_silent_host_stops_the_drives_within_a_second_until_told_to_start_again(clock, drive, fake_plant):
+    cab, machine = virtual_cab(fake_plant, clock)
+    drive(cab, machine, 0.2, RUN, False)
+    drive(cab, machine, 1.0, RUN, True)
+    fake_plant.commands.clear()
+    drive(cab, machine, 2.0)
+    running = [enabled for _, enabled in fake_plant.commands]
+    assert running.index(False) in (20, 21), "one second, to the tick"
+    assert not any(running[21:])
+    assert cab.board.heartbeat_lost and not cab.board.enabled
+    m = drive(cab, machine, 1.0, RUN, True)
+    assert m.shaft_rpm.value == 0.0, "the same command again does not start it"
+    drive(cab, machine, 0.1, RUN, False)
+    m = drive(cab, machine, 0.2, RUN, True)
+    assert m.shaft_rpm.value == 60.0
+    assert not cab.board.heartbeat_lost
+
+
+def test_after_power_on_the_drives_wait_for_a_disabled_command(clock, drive, fake_plant):
+    cab, machine = virtual_cab(fake_plant, clock)
+    assert drive(cab, machine, 0.5, RUN, True).shaft_rpm.value == 0.0
+
+
+def test_a_driver_fault_stops_and_is_told(clock, drive, fake_plant):
+    cab, machine = virtual_cab(fake_plant, clock)
+    drive(cab, machine, 0.2, RUN, False)
+    drive(cab, machine, 0.5, RUN, True)
+    machine.board.driver_fault = True
+    m = drive(cab, machine, 0.2, RUN, True)
+    assert m.shaft_rpm.value == 0.0
+    assert cab.board.driver_fault
+
+
+def test_the_board_counts_wrong_commands_and_obeys_none(board_line):
+    board = VirtualBoard()
+    board.feed(encode_command(CommandFrame(5, 0.0, 20.0, False)), 0.0)
+    board.feed(encode_command(CommandFrame(6, 50.0, 20.0, True)), 0.0)
+    good = encode_command(CommandFrame(7, 90.0, 20.0, True))
+    board.feed(good.replace(b"90", b"99") + good[:10] + b"\r\n" + board_line("T1,8,90.0,20.0")
+               + board_line("T1,8,900.0,20.0,1") + board_line("T1,8,nan,20.0,1") + board_line("T9,8,90.0,20.0,1")
+               + encode_command(CommandFrame(6, 90.0, 20.0, True)), 0.1)
+    assert dict(board.counts.rejected) == {
+        "bad_crc": 1, "missing_crc": 1, "wrong_length": 1, "out_of_range": 1, "not_a_number": 1, "unknown_frame": 1,
+        "repeated_sequence": 1}
+    assert board.set_points(0.2) == (DriveCommand(50.0, 20.0), True)
+
+
+def test_a_restarted_host_is_heard_after_the_silence():
+    board = VirtualBoard()
+    board.feed(encode_command(CommandFrame(5, 0.0, 20.0, False)), 0.0)
+    board.feed(encode_command(CommandFrame(0, 0.0, 20.0, False)), 1.5)
+    board.feed(encode_command(CommandFrame(1, 50.0, 20.0, True)), 1.6)
+    assert board.set_points(1.6) == (DriveCommand(50.0, 20.0), True)
+
+
+def test_advance_steps_exactly_up_to_now_and_skips_a_long_pause(clock, fake_plant):
+    _, machine = virtual_cab(fake_plant, clock)
+    assert machine.advance(100.049) == 0
+    assert machine.advance(100.05) == 1
+    assert machine.advance(101.0) == 19
+    assert machine.advance(10_000.0) == 100
+    assert machine.advance(10_000.05) == 1
+
+
+@pytest.mark.parametrize(("lat_deg", "lon_deg"), [
+    (34.28, 119.88), (-0.0000001, -179.9999999), (89.9999999, 0.5), (12.99999999999, -7.99999999999), (0.25, 1e-7)])
+def test_positions_survive_degrees_and_minutes(lat_deg, lon_deg):
+    decoder = GnssDecoder(live=False)
+    decoder.feed(gnss_sentences(GnssFix(0.0, lat_deg, lon_deg, 5)), 0.0)
+    fix, = decoder.flush(0.0)
+    assert not decoder.counts.rejected
+    assert (fix.lat_deg, fix.lon_deg) == (pytest.approx(lat_deg, abs=2e-9), pytest.approx(lon_deg, abs=2e-9))
+
+
+def test_a_plant_without_a_fix_gives_no_position():
+    decoder = GnssDecoder(live=False)
+    decoder.feed(gnss_sentences(GnssFix(0.0, 34.28, 119.88, 0)), 0.0)
+    assert decoder.flush(0.0) == []
+    assert decoder.counts.ignored == {"no_fix": 3}
+
+
+def test_the_same_ends_on_tcp(clock, fake_plant):
+    """The real cab on real sockets against the listening virtual machine."""
+    import time
+
+    from drivers.cab import Cab, CabConfig
+    ends = [ListeningPort("127.0.0.1", 0, clock) for _ in range(3)]
+    machine = VirtualMachine(fake_plant, ends[0], [ends[1]], ends[2], clock(), multiplexed=True)
+    cab = Cab(CabConfig.model_validate({
+        "gnss": {"port": ends[0].name}, "heads": {"ports": [ends[1].name], "multiplexed": True},
+        "board": {"port": ends[2].name}}), clock)
+    try:
+        deadline = time.monotonic() + 30.0
+        while True:
+            clock.now_s += 0.05
+            machine.advance(clock.now_s)
+            m = cab.measure(clock.now_s)
+            cab.command(clock.now_s, RUN, clock.now_s > 101.0)
+            if m.gnss and m.ndvi[5] and m.shaft_rpm and m.shaft_rpm.value == 60.0:
+                break
+            assert time.monotonic() < deadline
+            time.sleep(0.005)
+    finally:
+        cab.close()
+        machine.close()
+
+
+# --- The simulated machine of `control.simulation` behind the bytes: what the cab measures is what the plant ... -----
+
+def test_thirty_seconds_of_the_real_plant(clock):
+    plant = Plant(Machine(), Job(), seed=3)
+    sensed = []
+    step = plant.step
+    plant.step = lambda command, enabled: sensed.append(step(command, enabled)) or sensed[-1]
+    cab, machine = virtual_cab(plant, clock)
+    wheel_errors = []
+    for tick in range(600):
+        clock.now_s += 0.05
+        machine.advance(clock.now_s)
+        m = cab.measure(clock.now_s)
+        cab.command(clock.now_s, DriveCommand(60.0, 30.0), tick > 20)
+        last = sensed[-1]
+        assert m.shaft_rpm.value == pytest.approx(last.shaft_rpm, abs=5e-4)
+        assert m.opening_mm.value == pytest.approx(last.opening_mm, abs=5e-4)
+        assert m.hopper_kg.value == pytest.approx(last.hopper_kg, abs=5e-4)
+        if last.gnss is not None and tick > 5:
+            assert m.gnss.time_s == clock.now_s, "no tick of latency"
+            assert m.gnss._replace(time_s=0) == last.gnss._replace(
+                time_s=0, lat_deg=pytest.approx(last.gnss.lat_deg, abs=2e-9),
+                lon_deg=pytest.approx(last.gnss.lon_deg, abs=2e-9),
+                speed_mps=pytest.approx(last.gnss.speed_mps, abs=3e-4),
+                heading_deg=pytest.approx(last.gnss.heading_deg, abs=6e-4))
+        if last.ndvi is not None:
+            assert [reading.value for reading in m.ndvi] == pytest.approx(last.ndvi, abs=6e-4)
+        if tick > 300:
+            wheel_errors.append(m.wheel_speed_mps.value - plant.truth.speed_mps)
+    assert m.shaft_rpm.value == pytest.approx(60.0, abs=2.0)
+    assert all(device.rejected == 0 for device in cab.status(clock.now_s))
+    assert abs(statistics.mean(wheel_errors)) < 0.01
+    assert statistics.pstdev(wheel_errors) < 0.06
