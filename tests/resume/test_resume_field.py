@@ -2,33 +2,21 @@
 from __future__ import annotations
 
 import datetime as dt
-import pickle
-from dataclasses import replace
-from math import ceil
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from console.app.history import TREND_POINTS, History
-from console.app.worked import CELLS_M, MOST_TILES
 from console.worker import resume
 from console.worker.assemble import assemble
 from console.worker.options import Options
 from console.worker.resume import Snapshot
 from console.worker.resume_field import jobs_here, on_plane
-from console.worker.resume_ground import TRACK_PLACES, Done
-from console.worker.resume_keeper import Keeper
-from control.diagnosis.live.watch import MOST_ROWS, MOST_S, QUARTER_S, LiveCheck
-from control.field.coverage import Coverage, Raster
+from control.field.coverage import Raster
 from control.field.job import Ground, Job
 from control.field.totals import Sums, Totaliser
 from control.geodesy import TangentPlane
-from control.log_row import LogRow
-from control.machine.machine import Machine
 from drivers.files.config import load, save, shipped
 from drivers.files.kinds import JOB
-from tests.app.made_up.run import run_frames
 
 NOW = dt.datetime.now(dt.UTC)
 HOME = 34.28, 119.88
@@ -146,78 +134,3 @@ def test_nitrogen_of_two_products_is_the_sum_of_both():
     then.add(10.0, 1.0, 100.0)
     assert then.snapshot().applied_n_kg == pytest.approx((0.46 + 0.27) * first.applied_kg)
     assert Totaliser(2.4, 0.27, first.sums._replace(n_kg=None)).applied_n_kg == pytest.approx(0.27 * first.applied_kg)
-
-
-# --- A working day of twelve hours: what is kept of it is bounded (docs/limits.md) -----------------------------------
-
-DAY_S = 12 * 3600.0
-SPEED_MPS, PASS_M, WIDTH_M = 1.25, 300.0, 2.4
-MB_A_HECTARE, EDGES_MB = 1.7, 6.0       # of both bitmaps, as the page has it
-
-
-def place_at(time_s: float) -> tuple[tuple[float, float], float]:
-    """Up and down a field, one pass next to the other."""
-    lap, along = divmod(SPEED_MPS * time_s, PASS_M)
-    return (lap * WIDTH_M, along if lap % 2 == 0 else PASS_M - along), 180.0 * (lap % 2)
-
-
-def test_the_live_check_keeps_45_minutes_however_fast_they_come():
-    """Also where the log's clock stands still."""
-    check = LiveCheck(Machine(), lambda since, now_s: [], lambda columns, machine: (_ for _ in ()).throw(ValueError))
-    most = 0
-    for begin_s in np.arange(0.0, DAY_S, 5.0):
-        time_s = begin_s + np.arange(100) * 0.05
-        check.add({"time_s": time_s, "speed_mps": np.ones(100), "state": np.full(100, "working", object)})
-        if check.due:
-            check.look()
-        most = max(most, sum(len(piece["time_s"]) for piece in check._rows))
-    assert most <= (MOST_S + QUARTER_S) * 20 + 100
-    for _ in range(1500):
-        check.add({"time_s": np.full(100, DAY_S), "speed_mps": np.ones(100)})
-    assert sum(len(piece["time_s"]) for piece in check._rows) == check._kept <= MOST_ROWS
-    whole = np.zeros((400_000, 2))
-    check.add({"time_s": whole[:, 0] + DAY_S, "speed_mps": whole[:, 1]})
-    assert check._kept <= MOST_ROWS and all(column.base is None for column in check._rows[-1].values()), "a copy"
-
-
-def test_the_console_remembers_no_more_of_twelve_hours():
-    """A frame every 4 s; live there are five a second, which lie in the same pieces of the coarser levels."""
-    history, frame = History(), run_frames(1.0)[0]
-    before = history.series.bytes
-    for time_s in range(0, int(DAY_S), 4):
-        (east, north), heading = place_at(time_s)
-        history.add(replace(frame, seq=time_s, at_s=time_s, place_m=(east, north),
-                            row=frame.row._replace(time_s=float(time_s), heading_deg=heading)))
-    assert len(history.points) == TREND_POINTS and history.series.bytes == before < 25e6
-    assert history.worked.tiles <= MOST_TILES * len(CELLS_M)
-    assert history.series.start_s == 0.0, "the whole day is on the trend"
-
-
-def test_the_worker_s_ground_grows_with_the_ground_alone():
-    done, own = Done(Machine()), Coverage(WIDTH_M)
-    for time_s in np.arange(0.0, DAY_S, 3.0):
-        at, heading = place_at(time_s)
-        done.pass_over(time_s, at, heading, 60.0, 300.0)
-        own.lay(at, heading, True)
-    hectares = own.covered.area_ha
-    assert hectares == pytest.approx(DAY_S * SPEED_MPS * WIDTH_M / 1e4, rel=0.02)
-    kept_mb = [len(pickle.dumps(one)) / 1e6 for one in (done, own)]
-    assert sum(kept_mb) < MB_A_HECTARE * hectares + EDGES_MB and len(done.track) <= TRACK_PLACES
-    for time_s in np.arange(0.0, DAY_S / 4.0, 3.0):
-        at, heading = place_at(time_s)
-        own.lay(at, heading, True)
-    assert len(pickle.dumps(own)) / 1e6 == pytest.approx(kept_mb[1], rel=1e-3), "the same ground again"
-    assert ceil(hectares) == 13
-
-
-def test_what_waits_for_a_disk_that_hangs_is_bounded(tmp_path):
-    class Loop:
-        sums = flow_trim = plane = None
-
-    class Tick:
-        row = LogRow(1.0)
-
-    keeper = Keeper(Path(tmp_path / "a.resume.json"), Machine(), Snapshot("a.csv"), Loop(), lambda: "", 50)
-    for _ in range(100):
-        keeper.take(Tick())
-    assert keeper._handed.qsize() == 50
