@@ -147,7 +147,6 @@ def test_valves_are_reached_through_the_bytes_of_the_virtual_machine():
     """A pass of a machine with sections, the middle one closed by hand from 25 s on; then the host falls silent."""
     from control.field.job import Wanted
     from control.orders import Do, Order, TargetSource
-    from drivers.virtual.machine import virtual_cab
     setup = load_setup("huanghai_sections", "demo", dt.date(2026, 4, 1))
     target = Wanted(source=TargetSource.MANUAL, manual_rate_kg_ha=300.0)
     job = with_simulated_field(setup.job.model_copy(update={"target": target}), setup.machine)
@@ -176,7 +175,6 @@ def test_valves_are_reached_through_the_bytes_of_the_virtual_machine():
 
 def test_valves_that_no_device_drives_are_said(tmp_path):
 
-    from drivers.files.config import shipped
     machine = str(shipped("machines")["huanghai_sections"])
     module = "rate_module: {pulses_per_turn: 360.0, fixed_opening_mm: 25.0, address: 127.0.0.1"
     for devices, wrong in ((module + "}", True), (module + ", valves: true}", False),

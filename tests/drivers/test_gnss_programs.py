@@ -111,7 +111,6 @@ def test_gpsd_is_asked_to_speak_at_every_connect(clock, make_plant):
 
 
 def test_the_virtual_gpsd_speaks_when_asked(clock, fake_plant):
-    from control.readings import DriveCommand
     host, device = memory_pair("gpsd", clock)
     virtual = VirtualGpsd(device)
     cab = Cab(CabConfig.model_validate({"gnss": {"protocol": "gpsd", "port": "gpsd"}}), clock, lambda *_: host)

@@ -79,7 +79,6 @@ def test_the_wrong_baud_gives_other_bytes_but_no_more_than_were_sent():
     ("bit_flips", "bad_crc"), ("wrong_baud", None)])
 def test_each_fault_shows_in_the_counts_and_never_in_the_readings(clock, fake_plant, fault, kind):
     from drivers.virtual.faults import KINDS
-    from drivers.virtual.machine import virtual_cab
     cab, machine = virtual_cab(fake_plant, clock)
     line, board = cab._drives
     line.port = FaultyPort(line.port, clock, KINDS[fault])
@@ -159,7 +158,6 @@ def test_gpsd_rate_module_and_agopengps_are_served_too(machine_at, fake_plant):
                 time.monotonic, datagram_opener=lambda url, clock: console),
             Cab(CabConfig.model_validate({"gnss": {"protocol": "agopengps", "port": "udp://127.0.0.1:17777"}}),
                 time.monotonic, opener=lambda url, baud, clock: pilot)]
-    from control.readings import DriveCommand
 
     def told() -> bool:
         served.advance()
@@ -326,9 +324,6 @@ def test_a_plant_without_a_fix_gives_no_position():
 
 def test_the_same_ends_on_tcp(clock, fake_plant):
     """The real cab on real sockets against the listening virtual machine."""
-    import time
-
-    from drivers.cab import Cab, CabConfig
     ends = [ListeningPort("127.0.0.1", 0, clock) for _ in range(3)]
     machine = VirtualMachine(fake_plant, ends[0], [ends[1]], ends[2], clock(), multiplexed=True)
     cab = Cab(CabConfig.model_validate({

@@ -227,7 +227,6 @@ def test_every_section_has_stretches_of_its_own(by_section):
 
 
 def test_it_goes_out_by_section(by_section, tmp_path: Path):
-    from drivers.files.exports.write import write_as_applied
     found, _totals, _steps = by_section
     for name in ("out.geojson", "out.shp", "task"):
         write_as_applied(found, tmp_path / name, polygons=True)
@@ -444,7 +443,6 @@ def test_a_pause_of_half_a_second_ends_the_work_for_the_record(applied: AsApplie
 
 def test_what_is_not_known_is_left_out(applied: AsApplied, tmp_path: Path) -> None:
     unknown = applied.stretches._replace(target_kg_ha=np.full_like(applied.stretches.time_s, np.nan))
-    import dataclasses
     write_as_applied(dataclasses.replace(applied, stretches=unknown), tmp_path / "u.geojson")
     write_as_applied(dataclasses.replace(applied, stretches=unknown), tmp_path / "u.shp")
     assert json.loads((tmp_path / "u.geojson").read_text())["features"][0]["properties"]["target_rate_kg_ha"] is None
