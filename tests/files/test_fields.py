@@ -23,6 +23,7 @@ from drivers.files.fields.field_data import FieldData, FieldError, Line, data_of
 from drivers.files.fields.shapes import read_shapes, write_shapes
 from drivers.files.kinds import JOB
 from drivers.files.read_log import read_log
+from tests.geojson import feature, geojson
 
 HERE = np.array([52.1234567, 9.7654321])
 
@@ -96,10 +97,8 @@ def test_into_a_job_and_out_again(topdress: Callable[..., Result], tmp_path: Pat
      shapely.box(9.01, 52.0, 9.012, 52.005))], ids=["apart", "crossed"])
 def test_what_is_not_one_field_is_asked(topdress: Callable[..., Result], tmp_path: Path,
                                         shapes: tuple[shapely.Polygon, shapely.Polygon]) -> None:
-    path = tmp_path / "two.geojson"
-    path.write_text('{"type": "FeatureCollection", "features": [' + ", ".join(
-        f'{{"type": "Feature", "properties": {{"name": "{name}"}}, "geometry": {shapely.to_geojson(shape)}}}'
-        for name, shape in zip(("West", "East"), shapes, strict=True)) + "]}")
+    path = geojson(tmp_path / "two.geojson", *(feature([list(shape.exterior.coords)], name=name)
+                                               for name, shape in zip(("West", "East"), shapes, strict=True)))
     asked = topdress("field", path)
     assert asked.exit_code == 2 and "2 fields: allowed with --name is one of West (" in asked.output
     assert topdress("field", path, "--name", "East").exit_code == 0
@@ -125,11 +124,9 @@ def test_an_outline_that_crosses_itself_says_where_and_offers_its_largest_part(t
 
 
 def test_polygons_of_one_name_are_chosen_by_their_number(topdress: Callable[..., Result], tmp_path: Path) -> None:
-    path = tmp_path / "strips.geojson"
-    path.write_text('{"type": "FeatureCollection", "features": [' + ", ".join(
-        f'{{"type": "Feature", "properties": {{"name": "{name}"}}, '
-        f'"geometry": {shapely.to_geojson(shapely.box(9.0 + 0.1 * k, 52.0, 9.01 + 0.1 * k, 52.01))}}}'
-        for k, name in enumerate(("strip", "strip", ""))) + "]}")
+    path = geojson(tmp_path / "strips.geojson", *(
+        feature([list(shapely.box(9.0 + 0.1 * k, 52.0, 9.01 + 0.1 * k, 52.01).exterior.coords)], name=name)
+        for k, name in enumerate(("strip", "strip", ""))))
     asked = topdress("field", path)
     assert asked.exit_code == 2
     assert "one of strip 1 (76.41 ha), strip 2 (76.41 ha), polygon 3 (76.41 ha)" in asked.output

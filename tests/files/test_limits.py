@@ -34,6 +34,7 @@ from drivers.files.read_log import read_log
 from drivers.files.setup import by_kind
 from drivers.files.sheet_text import check_sheets
 from drivers.plain_text import one_line
+from tests.geojson import feature, geojson
 
 PAGE = Path(__file__).parents[2] / "docs" / "limits.md"
 
@@ -412,10 +413,7 @@ def test_yaml_is_counted_as_it_is_read(tmp_path: Path, text: str) -> None:
 
 
 def _map(path: Path, rings: list[np.ndarray]) -> Path:
-    features = [{"type": "Feature", "properties": {"rate_kg_ha": 100 + k}, "geometry": {
-        "type": "Polygon", "coordinates": [ring.tolist()]}} for k, ring in enumerate(rings)]
-    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
-    return path
+    return geojson(path, *(feature([ring.tolist()], rate_kg_ha=100 + k) for k, ring in enumerate(rings)))
 
 
 PLACES = np.random.default_rng(1).random((3000, 2)) * 0.01 + (9.0, 52.0)

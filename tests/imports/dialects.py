@@ -8,7 +8,6 @@ put right by hand.
 from __future__ import annotations
 
 import datetime as dt
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ import yaml
 from control.log_row import DECIMALS
 from drivers.files.read_log import read_log
 from tests.command import topdress
+from tests.geojson import feature, geojson
 
 Floats = npt.NDArray[np.float64]
 ROWS, STEP_S = 400, 0.1
@@ -296,11 +296,9 @@ def _places(names: list[str], columns: list[list[str]], of: Deal) -> tuple[list[
 def _geojson(of: Deal, folder: Path, names: list[str], units: list[str] | None, columns: list[list[str]]) -> Path:
     names = _as_said(of, names, units)
     lat, lon, rest = _places(names, columns, of)
-    features = [{"type": "Feature", "geometry": {"type": "Point", "coordinates": [lon[row], lat[row]]},
-                 "properties": {names[k]: _value(columns[k][row]) for k in rest}} for row in range(ROWS)]
-    path = folder / f"deal{of.number}.geojson"
-    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
-    return path
+    return geojson(folder / f"deal{of.number}.geojson", *(
+        feature([lon[row], lat[row]], "Point", **{names[k]: _value(columns[k][row]) for k in rest})
+        for row in range(ROWS)))
 
 
 def _shapefile(of: Deal, folder: Path, names: list[str], units: list[str] | None, columns: list[list[str]]) -> Path:

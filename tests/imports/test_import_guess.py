@@ -1,7 +1,6 @@
 """What the guess takes for sure, and what it asks."""
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,7 @@ from drivers.files.imports.read import read_raw
 from drivers.files.imports.units import unit_named
 from drivers.files.imports.words import folded, subject_of, wanted_or_done
 from drivers.files.read_log import read_log
+from tests.geojson import feature, geojson
 from tests.places import DRIVES
 
 ROWS = range(80)
@@ -187,12 +187,9 @@ def test_a_written_guess_reads_back_as_it_was(written: Callable[..., Path], topd
 
 def _points(folder: Path, **columns: list[object]) -> Path:
     """GeoJSON of points 2 m apart, whose properties are numbers or texts as given."""
-    features = [{"type": "Feature", "geometry": {"type": "Point", "coordinates": [119.0, 34.0 + 2.0 * k / 111_200.0]},
-                 "properties": {name: values[k] for name, values in columns.items()}}
-                for k in range(len(next(iter(columns.values()))))]
-    path = folder / "points.geojson"
-    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
-    return path
+    return geojson(folder / "points.geojson", *(
+        feature([119.0, 34.0 + 2.0 * k / 111_200.0], "Point", **{name: values[k] for name, values in columns.items()})
+        for k in range(len(next(iter(columns.values()))))))
 
 
 CLOCK = [f"12:{k // 60:02d}:{k % 60:02d}" for k in range(150)]

@@ -31,6 +31,7 @@ from drivers.files.imports.trouble import ImportTrouble
 from drivers.files.read_log import read_log
 from drivers.files.what_it_is import holds_points
 from tests.command import topdress
+from tests.geojson import feature, geojson
 from tests.imports import task_sets
 
 BEGIN = dt.datetime(2026, 3, 20, 8, 0, tzinfo=dt.UTC)
@@ -173,11 +174,9 @@ UNITS = ("applied_rate_kg_ha", "target_rate_kg_ha", "speed_mps")
 
 def points(path: Path, told: bool = True) -> Path:
     names = UNITS if told else ("AppRate", "TgtRate", "Speed")
-    features = [{"type": "Feature", "geometry": {"type": "Point", "coordinates": [119.88, 34.28 + 1.35e-5 * k]},
-                 "properties": {"utc": f"2026-03-17T06:{k // 60:02d}:{k % 60:02d}Z",
-                                **dict(zip(names, (200.0 + k % 7, 205.0, 1.5), strict=True))}} for k in range(200)]
-    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
-    return path
+    return geojson(path, *(
+        feature([119.88, 34.28 + 1.35e-5 * k], "Point", utc=f"2026-03-17T06:{k // 60:02d}:{k % 60:02d}Z",
+                **dict(zip(names, (200.0 + k % 7, 205.0, 1.5), strict=True))) for k in range(200)))
 
 
 def run(*words: str) -> str:

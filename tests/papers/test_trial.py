@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,6 +15,7 @@ from control.papers import published
 from control.papers.trial import Plot, Trial, choice_of, trial_section
 from drivers.files.trial import TrialError, read_plots, read_trial, read_weights
 from tests.command import topdress
+from tests.geojson import feature, geojson
 
 PLANE = TangentPlane(34.28, 119.88)
 JOB = """format: topdress-job/1
@@ -42,10 +42,7 @@ def outline(k: int) -> list[list[float]]:
 
 
 def plots_file(path: Path, names: tuple[str, ...] = NAMES) -> Path:
-    path.write_text(json.dumps({"type": "FeatureCollection", "features": [
-        {"type": "Feature", "properties": {"name": name}, "geometry": {"type": "Polygon", "coordinates": [outline(k)]}}
-        for k, name in enumerate(names)]}))
-    return path
+    return geojson(path, *(feature([outline(k)], name=name) for k, name in enumerate(names)))
 
 
 @pytest.fixture(scope="module")

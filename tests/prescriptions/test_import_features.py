@@ -1,7 +1,6 @@
 """Shapefile and GeoJSON prescriptions: columns, units, scales, holes, round trips, and broken ones."""
 from __future__ import annotations
 
-import json
 import shutil
 import zipfile
 from pathlib import Path
@@ -17,18 +16,11 @@ from drivers.files.prescriptions.read import read_prescription
 from drivers.files.prescriptions.words import GAL_AC_L_HA, LB_AC_KG_HA, RateChoice
 from drivers.files.prescriptions.write import write_prescription
 from drivers.plain_text import Refused
+from tests.geojson import collection, feature
 
 SQUARE = [[116.0, 40.0], [116.001, 40.0], [116.001, 40.001], [116.0, 40.001], [116.0, 40.0]]
 HOLE = [[116.0002, 40.0002], [116.0002, 40.0004], [116.0004, 40.0004], [116.0002, 40.0002]]
 EAST = [[lon + 0.001, lat] for lon, lat in SQUARE]
-
-
-def collection(*features: dict[str, Any], **more: Any) -> str:
-    return json.dumps({"type": "FeatureCollection", "features": list(features), **more})
-
-
-def feature(rings: list[Any], kind: str = "Polygon", **properties: Any) -> dict[str, Any]:
-    return {"type": "Feature", "properties": properties, "geometry": {"type": kind, "coordinates": rings}}
 
 
 @pytest.fixture

@@ -2,7 +2,6 @@
 shapely; what is no lattice is one line."""
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +18,7 @@ from drivers.files.prescriptions.read import read_prescription
 from drivers.files.prescriptions.words import RateChoice, RateQuestion
 from drivers.plain_text import Refused
 from tests.command import topdress
+from tests.geojson import feature, geojson
 
 PLANE = TangentPlane(34.8, 113.6)
 RATES = (120.0, 180.5, 240.0, 300.0)
@@ -131,10 +131,8 @@ def test_points_of_geojson_and_shapefile(tmp_path, ending):
                 out.point(lon, lat)
                 out.record(k, rate)
     else:
-        path.write_text(json.dumps({"type": "FeatureCollection", "features": [
-            {"type": "Feature", "properties": {"zone": k, "Tgt_Rate": rate},
-             "geometry": {"type": "Point", "coordinates": [lon, lat]}}
-            for k, ((lat, lon), rate) in enumerate(zip(lat_lon.tolist(), rates.tolist(), strict=True))]}))
+        geojson(path, *(feature([lon, lat], "Point", zone=k, Tgt_Rate=rate) for k, ((lat, lon), rate) in enumerate(
+            zip(lat_lon.tolist(), rates.tolist(), strict=True))))
     area, mass = sums(path)
     true_area, true_mass = by_shapely(places, rates, 10.0, 10.0, 12.0)
     assert area == pytest.approx(true_area, rel=2e-4) and mass == pytest.approx(true_mass, rel=2e-4)

@@ -37,6 +37,7 @@ from drivers.files.setup import Setup, load_setup
 from drivers.plain_text import Refused
 from tests.command import topdress
 from tests.control_loop.closed import Change, Closed
+from tests.geojson import feature, geojson
 
 RING = [[119.88, 34.28], [119.881, 34.28], [119.881, 34.281], [119.88, 34.281], [119.88, 34.28]]
 HEADING_DEG = 24.0
@@ -113,8 +114,7 @@ def test_the_map_can_be_ordered_only_where_there_is_one(setup: Setup, grid: Pres
 
 @pytest.fixture
 def map_file(tmp_path: Path) -> Path:
-    feature = {"type": "Feature", "properties": {"rate": 200.0}, "geometry": {"type": "Polygon", "coordinates": [RING]}}
-    (tmp_path / "map.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
+    geojson(tmp_path / "map.geojson", feature([RING], rate=200.0))
     return tmp_path
 
 

@@ -30,6 +30,7 @@ from drivers.files.prescriptions.read import read_prescription
 from drivers.files.prescriptions.words import RateChoice, RateQuestion
 from tests.app.made_up.job import FACTS
 from tests.command import topdress
+from tests.geojson import feature, geojson
 
 LAT, LON, STEP = 34.28, 119.88, 0.0005
 LIMIT = 500.0                   # of the shipped crop
@@ -41,10 +42,9 @@ def square(south: float, west: float, north: float, east: float) -> Floats:
 
 def strips(folder: Path, rates: tuple[float, ...], south: float = LAT) -> Path:
     """Strips from south to north over the shipped job's field."""
-    features = [{"type": "Feature", "properties": {"rate": rate}, "geometry": {"type": "Polygon", "coordinates": [
-        [[LON, a], [LON + 0.001, a], [LON + 0.001, a + STEP], [LON, a + STEP], [LON, a]]]}}
-        for k, rate in enumerate(rates) for a in [south + k * STEP]]
-    (folder / "map.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    geojson(folder / "map.geojson", *(
+        feature([[[LON, a], [LON + 0.001, a], [LON + 0.001, a + STEP], [LON, a + STEP], [LON, a]]], rate=rate)
+        for k, rate in enumerate(rates) for a in [south + k * STEP]))
     text = shipped("jobs")["map_demo"].read_text().replace("map_demo.geojson", "map.geojson")
     (folder / "job.yaml").write_text(text)
     return folder / "job.yaml"
@@ -223,11 +223,8 @@ def test_an_offset_of_the_presentation_is_a_question(tmp_path: Path) -> None:
 
 
 def test_columns_that_are_not_used_are_said(tmp_path: Path) -> None:
-    file = tmp_path / "m.geojson"
     ring = [[116.0, 40.0], [116.001, 40.0], [116.0, 40.001], [116.0, 40.0]]
-    file.write_text(json.dumps({"type": "FeatureCollection", "features": [
-        {"type": "Feature", "properties": {"rate": 100, "ID": 7, "offset_m": 3.0},
-         "geometry": {"type": "Polygon", "coordinates": [ring]}}]}))
+    file = geojson(tmp_path / "m.geojson", feature([ring], rate=100, ID=7, offset_m=3.0))
     assert [f.text for f in read_prescription(file).findings] == ["2 columns not used: ID, offset_m"]
 
 
@@ -236,11 +233,7 @@ def test_columns_that_are_not_used_are_said(tmp_path: Path) -> None:
 @pytest.fixture
 def square_field(tmp_path: Path) -> Path:
     ring = [[116.0, 40.0], [116.001, 40.0], [116.001, 40.001], [116.0, 40.001], [116.0, 40.0]]
-    file = tmp_path / "square.geojson"
-    file.write_text(json.dumps({"type": "FeatureCollection", "features": [
-        {"type": "Feature", "properties": {"rate": 200.0},
-         "geometry": {"type": "Polygon", "coordinates": [ring]}}]}))
-    return file
+    return geojson(tmp_path / "square.geojson", feature([ring], rate=200.0))
 
 
 def test_a_map_is_told(square_field: Path) -> None:
@@ -285,9 +278,7 @@ def test_zones_are_merged_by_a_step_of_rate_and_keep_their_mass(tmp_path: Path) 
     strips = [[[116.0 + 1e-5 * k, 40.0], [116.0 + 1e-5 * (k + 1), 40.0], [116.0 + 1e-5 * (k + 1), 40.001],
                [116.0 + 1e-5 * k, 40.001], [116.0 + 1e-5 * k, 40.0]] for k in range(400)]
     file, out = tmp_path / "fine.geojson", tmp_path / "few.kml"
-    file.write_text(json.dumps({"type": "FeatureCollection", "features": [
-        {"type": "Feature", "properties": {"rate": rate}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
-        for rate, ring in zip(rates.tolist(), strips, strict=True)]}))
+    geojson(file, *(feature([ring], rate=rate) for rate, ring in zip(rates.tolist(), strips, strict=True)))
     told = topdress("map", file, "--merge", 5, "--outside", 30, "--out", out, "--json")
     assert told.exit_code == 0, told.output
     said, whole = json.loads(told.stdout), json.loads(topdress("map", file, "--json").stdout)
@@ -303,9 +294,6 @@ def test_zones_are_merged_by_a_step_of_rate_and_keep_their_mass(tmp_path: Path) 
 
 
 def test_a_zone_that_crosses_itself_is_put_right_and_said(tmp_path: Path) -> None:
-    file = tmp_path / "bow.geojson"
     ring = [[116.0, 40.0], [116.001, 40.001], [116.001, 40.0], [116.0, 40.001], [116.0, 40.0]]
-    file.write_text(json.dumps({"type": "FeatureCollection", "features": [
-        {"type": "Feature", "properties": {"rate": 100}, "geometry": {"type": "Polygon", "coordinates": [ring]}}]}))
-    told = topdress("map", file)
+    told = topdress("map", geojson(tmp_path / "bow.geojson", feature([ring], rate=100)))
     assert "altogether   0.4741 ha" in told.stdout and "1 zone with edges that cross: what they enclose" in told.stdout

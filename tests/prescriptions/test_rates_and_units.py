@@ -27,6 +27,7 @@ from drivers.files.prescriptions.words import (
 )
 from drivers.plain_text import Refused
 from tests.command import topdress
+from tests.geojson import feature, geojson
 
 RATES = [120.5, 150.0, 180.25, 210.0]
 BOXES = [shapely.box(116.0 + 0.001 * k, 40.0, 116.001 + 0.001 * k, 40.001) for k in range(4)]
@@ -35,11 +36,9 @@ Write = Callable[[Path, Columns], Path]
 
 
 def as_geojson(folder: Path, columns: Columns, **members: Any) -> Path:
-    features = [{"type": "Feature", "properties": {name: values[k] for name, values in columns.items()},
-                 "geometry": json.loads(shapely.to_geojson(box))} for k, box in enumerate(BOXES)]
-    path = folder / "map.geojson"
-    path.write_text(json.dumps({"type": "FeatureCollection", "features": features, **members}), encoding="utf-8")
-    return path
+    return geojson(folder / "map.geojson", *(
+        feature([list(box.exterior.coords)], **{name: values[k] for name, values in columns.items()})
+        for k, box in enumerate(BOXES)), **members)
 
 
 def as_shapefile(folder: Path, columns: Columns) -> Path:
