@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from drivers.devices.lines import LineDecoder
+from drivers.devices.lines import Ignored, LineDecoder, Rejected
 from drivers.plugins import plugged
 
 LOWEST_NDVI = -1.0
@@ -83,42 +83,37 @@ class HeadDecoder(LineDecoder[HeadSample]):
         self._heads = heads
         self._first = True
 
-    def _line(self, line: bytes, time_s: float) -> list[HeadSample]:
+    def _said(self, sentence: bytes, time_s: float) -> list[HeadSample]:
         first, self._first = self._first, False
-        if line.startswith(b"#"):
-            self.counts.ignore("comment")
-            return []
-        found = self._sample(line.strip(), time_s)
-        if isinstance(found, HeadSample):
-            self.counts.accept()
-            return [found]
-        if first:
-            self.counts.ignore("partial_first")
-        else:
-            self.counts.reject(found)
-        return []
+        if sentence.startswith(b"#"):
+            raise Ignored("comment")
+        try:
+            return [self._sample(sentence.strip(), time_s)]
+        except Rejected:
+            if first:
+                raise Ignored("partial_first") from None
+            raise
 
-    def _sample(self, line: bytes, time_s: float) -> HeadSample | str:
-        """The sample, or the kind of what is wrong with the line."""
+    def _sample(self, line: bytes, time_s: float) -> HeadSample:
         head = self._head
         if head is None:
             prefix, _, line = line.partition(b",")
             match = _HEAD.fullmatch(prefix)
             head = int(match[1]) if match else 0
             if not 1 <= head <= self._heads:
-                return "unknown_head"
+                raise Rejected("unknown_head")
         if not _PRINTABLE.fullmatch(line):
-            return "unprintable"
+            raise Rejected("unprintable")
         texts = line.split(b",")
         if len(texts) != self._map.fields:
-            return "wrong_field_count"
+            raise Rejected("wrong_field_count")
         values = []
         for number in (self._map.ndvi, self._map.index_2):
             text = texts[number - 1].strip() if number else b"0"
             if not _NUMBER.fullmatch(text):
-                return "not_a_number"
+                raise Rejected("not_a_number")
             values.append(float(text))
         ndvi, index_2 = values
         if not LOWEST_NDVI <= ndvi <= HIGHEST_NDVI or abs(index_2) > 100.0:
-            return "out_of_range"
+            raise Rejected("out_of_range")
         return HeadSample(time_s, head, ndvi, index_2 if self._map.index_2 else None)

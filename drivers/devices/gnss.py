@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 from datetime import UTC, date, datetime, timedelta
 
 from control.readings import GnssFix
-from drivers.devices.lines import LineDecoder
-from drivers.devices.nmea import GNSS_TALKERS, Ignored, Rejected, Sentence, parse
+from drivers.devices.lines import Ignored, LineDecoder, Rejected
+from drivers.devices.nmea import GNSS_TALKERS, Sentence, parse
 
 DAY_MS = 86_400_000
 BEHIND = {"GNS": ("GGA",), "GLL": ("GGA", "GNS", "RMC")}
@@ -58,6 +58,8 @@ class GnssDecoder(LineDecoder[GnssFix]):
     `no_epoch`: VTG carries no time, and there is no epoch yet that it could belong to.
     """
 
+    framed = True
+
     def __init__(self, live: bool = True) -> None:
         super().__init__()
         self._live = live
@@ -72,20 +74,18 @@ class GnssDecoder(LineDecoder[GnssFix]):
         return super().flush(time_s) + self._close_epoch()
 
     def _line(self, line: bytes, time_s: float) -> list[GnssFix]:
-        if line.startswith(b"#"):
-            self.counts.ignore("comment")
-            return []
-        fixes: list[GnssFix] = []
-        for sentence in self._frames(line):
-            try:
-                fixes += self._take(self._first_hand(parse(sentence), time_s), time_s)
-            except Rejected as kind:
-                self.counts.reject(str(kind))
-            except Ignored as kind:
-                self.counts.ignore(str(kind))
-                if str(kind) == "no_fix":           # it speaks, and says that it does not know
-                    self._note(sentence[:2].decode(), sentence[2:5].decode(), time_s)
-        return fixes
+        if not line.startswith(b"#"):
+            return super()._line(line, time_s)
+        self.counts.ignore("comment")
+        return []
+
+    def _said(self, sentence: bytes, time_s: float) -> list[GnssFix]:
+        try:
+            return self._take(self._first_hand(parse(sentence), time_s), time_s)
+        except Ignored as kind:
+            if str(kind) == "no_fix":           # it speaks, and says that it does not know
+                self._note(sentence[:2].decode(), sentence[2:5].decode(), time_s)
+            raise
 
     def _first_hand(self, sentence: Sentence, time_s: float) -> Sentence:
         """The sentence, where none that stands before it has spoken lately. Raises Ignored.
@@ -124,7 +124,6 @@ class GnssDecoder(LineDecoder[GnssFix]):
         epoch.sentences[sentence.type] = sentence
         if sentence.date is not None:
             self._dated = sentence.date, epoch.time_of_day_ms
-        self.counts.accept()
         if not self._live:
             return closed
         if brings_speed if epoch.handed_over else sentence.type == self._ending_type():

@@ -8,7 +8,7 @@ from typing import Any
 
 from control.readings import GnssFix
 from drivers.devices.gnss import NEW_CLOCK_AFTER_S
-from drivers.devices.lines import LineDecoder
+from drivers.devices.lines import Ignored, LineDecoder, Rejected
 from drivers.devices.nmea import FASTEST_MPS, LARGEST_HDOP
 
 WATCH = b'?WATCH={"enable":true,"json":true};\n'
@@ -34,90 +34,82 @@ class GpsdDecoder(LineDecoder[GnssFix]):
         self._satellites: int | None = None
         self._hdop: float | None = None
 
-    def _line(self, line: bytes, time_s: float) -> list[GnssFix]:
+    def _said(self, sentence: bytes, time_s: float) -> list[GnssFix]:
         try:
-            said = json.loads(line)
+            said = json.loads(sentence)
         except (ValueError, RecursionError):
             said = None
-        found = self._take(said, time_s) if isinstance(said, dict) else "malformed"
-        if isinstance(found, GnssFix):
-            self.counts.accept()
-            return [found]
-        if found.startswith("+"):
-            self.counts.accept()
-        elif found.startswith("-"):
-            self.counts.ignore(found[1:])
-        else:
-            self.counts.reject(found)
-        return []
+        if not isinstance(said, dict):
+            raise Rejected("malformed")
+        return self._take(said, time_s)
 
-    def _take(self, said: dict[str, Any], time_s: float) -> GnssFix | str:
-        """The fix; or `+` accepted without one; or `-kind` ignored; or the kind of what is wrong."""
+    def _take(self, said: dict[str, Any], time_s: float) -> list[GnssFix]:
         name = said.get("class")
         if not isinstance(name, str):
-            return "malformed"
+            raise Rejected("malformed")
         if name == "POLL":
             return self._poll(said, time_s)
         if name not in ("TPV", "SKY"):
-            return "-" + (name if name.isalpha() and len(name) < 20 else "other")
+            raise Ignored(name if name.isalpha() and len(name) < 20 else "other")
         if self._device is not None and said.get("device", self._device) != self._device:
-            return "-other_device"
-        try:
-            return self._fix(said, time_s) if name == "TPV" else self._sky(said)
-        except _WrongType:
-            return "malformed"
-        except _Impossible:
-            return "impossible_value"
+            raise Ignored("other_device")
+        return self._fix(said, time_s) if name == "TPV" else self._sky(said)
 
-    def _poll(self, said: dict[str, Any], time_s: float) -> GnssFix | str:
+    def _poll(self, said: dict[str, Any], time_s: float) -> list[GnssFix]:
         """An answer to ?POLL holds the newest reports of each receiver: those of the one that is used."""
-        found: GnssFix | str = "-POLL"
+        found: list[GnssFix] | Ignored | Rejected = Ignored("POLL")
         for name, kind in (("sky", "SKY"), ("tpv", "TPV")):
             reports = said.get(name, [])
             if not isinstance(reports, list) or not all(isinstance(one, dict) for one in reports):
-                return "malformed"
+                raise Rejected("malformed")
             for report in reports:
-                taken = self._take({**report, "class": kind}, time_s)
-                found = taken if isinstance(taken, GnssFix) or not isinstance(found, GnssFix) else found
+                try:
+                    taken: list[GnssFix] | Ignored | Rejected = self._take({**report, "class": kind}, time_s)
+                except (Ignored, Rejected) as why:
+                    taken = why
+                if not (isinstance(found, list) and found) or (isinstance(taken, list) and taken):
+                    found = taken
+        if not isinstance(found, list):
+            raise found
         return found
 
-    def _sky(self, said: dict[str, Any]) -> str:
+    def _sky(self, said: dict[str, Any]) -> list[GnssFix]:
         hdop, used = _number(said, "hdop", 0.0, LARGEST_HDOP), _number(said, "uSat", 0, 200)
         if hdop is None and used is None:
-            return "-SKY"
+            raise Ignored("SKY")
         self._hdop = hdop if hdop is not None else self._hdop
         self._satellites = int(used) if used is not None else self._satellites
-        return "+"
+        return []
 
-    def _fix(self, said: dict[str, Any], time_s: float) -> GnssFix | str:
+    def _fix(self, said: dict[str, Any], time_s: float) -> list[GnssFix]:
         mode = _number(said, "mode", 0, 3)
         if mode is None:
-            return "malformed"
+            raise Rejected("malformed")
         if mode < 2:
-            return "-no_fix"
+            raise Ignored("no_fix")
         lat_deg, lon_deg = _number(said, "lat", -90.0, 90.0), _number(said, "lon", -180.0, 180.0)
         if lat_deg is None or lon_deg is None:
-            return "-no_fix"
+            raise Ignored("no_fix")
         if lat_deg == 0.0 and lon_deg == 0.0:
-            return "impossible_value"
+            raise Rejected("impossible_value")
         status = _number(said, "status", 0, 9)
         heading_deg = _number(said, "track", 0.0, 360.0)
         speed_mps = _number(said, "speed", 0.0, FASTEST_MPS)
         utc = said.get("time")
         if utc is not None and not _is_utc(utc):
-            return "malformed"
+            raise Rejected("malformed")
         if utc is not None:
             if utc == self._utc:
-                return "duplicate_epoch"
+                raise Rejected("duplicate_epoch")
             if utc < self._utc and not self._new_clock(time_s):
-                return "time_backwards"
+                raise Rejected("time_backwards")
             self._utc, self._behind_since_s = utc, None
         device = said.get("device")
         if isinstance(device, str):
             self._device = device
-        return GnssFix(time_s, lat_deg, lon_deg, QUALITY_OF_STATUS[int(status or 0)], self._satellites, self._hdop,
-                       speed_mps, None if heading_deg is None else heading_deg % 360.0,
-                       None if utc is None else utc[:19] + (utc[19:-1] + ".000")[:4] + "Z")
+        return [GnssFix(time_s, lat_deg, lon_deg, QUALITY_OF_STATUS[int(status or 0)], self._satellites, self._hdop,
+                        speed_mps, None if heading_deg is None else heading_deg % 360.0,
+                        None if utc is None else utc[:19] + (utc[19:-1] + ".000")[:4] + "Z")]
 
     def _new_clock(self, time_s: float) -> bool:
         """Whether the receiver's time has run on behind the old one for long enough to be its new clock."""
@@ -136,12 +128,7 @@ def _is_utc(said: object) -> bool:
     return True
 
 
-class _WrongType(Exception):
-    pass
 
-
-class _Impossible(Exception):
-    pass
 
 
 def _number(said: dict[str, Any], key: str, low: float, high: float) -> float | None:
@@ -149,7 +136,7 @@ def _number(said: dict[str, Any], key: str, low: float, high: float) -> float | 
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise _WrongType
+        raise Rejected("malformed")
     if not low <= value <= high:                # also for what is no number, and for whole ones of any length
-        raise _Impossible
+        raise Rejected("impossible_value")
     return float(value)

@@ -51,7 +51,7 @@ class LagRig(LineDecoder[RigReadings]):
     Counted as rejected: as the slave board's lines, see `slave_board.SlaveBoard`.
     """
 
-    longest = 200
+    longest, framed, wrong = 200, True, ValueError
 
     def __init__(self) -> None:
         super().__init__()
@@ -61,14 +61,8 @@ class LagRig(LineDecoder[RigReadings]):
         self._offsets_s = [math.inf, math.inf]      # host's clock less the rig's: least of the last block, of this one
         self._block_s = -math.inf
 
-    def _line(self, line: bytes, time_s: float) -> list[RigReadings]:
-        readings = []
-        for frame in self._frames(line):
-            try:
-                readings.append(self._take(decode_status(frame), time_s))
-            except ValueError as kind:
-                self.counts.reject(str(kind))
-        return readings
+    def _said(self, sentence: bytes, time_s: float) -> list[RigReadings]:
+        return [self._take(decode_status(sentence), time_s)]
 
     def order(self, run: int, arm: bool) -> bytes:
         """Arm the rig for a run of that number, or let it idle. Sent again and again, it does no harm."""
@@ -80,7 +74,6 @@ class LagRig(LineDecoder[RigReadings]):
             raise BadFrame("repeated_sequence")
         restarted = self._last_seq is not None and (self._last_seq - status.seq) % SEQUENCES < SEQUENCES // 2
         self._last_seq = status.seq
-        self.counts.accept()
         if restarted:
             self._micros, self._offsets_s = None, [math.inf, math.inf]
         if self._micros is None:

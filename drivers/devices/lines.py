@@ -68,13 +68,23 @@ class Counts:
         return sum(self.rejected.values())
 
 
+class Rejected(Exception):
+    """A sentence that is wrong; the argument is the kind under which it is counted."""
+
+
+class Ignored(Exception):
+    """A sentence that is right and of no use here; the argument is the kind under which it is counted."""
+
+
 Said = TypeVar("Said")
 
 
 class LineDecoder(Generic[Said]):
-    """Bytes of a protocol of lines to what they say. Opens nothing and reads no clock. A protocol gives `_line`."""
+    """Bytes of a protocol of lines to what they say. Opens nothing and reads no clock. A protocol gives `_said`."""
 
     longest: ClassVar[int] = 512        # of a line, bytes
+    framed: ClassVar[bool] = False      # a line is frames that each begin with `$`
+    wrong: ClassVar[type[Exception]] = Rejected         # what `_said` raises of a sentence that is wrong
 
     def __init__(self) -> None:
         self.counts = Counts()
@@ -90,6 +100,23 @@ class LineDecoder(Generic[Said]):
 
     def _line(self, line: bytes, time_s: float) -> list[Said]:
         """What one line says; whatever is wrong with it is counted by kind."""
+        return [one for sentence in (self._frames(line) if self.framed else (line,))
+                for one in self._counted(sentence, time_s)]
+
+    def _counted(self, sentence: bytes, time_s: float) -> list[Said]:
+        try:
+            said = self._said(sentence, time_s)
+        except Ignored as kind:
+            self.counts.ignore(str(kind))
+            return []
+        except self.wrong as kind:
+            self.counts.reject(str(kind))
+            return []
+        self.counts.accept()
+        return said
+
+    def _said(self, sentence: bytes, time_s: float) -> list[Said]:
+        """What one sentence says. Raises Rejected, Ignored."""
         raise NotImplementedError
 
     def _frames(self, line: bytes) -> list[bytes]:

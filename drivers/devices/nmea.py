@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 
 import pynmea2
 
+from drivers.devices.lines import Ignored, Rejected
+
 # Satellite receivers by constellation. Any other two letters are some program or instrument that passes a place on (IN
 # integrated navigation, EC chart display, II, ...); P begins what a maker has for himself.
 GNSS_TALKERS = frozenset({"GP", "GN", "GL", "GA", "GB", "BD", "GI", "GQ", "QZ"})
@@ -30,14 +32,6 @@ _LONGITUDE = re.compile(r"\d{5}\.\d+")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)")
 _HEX_PAIR = re.compile(rb"[0-9A-Fa-f]{2}")
 _ADDRESS = re.compile(r"[A-Z][A-Z0-9]{2,7}")
-
-
-class Rejected(Exception):
-    """A sentence that is wrong; the argument is the kind under which it is counted."""
-
-
-class Ignored(Exception):
-    """A sentence that is right and of no use here; the argument is the kind under which it is counted."""
 
 
 class Sentence(NamedTuple):

@@ -15,7 +15,7 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from drivers.devices.lines import LineDecoder
+from drivers.devices.lines import Ignored, LineDecoder, Rejected
 from drivers.devices.nmea import checksum, seal
 
 MOST_KG_HA = 2000.0             # as a job's rates
@@ -42,28 +42,23 @@ class RateLineDecoder(LineDecoder[RateSaid]):
         self._unit_kg_ha = unit_kg_ha
         self._before = -1.0
 
-    def _line(self, line: bytes, time_s: float) -> list[RateSaid]:
-        text = line.strip()
+    def _said(self, sentence: bytes, time_s: float) -> list[RateSaid]:
+        text = sentence.strip()
         own, raven = _OWN.fullmatch(text), _RAVEN.fullmatch(text)
         if own is None and raven is None:
-            self.counts.reject("garbage")
-            return []
+            raise Rejected("garbage")
         if own is not None and checksum(own[1]) != int(own[3], 16):
-            self.counts.reject("bad_checksum")
-            return []
+            raise Rejected("bad_checksum")
         is_target = own is not None or (raven is not None and raven["target"] is not None)
         rate = float(own[2]) if own is not None else 0.0
         if raven is not None:
             rate = self._unit_kg_ha * float(raven["target"] or raven["actual"])
         if rate > MOST_KG_HA:
-            self.counts.reject("impossible_value")
-            return []
+            raise Rejected("impossible_value")
         if raven is not None and is_target:
             before, self._before = self._before, rate
             if before != rate:
-                self.counts.ignore("said_once")
-                return []
-        self.counts.accept()
+                raise Ignored("said_once")
         return [RateSaid(time_s, rate, is_target)]
 
 

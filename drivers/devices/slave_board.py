@@ -75,7 +75,7 @@ class SlaveBoard(LineDecoder[BoardReadings]):
     lines that the sequence numbers say were sent and never came. `dose`: what became of the doses sent by `give_dose`.
     """
 
-    longest = 200
+    longest, framed, wrong = 200, True, ValueError
 
     def __init__(self, limits: SetPointLimits | None = None, wheel: WheelGeometry | None = None) -> None:
         super().__init__()
@@ -132,23 +132,18 @@ class SlaveBoard(LineDecoder[BoardReadings]):
         self._next_command += 1
         return line
 
-    def _line(self, line: bytes, time_s: float) -> list[BoardReadings]:
-        readings = []
-        for frame in self._frames(line):
-            try:
-                if frame.startswith(DOSE_REPORT):
-                    report = decode_report(frame)
-                    self._count(report.seq)
-                    self.dose.hear(report, time_s)
-                elif frame.startswith(BOARD_WORD):
-                    seq, word = decode_word(frame)
-                    self._count(seq)
-                    self._word, self._ask, self._asked = word, False, 0
-                else:
-                    readings.append(self._take(decode_status(frame), time_s))
-            except ValueError as kind:
-                self.counts.reject(str(kind))
-        return readings
+    def _said(self, sentence: bytes, time_s: float) -> list[BoardReadings]:
+        if sentence.startswith(DOSE_REPORT):
+            report = decode_report(sentence)
+            self._count(report.seq)
+            self.dose.hear(report, time_s)
+            return []
+        if sentence.startswith(BOARD_WORD):
+            seq, word = decode_word(sentence)
+            self._count(seq)
+            self._word, self._ask, self._asked = word, False, 0
+            return []
+        return [self._take(decode_status(sentence), time_s)]
 
     def _count(self, seq: int) -> None:
         """Raises BadFrame for a frame that was there before."""
@@ -158,7 +153,6 @@ class SlaveBoard(LineDecoder[BoardReadings]):
             skipped = (seq - self._last_seq - 1) % SEQUENCES
             self.missed += skipped if skipped < SEQUENCES // 2 else 0
         self._last_seq = seq
-        self.counts.accept()
 
     def _take(self, status: StatusFrame, time_s: float) -> BoardReadings:
         self._count(status.seq)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 
 from control.readings import MOST_ANNOUNCED, SpeedPlan, can_be_announced
-from drivers.devices.lines import LineDecoder
+from drivers.devices.lines import Ignored, LineDecoder, Rejected
 from drivers.devices.nmea import checksum, seal
 
 HEAD = b"PTDSP,"
@@ -24,30 +24,24 @@ class TractorSpeedDecoder(LineDecoder[SpeedPlan]):
 
     longest = 1024
 
-    def _line(self, line: bytes, time_s: float) -> list[SpeedPlan]:
-        found = _SENTENCE.fullmatch(line.strip())
+    def _said(self, sentence: bytes, time_s: float) -> list[SpeedPlan]:
+        found = _SENTENCE.fullmatch(sentence.strip())
         if found is None:
-            self.counts.reject("garbage")
-            return []
+            raise Rejected("garbage")
         body, sum_ = found.groups()
         if checksum(body) != int(sum_, 16):
-            self.counts.reject("bad_checksum")
-            return []
+            raise Rejected("bad_checksum")
         if not body.startswith(HEAD):
-            self.counts.ignore("other_sentence")
-            return []
+            raise Ignored("other_sentence")
         fields = body[len(HEAD):].split(b",")
         if len(fields) % 2 == 0 or not 3 <= len(fields) <= 1 + 2 * MOST_ANNOUNCED or not all(
                 map(_NUMBER.fullmatch, fields)):
-            self.counts.reject("wrong_fields")
-            return []
+            raise Rejected("wrong_fields")
         values = [float(field) for field in fields]
         announced = SpeedPlan(time_s, tuple(
             (in_s, kmh / 3.6) for in_s, kmh in zip(values[1::2], values[2::2], strict=True)), values[0])
         if not can_be_announced(announced):
-            self.counts.reject("impossible_value")
-            return []
-        self.counts.accept()
+            raise Rejected("impossible_value")
         return [announced]
 
 
