@@ -25,7 +25,8 @@ from drivers.devices import agopengps, board_frames, gpsd, lag_rig, point_dose, 
 from drivers.devices.board_frames import CommandFrame, encode_command
 from drivers.devices.canopy_heads import PROTOCOLS, HeadDecoder, HeadFields
 from drivers.devices.gnss import GnssDecoder
-from drivers.devices.nmea import Ignored, Rejected, parse
+from drivers.devices.lines import Ignored, Rejected
+from drivers.devices.nmea import parse
 from drivers.devices.rate_module_frames import FlowTarget, Relays, Status, encode_relays, encode_target
 from drivers.devices.rate_module_frames import encode_status as encode_module
 from drivers.devices.slave_board import SlaveBoard
@@ -145,7 +146,7 @@ def datagrams(decode: Callable[[bytes], Said]) -> Callable[[bytes], list[Said]]:
     def said(data: bytes) -> list[Said]:
         try:
             return [decode(data)]
-        except rate_module_frames.BadDatagram:
+        except (Rejected, Ignored):
             return []
     return said
 

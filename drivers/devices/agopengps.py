@@ -10,7 +10,7 @@ import math
 import struct
 
 from control.readings import GnssFix
-from drivers.devices.lines import Counts
+from drivers.devices.lines import Decoder, Ignored, Rejected
 from drivers.devices.nmea import FASTEST_MPS
 
 HEAD = b"\x80\x81\x7f"
@@ -20,7 +20,7 @@ SPEED_HELD_S = 1.0          # a speed older than this is not given with a positi
 _PLACE = struct.Struct("<ddd")      # longitude, latitude, heading
 
 
-class AgOpenGpsDecoder:
+class AgOpenGpsDecoder(Decoder[GnssFix]):
     """Bytes of the loopback to fixes; each position is a fix, with the newest speed.
 
     The frames tell no fix quality and no time: quality is 1, `utc` None. Counted as rejected: `bad_checksum`,
@@ -29,7 +29,7 @@ class AgOpenGpsDecoder:
     """
 
     def __init__(self) -> None:
-        self.counts = Counts()
+        super().__init__()
         self._rest = b""
         self._at = 0                # of `_rest`: read up to here
         self._in_garbage = False
@@ -38,13 +38,8 @@ class AgOpenGpsDecoder:
 
     def feed(self, data: bytes, time_s: float) -> list[GnssFix]:
         """Fixes completed by `data`, which arrived at `time_s`; oldest first."""
-        fixes = []
         self._rest += data
-        while (frame := self._next()) is not None:
-            found = self._take(frame[3], frame[5:-1], time_s)
-            if isinstance(found, GnssFix):
-                fixes.append(found)
-        return fixes
+        return [fix for frame in iter(self._next, None) for fix in self._counted(frame, time_s)]
 
     def flush(self, time_s: float) -> list[GnssFix]:
         """At the end of a recording: a frame cut short is counted."""
@@ -83,29 +78,24 @@ class AgOpenGpsDecoder:
             self._in_garbage = True
         self._at = place
 
-    def _take(self, name: int, body: bytes, time_s: float) -> GnssFix | None:
+    def _said(self, sentence: bytes, time_s: float) -> list[GnssFix]:
+        name, body = sentence[3], sentence[5:-1]
         if name not in FEWEST_BYTES:
-            self.counts.ignore(f"pgn_{name:02x}")
-            return None
+            raise Ignored(f"pgn_{name:02x}")
         if len(body) < FEWEST_BYTES[name]:
-            self.counts.reject("wrong_length")
-            return None
+            raise Rejected("wrong_length")
         if name == DRIVE:
             speed_mps = int.from_bytes(body[:2], "little") / 36.0       # tenths of km/h
             if speed_mps > FASTEST_MPS:
-                self.counts.reject("impossible_value")
-                return None
-            self.counts.accept()
+                raise Rejected("impossible_value")
             self._speed_mps, self._speed_s = speed_mps, time_s
-            return None
+            return []
         lon_deg, lat_deg, heading_deg = _PLACE.unpack_from(body)
         fine = all(map(math.isfinite, (lon_deg, lat_deg, heading_deg))) and (
             abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0 and -360.0 <= heading_deg <= 360.0
             and (lat_deg, lon_deg) != (0.0, 0.0))
         if not fine:
-            self.counts.reject("impossible_value")
-            return None
-        self.counts.accept()
+            raise Rejected("impossible_value")
         fresh = time_s - self._speed_s <= SPEED_HELD_S
-        return GnssFix(time_s, lat_deg, lon_deg, 1, speed_mps=self._speed_mps if fresh else None,
-                       heading_deg=heading_deg % 360.0)
+        return [GnssFix(time_s, lat_deg, lon_deg, 1, speed_mps=self._speed_mps if fresh else None,
+                        heading_deg=heading_deg % 360.0)]

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from drivers.board.framing import REPEAT_WINDOW, SEQUENCES, WORDS, number, seal, whole
+from drivers.devices.lines import Rejected
 
 VERSION = 1
 COMMAND, STATUS = f"T{VERSION}", f"S{VERSION}"
@@ -44,10 +45,6 @@ MEASURED = tuple(STATUS_RANGES)
 EFFORT = (0.0, 1000.0)          # % of full duty, A or N m: as the machine file says
 
 _CRC = re.compile(rb"[0-9A-Fa-f]{4}")
-
-
-class BadFrame(ValueError):
-    """A frame that is wrong; the argument is the kind under which it is counted."""
 
 
 class CommandFrame(NamedTuple):
@@ -152,16 +149,16 @@ def decode_status(frame: bytes) -> StatusFrame:
 
 
 def open_frame(frame: bytes, kind: str, count: int) -> list[bytes]:
-    """The fields after the frame's name, once CRC, name and number of fields are right. Raises BadFrame."""
+    """The fields after the frame's name, once CRC, name and number of fields are right. Raises Rejected."""
     payload, star, crc = frame.partition(b"*")
     crc = crc.strip()
     if not star or not crc:
-        raise BadFrame("missing_crc")
+        raise Rejected("missing_crc")
     if not _CRC.fullmatch(crc) or int(crc, 16) != crc16(payload):
-        raise BadFrame("bad_crc")
+        raise Rejected("bad_crc")
     name, *fields = payload.split(b",")
     if name != kind.encode():
-        raise BadFrame("unknown_frame")
+        raise Rejected("unknown_frame")
     if len(fields) != count:
-        raise BadFrame("wrong_length")
+        raise Rejected("wrong_length")
     return fields

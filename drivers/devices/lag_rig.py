@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 from control.readings import Reading
 from drivers.board.framing import SEQUENCES, number, seal, whole
-from drivers.devices.board_frames import COUNTERS, BadFrame, is_repeat, open_frame
-from drivers.devices.lines import LineDecoder
+from drivers.devices.board_frames import COUNTERS, is_repeat, open_frame
+from drivers.devices.lines import LineDecoder, Rejected
 
 ORDER, STATUS = "R1", "L1"
 IDLE, ARMED, TURNING, LANDED = 0, 1, 2, 3
@@ -71,7 +71,7 @@ class LagRig(LineDecoder[RigReadings]):
 
     def _take(self, status: RigStatus, time_s: float) -> RigReadings:
         if is_repeat(status.seq, self._last_seq):
-            raise BadFrame("repeated_sequence")
+            raise Rejected("repeated_sequence")
         restarted = self._last_seq is not None and (self._last_seq - status.seq) % SEQUENCES < SEQUENCES // 2
         self._last_seq = status.seq
         if restarted:
@@ -106,5 +106,5 @@ def decode_status(frame: bytes) -> RigStatus:
     start = whole(fields[6], COUNTERS - 1) if fields[6] else None
     land = whole(fields[7], COUNTERS - 1) if fields[7] else None
     if (start is None) != (state < TURNING) or (land is None) != (state < LANDED):
-        raise BadFrame("wrong_length")
+        raise Rejected("wrong_length")
     return RigStatus(seq, run, state, micros, shaft_rpm, plate, start, land, whole(fields[8], 255))

@@ -68,40 +68,24 @@ class Counts:
         return sum(self.rejected.values())
 
 
-class Rejected(Exception):
-    """A sentence that is wrong; the argument is the kind under which it is counted."""
+class Rejected(ValueError):
+    """A sentence, frame or datagram that is wrong; the argument is the kind under which it is counted."""
 
 
 class Ignored(Exception):
-    """A sentence that is right and of no use here; the argument is the kind under which it is counted."""
+    """One that is right and of no use here; the argument is the kind under which it is counted."""
 
 
 Said = TypeVar("Said")
 
 
-class LineDecoder(Generic[Said]):
-    """Bytes of a protocol of lines to what they say. Opens nothing and reads no clock. A protocol gives `_said`."""
+class Decoder(Generic[Said]):
+    """Sentences of a protocol to what they say. Opens nothing and reads no clock. A protocol gives `_said`."""
 
-    longest: ClassVar[int] = 512        # of a line, bytes
-    framed: ClassVar[bool] = False      # a line is frames that each begin with `$`
     wrong: ClassVar[type[Exception]] = Rejected         # what `_said` raises of a sentence that is wrong
 
     def __init__(self) -> None:
         self.counts = Counts()
-        self._cutter = LineCutter(self.counts, self.longest)
-
-    def feed(self, data: bytes, time_s: float) -> list[Said]:
-        """What `data`, which arrived at `time_s`, completes; oldest first."""
-        return [one for line in self._cutter.feed(data) for one in self._line(line, time_s)]
-
-    def flush(self, time_s: float) -> list[Said]:
-        """At the end of a recording: the last line, where it has no line end."""
-        return [one for line in self._cutter.flush() for one in self._line(line, time_s)]
-
-    def _line(self, line: bytes, time_s: float) -> list[Said]:
-        """What one line says; whatever is wrong with it is counted by kind."""
-        return [one for sentence in (self._frames(line) if self.framed else (line,))
-                for one in self._counted(sentence, time_s)]
 
     def _counted(self, sentence: bytes, time_s: float) -> list[Said]:
         try:
@@ -118,6 +102,30 @@ class LineDecoder(Generic[Said]):
     def _said(self, sentence: bytes, time_s: float) -> list[Said]:
         """What one sentence says. Raises Rejected, Ignored."""
         raise NotImplementedError
+
+
+class LineDecoder(Decoder[Said]):
+    """Of a protocol of lines, which arrive in any pieces."""
+
+    longest: ClassVar[int] = 512        # of a line, bytes
+    framed: ClassVar[bool] = False      # a line is frames that each begin with `$`
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._cutter = LineCutter(self.counts, self.longest)
+
+    def feed(self, data: bytes, time_s: float) -> list[Said]:
+        """What `data`, which arrived at `time_s`, completes; oldest first."""
+        return [one for line in self._cutter.feed(data) for one in self._line(line, time_s)]
+
+    def flush(self, time_s: float) -> list[Said]:
+        """At the end of a recording: the last line, where it has no line end."""
+        return [one for line in self._cutter.flush() for one in self._line(line, time_s)]
+
+    def _line(self, line: bytes, time_s: float) -> list[Said]:
+        """What one line says; whatever is wrong with it is counted by kind."""
+        return [one for sentence in (self._frames(line) if self.framed else (line,))
+                for one in self._counted(sentence, time_s)]
 
     def _frames(self, line: bytes) -> list[bytes]:
         """The frames of a line, without their `$`: one that was cut short is followed at once by the next."""

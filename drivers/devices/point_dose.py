@@ -10,7 +10,8 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from drivers.board.framing import SEQUENCES, number, seal, whole
-from drivers.devices.board_frames import COUNTERS, BadFrame, open_frame
+from drivers.devices.board_frames import COUNTERS, open_frame
+from drivers.devices.lines import Rejected
 
 DOSE, REPORT = "D1", "E1"
 DOSE_WORD = "D3"            # with the board's word, as `board_frames.COMMAND_WORD`
@@ -74,7 +75,7 @@ def decode_report(frame: bytes) -> DoseReport:
     seq, dose = whole(fields[0], SEQUENCES - 1), whole(fields[1], SEQUENCES - 1)
     state = whole(fields[2], DoseState.ABORTED)
     if state < DoseState.RUNNING:
-        raise BadFrame("out_of_range")
+        raise Rejected("out_of_range")
     turned_deg = number(fields[3], 0.0, 2.0 * ANGLE_DEG[1])
     return DoseReport(seq, dose, DoseState(state), turned_deg, whole(fields[4], COUNTERS - 1),
                       whole(fields[5], COUNTERS - 1))

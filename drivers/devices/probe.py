@@ -14,8 +14,8 @@ from drivers.devices.canopy_heads import PROTOCOLS, HeadDecoder
 from drivers.devices.gnss import GnssDecoder
 from drivers.devices.gpsd import GpsdDecoder
 from drivers.devices.lag_rig import LagRig
-from drivers.devices.lines import Counts
-from drivers.devices.rate_module_frames import BadDatagram, BoardLabel, BoardStatus, Status, Trace, decode_heard
+from drivers.devices.lines import Counts, Ignored, Rejected
+from drivers.devices.rate_module_frames import BoardLabel, BoardStatus, Status, Trace, decode_heard
 from drivers.devices.slave_board import SlaveBoard
 from drivers.ports import Clock, Port, printable
 
@@ -117,7 +117,7 @@ def recognise_modules(datagrams: Sequence[bytes]) -> dict[int, str]:
     for data in datagrams:
         try:
             heard = decode_heard(data)
-        except BadDatagram:
+        except (Rejected, Ignored):
             continue
         if isinstance(heard, (Status, BoardStatus, Trace)):
             found.setdefault(heard.module, "")

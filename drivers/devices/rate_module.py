@@ -11,11 +11,10 @@ from typing import NamedTuple
 
 from control.readings import Reading
 from drivers.devices.board_frames import valves_mask
-from drivers.devices.lines import Counts
+from drivers.devices.lines import Decoder, Ignored, Rejected
 from drivers.devices.rate_module_frames import (
     MOST_RELAYS,
     U24,
-    BadDatagram,
     BoardLabel,
     BoardStatus,
     FlowTarget,
@@ -51,7 +50,7 @@ class ModuleReadings(NamedTuple):
     bin_empty: bool
 
 
-class RateModule:
+class RateModule(Decoder[ModuleReadings]):
     """Datagrams of one module to readings, set-points to datagrams.
 
     Parameters
@@ -66,7 +65,7 @@ class RateModule:
 
     def __init__(self, address: ModuleAddress, pulses_per_turn: float, max_shaft_rpm: float,
                  drive: str = "motor") -> None:
-        self.counts = Counts()
+        super().__init__()
         self.label = ""
         self.board: BoardStatus | None = None         # the newest 32401
         self.board_s: float | None = None
@@ -87,34 +86,24 @@ class RateModule:
 
     def feed(self, datagrams: Iterable[bytes], time_s: float) -> list[ModuleReadings]:
         """Readings from the datagrams that arrived at `time_s`, oldest first."""
-        readings = []
-        for data in datagrams:
-            try:
-                heard = decode_heard(data)
-            except BadDatagram as kind:
-                if str(kind) == "unknown_message":
-                    self.counts.ignore("unknown_message")
-                else:
-                    self.counts.reject(str(kind))
-                continue
-            if heard.module != self._address.module or (
-                    isinstance(heard, Status | Trace) and heard.sensor != self._address.sensor):
-                self.counts.ignore("other_module")
-            elif isinstance(heard, Status):
-                if heard.units_per_min > FASTEST_RPM:
-                    self.counts.reject("out_of_range")
-                    continue
-                self.counts.accept()
-                readings.append(self._read(heard, time_s))
-            else:
-                self.counts.accept()
-                if isinstance(heard, BoardLabel):
-                    self.label = heard.text
-                elif isinstance(heard, Trace):
-                    self.trace = heard
-                else:
-                    self.board, self.board_s = heard, time_s
-        return readings
+        return [said for data in datagrams for said in self._counted(data, time_s)]
+
+    def _said(self, sentence: bytes, time_s: float) -> list[ModuleReadings]:
+        heard = decode_heard(sentence)
+        if heard.module != self._address.module or (
+                isinstance(heard, Status | Trace) and heard.sensor != self._address.sensor):
+            raise Ignored("other_module")
+        if isinstance(heard, Status):
+            if heard.units_per_min > FASTEST_RPM:
+                raise Rejected("out_of_range")
+            return [self._read(heard, time_s)]
+        if isinstance(heard, BoardLabel):
+            self.label = heard.text
+        elif isinstance(heard, Trace):
+            self.trace = heard
+        else:
+            self.board, self.board_s = heard, time_s
+        return []
 
     def command(self, shaft_rpm: float | None, enabled: bool, now_s: float,
                 valves: Sequence[bool] = ()) -> list[bytes]:

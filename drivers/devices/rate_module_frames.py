@@ -7,6 +7,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from drivers.devices.lines import Ignored, Rejected
+
 TARGET, RELAYS, SETTINGS = 32500, 32501, 32502              # to the module
 STATUS, BOARD, TRACE, LABEL = 32400, 32401, 32402, 32403    # from the module
 LENGTHS = {TARGET: 14, RELAYS: 11, SETTINGS: 24, STATUS: 15, BOARD: 15, TRACE: 26, LABEL: 20}
@@ -18,10 +20,6 @@ CONTROL_TYPES = ("valve", "combo_close", "motor", "motor_weights", "fan", "timed
 RESET_QUANTITY, MASTER_ON, LOG_PID, AUTO, CALIBRATING = 0x01, 0x10, 0x20, 0x40, 0x80
 HEARS_YOU, BIN_EMPTY = 0x01, 0x02
 WORK_SWITCH, ETHERNET, PINS_OK, CONFIG_REJECTED = 0x01, 0x10, 0x20, 0x80
-
-
-class BadDatagram(Exception):
-    """A datagram that is wrong; the argument is the kind under which it is counted."""
 
 
 class FlowTarget(NamedTuple):
@@ -170,7 +168,7 @@ def encode_trace(trace: Trace) -> bytes:
 
 
 def decode_heard(data: bytes) -> Heard:
-    """A datagram from a module. Raises BadDatagram: `unknown_message`, `wrong_length`, `bad_checksum`."""
+    """A datagram from a module. Raises Rejected, Ignored: `unknown_message`, `wrong_length`, `bad_checksum`."""
     message, body = _open(data)
     if message == STATUS:
         flags = body[9]
@@ -191,16 +189,16 @@ def decode_heard(data: bytes) -> Heard:
                      int.from_bytes(body[5:8], "little") / 1000.0, int.from_bytes(body[8:11], "little") / 1000.0,
                      int.from_bytes(body[11:14], "little", signed=True) / 1000.0, signed[0] / 10.0, signed[1],
                      signed[2], body[20], int.from_bytes(body[21:23], "little"))
-    raise BadDatagram("unknown_message")
+    raise Ignored("unknown_message")
 
 
 def decode_command(data: bytes) -> FlowTarget | Relays:
-    """A datagram to a module, as the virtual one reads it. Raises BadDatagram."""
+    """A datagram to a module, as the virtual one reads it. Raises Rejected, Ignored."""
     message, body = _open(data)
     if message == TARGET:
         command, kind = body[7], body[7] >> 1 & 7
         if kind >= len(CONTROL_TYPES):
-            raise BadDatagram("out_of_range")
+            raise Rejected("out_of_range")
         return FlowTarget(body[0] >> 4, body[0] & 15, int.from_bytes(body[1:4], "little") / 1000.0,
                           int.from_bytes(body[4:7], "little") / 1000.0, CONTROL_TYPES[kind], bool(command & MASTER_ON),
                           bool(command & AUTO), bool(command & RESET_QUANTITY),
@@ -208,7 +206,7 @@ def decode_command(data: bytes) -> FlowTarget | Relays:
     if message == RELAYS:
         relays, power, inverted = (int.from_bytes(body[at:at + 2], "little") for at in (1, 3, 5))
         return Relays(body[0] >> 4, body[0] & 15, relays, power, inverted, body[7])
-    raise BadDatagram("unknown_message")
+    raise Ignored("unknown_message")
 
 
 def thousandths(name: str, value: float) -> bytes:
@@ -227,9 +225,9 @@ def _address(module: int, sensor: int) -> int:
 def _open(data: bytes) -> tuple[int, bytes]:
     message = int.from_bytes(data[:2], "little")
     if message not in LENGTHS:
-        raise BadDatagram("unknown_message")
+        raise Ignored("unknown_message")
     if len(data) != LENGTHS[message]:
-        raise BadDatagram("wrong_length")
+        raise Rejected("wrong_length")
     if checksum(data[:-1]) != data[-1]:
-        raise BadDatagram("bad_checksum")
+        raise Rejected("bad_checksum")
     return message, data[2:-1]

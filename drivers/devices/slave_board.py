@@ -16,7 +16,6 @@ from drivers.devices.board_frames import (
     FLAG_STEPS_LOST,
     FLAG_WORD_UNUSED,
     WORD,
-    BadFrame,
     CommandFrame,
     StatusFrame,
     decode_status,
@@ -26,7 +25,7 @@ from drivers.devices.board_frames import (
     valves_mask,
     valves_of,
 )
-from drivers.devices.lines import LineDecoder
+from drivers.devices.lines import LineDecoder, Rejected
 from drivers.devices.point_dose import REPORT, PointDose, decode_report
 from drivers.devices.wheel import WheelGeometry, WheelSpeed
 
@@ -146,9 +145,9 @@ class SlaveBoard(LineDecoder[BoardReadings]):
         return [self._take(decode_status(sentence), time_s)]
 
     def _count(self, seq: int) -> None:
-        """Raises BadFrame for a frame that was there before."""
+        """Raises Rejected for a frame that was there before."""
         if is_repeat(seq, self._last_seq):
-            raise BadFrame("repeated_sequence")
+            raise Rejected("repeated_sequence")
         if self._last_seq is not None:
             skipped = (seq - self._last_seq - 1) % SEQUENCES
             self.missed += skipped if skipped < SEQUENCES // 2 else 0

@@ -8,10 +8,10 @@ from control.readings import DriveCommand, GnssFix
 from control.simulation.plant import SensorReadings
 from drivers.datagrams import Datagrams
 from drivers.devices.agopengps import DRIVE, HEAD, POSITION
+from drivers.devices.lines import Ignored, Rejected
 from drivers.devices.rate_module_frames import (
     FULL_PWM,
     MOST_RELAYS,
-    BadDatagram,
     BoardLabel,
     BoardStatus,
     FlowTarget,
@@ -150,7 +150,7 @@ class VirtualRateModule:
     def _hear(self, data: bytes, now_s: float) -> None:
         try:
             command = decode_command(data)
-        except BadDatagram:
+        except (Rejected, Ignored):
             self.refused += 1
             return
         if not self.listens or (command.module, command.sensor) != (self._module, self._sensor):
