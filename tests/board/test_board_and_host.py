@@ -21,6 +21,7 @@ from drivers.devices.point_dose import DoseState, PointDose, decode_report, enco
 from drivers.devices.slave_board import SetPointLimits, SlaveBoard
 from drivers.virtual.board import VirtualBoard
 from tests.board import board_scenarios as scenarios
+from tests.waiting import wait_for
 
 HOST = """
 import sys, time
@@ -95,13 +96,6 @@ def terminal():
     made = Terminal()
     yield made
     made.close()
-
-
-def wait_for(what, seconds=30.0):
-    deadline = time.monotonic() + seconds
-    while not what():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
 
 
 def test_the_real_driver_drives_the_real_program(terminal):

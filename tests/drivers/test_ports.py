@@ -19,13 +19,7 @@ from drivers.ports import MAX_BUFFERED_BYTES, MAX_QUEUED_WRITES, SerialStream, T
 from drivers.virtual.faults import FaultyPort, PortFaults
 from drivers.virtual.machine import VirtualMachine
 from drivers.virtual.served import ListeningPort
-
-
-def wait_for(what, seconds: float = 30.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not what():
-        assert time.monotonic() < deadline, "waited in vain"
-        time.sleep(0.005)
+from tests.waiting import wait_for
 
 
 def read_all(port, length: int) -> bytes:

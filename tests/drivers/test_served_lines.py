@@ -20,15 +20,9 @@ from drivers.virtual.board import VirtualBoard
 from drivers.virtual.faults import FaultyPort, PortFaults, TimedFault, at_wrong_baud, faults_at, parse_fault
 from drivers.virtual.machine import VirtualMachine, gnss_sentences, virtual_cab
 from drivers.virtual.served import ListeningPort, Serve, ServedMachine
+from tests.waiting import wait_for
 
 DEVICES = ("gnss", "head_1", "head_2", "board")
-
-
-def within(what, seconds=30.0):
-    deadline = time.monotonic() + seconds
-    while not what():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
 
 
 def refuses(url: str) -> bool:
@@ -113,13 +107,13 @@ def test_a_pulled_plug_ends_the_line_and_a_plugged_one_is_found_again(machine_at
     served, urls = machine_at(faults=[TimedFault("unplug", "board", 0.3, 0.8)])
     port = open_port(urls["board"][0], 115200, time.monotonic)
     try:
-        within(lambda: served.advance() == ["board: unplugged"])
-        within(lambda: not port.state().connected)
+        wait_for(lambda: served.advance() == ["board: unplugged"])
+        wait_for(lambda: not port.state().connected)
         heard = port.state().bytes_in
         assert heard > 0
-        within(lambda: refuses(urls["board"][0]))
-        within(lambda: served.advance() == ["board: as it should be"])
-        within(lambda: served.advance() or port.state().bytes_in > heard)
+        wait_for(lambda: refuses(urls["board"][0]))
+        wait_for(lambda: served.advance() == ["board: as it should be"])
+        wait_for(lambda: served.advance() or port.state().bytes_in > heard)
         assert port.state().connects == 2
     finally:
         port.close()
@@ -131,12 +125,12 @@ def test_a_pseudo_terminal_is_a_serial_port_that_can_be_pulled(machine_at, tmp_p
     name = urls["gnss"][1]
     port = open_port(name, 115200, time.monotonic)
     try:
-        within(lambda: served.advance() == ["gnss: unplugged"])
-        within(lambda: not port.state().connected)
+        wait_for(lambda: served.advance() == ["gnss: unplugged"])
+        wait_for(lambda: not port.state().connected)
         heard = port.state().bytes_in
         assert heard > 100 and port.state().last_lines()[0].startswith("$GN")
-        within(lambda: served.advance() == ["gnss: as it should be"])
-        within(lambda: served.advance() or port.state().bytes_in > heard)
+        wait_for(lambda: served.advance() == ["gnss: as it should be"])
+        wait_for(lambda: served.advance() or port.state().bytes_in > heard)
     finally:
         port.close()
     served.close()
@@ -169,7 +163,7 @@ def test_gpsd_rate_module_and_agopengps_are_served_too(machine_at, fake_plant):
 
     began_s = time.monotonic()
     try:
-        within(told)
+        wait_for(told)
     finally:
         for cab in cabs:
             cab.close()
