@@ -84,8 +84,3 @@ class FakePlant:
 @pytest.fixture
 def fake_plant() -> FakePlant:
     return FakePlant()
-
-
-@pytest.fixture
-def make_plant() -> type[FakePlant]:
-    return FakePlant

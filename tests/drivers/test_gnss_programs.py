@@ -99,7 +99,7 @@ def test_a_time_that_no_calendar_has_is_malformed(utc):
     assert decoder.counts.rejected == {"malformed": 1}
 
 
-def test_gpsd_is_asked_to_speak_at_every_connect(clock, make_plant):
+def test_gpsd_is_asked_to_speak_at_every_connect(clock):
     host, device = memory_pair("gpsd", clock)
     cab = Cab(CabConfig.model_validate({"gnss": {"protocol": "gpsd", "port": "gpsd"}}), clock, lambda *_: host)
     cab.measure(100.0)

@@ -26,6 +26,7 @@ from control.safety import (
     limited_valves,
     read_refusal,
 )
+from tests.safety.steps import NEVER, good_situation
 
 ODD = (nan, inf, -inf, -1.0, 1e300)
 AGES = (0.0, 0.1, 0.4, 0.6, 1.9, 2.2, 70.0, nan)
@@ -82,9 +83,9 @@ def fresh(reading, now_s, limit_s):
 class Rules(RuleBasedStateMachine):
     """One run of safety, and beside it what the published rules demand."""
 
-    def __init__(self, situation_at, never, has_work_switch):
+    def __init__(self, has_work_switch):
         super().__init__()
-        self.situation_at, self.never, self.has_work_switch = situation_at, never, has_work_switch
+        self.has_work_switch = has_work_switch
         self.safety = Safety(has_work_switch=has_work_switch)
         self.now_s = 50.0
         self.state = State.OFF
@@ -170,7 +171,7 @@ class Rules(RuleBasedStateMachine):
         """Within its half second of grace a drive that never spoke is no fault yet, and no flow either."""
         for do in (Do.STOP, Do.ACKNOWLEDGE, Do.READY, Do.START):
             self.give_order(Order(do))
-        self.tick({drive: self.never}, 0.05)
+        self.tick({drive: NEVER}, 0.05)
 
     @rule(state=st.sampled_from([State.WORKING, State.WORKING, *(s for s in State if s is not State.OFF)]),
           change=st.sampled_from(EVERY_ONE), ticks=st.sampled_from([1, 3]), source=st.sampled_from(list(TargetSource)),
@@ -251,7 +252,7 @@ class Rules(RuleBasedStateMachine):
         self.now_s += step_s
         before = self.state
         switch = {"work_switch": True} if self.has_work_switch else {}
-        self.situation = s = self.situation_at(self.now_s, **(switch | changes))
+        self.situation = s = good_situation(self.now_s, **(switch | changes))
         self.follow_motion(s)
         if s.log_ok:
             self.unlogged_allowed = False
@@ -358,21 +359,21 @@ QUICK = settings(max_examples=150, stateful_step_count=25, deadline=None, derand
                  suppress_health_check=list(HealthCheck))
 
 
-def test_nothing_breaks_the_rules(situation_at, never):
-    run_state_machine_as_test(lambda: Rules(situation_at, never, has_work_switch=False), settings=QUICK)
+def test_nothing_breaks_the_rules():
+    run_state_machine_as_test(lambda: Rules(has_work_switch=False), settings=QUICK)
 
 
-def test_nothing_breaks_the_rules_with_a_work_switch(situation_at, never):
-    run_state_machine_as_test(lambda: Rules(situation_at, never, has_work_switch=True), settings=QUICK)
+def test_nothing_breaks_the_rules_with_a_work_switch():
+    run_state_machine_as_test(lambda: Rules(has_work_switch=True), settings=QUICK)
 
 
 @pytest.mark.parametrize("has_work_switch", [False, True])
 @pytest.mark.parametrize("state", [state for state in State if state is not State.OFF])
-def test_every_single_disturbance_in_every_state(situation_at, never, state, has_work_switch):
+def test_every_single_disturbance_in_every_state(state, has_work_switch):
     """No chance in this one: each value of each disturbance, in each state and, at work, in each mode."""
     for source in TargetSource if state is State.WORKING else (TargetSource.MAP,):
         for change in EVERY_ONE:
-            rules = Rules(situation_at, never, has_work_switch)
+            rules = Rules(has_work_switch)
             rules.bring_to(state)
             standing = {"speed_mps": 0.0} if state is State.CALIBRATING else {}
             for _ in range(3):
@@ -382,10 +383,10 @@ def test_every_single_disturbance_in_every_state(situation_at, never, state, has
 
 # --- A check is cheap enough for 100 ticks a second and for hours in tests. Figures: docs/safety.md ------------------
 
-def test_a_check_costs_little(working, situation_at):
+def test_a_check_costs_little(working):
     """Below 60 us on an idle core; the bound is wider because test machines are shared. The processor's time alone."""
     run = working()
-    situations = [situation_at(run.now_s + 0.05 * k, hopper_kg=200.0 - 0.005 * k) for k in range(1, 2001)]
+    situations = [good_situation(run.now_s + 0.05 * k, hopper_kg=200.0 - 0.005 * k) for k in range(1, 2001)]
     best_s = float("inf")
     for start in range(0, 2000, 200):
         begun = thread_time()
