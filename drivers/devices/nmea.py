@@ -174,8 +174,9 @@ def _zda(talker: str, fields: Any) -> Sentence:
     day, month, year = fields.data[1:4]
     if not (fields.data[0] and day and month and year):
         raise Ignored("ZDA")
+    numbers = [_whole(text, 0, 9999) or 0 for text in (year, month, day)]
     try:
-        utc_date = date(*(_whole(text, 0, 9999) or 0 for text in (year, month, day)))
+        utc_date = date(*numbers)
     except ValueError:
         raise Rejected("impossible_value") from None
     if not FIRST_YEAR <= utc_date.year <= LAST_YEAR:
