@@ -119,6 +119,22 @@ def test_an_operator_is_not_blamed_for_the_product_that_he_spreads_more_of() -> 
     assert [(one.factor, one.level) for one in shared] == [("product", "compound")] and not found
 
 
+def test_a_gate_that_stands_surely_wrong_does_not_hide_what_a_product_does() -> None:
+    """What the gate's form may leave to the flow is no more than the product shows in that machine's logs."""
+    rng, gram, logs = np.random.default_rng(14), np.diag([9.0, 1.0, 1.0, 1e6]), list[OneLog]()
+    gram[0, 3] = gram[3, 0] = 1.0
+    for machine in "abcd":
+        for k in range(24):
+            product = "compound" if (k // 4 + ord(machine)) % 3 == 0 else "urea"
+            truth = {"flow.gain": 5.0 * (product == "compound"), "gate.offset": 0.8 * (machine == "a")}
+            logs.append(log(rng, k, truth, machine=machine, gram=gram, product=product))
+    fit = fitted(logs)
+    assert [(one.factor, one.level, one.effect) for one in fit.shared] == [("product", "compound", "flow.gain")]
+    assert [(one.machine, one.effect) for one in fit.courses] == [("a", "gate.offset")]
+    sure = {(one.factor, one.level, one.effect) for one in fit.levels if one.probability > 0.5}
+    assert sure == {("product", "compound", "flow.gain"), ("machine", "a", "gate.offset")}
+
+
 def test_another_machines_effect_does_not_give_this_ones_its_name() -> None:
     """Fill loss, on one machine too weak to be told from less flow, keeps its name beside a flow that is truly off."""
     rng, close = np.random.default_rng(12), GRAM.copy()
