@@ -293,6 +293,14 @@ async def test_a_file_that_is_refused_is_a_line(app, desk, source, shown, pilot)
     assert desk.asked == [("take", "crop", "crops/durum.yaml")]
 
 
+def test_the_numbers_of_the_pictures_add_up(frames):
+    """What is in the hopper now, spread and filled in: it began with some of a hopper."""
+    last = frames[-1]
+    began_kg = last.row.hopper_kg + last.applied_kg - sum(kg for _, kg in last.tally.refills)
+    assert 0.0 <= began_kg <= 300.0
+    assert last.mean_rate_kg_ha == pytest.approx(last.applied_kg / last.area_ha, rel=0.01)
+
+
 # --- refills ----------------------------------------------------------------------------------------------------------
 
 

@@ -25,7 +25,7 @@ from tests.app.made_up.diagnosis import MadeUpDiagnosis
 from tests.app.made_up.job import SampleJobService
 
 _BEGAN = datetime(2026, 3, 18, 6, 12, 0, tzinfo=UTC)
-REFILLS = (("2026-03-18T06:13:05Z", 250.0), ("2026-03-18T06:16:40Z", 275.0))
+REFILLS = (("2026-03-18T06:13:05Z", 120.0), ("2026-03-18T06:16:40Z", 80.0))
 _PASS_M = 70.0
 _WIDTH_M = 2.4
 _SPEED_MPS = 1.9
