@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from itertools import islice
 from math import exp, inf, sqrt
 from typing import NamedTuple
 
@@ -76,10 +77,12 @@ TEST_PERCENT = 1.5          # what a catch test of today leaves open ...
 TEST_WANDERS_PERCENT = 0.5  # ... and what store and weather add in the square root of a day: 5 % after three months
 
 H, GAIN, OFFSET, SLOPE = range(4)
+_NONE = np.zeros(3)         # of the sums of a block
 
 
 class _Block(NamedTuple):
     sums: Array             # expected kg, 1000 revolutions, kg x degrees: so far
+    given_kg: float         # of them, the first
     kg: float               # mean of the scale
     flows: bool             # material flowed in it, by the model
     state: Array            # after it
@@ -118,6 +121,7 @@ class FlowTrim:
         self._spread = np.diag([limits.level_kg, self._gain_percent, limits.offset_g_rev,
                                 limits.slope_percent_per_deg]) ** 2
         self._trimmed = np.zeros(3)             # of the state without the level: as far as it is believed
+        self._value: float | None = None        # asked twice a tick
         self._said = NOTHING_SAID
         self._rests = False                     # the trim, while what the scale says is no trim, or not decided
         self.restart()
@@ -125,7 +129,9 @@ class FlowTrim:
     @property
     def value(self) -> float:
         """What the flow of now is multiplied by."""
-        return self.at(self.grams_per_rev, self.pitch_deg)
+        if self._value is None:
+            self._value = self.at(self.grams_per_rev, self.pitch_deg)
+        return self._value
 
     @property
     def agrees(self) -> bool:
@@ -194,6 +200,7 @@ class FlowTrim:
     def update(self, now_s: float, dt_s: float, model_flow_kg_s: float, shaft_rpm: float, pitch_deg: float,
                scale: Reading | None) -> None:
         """`model_flow_kg_s`: from measured shaft and opening, without this trim."""
+        self._value = None
         if shaft_rpm > 0.0 and model_flow_kg_s > 0.0:
             self.grams_per_rev = max(LEAST_G_REV, model_flow_kg_s * 60_000.0 / shaft_rpm)
         self.pitch_deg = pitch_deg
@@ -216,7 +223,7 @@ class FlowTrim:
     # -- blocks ----------------------------------------------------------------------------------------------------
 
     def _take_block(self) -> None:
-        sums = np.mean([one for one, _ in self._block], axis=0)
+        sums = np.array([sum(one) for one in zip(*(sums for sums, _ in self._block), strict=True)]) / len(self._block)
         kg = float(np.mean([kg for _, kg in self._block]))
         self._block.clear()
         if not self._blocks:
@@ -253,7 +260,7 @@ class FlowTrim:
             self._standing()
 
     def _keep(self, sums: Array, kg: float, flows: bool) -> None:
-        self._blocks.append(_Block(sums, kg, flows, self._state, self._spread, self._trimmed))
+        self._blocks.append(_Block(sums, float(sums[0]), kg, flows, self._state, self._spread, self._trimmed))
 
     def _gone(self, gone: Array) -> None:
         """What left the hopper since the block before, by the model and what is believed of it."""
@@ -315,11 +322,11 @@ class FlowTrim:
     def _excess(self, since: _Block, blocks: int) -> tuple[float, float]:
         """What left since a block more than the filter of then believes, kg, by the mean of the newest blocks, and its
         standard deviation."""
-        newest = [self._blocks[-1 - k] for k in range(blocks)]
-        gone = sum((one.sums for one in newest), np.zeros(3)) / blocks - since.sums
-        step = _leaves(gone)
-        expected = float(step[H] @ since.state) - gone[0]
-        variance = float(step[H] @ since.spread @ step[H]) + self._mean_kg2(blocks)
+        newest = list(islice(reversed(self._blocks), blocks))
+        gone = sum((one.sums for one in newest), _NONE) / blocks - since.sums
+        level = np.array([1.0, -0.01 * gone[0], -gone[1], -0.01 * gone[2]])         # `_leaves` of the level alone
+        expected = float(level @ since.state) - gone[0]
+        variance = float(level @ since.spread @ level) + self._mean_kg2(blocks)
         return expected - sum(one.kg for one in newest) / blocks, sqrt(variance)
 
     def _farthest(self, most: int) -> tuple[int, float, float]:
@@ -380,7 +387,7 @@ class FlowTrim:
         off = [abs(self._excess(one, averaged)[0]) for one in list(self._blocks)[-1 - window:-averaged]]
         latest = max(k for k, kg in enumerate(off) if kg >= 0.9 * off[0])
         since = self._blocks[latest - window - 1]
-        flow = [one for one in self._flow if one.sums[0] >= since.sums[0]]
+        flow = [one for one in self._flow if one.given_kg >= since.given_kg]
         self._flow.clear()
         self._flow.extend(flow)
         self._back_to(since)
@@ -431,7 +438,7 @@ class FlowTrim:
     def _share(self, flow: list[_Block]) -> tuple[float, float, float]:
         """A straight line through what the scale read over what the model says has gone: the share that left, its
         standard deviation by what the line leaves, and that, kg2."""
-        gone = np.array([one.sums[0] for one in flow])
+        gone = np.array([one.given_kg for one in flow])
         kg = np.array([one.kg for one in flow])
         gone, kg = gone - gone.mean(), kg - kg.mean()
         across = max(1e-12, float(gone @ gone))

@@ -27,7 +27,7 @@ from math import atan2, cos, hypot, isfinite, pi, radians, sin
 
 from control.geodesy import Place
 from control.readings import Doubted, SpeedDoubt
-from control.sensing.walk_watch import GAP_S, LATE_S, SPEED_SHARE, Mark, Reckoned, Velocity, WalkWatch
+from control.sensing.walk_watch import GAP_S, LATE_S, SPEED_SHARE, TIME_S, Mark, Reckoned, Velocity, WalkWatch
 
 SLIP = (0.7, 1.3)       # GNSS's way by the wheel's
 WINDOWS_S = (1.0, 2.0, 4.0, 8.0)
@@ -125,30 +125,33 @@ class SpeedCheck:
     def _differing(self, now: Mark) -> tuple[Mark | None, float]:
         """A mark before wheel and GNSS's speed parted, and the window that shows it; None where they agree, and the
         longest window that was judged, 0 where none could be."""
-        recent, lost, gap_m, since_s = [now], now.reckoned.lost, now.gap_m, now.time_s - KEPT_S
+        recent, lost, gap_m, kept_s = [now], now.reckoned.lost, now.gap_m, now.time_s - KEPT_S
         for mark in reversed(self._watch.marks):
-            if mark.time_s < since_s or mark.reckoned.lost != lost or mark.gap_m != gap_m:
+            if mark.time_s < kept_s or mark.reckoned.lost != lost or mark.gap_m != gap_m:
                 break                           # of the marks before it none belongs to this piece
             recent.append(mark)
         recent.reverse()
-        times, end_s, judged_s = [mark.time_s for mark in recent], now.time_s - LATE_S, 0.0
-        if end_s - WINDOWS_S[0] < times[0]:
+        since_s, end_s, judged_s = recent[0].time_s, now.time_s - LATE_S, 0.0
+        if end_s - WINDOWS_S[0] < since_s:
             return None, 0.0
-        rolled, gone = [mark.reckoned.way_m for mark in recent], [mark.way_m for mark in recent]
-        wheel_end_m, ends_m = _at(times, rolled, end_s), [_at(times, gone, end_s + late) for late in LATER_S]
+        end = _at(recent, end_s)
         for window_s in WINDOWS_S:
             begin_s = end_s - window_s
-            if begin_s < times[0] or window_s > self._window_s:
+            if begin_s < since_s or window_s > self._window_s:
                 break
-            wheel_m = wheel_end_m - _at(times, rolled, begin_s)
-            ways_m = [end_m - _at(times, gone, begin_s + late) for end_m, late in zip(ends_m, LATER_S, strict=True)]
-            if max(wheel_m, *ways_m) < JUDGED_FROM_MPS * window_s:
+            begin, least_m = _at(recent, begin_s), JUDGED_FROM_MPS * window_s
+            wheel_m, way_m = end[0] - begin[0], end[1] - begin[1]
+            if max(wheel_m, way_m) >= least_m and SLIP[0] * wheel_m - WAY_M <= way_m <= SLIP[1] * wheel_m + WAY_M:
+                judged_s = window_s             # the usual case: they agree as they are, whatever comes later
+                continue
+            ways_m = [way_m, *(_at(recent, end_s + late)[1] - _at(recent, begin_s + late)[1] for late in LATER_S[1:])]
+            if max(wheel_m, *ways_m) < least_m:
                 continue
             judged_s = window_s
-            first = recent[bisect_right(times, begin_s) - 1]
+            first = recent[bisect_right(recent, begin_s, key=TIME_S) - 1]
             room_m = WAY_M + LEVER_M * _turned(first.velocity, now.velocity)
             if max(ways_m) < SLIP[0] * wheel_m - room_m or min(ways_m) > SLIP[1] * wheel_m + room_m:
-                return recent[max(0, bisect_right(times, begin_s - BEFORE_S) - 1)], window_s
+                return recent[max(0, bisect_right(recent, begin_s - BEFORE_S, key=TIME_S) - 1)], window_s
         return None, judged_s
 
     def _wrong_since(self, now: Mark) -> Mark | None:
@@ -203,10 +206,13 @@ def _turned(before: Velocity, now: Velocity) -> float:
     return abs((angle + pi) % (2.0 * pi) - pi)
 
 
-def _at(times: list[float], ways: list[float], time_s: float) -> float:
-    """Between two marks in proportion; beyond the last as there."""
-    k = bisect_right(times, time_s)
-    if k >= len(times):
-        return ways[-1]
-    share = (time_s - times[k - 1]) / (times[k] - times[k - 1])
-    return ways[k - 1] + share * (ways[k] - ways[k - 1])
+def _at(marks: list[Mark], time_s: float) -> tuple[float, float]:
+    """The ways of the wheel and of GNSS's speed until then: between two marks in proportion; beyond the last as
+    there."""
+    k = bisect_right(marks, time_s, key=TIME_S)
+    if k >= len(marks):
+        return marks[-1].reckoned.way_m, marks[-1].way_m
+    one, other = marks[k - 1], marks[k]
+    share = (time_s - one.time_s) / (other.time_s - one.time_s)
+    rolled_m, way_m = one.reckoned.way_m, one.way_m
+    return rolled_m + share * (other.reckoned.way_m - rolled_m), way_m + share * (other.way_m - way_m)

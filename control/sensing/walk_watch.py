@@ -37,7 +37,7 @@ STANDS_MPS = 0.2
 GAP_S = 2.0             # epochs farther apart: the course in between is not known, nor where the way led
 GAP_SHARE = 0.25        # of the way reckoned where epochs tell no speed, as `position_gate.WAY_SHARE`
 
-_TIME_S = attrgetter("time_s")
+TIME_S = attrgetter("time_s")
 Velocity = tuple[float, float]      # east, north, m/s
 
 
@@ -116,7 +116,7 @@ class WalkWatch:
         for window_s in WINDOWS_S:
             if window_s <= over_s:              # of the mark that spoke for the window before
                 continue
-            k = bisect_right(marks, now_s - window_s + 1e-6, key=_TIME_S)
+            k = bisect_right(marks, now_s - window_s + 1e-6, key=TIME_S)
             if k and now_s - marks[k - 1].time_s < window_s:        # nearer by less than the arithmetic
                 k -= 1
             if k == 0:
