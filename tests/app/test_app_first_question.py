@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from console.app.dialogs import ChoiceDialog
 from console.app.first_question import ask_first
 from console.app.pages.job.service import Offer
+from console.app.widgets.choice_list import ChoiceList
 from console.cli import app as command
 from console.cli import screens
 from console.services.job import JobFiles
@@ -47,6 +48,8 @@ async def test_one_key_takes_the_newest_and_one_leaves_all_as_it_is(full, source
         text = "\n".join(shown(full))
         assert "Which field and job?" in text and "2026-03-17 13:05  North 40" in text and "0.86 ha done" in text
         assert any(0x2800 < ord(character) < 0x2900 for character in text), "a small picture"
+        marked = full.screen.query_one(ChoiceList).render().split("\n")[0]
+        assert not any(str(span.style).startswith("#") for span in marked.spans), "the picture is seen on the mark too"
         await pilot.press("end")
         assert "not worked yet" in "\n".join(shown(full))
         await pilot.press("home")

@@ -68,9 +68,9 @@ class ChoiceList(Panel[ChoicesView]):
         bar = _bar(first, room, len(rows)) if scrolls else ()
         for place, (index, head, drawn, text) in enumerate(rows[first:first + room]):
             style = "bold $on-select on $select" if index == view.at else "$muted" if view.choices[index].why else ""
-            back = " on $select" if index == view.at else ""
+            on_mark = index == view.at
             shown.append(line((head, style), *(
-                (cell, own if " on " in own else own + back) if own else (cell, style) for cell, own in drawn),
+                (cell, style if not own or (on_mark and " on " not in own) else own) for cell, own in drawn),
                 (fit(text, max(0, width - scrolls - cell_len(head) - len(drawn))), style),
                 (bar[place], "$muted") if scrolls else ""))
         if view.wrong:
