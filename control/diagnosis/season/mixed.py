@@ -319,7 +319,7 @@ def scan(season: Season) -> Scan:
         score[which] += has.T @ (weight * one.likely.s) - np.einsum("qck,qk->cq", crossed[..., :own], fit.b)
         places.append(np.stack([each.ravel() for each in np.meshgrid(which, one.place, indexing="ij")]))
         values.append((crossed[..., own:] - turned @ across.swapaxes(1, 2)).reshape(q, -1))
-        _doubts(season, one, which, has, doubts)
+        _doubts(season, one, which, has, weight * information, doubts)
     sizes = shared.fit(np.concatenate([season.causes[one].sd for one in season.begins] or [np.zeros(0)]))
     at, value = np.concatenate(places, axis=1), np.concatenate(values, axis=1)
     cross = tuple(csr_array((value[k], at), shape=(len(score), total)) for k in range(q))
@@ -345,7 +345,8 @@ def _levels_of_machine(season: Season, machine: int) -> tuple[Indices, Array]:
     return np.concatenate([which, [rows + machine, rows + count + machine]]), has
 
 
-def _doubts(season: Season, one: OneMachine, which: Indices, has: Array, found: dict[tuple[int, int], Array]) -> None:
+def _doubts(season: Season, one: OneMachine, which: Indices, has: Array, information: Array,
+            found: dict[tuple[int, int], Array]) -> None:
     """By level and cause (q,): a level's information in logs that have both, of effects in the same channels: what is
     there may leave to others what its form does not follow."""
     for number, here in one.terms.items():
@@ -354,7 +355,7 @@ def _doubts(season: Season, one: OneMachine, which: Indices, has: Array, found: 
             continue
         there = np.any(one.cross[cause.effect, here] != 0.0, axis=0)
         touched = np.any(one.likely.A[there, cause.effect] != 0.0, axis=0)
-        both = (has[there, :-2].T @ np.diagonal(one.likely.A[there], axis1=1, axis2=2)) * touched
+        both = (has[there, :-2].T @ information[there]) * touched
         for row, each in zip(which[:-2].tolist(), both, strict=True):
             found[row, number] = found.get((row, number), 0.0) + each
 
