@@ -104,7 +104,7 @@ def machine_at(fake_plant):
 
 
 def test_a_pulled_plug_ends_the_line_and_a_plugged_one_is_found_again(machine_at, fake_plant):
-    served, urls = machine_at(faults=[TimedFault("unplug", "board", 0.3, 0.8)])
+    served, urls = machine_at(faults=[TimedFault("unplug", "board", 2.0, 3.0)])
     port = open_port(urls["board"][0], 115200, time.monotonic)
     try:
         wait_for(lambda: served.advance() == ["board: unplugged"])
@@ -121,7 +121,7 @@ def test_a_pulled_plug_ends_the_line_and_a_plugged_one_is_found_again(machine_at
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals on this system")
 def test_a_pseudo_terminal_is_a_serial_port_that_can_be_pulled(machine_at, tmp_path):
-    served, urls = machine_at(terminals=tmp_path, faults=[TimedFault("unplug", "gnss", 0.5, 1.0)])
+    served, urls = machine_at(terminals=tmp_path, faults=[TimedFault("unplug", "gnss", 2.0, 3.0)])
     name = urls["gnss"][1]
     port = open_port(name, 115200, time.monotonic)
     try:
