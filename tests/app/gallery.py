@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import asyncio
 import sys
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -144,6 +144,9 @@ PICTURES = (
     Picture("gone-100x30", (100, 30), screen="gone"),
 )
 
+MOVING = ("run-120x40-day", "map-120x40-day", "devices-120x40-day", "diagnosis-120x40-day", "job-120x40-day")
+EACH_S = 4
+
 DONE_ON: dict[str, tuple[str, ...]] = {           # actions that bring a page to a picture
     "map-near": ("map_layer", "map_layer", "map_follow", "map_out"),
     "trends-read": ("trends_longer", "trends_far_left", "trends_far_left", "trends_far_left"),
@@ -279,6 +282,17 @@ async def draw(picture: Picture) -> str:
         return app.export_screenshot(title="topdress", simplify=True)
 
 
+def moving(pictures: Sequence[str]) -> str:
+    """Pictures of one size as one that moves: each for `EACH_S`, in turn; the first alone where nothing may move."""
+    size = pictures[0].split('viewBox="')[1].split('"')[0]
+    each = "".join(f'<g class="page" style="animation-delay:{EACH_S * k}s">{one}</g>' for k, one in enumerate(pictures))
+    return (f'<svg viewBox="{size}" xmlns="http://www.w3.org/2000/svg"><style>'
+            f"@keyframes show {{ 0% {{ visibility: visible }} {100 / len(pictures)}%, 100% {{ visibility: hidden }} }}"
+            ".page { visibility: hidden } .page:first-of-type { visibility: visible }"
+            "@media (prefers-reduced-motion: no-preference) { .page, .page:first-of-type { visibility: hidden;"
+            f"animation: show {EACH_S * len(pictures)}s step-end infinite }} }}</style>{each}</svg>")
+
+
 def main(folder: str) -> None:
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
@@ -286,6 +300,8 @@ def main(folder: str) -> None:
         svg = asyncio.run(draw(picture))
         (target / f"{picture.name}.svg").write_text(svg, encoding="utf-8")
         print(f"{picture.name}.svg")
+    drawn = [(target / f"{name}.svg").read_text(encoding="utf-8") for name in MOVING]
+    (target / "moving.svg").write_text(moving(drawn), encoding="utf-8")
     use(ENGLISH)
 
 
