@@ -357,11 +357,11 @@ async def test_a_reference_of_effort_is_fitted_to_the_log_of_this_run_and_saved(
         page = await opened(pilot, right=4)
         await later(app, pilot)
         assert page.calibration.kind == "effort" and "58.2" in "\n".join(shown(app))
-        await pilot.press("q", "5")
+        await pilot.press("q", "5", "enter")
         assert "nothing is recorded yet" in app.notice_text
         tell(source, log_path="/logs/sound.csv")
         await looked(app, pilot)
-        await pilot.press("q", "5")
+        await pilot.press("q", "5", "enter")
         await settled(app, pilot)
         assert page.calibration.fitted.source == ("/logs/sound.csv",)
         assert "shaft, with its speed 0.5980 % for each r/min (90 %: 0.5900 to 0.6060)" in " ".join(

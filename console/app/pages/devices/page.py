@@ -63,6 +63,7 @@ class DevicesScreen(Page):
         effort = effort_row(NO_EFFORT if frame is None else frame.effort, age_s)
         self.query_one("#device-effort", Rows).show(effort)
         self.query_one("#device-effort").display = bool(effort.rows)
+        self.query_one("#device-details").set_class(bool(effort.rows), "-under-effort")
         device, devices = self.device, self.devices
         at = devices.index(device) if device is not None else 0
         self.query_one("#device-table", DeviceTable).show(TableView(rows_of(devices, age_s), at))
