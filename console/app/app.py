@@ -211,7 +211,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             if page is not self.screen and not self.is_screen_installed(page):
                 self.install_screen(page, where)
         self._supervise()
-        self._say_setting_trouble()
+        self._say_trouble()
         if self.source is None and self.services.job is not None and self.replay_page.job is None:
             self.ask_to_go_on(self.services.job)
         if self.live:
@@ -545,10 +545,11 @@ class TopdressApp(App[None], inherit_bindings=False):
         except Exception as error:      # a link that fails in any other way is as useless as one that is gone
             self._say_gone(f"{type(error).__name__}: {error}")
 
-    def _say_setting_trouble(self) -> None:
+    def _say_trouble(self) -> None:
         store = self.services.settings
-        if store is not None and store.trouble:
-            self.call_after_refresh(self.notice, store.trouble)
+        said = store.trouble if store is not None and store.trouble else self.services.missing
+        if said:
+            self.call_after_refresh(self.notice, said)
 
     def _say_gone(self, why: str) -> None:
         if self.gone or self._restarting:

@@ -41,5 +41,6 @@ class Services:
     lines: LineFiles | None = None      # of the Map page: the A-B line, a boundary that is being driven
 
     model_check: Callable[[str], Departure | None] | None = None     # of the log at a path, so far; returns at once
+    missing: str = ""                   # a sentence for the start: what this console does without
 
     play: Callable[[str], str] | None = None      # begins a command that plays a sound; why it did not, empty: it did

@@ -50,6 +50,7 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
     from console.services.live_checker import LiveChecker
     from console.services.settings import settings_store
     from console.services.sound import Player
+    from drivers.files.extras import is_there
 
     async def attach() -> Link:
         import asyncio  # not before the worker is started, which takes as long to come up as all of the console
@@ -60,6 +61,7 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
         return Link(where, name)
 
     job, lines = JobFiles(launcher), KeptLineFiles()
+    checked = model_check and is_there("diagnosis")
     source: Link | None = None
     if running is not None:
         source = Link(running, name)
@@ -71,7 +73,9 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
                       ask_job=not config and not tour and running is None and source is not None,
                       services=replace(run_services(setup, found, effects), job=job, settings=settings_store(),
                                        lines=lines, play=Player(),
-                                       model_check=LiveChecker().latest if model_check else None))
+                                       model_check=LiveChecker().latest if checked else None,
+                                       missing=_("The model check is off: the extra diagnosis is not installed "
+                                                 "(topdress extras)") if model_check and not checked else ""))
     app.run()
     lines.close()
     if app.not_started:

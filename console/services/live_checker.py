@@ -15,7 +15,6 @@ from collections.abc import Sequence
 
 from console.threads import ONE_THREAD
 from control.diagnosis.result import Departure
-from drivers.files.extras import is_there
 
 PROGRAM = (sys.executable, "-P", "-m", "console.services.live_check")
 AGAIN_S = 120.0                 # after its death
@@ -36,7 +35,7 @@ class LiveChecker:
         """What departs, as far as is known; None: nothing, or not known yet."""
         if self._run is None or self._run.log != log:
             self.close()
-            if not (log and is_there("diagnosis")):
+            if not log:
                 return None
             self._run = _Run(log, self._program, self._again_s)
         return self._run.departure

@@ -29,6 +29,8 @@ def test_a_morning_at_the_console(benchmark_module, tmp_path, monkeypatch, extra
         where = console.where()
         assert Path(where.log_path).is_relative_to(tmp_path), "a developer's own runs are left alone"
         watcher = deaths.Watcher(where)
+        if extras == "without":
+            wait(lambda: terminal.shows("The model check is off"), 20.0, "what is not there", terminal)
         wait(lambda: watcher.frames and terminal.shows("NDVI 0."), 20.0, "the Run screen", terminal)
 
         def row():
