@@ -176,6 +176,10 @@ class Machine(Part):
             raise PydanticCustomError("size_of_effect", "{allowed}", {
                 "wrong_key": ("shaft", "zero_stops"), "allowed": "allowed 1 of a machine that meters: a command of 0 "
                 "must stop it; 0 of one whose stages are [shaft]"})
+        if -105.0 < self.shaft.gain_percent < -95.0 and self.has("flow"):
+            raise PydanticCustomError("size_of_effect", "{allowed}", {
+                "wrong_key": ("shaft", "gain_percent"), "allowed": "allowed -95 to 1900, or -300 to -105 (slower the "
+                "higher its command), of a machine that meters: between them a command hardly turns it"})
         trouble = trouble_of(self.sections, self.geometry.outlets)
         if trouble:
             raise PydanticCustomError("size_of_effect", "{allowed}", {"wrong_key": ("sections",), "allowed": trouble})

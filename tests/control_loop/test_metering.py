@@ -1,6 +1,7 @@
 """The inverse inverts, strategies keep to their limits, a switch of strategy does not show in the flow."""
 from __future__ import annotations
 
+from contextlib import nullcontext
 from typing import Any
 
 import pytest
@@ -103,6 +104,14 @@ def test_a_machine_that_meters_is_stopped_by_a_command_of_zero() -> None:
     with pytest.raises(ValueError, match="a command of 0 must stop it"):
         Machine.model_validate({"shaft": {"zero_stops": 0.0}})
     assert Machine.model_validate({"stages": ["shaft"], "shaft": {"zero_stops": 0.0}}).shaft.zero_stops == 0.0
+
+
+@pytest.mark.parametrize(("gain_percent", "taken"), [(-95.0, True), (-96.0, False), (-100.0, False), (-104.0, False),
+                                                      (-105.0, True)])
+def test_a_command_turns_what_meters(gain_percent: float, taken: bool) -> None:
+    with nullcontext() if taken else pytest.raises(ValueError, match="between them a command hardly turns it"):
+        Machine.model_validate({"shaft": {"gain_percent": gain_percent}})
+    assert Machine.model_validate({"stages": ["shaft"], "shaft": {"gain_percent": gain_percent}})
 
 
 def test_switching_the_strategy_does_not_show_in_the_flow(simulated: Any) -> None:
