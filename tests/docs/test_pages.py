@@ -18,6 +18,7 @@ import pytest
 from click.testing import Result
 from typer.testing import CliRunner
 
+from console.app import actions
 from console.cli import app
 
 ROOT = Path(__file__).parents[2]
@@ -138,9 +139,30 @@ def test_the_table_of_contents_has_every_page() -> None:
     assert pages - named == set()
 
 
-def test_the_readme_leads_to_the_guides() -> None:
+def test_the_readme_is_one_screen_that_leads_to_the_guides() -> None:
     assert {"docs/README.md", "docs/guides/first-day.md", "docs/guides/engineer.md",
             "docs/guides/researcher.md"} <= set(links(ROOT / "README.md"))
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 60
+
+
+# --- Every page of the console with its key, and every command ------------------------------------------------------
+
+def first_columns(page: str) -> list[list[str]]:
+    """The first two cells of each row of a page's first table, without its code marks."""
+    _, table = (DOCS / page).read_text(encoding="utf-8").split("|---|", 1)
+    return [[cell.strip(" `") for cell in row.split("|")[1:3]]
+            for row in table.partition("\n\n")[0].splitlines()[1:]]
+
+
+def test_the_pages_of_the_console_with_their_keys() -> None:
+    assert [(page.lower(), key) for page, key in first_columns("screens/README.md")] == [
+        (one.label, one.shown) for one in actions.pages()]
+
+
+def test_every_command_is_on_its_page() -> None:
+    cells = " ".join(command for command, _ in first_columns("command-line.md"))
+    assert set(re.findall(r"\btopdress ([a-z-]+)", cells)) == {
+        one.name for one in (*app.registered_commands, *app.registered_groups)}
 
 
 # --- `python -m benchmarks`: its index, and that every benchmark that a page names is in it --------------------------
