@@ -11,6 +11,7 @@ from drivers.cab_line import DatagramLine, DeviceLine
 from drivers.datagrams import Datagrams, UdpPort, open_line
 from drivers.device_status import DeviceStatus
 from drivers.devices.agopengps import AgOpenGpsDecoder
+from drivers.devices.board_frames import ASK_TURNED, ShaftTurned
 from drivers.devices.canopy_heads import HeadDecoder
 from drivers.devices.gnss import GnssDecoder
 from drivers.devices.gpsd import WATCH, GpsdDecoder
@@ -170,6 +171,15 @@ class Cab:
     def dose(self) -> GivenDose | None:
         """The newest dose, as far as is known."""
         return self._drives[1].dose.newest if self._drives else None
+
+    def ask_turned(self) -> ShaftTurned | None:
+        """Ask the board how far its shaft turned; gives what it answered before. Moves nothing."""
+        if self._drives is None:
+            return None
+        line, board = self._drives
+        if not self._record_only:
+            line.write(self._clock(), ASK_TURNED)
+        return board.turned
 
     def order_rig(self, run: int, arm: bool) -> None:
         """Arm the lag rig for a run, or let it idle; without a rig nothing happens."""

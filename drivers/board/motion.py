@@ -64,7 +64,7 @@ class ShaftControl:
 
 
 class Stepper:
-    """Steps to a place, along a ramp of constant acceleration. `place` counts the steps that were put out."""
+    """Steps to a place or without end, along a ramp of constant acceleration. `place` counts what was put out."""
 
     def __init__(self, fastest_steps_s: float, acceleration_steps_s2: float) -> None:
         self.place = 0
@@ -76,24 +76,27 @@ class Stepper:
         """Stand still at once."""
         self.speed_steps_s = self._phase = 0.0
 
+    def run(self, steps_s: float, dt_s: float) -> int:
+        """Steps to put out now, signed, on the way to this speed; `place` is counted on."""
+        most = self._acceleration * dt_s
+        self.speed_steps_s += min(max(steps_s - self.speed_steps_s, -most), most)
+        self._phase += self.speed_steps_s * dt_s
+        steps = int(self._phase)
+        self._phase -= steps
+        self.place += steps
+        return steps
+
     def advance(self, wanted: int, dt_s: float) -> int:
-        """Steps to put out now, signed; `place` is counted on."""
+        """Steps to put out now, signed, on the way to this place."""
         ahead = wanted - self.place
         if ahead == 0 and abs(self.speed_steps_s) <= self._acceleration * dt_s:
             self.halt()
             return 0
         brake = (2.0 * self._acceleration * abs(ahead)) ** 0.5
-        aim = min(self._fastest, brake) * (1.0 if ahead > 0 else -1.0 if ahead < 0 else 0.0)
-        most = self._acceleration * dt_s
-        self.speed_steps_s += min(max(aim - self.speed_steps_s, -most), most)
-        self._phase += self.speed_steps_s * dt_s
-        steps = int(self._phase)
+        steps = self.run(min(self._fastest, brake) * (1.0 if ahead > 0 else -1.0 if ahead < 0 else 0.0), dt_s)
         if ahead and abs(steps) > abs(ahead) and (steps > 0) == (ahead > 0):
-            steps = ahead
             self.halt()
-        else:
-            self._phase -= steps
-        self.place += steps
+            self.place, steps = wanted, ahead
         return steps
 
 
@@ -183,3 +186,38 @@ class Doser:
         if self._stepper.place >= self.steps:
             self.running = False
         return steps
+
+
+class SteppedShaft:
+    """Turns the metering shaft by a stepper for as long as it is asked to.
+
+    Where an encoder shows the shaft slower than its steps by more than `held_share` of them and `held_rpm` for
+    `lost_after_s`, the motor fell out of step, which no steps at full speed bring back: the ramp begins anew.
+    """
+
+    def __init__(self, steps_per_turn: float, steps_s2: float, most_steps_s: float, *, held_share: float,
+                 held_rpm: float, lost_after_s: float) -> None:
+        self._per_turn, self._most = steps_per_turn, most_steps_s
+        self._held_share, self._held_rpm, self._lost_after_s = held_share, held_rpm, lost_after_s
+        self._stepper = Stepper(most_steps_s, steps_s2)
+        self._slow_s = 0.0
+
+    def stop(self) -> None:
+        """No step more."""
+        self._stepper.halt()
+        self._slow_s = 0.0
+
+    def advance(self, wanted_rpm: float, dt_s: float) -> int:
+        """Steps to put out now; a set-point of 0 is a stop at once."""
+        if wanted_rpm <= 0.0:
+            self.stop()
+            return 0
+        return self._stepper.run(min(wanted_rpm / 60.0 * self._per_turn, self._most), dt_s)
+
+    def compare(self, measured_rpm: float, dt_s: float) -> None:
+        """What the encoder says, every `dt_s`."""
+        stepped_rpm = self._stepper.speed_steps_s * 60.0 / self._per_turn
+        slow = stepped_rpm - measured_rpm > self._held_share * stepped_rpm + self._held_rpm
+        self._slow_s = self._slow_s + dt_s if slow else 0.0
+        if self._slow_s > self._lost_after_s:
+            self.stop()

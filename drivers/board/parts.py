@@ -1,4 +1,4 @@
-"""Scale and inclination at the slave board: a load-cell amplifier HX711 and an accelerometer LIS3DH."""
+"""Parts at the slave board: a load-cell amplifier HX711, an accelerometer LIS3DH, and the plug for USB."""
 from math import atan2, degrees
 
 HX711_BITS = 24
@@ -10,6 +10,39 @@ CONTROL_1, ALL_AXES_50_HZ = 0x20, b"\x47"
 CONTROL_4, WHOLE_SAMPLES_2_G = 0x23, b"\x88"
 SAMPLES = 0x28 | 0x80           # the address counts on while it is read
 LEAST_G2, MOST_G2 = 0.5, 2.0    # of 1 g squared: more or less is a jolt and says nothing of the slope
+
+USB_WAITING = 1024              # bytes that a host has not fetched yet; a frame beyond them is lost
+USB_ROUND = 64                  # in and out a round: 64 kB a second, and no round is long
+
+
+class UsbLine:
+    """The line through the board's own USB plug, on the streams of MicroPython's prompt. Bytes go one at a time, and
+    only while there is room: `stdout` waits up to 0.5 s for a host that does not read (MicroPython's
+    shared/tinyusb/mp_usbd_cdc.c), and the program with it. `can_read`, `can_write` ask without waiting."""
+
+    def __init__(self, stdin, stdout, can_read, can_write) -> None:  # type: ignore[no-untyped-def]
+        self._in, self._out = stdin, stdout
+        self._can_read, self._can_write = can_read, can_write
+        self._waiting = b""
+
+    def read(self) -> bytes:
+        """What came; what waits to be sent goes first. To be called every round."""
+        sent = 0
+        while sent < min(len(self._waiting), USB_ROUND) and self._can_write():
+            self._out.write(self._waiting[sent:sent + 1])
+            sent += 1
+        self._waiting = self._waiting[sent:]
+        got = b""
+        while len(got) < USB_ROUND and self._can_read():
+            byte = self._in.read(1)
+            if not byte:
+                break
+            got += byte
+        return got
+
+    def write(self, data: bytes) -> None:
+        if len(self._waiting) + len(data) <= USB_WAITING:
+            self._waiting += data
 
 
 class LoadCell:

@@ -1,14 +1,29 @@
 """What the main programs of both boards have in common on an RP2040 (Raspberry Pi Pico): serial line, clock, rounds."""
+import select
+import sys
 import time
 
 import machine  # type: ignore[import-not-found]
+import micropython  # type: ignore[import-not-found]
+
+from drivers.board.parts import UsbLine
+
+
+def usb_line() -> UsbLine:
+    """Through the board's own plug; MicroPython's prompt is gone until the next power-on."""
+    micropython.kbd_intr(-1)        # a byte of 3 is no Ctrl-C
+    inward, outward = select.poll(), select.poll()
+    inward.register(sys.stdin, select.POLLIN)
+    outward.register(sys.stdout, select.POLLOUT)
+    return UsbLine(sys.stdin.buffer, sys.stdout.buffer, lambda: inward.poll(0), lambda: outward.poll(0))
 
 
 class Board:
-    """The serial line on UART 0 and a clock that never runs over; pin layers inherit from it first."""
+    """The serial line, on UART 0 or USB, and a clock that never runs over; pin layers inherit from it first."""
 
-    def __init__(self, rxbuf: int, txbuf: int) -> None:
-        self._uart = machine.UART(0, 115200, tx=machine.Pin(0), rx=machine.Pin(1), rxbuf=rxbuf, txbuf=txbuf)
+    def __init__(self, rxbuf: int, txbuf: int, link: str = "uart") -> None:
+        self._line = usb_line() if link == "usb" else machine.UART(
+            0, 115200, tx=machine.Pin(0), rx=machine.Pin(1), rxbuf=rxbuf, txbuf=txbuf)
         self._now_us = 0
         self._ticks = time.ticks_us()   # type: ignore[attr-defined]
 
@@ -25,10 +40,10 @@ class Board:
         return now_us - max(0, int(time.ticks_diff(self._ticks, ticks)))     # type: ignore[attr-defined]
 
     def read(self) -> bytes:
-        return self._uart.read() or b""
+        return self._line.read() or b""
 
     def write(self, data: bytes) -> None:
-        self._uart.write(data)
+        self._line.write(data)
 
     def rest(self, started_us: int, round_us: int) -> None:
         """Wait for the end of a round."""

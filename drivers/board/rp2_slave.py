@@ -12,20 +12,30 @@ from drivers.board.rp2 import Board
 from drivers.board.slave import BoardSettings, Pins, Slave
 
 ROUND_US = 1000
-MM_PER_COUNT = 65.0 / 65535.0           # displacement sensor, 0 to 65 mm over the converter's range
-KG_PER_COUNT, ZERO_KG = 5.0e-5, 0.0     # of the hopper's load cells: calibrate with two known masses
-SCALE_FITTED = TILT_FITTED = True
-VALVE_PINS: "tuple[int, ...]" = ()      # of the sections' drivers, left to right, e.g. (16, 17, 18); 1 opens
+SERVICE_PIN = 22                        # to ground at power-on: the program stays out, `mpremote` has the board
 TILT_US = 50000
-VOLTS_PER_COUNT = 3.3 / 65535.0 * 11.0  # supply over 100 kOhm and 10 kOhm
-EFFORT_FITTED = False                   # the shaft driver's current-sense output, 0 to 3.3 V over the converter's range
-AMPS_PER_COUNT = 30.0 / 65535.0         # calibrate with an ammeter
 EFFORT_SHARE = 0.1                      # of each reading: some 10 ms, so that the driver's switching is no noise
+VOLTS_PER_COUNT = 3.3 / 65535.0 * 11.0  # supply over 100 kOhm and 10 kOhm
+
+
+class Rp2Settings(BoardSettings):
+    """And what is wired to this one's pins. Left out: `False`, and the status says "not fitted"."""
+
+    counts_per_turn = 1200.0            # both edges of one channel
+    displacement_fitted = True          # False: the gate finds its place by the home switch
+    mm_per_count = 65.0 / 65535.0       # displacement sensor, 0 to 65 mm over the converter's range
+    scale_fitted = tilt_fitted = supply_fitted = work_switch_fitted = True
+    kg_per_count = 5.0e-5               # of the hopper's load cells: calibrate with two known masses
+    zero_kg = 0.0
+    effort_fitted = False               # the shaft driver's current-sense output, 0 to 3.3 V over the converter's range
+    amps_per_count = 30.0 / 65535.0     # calibrate with an ammeter
+    valve_pins: "tuple[int, ...]" = ()  # of the sections' drivers, left to right, e.g. (16, 17, 18); 1 opens
 
 
 class Rp2Pins(Board, Pins):
-    def __init__(self) -> None:
-        Board.__init__(self, rxbuf=512, txbuf=1024)
+    def __init__(self, settings: Rp2Settings) -> None:
+        Board.__init__(self, rxbuf=512, txbuf=1024, link=settings.link)
+        self._settings = settings
         self._enable = machine.Pin(2, machine.Pin.OUT, value=0)
         self._fault = machine.Pin(3, machine.Pin.IN, machine.Pin.PULL_UP)
         self._pwm = machine.PWM(machine.Pin(4), freq=20000, duty_u16=0)
@@ -37,7 +47,7 @@ class Rp2Pins(Board, Pins):
         self._dose_step = machine.Pin(11, machine.Pin.OUT, value=0)
         self._hall = machine.Pin(14, machine.Pin.IN, machine.Pin.PULL_UP)
         self._switch = machine.Pin(15, machine.Pin.IN, machine.Pin.PULL_UP)
-        self._valve_pins = [machine.Pin(pin, machine.Pin.OUT, value=0) for pin in VALVE_PINS]
+        self._valve_pins = [machine.Pin(pin, machine.Pin.OUT, value=0) for pin in settings.valve_pins]
         self._opening = machine.ADC(26)
         self._supply = machine.ADC(27)
         self._current = machine.ADC(28)
@@ -47,9 +57,9 @@ class Rp2Pins(Board, Pins):
         self._shaft_a.irq(self._on_shaft, machine.Pin.IRQ_RISING | machine.Pin.IRQ_FALLING, hard=True)
         self._hall.irq(self._on_wheel, machine.Pin.IRQ_FALLING, hard=True)
         scale = machine.Pin(12, machine.Pin.OUT, value=0), machine.Pin(13, machine.Pin.IN, machine.Pin.PULL_UP)
-        self._scale = LoadCell(*scale, KG_PER_COUNT, ZERO_KG) if SCALE_FITTED else None
+        self._scale = LoadCell(*scale, settings.kg_per_count, settings.zero_kg) if settings.scale_fitted else None
         bus = machine.I2C(0, sda=machine.Pin(20), scl=machine.Pin(21), freq=400000, timeout=1000)
-        self._tilt = Tilt(bus) if TILT_FITTED else None
+        self._tilt = Tilt(bus) if settings.tilt_fitted else None
         self._tilt_us = 0
 
     def _on_shaft(self, pin: object) -> None:
@@ -76,7 +86,8 @@ class Rp2Pins(Board, Pins):
         self._pulse(self._dose_step, steps)
 
     def opening_mm(self) -> "float | None":
-        return float(self._opening.read_u16() * MM_PER_COUNT)
+        settings = self._settings
+        return float(self._opening.read_u16() * settings.mm_per_count) if settings.displacement_fitted else None
 
     def at_home(self) -> bool:
         return not self._home.value()
@@ -92,10 +103,10 @@ class Rp2Pins(Board, Pins):
         return self._newest
 
     def supply_v(self) -> "float | None":
-        return float(self._supply.read_u16() * VOLTS_PER_COUNT)
+        return float(self._supply.read_u16() * VOLTS_PER_COUNT) if self._settings.supply_fitted else None
 
     def shaft_effort(self) -> "float | None":
-        return self._amps if EFFORT_FITTED else None
+        return self._amps if self._settings.effort_fitted else None
 
     def hopper_kg(self) -> "float | None":
         return self._scale.kg if self._scale else None
@@ -108,7 +119,7 @@ class Rp2Pins(Board, Pins):
 
     def look(self, now_us: int) -> None:
         """Fetch what scale, inclination and the current sensor have; every round."""
-        self._amps += EFFORT_SHARE * (self._current.read_u16() * AMPS_PER_COUNT - self._amps)
+        self._amps += EFFORT_SHARE * (self._current.read_u16() * self._settings.amps_per_count - self._amps)
         if self._scale:
             self._scale.look()
         if self._tilt and now_us - self._tilt_us >= TILT_US:
@@ -116,7 +127,7 @@ class Rp2Pins(Board, Pins):
             self._tilt_us = now_us
 
     def work_switch(self) -> "bool | None":
-        return not self._switch.value()
+        return not self._switch.value() if self._settings.work_switch_fitted else None
 
     def valves(self, mask: int) -> None:
         for k, pin in enumerate(self._valve_pins):
@@ -133,11 +144,23 @@ class Rp2Pins(Board, Pins):
             time.sleep_us(20)           # type: ignore[attr-defined]
 
 
+def own_settings() -> Rp2Settings:
+    """With what `board_settings.py` on the board says. Raises ValueError as `BoardSettings.take` does."""
+    settings = Rp2Settings()
+    try:
+        import board_settings  # type: ignore[import-not-found]
+    except ImportError:
+        return settings
+    settings.take(board_settings)
+    return settings
+
+
 def main() -> None:
-    pins = Rp2Pins()
-    settings = BoardSettings()
-    settings.counts_per_turn = 1200.0   # both edges of one channel
-    settings.valves = len(VALVE_PINS)
+    if not machine.Pin(SERVICE_PIN, machine.Pin.IN, machine.Pin.PULL_UP).value():
+        return
+    settings = own_settings()
+    settings.valves = len(settings.valve_pins)
+    pins = Rp2Pins(settings)
     slave = Slave(pins, settings)
     watchdog = machine.WDT(timeout=500)     # a program that hangs restarts; the enable line is off meanwhile
     while True:

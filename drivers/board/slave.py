@@ -6,9 +6,9 @@
     write(data)                     to the host; must not wait
     enable(on)                      the motor drivers' enable lines
     duty(value)                     of the shaft's DC motor, 0 to 1
-    shaft_counts() -> int           of the shaft's encoder
+    shaft_counts() -> int           of the shaft's encoder; not read where `counts_per_turn` is 0
     gate_steps(steps)               put out now, positive opens
-    dose_steps(steps)               of a shaft turned by a stepper (point dose)
+    dose_steps(steps)               of a shaft turned by a stepper (metering, point dose)
     opening_mm() -> float or None   displacement sensor, None where there is none
     at_home() -> bool               the gate's switch; read only where there is no displacement sensor
     driver_fault() -> bool
@@ -21,26 +21,29 @@
     chance() -> int or None         below 2^32 and not to be foreseen; None: only orders without a word are taken
 """
 from drivers.board.framing import SEQUENCES, WORDS, Newest, Receiver, decimal, number, seal, whole
-from drivers.board.motion import Doser, GateMotion, ShaftControl, SpeedMeter
+from drivers.board.motion import Doser, GateMotion, ShaftControl, SpeedMeter, SteppedShaft
 
 SILENT_HOST_US = 1000000
 CONTROL_US = 10000
 STATUS_US = 25000
 REPORT_US = 300000          # what became of a dose is said again this long, for a line may lose it
 OLD_ORDER_US = 1000000      # an old order is reported this long
+LONGEST_STEPPED_S = 0.005   # what a longer round leaves out is lost: in one burst it would throw the motor out of step
 WRAP = 1 << 32
 
 ENABLED, HEARTBEAT_LOST, DRIVER_FAULT, STEPS_LOST, HOMING, WORD_UNUSED, OLD_ORDER = 1, 2, 4, 8, 16, 32, 64
-FIELDS = {b"T1": 5, b"T2": 6, b"T3": 7, b"D1": 5, b"D3": 6, b"A1": 1}
+FIELDS = {b"T1": 5, b"T2": 6, b"T3": 7, b"D1": 5, b"D3": 6, b"A1": 1, b"A2": 1}
 DOSE_RUNNING, DOSE_DONE, DOSE_REFUSED, DOSE_ABORTED = 1, 2, 3, 4
 
 
 class BoardSettings:
-    """What is screwed to this board. Change the values in the main program's own instance."""
+    """What is screwed to this board. Change the values in `board_settings.py` on the board, which `take` reads."""
 
+    link = "uart"                       # to the host: "uart" (GP0, GP1) or "usb" (the board's own plug)
+    shaft_drive = "dc"                  # what meters: "dc", a motor by its duty, or "stepper", by steps
     max_shaft_rpm = 100.0
     max_opening_mm = 60.0
-    counts_per_turn = 2400.0            # of the shaft's encoder, all edges
+    counts_per_turn = 2400.0            # of the shaft's encoder; 0: none, which only a stepper can do without
     duty_per_rpm = 0.008                # of the motor at nominal supply
     duty_to_start = 0.04
     time_constant_s = 0.13              # of the motor and of measuring its speed
@@ -55,10 +58,42 @@ class BoardSettings:
     home_mm_s = 5.0
     lost_mm = 1.0
     lost_after_s = 0.5
-    dose_steps_per_turn = 400.0         # point dose: microstep mode 2
+    dose_steps_per_turn = 400.0         # of the shaft's stepper, for doses and for metering: microstep mode 2
     dose_acceleration_rpm_s = 2000.0
+    stepper_steps_s2 = 2000.0           # metering by the stepper: 0 to 100 r/min in a third of a second
+    stepper_steps_s = 4000.0            # and no faster than this: 4 steps in a round of a millisecond
     valves = 0                          # of sections; 0: a board without, which does not obey T2
     words_only = False                  # True: takes no order without a word (T1, T2, D1), not even before the first
+
+    def take(self, own: object) -> None:
+        """The values of a module or class `own`. Raises ValueError with one line for one that cannot be: the board
+        does not start then, and its drives stay off."""
+        for name in dir(own):
+            if name.startswith("_"):
+                continue
+            value, usual = getattr(own, name), getattr(self, name, None)
+            if usual is None or name == "take":
+                raise ValueError(f"{name}: no setting of this board")
+            kinds = (float, int) if isinstance(usual, float) else (type(usual),)
+            if type(value) not in kinds:
+                raise ValueError(f"{name} {value!r}: allowed is a value like {usual!r}")
+            setattr(self, name, value)
+        for name, allowed in ALLOWED.items():
+            value, word = getattr(self, name), isinstance(allowed[0], str)
+            if not (value in allowed if word else allowed[0] <= value <= allowed[1]):
+                between = "or" if word else "to"
+                raise ValueError(f"{name} {value!r}: allowed is {allowed[0]} {between} {allowed[1]}")
+        if self.shaft_drive == "dc" and not self.counts_per_turn:
+            raise ValueError("counts_per_turn 0: allowed only with shaft_drive 'stepper'")
+        asked = self.max_shaft_rpm / 60.0 * self.dose_steps_per_turn
+        if self.shaft_drive == "stepper" and asked > self.stepper_steps_s:
+            raise ValueError(f"max_shaft_rpm {self.max_shaft_rpm!r}: asks {asked:.0f} steps a second of the stepper: "
+                             f"allowed is stepper_steps_s, {self.stepper_steps_s:.0f}")
+
+
+ALLOWED = {"link": ("uart", "usb"), "shaft_drive": ("dc", "stepper"), "counts_per_turn": (0.0, 100000.0),
+           "dose_steps_per_turn": (20.0, 51200.0), "max_shaft_rpm": (1.0, 300.0), "max_opening_mm": (1.0, 100.0),
+           "stepper_steps_s2": (100.0, 20000.0), "stepper_steps_s": (100.0, 8000.0), "valves": (0, 16)}
 
 
 class Pins:
@@ -146,13 +181,20 @@ class Slave:
         self._newest = Newest(pins.chance, settings.words_only)
         self._old_order_until_us = 0
         self._status_seq = 0
-        self._meter = SpeedMeter(settings.counts_per_turn)
+        self._encoder = settings.counts_per_turn > 0.0
+        self._meter = SpeedMeter(settings.counts_per_turn if self._encoder else settings.dose_steps_per_turn)
         self._shaft = ShaftControl(settings.duty_per_rpm, settings.duty_to_start, settings.time_constant_s,
                                    kp=settings.kp, ki=settings.ki, acceleration_rpm_s=settings.acceleration_rpm_s,
                                    held_share=settings.held_share, held_rpm=settings.held_rpm)
         self._gate = GateMotion(settings.steps_per_mm, settings.gate_mm_s, settings.gate_acceleration_mm_s2,
                           settings.home_mm_s, settings.lost_mm, settings.lost_after_s)
         self._doser = Doser(settings.dose_steps_per_turn, settings.dose_acceleration_rpm_s)
+        self._stepped: SteppedShaft | None = None       # None: a DC motor meters
+        if settings.shaft_drive == "stepper":
+            self._stepped = SteppedShaft(settings.dose_steps_per_turn, settings.stepper_steps_s2,
+                                         settings.stepper_steps_s, held_share=settings.held_share,
+                                         held_rpm=settings.held_rpm, lost_after_s=settings.lost_after_s)
+        self._steps = 0                                 # of the shaft's stepper since power-on
         self._dose = -1
         self._dose_begin_us = 0
         self._report = ""
@@ -183,7 +225,7 @@ class Slave:
             self._valves = valves
             pins.valves(valves)
         self._move_gate(enabled, dt_s)
-        self._turn_dose(now_us, dt_s)
+        self._turn_stepper(now_us, dt_s)
         if now_us >= self._next_control_us:
             self._control(enabled, now_us)
         if now_us >= self._next_status_us:
@@ -227,7 +269,9 @@ class Slave:
             raise ValueError("unknown_frame")
         if len(fields) != FIELDS[name]:
             raise ValueError("wrong_length")
-        if name == b"A1":
+        if name == b"A2":
+            self._pins.write(self._turned())
+        elif name == b"A1":
             self._pins.write(seal(f"W1,{self._next_seq()},{self._newest.word}"))
         elif name in (b"D1", b"D3"):
             self._start_dose(fields, now_us)
@@ -267,18 +311,29 @@ class Slave:
 
     def _stop_shaft(self, now_us: int) -> None:
         self._pins.duty(self._shaft.stop())
+        if self._stepped is not None:
+            self._stepped.stop()
         if self._doser.running:
             self._doser.abort()
             self._tell_dose(self._dose, DOSE_ABORTED, self._doser.turned_deg, self._dose_begin_us, now_us)
 
-    def _turn_dose(self, now_us: int, dt_s: float) -> None:
-        if not self._doser.running:
+    def _turn_stepper(self, now_us: int, dt_s: float) -> None:
+        """A dose, or metering where the stepper does it; `_stop_shaft` has ended both when not enabled."""
+        if self._doser.running:
+            steps = self._doser.advance(dt_s)
+            if not self._doser.running:
+                self._tell_dose(self._dose, DOSE_DONE, self._doser.turned_deg, self._dose_begin_us, now_us)
+        elif self._stepped is not None and self.enabled:
+            steps = self._stepped.advance(self._metered_rpm(), min(dt_s, LONGEST_STEPPED_S))
+        else:
             return
-        steps = self._doser.advance(dt_s)
         if steps:
+            self._steps += steps
             self._pins.dose_steps(steps)
-        if not self._doser.running:
-            self._tell_dose(self._dose, DOSE_DONE, self._doser.turned_deg, self._dose_begin_us, now_us)
+
+    def _metered_rpm(self) -> float:
+        """The set-point; the shaft waits for a gate that looks for its switch."""
+        return self._wanted_rpm if self._gate.homed else 0.0
 
     def _move_gate(self, enabled: bool, dt_s: float) -> None:
         pins, gate = self._pins, self._gate
@@ -300,10 +355,11 @@ class Slave:
         self._next_control_us = now_us + CONTROL_US
         dt_s = 0.0 if self._control_us is None else (now_us - self._control_us) * 1e-6
         self._control_us = now_us
-        self.shaft_rpm = self._meter.update(now_us, self._pins.shaft_counts())
-        if enabled:
-            wanted_rpm = self._wanted_rpm if self._gate.homed else 0.0
-            self._pins.duty(self._shaft.update(wanted_rpm, self.shaft_rpm, dt_s))
+        self.shaft_rpm = self._meter.update(now_us, self._pins.shaft_counts() if self._encoder else self._steps)
+        if enabled and self._stepped is None:
+            self._pins.duty(self._shaft.update(self._metered_rpm(), self.shaft_rpm, dt_s))
+        elif self._stepped is not None and self._encoder:
+            self._stepped.compare(self.shaft_rpm, dt_s)
 
     def _tell_dose(self, dose: int, state: int, turned_deg: float, begin_us: int, end_us: int) -> None:
         self._report = f"{dose},{state},{turned_deg:.3f},{begin_us % WRAP},{end_us % WRAP}"
@@ -334,6 +390,13 @@ class Slave:
             decimal(pins.pitch_deg(), -60.0, 60.0), decimal(pins.roll_deg(), -60.0, 60.0),
             "" if switch is None else str(int(switch)),
             f"{int(flags)}{more}")))
+
+    def _turned(self) -> bytes:
+        """How far the shaft turned since power-on, and what a turn is taken to be: by its encoder, by its stepper."""
+        settings = self._settings
+        counts = f"{self._pins.shaft_counts() % WRAP},{settings.counts_per_turn:.3f}" if self._encoder else ","
+        steps = "," if self._stepped is None else f"{self._steps % WRAP},{settings.dose_steps_per_turn:.3f}"
+        return seal(f"C1,{self._next_seq()},{counts},{steps}")
 
     def _next_seq(self) -> int:
         seq, self._status_seq = self._status_seq, (self._status_seq + 1) % SEQUENCES

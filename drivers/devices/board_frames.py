@@ -19,6 +19,7 @@ STATUS_EFFORT = "S3"            # both, valves empty where it has none, and how 
 COMMAND_VALVES = "T2"          # the same with the sections' valves; a board without them does not obey it
 COMMAND_WORD = "T3"            # both, with the board's word: what was recorded under another one is old
 WORD = "W1"                     # the board's word, in answer to ASK
+TURNED = "C1"                   # how far the shaft turned, in answer to ASK_TURNED
 COUNTERS = WORDS                # micros and pulses run over here; words, and counts of commands with one, are below it
 SILENT_HOST_S = 1.0             # the board stops by itself after this
 
@@ -80,6 +81,17 @@ class StatusFrame(NamedTuple):
     gate_effort: float | None = None
 
 
+class ShaftTurned(NamedTuple):
+    """How far the shaft turned since power-on, below 2^32, and what the board takes a turn to be. `None`: no encoder,
+    or no stepper that meters."""
+
+    seq: int
+    counts: int | None
+    counts_per_turn: float | None
+    steps: int | None
+    steps_per_turn: float | None
+
+
 def crc16(payload: bytes) -> int:
     """CRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, nothing reflected; `123456789` gives 0x29B1."""
     return binascii.crc_hqx(payload, 0xFFFF)
@@ -120,13 +132,21 @@ def encode_command(frame: CommandFrame) -> bytes:
     return seal(f"{COMMAND_VALVES if valves else COMMAND},{frame.seq % SEQUENCES},{said}{valves}")
 
 
-ASK = seal("A1")
+ASK, ASK_TURNED = seal("A1"), seal("A2")
 
 
 def decode_word(frame: bytes) -> tuple[int, int]:
     """Sequence number and word. Raises ValueError with its kind."""
     fields = open_frame(frame, WORD, 2)
     return whole(fields[0], SEQUENCES - 1), whole(fields[1], COUNTERS - 1)
+
+
+def decode_turned(frame: bytes) -> ShaftTurned:
+    """Raises ValueError with its kind."""
+    seq, *said = open_frame(frame, TURNED, 5)
+    (counts, per_count), (steps, per_step) = (
+        (whole(said[k], COUNTERS - 1), number(said[k + 1], 1.0, 100000.0)) if said[k] else (None, None) for k in (0, 2))
+    return ShaftTurned(whole(seq, SEQUENCES - 1), counts, per_count, steps, per_step)
 
 
 def decode_status(frame: bytes) -> StatusFrame:

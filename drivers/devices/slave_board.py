@@ -15,10 +15,13 @@ from drivers.devices.board_frames import (
     FLAG_OLD_ORDER,
     FLAG_STEPS_LOST,
     FLAG_WORD_UNUSED,
+    TURNED,
     WORD,
     CommandFrame,
+    ShaftTurned,
     StatusFrame,
     decode_status,
+    decode_turned,
     decode_word,
     encode_command,
     is_repeat,
@@ -30,7 +33,7 @@ from drivers.devices.point_dose import REPORT, PointDose, decode_report
 from drivers.devices.wheel import WheelGeometry, WheelSpeed
 
 DOSE_REPORT = REPORT.encode() + b","
-BOARD_WORD = WORD.encode() + b","
+BOARD_WORD, SHAFT_TURNED = WORD.encode() + b",", TURNED.encode() + b","
 ASKED = 20                  # times in vain, a second at 20 a second: a board that has no word
 
 
@@ -89,6 +92,7 @@ class SlaveBoard(LineDecoder[BoardReadings]):
         self._sent_opening_mm = 0.0
         self._valves = 0                        # of the newest command
         self.dose = PointDose(self._limits.max_shaft_rpm)
+        self.turned: ShaftTurned | None = None      # the newest answer to ASK_TURNED
 
     def command(self, command: DriveCommand | None, enabled: bool) -> bytes:
         """The next command line, heartbeat included; to be sent 10 times a second or more. Before it, where the board
@@ -141,6 +145,11 @@ class SlaveBoard(LineDecoder[BoardReadings]):
             seq, word = decode_word(sentence)
             self._count(seq)
             self._word, self._ask, self._asked = word, False, 0
+            return []
+        if sentence.startswith(SHAFT_TURNED):
+            turned = decode_turned(sentence)
+            self._count(turned.seq)
+            self.turned = turned
             return []
         return [self._take(decode_status(sentence), time_s)]
 

@@ -2,7 +2,7 @@
 what both have is used. Each gives plain lists and numbers."""
 from drivers.board.framing import seal
 from drivers.board.lag_rig import RigPins, RigProgram, RigSettings
-from drivers.board.parts import LoadCell, Tilt
+from drivers.board.parts import LoadCell, Tilt, UsbLine
 from drivers.board.slave import BoardSettings, Pins, Slave
 
 MS = 1000
@@ -388,6 +388,131 @@ def doses():
             bench.machine.dose_count - before - cut]
 
 
+def stepped(counts_per_turn=0.0):
+    settings = BoardSettings()
+    settings.shaft_drive, settings.counts_per_turn = "stepper", counts_per_turn
+    return Bench(settings)
+
+
+def metering_stepper():
+    """Steps in a second at 60 r/min, the most by which steps/s grew within 0.1 s (steps/s^2), the r/min told, the most
+    duty; then the steps in the second after each way to stop, and whether the drives are enabled: set-point 0,
+    enable 0, a driver's fault, the last frame 1 s ago."""
+    bench = stepped()
+    counted, duties = [0], []
+
+    def look(b):
+        counted.append(b.machine.dose_count)
+        duties.append(b.machine.value)
+    bench.run(0.2, 0, 25, 0)
+    bench.run(2.0, 60, 25, 1, look=look)
+    tenths = [counted[k + 100] - counted[k] for k in range(0, 1900, 100)]
+    rises = [tenths[k + 1] - tenths[k] for k in range(18)]
+    told = bench.machine.sent[-1].split(b",")[6].decode()
+    found = [counted[-1] - counted[-1001], max(rises) * 100, told, max(duties)]
+    for rpm, enable, fault, wait_s in ((0, 1, False, 0.0), (60, 0, False, 0.0), (60, 1, True, 0.0),
+                                       (60, None, False, 0.951)):
+        bench.machine.fault = False
+        bench.run(0.2, 0, 25, 0)
+        bench.run(1.0, 60, 25, 1)
+        bench.run(wait_s)
+        bench.machine.fault, before = fault, bench.machine.dose_count
+        bench.run(1.0, rpm, 25, enable)
+        found.append([bench.machine.dose_count - before, bench.machine.on])
+    return found
+
+
+def stepper_falls_out_of_step():
+    """A stepper with an encoder at 80 r/min, held from the second to the fourth second: steps put out in each half
+    second and the r/min told at its end."""
+    bench = stepped(2400.0)
+    machine, found, held = bench.machine, [], [False, 0]
+
+    def follow(b):
+        machine.turns += 0.0 if held[0] else (machine.dose_count - held[1]) / 400.0
+        held[1] = machine.dose_count
+    bench.run(0.2, 0, 25, 0)
+    for half in range(10):
+        held[0], before = 4 <= half < 8, machine.dose_count
+        bench.run(0.5, 80, 25, 1, look=follow)
+        found.append([machine.dose_count - before, round(bench.board.shaft_rpm)])
+    return found
+
+
+def turned():
+    """What is answered to A2 by a board with a DC motor, with a stepper, with both encoder and stepper, before any
+    target and after 2 s at 60 r/min; whether it obeys anything after the question alone."""
+    found = []
+    for bench in (Bench(), stepped(), stepped(2400.0)):
+        for _ in range(2):
+            bench.say("A2")
+            bench.run(0.03)
+            line = [one for one in bench.machine.sent if one.startswith(b"$C1")][-1]
+            found.append(line.split(b"*")[0].decode().split(",")[2:])
+            found[-1].append(bench.machine.on)
+            bench.run(0.2, 0, 25, 0)
+            bench.run(2.0, 60, 25, 1)
+            bench.run(0.5, 0, 25, 0)
+    return found
+
+
+def own_settings():
+    """What the lines of a maker's board_settings.py do, and why they are refused."""
+    found = []
+    for line in ("counts_per_turn, link = 1198, 'usb'", "counts_per_tern = 1.0", "link = 'wifi'",
+                 "counts_per_turn = '1200'", "counts_per_turn = 0.0", "words_only = 1", "take = 1",
+                 "stepper_steps_s2 = 1e9", "shaft_drive, counts_per_turn = 'stepper', 0.0",
+                 "shaft_drive, dose_steps_per_turn = 'stepper', 6400.0"):
+        settings, names = BoardSettings(), {}
+        exec("class Own:\n    " + line, names)
+        try:
+            settings.take(names["Own"])
+            found.append([settings.counts_per_turn, settings.link, settings.shaft_drive])
+        except ValueError as why:
+            found.append(str(why))
+    return found
+
+
+class FakeUsb:
+    """Both streams of the prompt: `inbox` a byte at a time, `room` for so many bytes more."""
+
+    def __init__(self):
+        self.inbox, self.outbox, self.room, self.asked_for = b"", b"", 0, []
+
+    def read(self, count):
+        self.asked_for.append(count)
+        data, self.inbox = self.inbox[:count], self.inbox[count:]
+        return data
+
+    def write(self, data):
+        self.room -= len(data)
+        self.outbox += data
+
+
+def usb_line():
+    """Bytes read in rounds; written to a host that reads nothing, then some, then all: nothing waits, whole frames are
+    dropped."""
+    usb = FakeUsb()
+    line = UsbLine(usb, usb, lambda: bool(usb.inbox), lambda: usb.room > 0)
+    usb.inbox = b"x" * 100
+    found = [len(line.read()), len(line.read()), len(line.read()), max(usb.asked_for)]
+    for number in range(200):
+        line.write(seal(f"S1,{number},0"))
+        line.read()
+    found.append(len(usb.outbox))
+    for room in (10, 10000):
+        usb.room = room
+        for _ in range(20):
+            line.read()
+        found.append(len(usb.outbox))
+    frames = usb.outbox.split(b"\r\n")
+    found += [usb.room > 0, frames[0].decode(), len(frames), frames[-1].decode()]
+    line.write(b"after")
+    line.read()
+    found.append(usb.outbox[-5:].decode())
+    return found
+
+
 class Rig(RigPins):
     def __init__(self):
         self.sent, self.inbox = [], b""
@@ -548,6 +673,8 @@ SCENARIOS = {
     "shaft_step_after_jam": lambda: shaft_step(0.0), "shaft_step_after_hand": lambda: shaft_step(50.0),
     "shaft_step_weak_supply": lambda: shaft_step(None, 100.0), "gate_moves": gate_moves,
     "gate_moves_homed": lambda: gate_moves(False), "gate_step": gate_step, "lost_steps": lost_steps, "doses": doses,
+    "metering_stepper": metering_stepper, "stepper_falls_out_of_step": stepper_falls_out_of_step, "turned": turned,
+    "own_settings": own_settings, "usb_line": usb_line,
     "lag_rig": lag_rig, "scale": scale, "tilt": tilt, "lag_rig_early_granule": lambda: lag_rig(True)}
 
 

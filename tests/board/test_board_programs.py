@@ -45,7 +45,26 @@ def test_a_silent_host_stops_the_drives_after_one_second():
     pytest.param("limits", [100, 60.0], id="set-points are cut to what is screwed on"),
     pytest.param("gate_moves", [[25.0, 1300], [40.0, 1500], [10.0, -3000], [10.1, 10]],
                  id="the gate reaches its places by as many steps"),
-    pytest.param("lost_steps", [8, 40.0, 0], id="lost steps are seen, told and made good")])
+    pytest.param("lost_steps", [8, 40.0, 0], id="lost steps are seen, told and made good"),
+    pytest.param("metering_stepper", [400, 2000, "60.000", 0.0, [0, True], [0, False], [0, False], [0, False]],
+                 id="a stepper meters, up its ramp, and no way to stop leaves a step"),
+    pytest.param("stepper_falls_out_of_step", [[195, 81], [267, 81], [267, 78], [266, 81], [267, 0], [195, 0], [196, 0],
+                                               [195, 0], [267, 78], [266, 81]],
+                 id="a stepper that is held begins its ramp anew until it turns"),
+    pytest.param("turned", [["0", "2400.000", "", "", False], ["4705", "2400.000", "", "", False],
+                            ["", "", "0", "400.000", False], ["", "", "760", "400.000", False],
+                            ["0", "2400.000", "0", "400.000", False], ["0", "2400.000", "639", "400.000", False]],
+                 id="how far the shaft turned is answered at any time, and moves nothing"),
+    pytest.param("own_settings", [
+        [1198, "usb", "dc"], "counts_per_tern: no setting of this board", "link 'wifi': allowed is uart or usb",
+        "counts_per_turn '1200': allowed is a value like 2400.0",
+        "counts_per_turn 0: allowed only with shaft_drive 'stepper'", "words_only 1: allowed is a value like False",
+        "take: no setting of this board", "stepper_steps_s2 1000000000.0: allowed is 100.0 to 20000.0",
+        [0.0, "uart", "stepper"],
+        "max_shaft_rpm 100.0: asks 10667 steps a second of the stepper: allowed is stepper_steps_s, 4000"],
+        id="a maker's own settings are taken, or refused in one line"),
+    pytest.param("usb_line", [64, 36, 0, 1, 0, 10, 1010, True, "$S1,0,0*DEDA", 69, "", "after"],
+                 id="a host that does not read the USB line keeps nobody waiting and costs whole frames")])
 def test_the_board_does(scenario, found):
     assert scenarios.SCENARIOS[scenario]() == found
 
@@ -174,12 +193,7 @@ def test_the_inclination_is_nose_up_and_right_side_down_positive():
     assert (gone, back, other) == (None, [0.0, 0.0], None)
 
 
-@pytest.mark.parametrize("part", [
-    "safe_stop", "valves", "valve_switches", "power_on", "stop_at_once", "driver_fault", "bad_frames", "limits",
-    "orders_with_a_word", "orders_without_a_word", "orders_without_a_word_at_a_new_board",
-    "orders_without_a_word_refused",
-    "shaft_step", "shaft_step_after_jam", "shaft_step_after_hand", "shaft_step_weak_supply", "gate_moves",
-    "gate_moves_homed", "gate_step", "lost_steps", "doses", "lag_rig", "lag_rig_early_granule", "scale", "tilt"])
+@pytest.mark.parametrize("part", sorted(scenarios.SCENARIOS))
 def test_micropython_does_the_same(part, under_micropython):
     assert under_micropython[part] == scenarios.SCENARIOS[part]()
 
