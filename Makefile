@@ -77,7 +77,7 @@ licences: .venv-tools/.installed
 
 # The pages of docs/ and of every module's docstrings as a site in site/.
 docs: .venv-tools/.installed
-	$(TOOLS)/mkdocs build --strict --quiet
+	$(TOOLS)/mkdocs build --strict
 
 # `make release TAG=v0.1.0`: wheel, bill of materials and licences in dist/, tried in a fresh environment.
 release: .venv-tools/.installed

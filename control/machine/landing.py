@@ -61,14 +61,16 @@ def landed(time_s: Array, track_m: Array, mass_kg: Array, drop_s: Array, bin_m: 
            lever_arm_m: float = 0.0) -> tuple[LandedGround, Array]:
     """Bin parcels by where the outlet is when they land.
 
-    Parameters
-    ----------
-    time_s : (n,) release times, rising; track_m : (n,) outlet's distance along the track at those times.
-    mass_kg : (n,) released from time_s[k] to time_s[k+1]. drop_s : (n,) each parcel's own time to the ground.
-
     Returns the ground and each parcel's place (n,), m along the track. A parcel is spread evenly between its own
     landing place and the next one's, so that bins finer than a tick's travel do not show a comb; parcels may
     overtake one another. kg landed equal kg released.
+
+    Parameters
+    ----------
+    time_s : (n,) release times, rising.
+    track_m : (n,) outlet's distance along the track at those times.
+    mass_kg : (n,) released from time_s[k] to time_s[k+1].
+    drop_s : (n,) each parcel's own time to the ground.
     """
     place = np.interp(time_s + drop_s, time_s, track_m) + lever_arm_m
     beyond = time_s + drop_s > time_s[-1]

@@ -39,11 +39,6 @@ class _Epoch:
 class GnssDecoder(LineDecoder[GnssFix]):
     """Bytes to fixes.
 
-    Parameters
-    ----------
-    live : hand over at the earliest moment (see the module's text). False, for recordings: each epoch once, whole,
-        when the next one begins or at `flush`.
-
     Counted as rejected:
     `bad_checksum`, `missing_checksum`, `malformed`, `impossible_value`;
     `time_backwards`: earlier than the epoch before, and a VTG that follows. After 5 s of time running on from there
@@ -56,6 +51,11 @@ class GnssDecoder(LineDecoder[GnssFix]):
     that stand behind a receiver, with their type), `no_fix`, `comment` (lines beginning with #);
     `other_talker`: a second constellation's sentence for the same epoch; the first stays;
     `no_epoch`: VTG carries no time, and there is no epoch yet that it could belong to.
+
+    Parameters
+    ----------
+    live : hand over at the earliest moment (see the module's text). False, for recordings: each epoch once, whole,
+        when the next one begins or at `flush`.
     """
 
     framed = True

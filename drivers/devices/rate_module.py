@@ -53,14 +53,14 @@ class ModuleReadings(NamedTuple):
 class RateModule(Decoder[ModuleReadings]):
     """Datagrams of one module to readings, set-points to datagrams.
 
+    Counted as rejected: `wrong_length`, `bad_checksum`, `out_of_range` (a shaft faster than 400 r/min). Counted as
+    ignored: `unknown_message`, `other_module` (several modules share a subnet).
+
     Parameters
     ----------
     pulses_per_turn : of the module's encoder, per turn of the metering shaft.
     max_shaft_rpm : set-points are cut to 0 ... this before they are sent.
     drive : one of `rate_module_frames.CONTROL_TYPES`.
-
-    Counted as rejected: `wrong_length`, `bad_checksum`, `out_of_range` (a shaft faster than 400 r/min). Counted as
-    ignored: `unknown_message`, `other_module` (several modules share a subnet).
     """
 
     def __init__(self, address: ModuleAddress, pulses_per_turn: float, max_shaft_rpm: float,

@@ -144,6 +144,8 @@ def virtual_cab(plant: Plant, clock: Clock, heads: int = 6, *, protocol: str = "
                 index: Literal["ndvi", "ndre"] = "ndvi", extras: Sequence[Extra] = ()) -> tuple[Cab, VirtualMachine]:
     """A cab and the virtual machine that it is plugged into, joined by ports in memory.
 
+    The caller calls `machine.advance(now_s)` before `cab.measure(now_s)`, every tick.
+
     Parameters
     ----------
     heads : how many canopy heads the plant has.
@@ -152,8 +154,6 @@ def virtual_cab(plant: Plant, clock: Clock, heads: int = 6, *, protocol: str = "
     index : which of the heads' indices counts.
     extras : what else is plugged in, as `VirtualMachine` has them.
     board : drive limits and wheel, where they differ from the nominal machine's; its port name is not used.
-
-    The caller calls `machine.advance(now_s)` before `cab.measure(now_s)`, every tick.
     """
     head_names = ("memory:heads",) if multiplexed else tuple(f"memory:head_{n}" for n in range(1, heads + 1))
     names = ("memory:gnss", *head_names, "memory:board")
