@@ -135,6 +135,35 @@ def test_a_gate_that_stands_surely_wrong_does_not_hide_what_a_product_does() -> 
     assert sure == {("product", "compound", "flow.gain"), ("machine", "a", "gate.offset")}
 
 
+def test_what_the_forms_of_many_machines_may_leave_is_no_more_than_a_product_shows_on_them() -> None:
+    """Half of them have a gate that stands surely wrong. Sizes scatter far more than a log errs: what each gate may
+    leave, by the information without that scatter, is all that the product shows."""
+    rng, logs = np.random.default_rng(15), list[OneLog]()
+    gram = np.diag([100.0, 1.0, 1.0, 1e6])
+    gram[0, 3] = gram[3, 0] = 1.0
+    for machine in range(60):
+        for k in range(4):
+            truth = {"flow.gain": 5.0 * (k % 2) + rng.normal(), "gate.offset": (0.8, 0.0, -0.8, 0.0)[machine % 4]}
+            logs.append(log(rng, k, truth, machine=f"m{machine}", gram=gram, product=("urea", "compound")[k % 2]))
+    assert [(one.factor, one.level) for one in fitted(logs).shared] == [("product", "compound")]
+
+
+def test_of_look_alikes_on_many_machines_none_is_sure_because_all_bear_its_name() -> None:
+    """A third has the one, the others the other, and the logs of a machine hardly tell which."""
+    rng, close, names = np.random.default_rng(16), np.eye(4), NAMES[:2]
+    close[0, 1] = close[1, 0] = 0.99
+    logs = [log(rng, k, {names[machine % 3 == 0]: 6.0 * (-1.0) ** machine}, machine=f"m{machine}", gram=close)
+            for machine in range(120) for k in range(3)]
+    sets = {one.machine: {each.effect: each.probability for each in one.alternatives} for one in fitted(logs).courses}
+    said = [(sets.get(f"m{machine}", {}).get(name, 0.0), name == names[machine % 3 == 0])
+            for machine in range(120) for name in names]
+    assert len(sets) > 115
+    for low, high in ((0.0, 0.5), (0.5, 1.01)):
+        p, true = np.array([one for one in said if low <= one[0] < high]).T
+        assert true.mean() == pytest.approx(p.mean(), abs=0.1)
+    assert max(p for p, true in said if not true) < 0.99
+
+
 def test_another_machines_effect_does_not_give_this_ones_its_name() -> None:
     """Fill loss, on one machine too weak to be told from less flow, keeps its name beside a flow that is truly off."""
     rng, close = np.random.default_rng(12), GRAM.copy()

@@ -31,6 +31,7 @@ worth no more than that (coarsened posterior; Miller and Dunson, Journal of the 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -51,6 +52,7 @@ SURE = 0.95                 # probability from which on a level is reported; of 
 GRID = (0.1, 0.3, 1.0)      # of an effect's usual size: tau of the slab; levels of a factor may differ by less
 COARSE = 0.005              # of a gain: what tempers alternatives; behind by 3 % of it is one in twenty
 SWEEPS = 3
+URN_ROUNDS, URN_SETTLED = 300, 1e-3     # of sharing out names, and the change of a probability that ends it
 ROUNDS = 40                 # of adding, and of asking again: causes that a machine, or what it shares with others, has
 SHOWN = 0.05                # probability from which on an alternative is named
 CURVE_DF, LEAST_LOGS = 5, 3             # of a smooth course, and logs for each number of it
@@ -374,7 +376,7 @@ def doubt(season: Season, doubts: dict[tuple[int, int], Array], gained: Array) -
 def _with_odds(season: Season, seen: Scan) -> Scan:
     levels, rows, count = season.levels, len(season.levels.keys), len(season.machines)
     each = np.stack([gain(seen.information, seen.score, sd) for sd in slab(season.logs)])        # (grid, rows, q)
-    names = names_prior(season, _counts(season, season.causes))
+    names = names_prior(season)
     names = np.concatenate([names, names[:count], names[:count]])
     factors = np.array([one[0] for one in levels.keys] + ["rise"] * count + ["fall"] * count)
     tau, odds = np.zeros_like(seen.score), np.zeros_like(seen.score)
@@ -399,12 +401,16 @@ def _counts(season: Season, causes: Iterable[EffectAtLevel]) -> Array:
     return counts
 
 
-def names_prior(season: Season, counts: Array) -> Array:
-    """(rows, q) log prior odds: what other machines have, this one has rather (Polya's urn); -inf: it cannot."""
-    urn = np.log(PRIOR) + np.log1p(counts) - np.log1p(counts.sum() / len(counts))
+def urn(counts: Array) -> Array:
+    """(..., q) log prior odds of each effect on a machine, by how many others have each (Polya's urn)."""
+    return np.asarray(np.log(PRIOR) + np.log1p(counts) - np.log1p(counts.mean(axis=-1, keepdims=True)))
+
+
+def names_prior(season: Season) -> Array:
+    """(rows, q) log prior odds; -inf: it cannot."""
     others = np.array([factor not in (MACHINE, FLEET) for factor, _ in season.levels.keys])
     scale = np.array([row_of(name).stage in OF_MACHINES_ONLY for name in season.logs.names])
-    return np.where(others[:, None] & scale, -np.inf, urn)
+    return np.where(others[:, None] & scale, -np.inf, urn(_counts(season, season.causes)))
 
 
 def found(logs: Logs) -> Season:
@@ -562,29 +568,55 @@ def judged(season: Season) -> Season:
     """With what each cause gains, all others given, and what it may be just as well."""
     if not season.causes:
         return season
-    seen, held, counts = scan(season), _names(season), _counts(season, season.causes)
-    every, tried = names_prior(season, np.zeros(len(counts))), list[tuple[tuple[Alternative, ...], float]]()
-    gained, odds = np.zeros(every.shape), list[float]()
-    for number, cause in enumerate(season.causes):
-        others = counts - _counts(season, [cause])
-        prior = every + np.log1p(others) - np.log1p(others.sum() / len(others))
-        tried.append(_alternatives(season, seen, prior, held, number))
-        gained[cause.row, cause.effect] = tried[-1][1]
-        odds.append(tried[-1][1] + float(prior[cause.row, cause.effect]))
+    seen, held = scan(season), _names(season)
+    tried = [_alternatives(season, seen, held, number) for number in range(len(season.causes))]
+    sets, prior = _shared_out(season.logs.names, [one for one, _ in tried])
+    gained, odds = np.zeros(seen.odds.shape), list[float]()
+    for cause, (_, own), of_effects in zip(season.causes, tried, prior, strict=True):
+        gained[cause.row, cause.effect] = own
+        odds.append(own + float(of_effects[cause.effect]))
     less = doubt(season, seen.doubts, gained)
     return season._replace(causes=tuple(
-        cause._replace(alternatives=alternatives, log_odds=each - float(less[cause.row, cause.effect]))
-        for cause, (alternatives, _), each in zip(season.causes, tried, odds, strict=True)))
+        cause._replace(alternatives=tuple(one for one in set_ if one.probability >= SHOWN),
+                       log_odds=each - float(less[cause.row, cause.effect]))
+        for cause, set_, each in zip(season.causes, sets, odds, strict=True)))
 
 
-def _alternatives(season: Season, seen: Scan, prior: Array, held: set[tuple[int, int]],
-                  number: int) -> tuple[tuple[Alternative, ...], float]:
-    """The cause and what may stand in its place, with probabilities that add up to 1, likeliest first; its own gain.
+def _shared_out(names: Sequence[str], sets: Sequence[Sequence[Alternative]]) -> tuple[list[list[Alternative]], Array]:
+    """Sets with log likelihoods as probabilities, likeliest first, and (causes, q) the log prior odds of each effect.
+
+    What other machines have, this one has rather: the urn of all sets together, from an empty one on, each set by what
+    all others hold (collapsed variational Bayes of a mixture's weights; Asuncion, Welling, Smyth and Teh, UAI 2009).
+    Filled by names that are given already it would keep them: those that cannot be told would all bear the commonest,
+    the surer the more machines there are.
+    """
+    every, number = [one for set_ in sets for one in set_], {name: k for k, name in enumerate(names)}
+    begins = np.cumsum([0, *map(len, sets)])
+    of, effect = np.repeat(np.arange(len(sets)), np.diff(begins)), np.array([number[one.effect] for one in every])
+    likely, mine = np.array([one.probability for one in every]), np.array([one.factor == MACHINE for one in every])
+    share, counts = np.zeros(len(every)), np.zeros((len(sets), len(names)))
+    for _ in range(URN_ROUNDS):
+        prior, before = urn(counts.sum(axis=0) - counts), share
+        odds = likely + prior[of, effect]
+        share = np.exp(odds - np.maximum.reduceat(odds, begins[:-1])[of])
+        share = share / np.add.reduceat(share, begins[:-1])[of]
+        counts = np.zeros_like(counts)
+        np.add.at(counts, (of, effect), share * mine)
+        if np.max(np.abs(share - before)) < URN_SETTLED:
+            break
+    found = [one._replace(probability=float(p)) for one, p in zip(every, share, strict=True)]
+    return [sorted(found[low:high], key=lambda one: -one.probability)
+            for low, high in pairwise(begins)], prior
+
+
+def _alternatives(season: Season, seen: Scan, held: set[tuple[int, int]],
+                  number: int) -> tuple[list[Alternative], float]:
+    """The cause and what may stand in its place, with log likelihoods for probabilities; its own gain.
 
     Of columns z along with cause c, and all else: the information that is left of z is that of the posterior and what
     c took, (z C) P (C z), with P the information of c in the posterior and z C what z shares with its terms there.
     """
-    levels, logs, cause = season.levels, season.logs, season.causes[number]
+    levels, logs, cause, able = season.levels, season.logs, season.causes[number], seen.odds > -np.inf
     b, cov = season.sizes_of(number)
     precision, usual = np.linalg.inv(cov), slab(logs)[0]
     own = season.machines[cause.row] if cause.row < len(season.machines) else None
@@ -595,9 +627,6 @@ def _alternatives(season: Season, seen: Scan, prior: Array, held: set[tuple[int,
         pull = shared @ precision
         return Gaussian(information + pull @ cov @ pull.swapaxes(1, 2), score + pull @ b).fit(sd)
 
-    def named(row: int, effect: int, size: float) -> Alternative:
-        factor, level = levels.keys[row]
-        return Alternative(factor, level, logs.names[effect], size, 0.0)
     if own is None:
         here = np.array([season.begins[number]])
         shared = np.array([_through(seen, k, np.array([cause.row]), here) for k in effects])
@@ -611,13 +640,13 @@ def _alternatives(season: Season, seen: Scan, prior: Array, held: set[tuple[int,
         sizes = gains(information, own.left[at][:, effects].T @ cause.columns, crossed @ own.cov[:, terms],
                       cause.sd * usual[effects, None] / usual[cause.effect])
     base = dict(zip(effects.tolist(), sizes.gain.tolist(), strict=True))
-    tried = [(base[k], base[k], prior[cause.row, k], named(cause.row, k, float(
-        cause.columns[last] @ sizes.b[j]))) for j, k in enumerate(effects)]
+    tried = [(base[k], base[k], cause.row, k, float(cause.columns[last] @ sizes.b[j]))
+             for j, k in enumerate(effects.tolist()) if able[cause.row, k]]
     rows = np.unique(levels.code[cause.at[np.any(cause.columns != 0.0, axis=1)]])
     rows = rows[(rows >= 0) & (rows != cause.row)]
     for k in effects.tolist():          # what a level cannot do is asked of it under each name that it can
-        able = (prior[rows, k] > -np.inf) & ((k == cause.effect) | (prior[rows, cause.effect] == -np.inf))
-        asked = np.array([row for row in rows[able].tolist() if (row, k) not in held], np.int64)
+        can = able[rows, k] & ((k == cause.effect) | ~able[rows, cause.effect])
+        asked = np.array([row for row in rows[can].tolist() if (row, k) not in held], np.int64)
         if not len(asked):
             continue
         if own is None:
@@ -630,16 +659,12 @@ def _alternatives(season: Season, seen: Scan, prior: Array, held: set[tuple[int,
                 across @ fit.cov[:, terms]))[:, None]
         fits = gains(seen.information[asked, k][:, None, None], seen.score[asked, k][:, None], shared,
                      cause.sd[:1] * usual[k] / usual[cause.effect])
-        tried += [(base[k], float(fits.gain[j]), prior[row, k], named(row, k, float(fits.b[j, 0])))
-                  for j, row in enumerate(asked.tolist())]
-    most = max(likely for _, likely, odds, _ in tried if odds > -np.inf)
+        tried += [(base[k], float(fits.gain[j]), row, k, float(fits.b[j, 0])) for j, row in enumerate(asked.tolist())]
+    most = max(likely for _, likely, *_ in tried)
     temper = 1.0 / (1.0 + COARSE * 2.0 * max(0.0, most))
     # Of the same effect at another level the form is as wrong: only effects among each other are tempered.
-    weights = np.array([temper * (base_ - most) + likely - base_ + odds for base_, likely, odds, _ in tried])
-    shares = np.exp(weights - logsumexp(weights))
-    ranked = sorted((one[-1]._replace(probability=float(share)) for one, share in zip(tried, shares, strict=True)),
-                    key=lambda one: -one.probability)
-    return tuple(one for one in ranked if one.probability >= SHOWN), base[cause.effect]
+    return [Alternative(*levels.keys[row], logs.names[k], size, temper * (base_ - most) + likely - base_)
+            for base_, likely, row, k, size in tried], base[cause.effect]
 
 
 def _through(seen: Scan, effect: int, rows: Indices, terms: Indices) -> Array:
