@@ -198,8 +198,8 @@ def score(found: Any, count: int) -> Score:
     result = Score(Counter(), Counter(), [], [], {"courses": [], "levels": []})
     shared, machines, unsure = _truth(count)
     truly = {*shared, *machines, *unsure}
-    said: list[tuple[Key, Any]] = [*((("machine", one.machine, one.effect), one) for one in found.courses),
-                                   *(((one.factor, one.level, one.effect), one) for one in found.shared)]
+    said: list[tuple[Key, Any]] = [((one.factor, one.level, one.effect), one)
+                                   for one in (*found.courses, *found.shared)]
     sets = {key: {key, *((a.factor, a.level, a.effect) for a in one.alternatives)} for key, one in said}
     result.strange.extend(" ".join(key) for key, _ in said if not sets[key] & truly)
     named = set[Key]().union(*sets.values())
@@ -245,7 +245,7 @@ def _calibration(scores: list[Score]) -> None:
 
 
 def _said(found: Any) -> str:
-    lines = [f"  {one.machine} {_course_words(one)}" for one in found.courses]
+    lines = [f"  {one.level} {_course_words(one)}" for one in found.courses]
     lines += [f"  {one.factor} {one.level} {one.effect} {one.size:+.2f} +- {one.half:.2f}" + _set_words(one)
               for one in found.shared]
     return "\n".join([*lines, f"  the same logs: {[tuple(each) for each in found.same]}"])

@@ -1,11 +1,12 @@
 """What a season reported against its table of truth."""
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 from truth import DAYS, MACHINES, OTHER_FLOW, OTHER_PRODUCT, PLANTED, PRODUCTS, Planted
 
-from control.diagnosis.season.courses import Course, Shared, wears
+from control.diagnosis.season.courses import Cause, wears
 
 MOST_STRANGE = 1            # machines with an effect reported that was not planted, of all
 DATE_OFF_D = 3.0
@@ -14,7 +15,7 @@ MEAN_OFF = 0.2              # share of a planted size, and two half widths
 OTHER_FORM = ("flow.fill_falloff",)     # the generator's form is another: of one size at 100 r/min only
 
 
-def judge(courses: Sequence[Course], shared: Sequence[Shared]) -> dict[str, bool]:
+def judge(courses: Sequence[Cause], shared: Sequence[Cause]) -> dict[str, bool]:
     """Every line of the table of truth with what was reported for it: whether it holds."""
     promises: dict[str, bool] = {}
     matched: set[tuple[str, str]] = set()
@@ -23,7 +24,7 @@ def judge(courses: Sequence[Course], shared: Sequence[Shared]) -> dict[str, bool
         if course is None:
             promises[f"{planted.machine} {planted.name} {planted.begin:g} to {planted.end:g}: nothing"] = False
             continue
-        matched.add((course.machine, course.effect))
+        matched.add((course.level, course.effect))
         promises[f"{planted.machine} {planted.name} {planted.begin:g} to {planted.end:g} on days {planted.first} to "
                  f"{planted.last}: reported {_words(course)}"] = _held(planted, course)
     products = [one for one in shared if one.factor == "product" and one.effect == "flow.gain"]
@@ -33,29 +34,29 @@ def judge(courses: Sequence[Course], shared: Sequence[Shared]) -> dict[str, bool
              f"{half:.2f} %"] = bool(products) and abs(size - OTHER_FLOW) < 2.0 * half
     others = [(one.factor, one.level, one.effect, round(one.size, 3)) for one in shared if one not in products]
     promises[f"nothing else is shared: reported {others}"] = not others
-    strange = [one for one in courses if (one.machine, one.effect) not in matched and _matters(one)]
+    strange = [one for one in courses if (one.level, one.effect) not in matched and _matters(one)]
     for one in strange:
-        print(f"            strange: {one.machine} {one.effect} {_words(one)}; alike {one.alike}")
-    machines = {one.machine for one in strange}
+        print(f"            strange: {one.level} {one.effect} {_words(one)}; alike {one.alike}")
+    machines = {one.level for one in strange}
     promises[f"effects reported that were not planted: {len(strange)} on {len(machines)} of {MACHINES} machines"] = \
         len(machines) <= MOST_STRANGE
     return promises
 
 
-def _course(courses: Sequence[Course], planted: Planted) -> Course | None:
+def _course(courses: Sequence[Cause], planted: Planted) -> Cause | None:
     """That of a planted effect, by its name or one that these logs cannot tell from it."""
-    mine = [one for one in courses if one.machine == planted.machine]
+    mine = [one for one in courses if one.level == planted.machine]
     named = [one for one in mine if one.effect == planted.name]
     return next(iter((*named, *(one for one in mine if planted.name in one.alike))), None)
 
 
-def _matters(one: Course) -> bool:
+def _matters(one: Cause) -> bool:
     """Whether more is reported than what the machine's tolerances, and a product's level, leave open."""
     return any(abs(size) > 2.0 * half for piece in one.pieces
                for size, half in ((piece.begin, piece.begin_half), (piece.end, piece.end_half)))
 
 
-def _held(planted: Planted, course: Course) -> bool:
+def _held(planted: Planted, course: Cause) -> bool:
     if planted.wears and not planted.repaired:
         last = course.pieces[-1]
         span = last.end_d - last.begin_d
@@ -65,12 +66,16 @@ def _held(planted: Planted, course: Course) -> bool:
     if planted.repaired:
         return any(abs(one - (planted.last + 0.5)) < DATE_OFF_D for one in _repaired_d(course))
     if planted.first > 0:
-        return any(abs(one - (planted.first - 0.5)) < DATE_OFF_D for one in course.breaks_d) and _size_held(
+        return any(abs(one - (planted.first - 0.5)) < DATE_OFF_D for one in _breaks_d(course)) and _size_held(
             planted.end, course.pieces[-1].end, course.pieces[-1].end_half)
-    return _size_held(planted.end, course.mean, course.mean_half)
+    return _size_held(planted.end, course.size, course.half)
 
 
-def _repaired_d(course: Course) -> list[float]:
+def _breaks_d(course: Cause) -> list[float]:
+    return [0.5 * (a.end_d + b.begin_d) for a, b in itertools.pairwise(course.pieces)]
+
+
+def _repaired_d(course: Cause) -> list[float]:
     return [change.time_d for change in course.changes if change.repair > 0.5]
 
 
@@ -78,7 +83,7 @@ def _size_held(truth: float, size: float, half: float) -> bool:
     return abs(size - truth) < 2.0 * half + MEAN_OFF * abs(truth)
 
 
-def _words(course: Course) -> str:
+def _words(course: Cause) -> str:
     pieces = "; ".join(f"{piece.begin:+.2f} to {piece.end:+.2f} (+-{piece.end_half:.2f}) on days {piece.begin_d:.0f} "
                        f"to {piece.end_d:.0f}" for piece in course.pieces)
     repairs = "".join(f", repaired at {one:.1f}" for one in _repaired_d(course))

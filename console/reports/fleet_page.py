@@ -7,7 +7,7 @@ from console.locale import N_, _
 from console.reports.figure import AFTER, BEFORE, DIM, drawn, svg
 from console.reports.html import Picture, escape, figure, items, page, paragraph, section, table
 from console.reports.numbers import fixed
-from control.diagnosis.season.courses import Course, Same, SeasonFit, Shared, wears
+from control.diagnosis.season.courses import Cause, Same, SeasonFit, wears
 from control.diagnosis.season.mixed import Alternative
 from control.diagnosis.season.owner import Low, MachineSeason, still_there
 from control.machine.machine import CATALOGUE
@@ -45,7 +45,8 @@ def fleet_page(machines: Sequence[MachineSeason], fit: SeasonFit, *, low: Sequen
         section(_("What logs share"), items([*(shared_words(one, units) for one in fit.shared),
                                              *map(same_words, fit.same), *map(low_words, low)])),
         *_level_tables(fit, units),
-        *(_of_machine(one, units, number) for number, one in enumerate(machines[:SHOWN]) if one.courses),
+        *(_of_machine(one, units, number) for number, one in enumerate(machines[:SHOWN])
+          if any(cost.cause.pieces for cost in one.costs)),
         section(_("Logs without a time"), items([*map(aside_words, aside), *by_file_words(by_file_date)])),
         section(_("Logs that could not be read"),
                 items(why if path in why else f"{path}: {why}" for path, why in broken)),
@@ -83,15 +84,14 @@ def titled(name: str) -> str:
 
 def costliest(one: MachineSeason) -> str:
     """What costs a machine most of what is still there, its own or shared; its set of alternatives."""
-    causes = [cost for cost in (*one.courses, *one.shared) if still_there(cost.cause)]
-    if not causes:
+    cause = next((cost.cause for cost in one.costs if still_there(cost.cause)), None)
+    if cause is None:
         return "-"
-    cause = max(causes, key=lambda cost: (cost.kg, cost.most_kg)).cause
     name = set_words(cause)
-    return name if isinstance(cause, Course) else f"{_factor(cause)}: {name}"
+    return name if cause.pieces else f"{_factor(cause)}: {name}"
 
 
-def set_words(cause: Course | Shared) -> str:
+def set_words(cause: Cause) -> str:
     """A cause, or all that it may be with their probabilities."""
     if len(cause.alternatives) < 2:
         return titled(cause.effect)
@@ -101,18 +101,18 @@ def set_words(cause: Course | Shared) -> str:
         f"{100.0 * one.probability:.0f} %" for one in cause.alternatives)
 
 
-def _factor(one: Shared | Alternative) -> str:
+def _factor(one: Cause | Alternative) -> str:
     return f"{_(FACTORS.get(one.factor, one.factor))} {one.level}".strip()
 
 
 def service(machines: Sequence[MachineSeason]) -> list[str]:
     """What to do, costliest first over all machines; what a product does is done once; what may be several things is
     told apart first."""
-    sums = dict[tuple[str, Course | Shared], list[float]]()
+    sums = dict[tuple[str, Cause], list[float]]()
     for one in machines:
-        for cost in (*one.courses, *one.shared):
+        for cost in one.costs:
             if still_there(cost.cause):
-                who = one.machine if isinstance(cost.cause, Course) else _factor(cost.cause)
+                who = one.machine if cost.cause.pieces else _factor(cost.cause)
                 of = sums.setdefault((who, cost.cause), [0.0, 0.0, 0.0])
                 of[:] = (of[0] + cost.kg, of[1] + cost.least_kg, of[2] + cost.most_kg)
     return [_("{machine}: {advice} ({title}, {kg} kg)").format(
@@ -120,10 +120,10 @@ def service(machines: Sequence[MachineSeason]) -> list[str]:
         for (who, cause), kg in sorted(sums.items(), key=lambda each: (-each[1][0], -each[1][2]))]
 
 
-def _advice(cause: Course | Shared) -> str:
+def _advice(cause: Cause) -> str:
     """What it does and what to do; of what may be several things each, to be looked at in turn."""
     sizes = {one.effect: one.size for one in reversed(cause.alternatives)}
-    sizes[cause.effect] = cause.pieces[-1].end if isinstance(cause, Course) else cause.size
+    sizes[cause.effect] = cause.now
     said = [owner_words(effect, sizes[effect]) for effect in dict.fromkeys((cause.effect, *cause.alike))]
     if len(said) == 1:
         return said[0]
@@ -137,7 +137,7 @@ def owner_words(effect: str, size: float) -> str:
                                        advice=_(found.advice))
 
 
-def course_words(course: Course, unit: str) -> str:
+def course_words(course: Cause, unit: str) -> str:
     """How an effect went over the season, in one sentence."""
     last = course.pieces[-1]
     said = _("{title}: {size} {unit} +- {half} at the end").format(
@@ -156,7 +156,7 @@ def course_words(course: Course, unit: str) -> str:
     return said
 
 
-def shared_words(one: Shared, units: Mapping[str, str]) -> str:
+def shared_words(one: Cause, units: Mapping[str, str]) -> str:
     said = _("{factor}: {title} {size} {unit} +- {half} on every machine ({logs} logs)").format(
         factor=_factor(one), title=titled(one.effect), size=f"{one.size:+.2f}", half=fixed(one.half, 2),
         unit=_unit(one.effect, units), logs=one.logs)
@@ -196,17 +196,18 @@ def by_file_words(logs: int) -> list[str]:
 
 def _of_machine(one: MachineSeason, units: Mapping[str, str], number: int) -> str:
     pictures = [figure(_time_line(course, _unit(course.effect, units), f"m{number}c{k}"))
-                for k, course in enumerate(cost.cause for cost in one.courses) if isinstance(course, Course)]
+                for k, course in enumerate(cost.cause for cost in one.costs if cost.cause.pieces)]
     return section(one.machine, *pictures)
 
 
-def _time_line(course: Course, unit: str, name: str) -> Picture:
+def _time_line(course: Cause, unit: str, name: str) -> Picture:
     """Each log's size with its interval, and the pieces of the course."""
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
     said = course_words(course, unit)
     with drawn(7.2, 2.2) as (drawing, axes):
         plot, days = axes[0][0], [day_clock.moment(one * 86_400.0) for one in course.times_d]
-        plot.errorbar(days, course.sizes, course.half, fmt="o", color=BEFORE, ecolor=DIM, markersize=3.0, linewidth=0.8)
+        plot.errorbar(days, course.sizes, course.halves, fmt="o", color=BEFORE, ecolor=DIM, markersize=3.0,
+                      linewidth=0.8)
         for piece in course.pieces:
             ends = [day_clock.moment(one * 86_400.0) for one in (piece.begin_d, piece.end_d)]
             plot.plot(ends, [piece.begin, piece.end], color=AFTER, linewidth=2.0)

@@ -10,7 +10,6 @@ from drivers.files.atomic import write_atomically
 
 if TYPE_CHECKING:
     from console.services.fleet_season import Season
-    from control.diagnosis.season.courses import Course, Shared
 
 _TEXT, _NUMBER, _COUNT = "Utf8", "Float64", "Int64"
 # Every column of every table, so that an empty one has them too.
@@ -41,26 +40,27 @@ def write_tables(out: Path, of: Season, records: Sequence[Mapping[str, Any]]) ->
     import polars as pl
 
     fit = of.fit
-    sets: list[Course | Shared] = [*fit.courses, *fit.shared]
     tables: dict[str, list[dict[str, Any]]] = {
         "logs": [{"path": one["path"], "checksum": one["key"], "machine": one["unit"], "time_d": one["time_d"],
                   **one["shared"], "rows": one["rows"], "verdict": one["verdict"],
                   "named": " ".join(cause["id"] for cause in one["causes"]), **one["worked"]} for one in records],
-        "courses": [{**one._asdict(), "unit": of.units.get(one.effect, ""), "time_d": at_d, "size": size, "half": half}
-                    for one in fit.courses for at_d, size, half in zip(one.times_d, one.sizes, one.half, strict=True)],
-        "pieces": [{"machine": one.machine, "effect": one.effect, **piece._asdict()}
+        "courses": [{**one._asdict(), "machine": one.level, "unit": of.units.get(one.effect, ""), "time_d": at_d,
+                     "size": size, "half": half}
+                    for one in fit.courses
+                    for at_d, size, half in zip(one.times_d, one.sizes, one.halves, strict=True)],
+        "pieces": [{"machine": one.level, "effect": one.effect, **piece._asdict()}
                    for one in fit.courses for piece in one.pieces],
-        "changes": [{"machine": one.machine, "effect": one.effect, **change._asdict()}
+        "changes": [{"machine": one.level, "effect": one.effect, **change._asdict()}
                     for one in fit.courses for change in one.changes],
         "levels": [{**one._asdict(), "unit": of.units.get(one.effect, "")} for one in fit.levels],
         "alternatives": [{"factor": one.factor, "level": one.level, "effect": one.effect, "or_factor": other.factor,
                           "or_level": other.level, "or_effect": other.effect, "size": other.size,
                           "probability": other.probability}
-                         for one in sets for other in one.alternatives],
+                         for one in (*fit.courses, *fit.shared) for other in one.alternatives],
         "machines": [one._asdict() for one in of.machines],
         "costs": [{"machine": one.machine, "factor": cost.cause.factor, "level": cost.cause.level,
                    "effect": cost.cause.effect, **cost._asdict()}
-                  for one in of.machines for cost in (*one.courses, *one.shared)],
+                  for one in of.machines for cost in one.costs],
     }
     for name, columns in TABLES.items():
         data = io.BytesIO()

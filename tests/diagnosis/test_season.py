@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from control.diagnosis.season.courses import Course, Shared, fitted
+from control.diagnosis.season.courses import Cause, fitted
 from control.diagnosis.season.evidence import OneLog, QuadraticForm, stacked
 from control.diagnosis.season.mixed import found as causes_found
 
@@ -23,7 +23,7 @@ def form(rng: np.random.Generator, names: tuple[str, ...], normal: np.ndarray, s
     return QuadraticForm(names, tuple(map(tuple, normal)), tuple(right))
 
 
-def courses(logs: list[OneLog]) -> tuple[list[Course], list[Shared]]:
+def courses(logs: list[OneLog]) -> tuple[list[Cause], list[Cause]]:
     fit = fitted(logs)
     return list(fit.courses), list(fit.shared)
 
@@ -40,7 +40,7 @@ def test_an_effect_too_weak_for_one_log_is_found_in_thirty() -> None:
     assert sum(bool(found) for found in one) < 15
     assert [name for name, _ in selected(logs)] == ["flow.fill_falloff"]
     (course,), shared = courses(logs)
-    assert course.mean == pytest.approx(3.35, abs=2.0 * course.mean_half / 1.645) and not shared
+    assert course.size == pytest.approx(3.35, abs=2.0 * course.half / 1.645) and not shared
 
 
 def test_a_healthy_season_has_no_effects() -> None:
@@ -56,7 +56,7 @@ def test_wear_and_its_repair() -> None:
     assert course.effect == "flow.fill_falloff" and len(course.pieces) == 2
     wear, after = course.pieces
     assert wear.per_day == pytest.approx(0.5, abs=0.1) and wear.per_day_p < 1e-4
-    assert course.breaks_d[0] == pytest.approx(23.5, abs=1.1)
+    assert 0.5 * (wear.end_d + after.begin_d) == pytest.approx(23.5, abs=1.1)
     assert abs(after.begin) < 2.0 * after.begin_half and after.per_day_p > 0.01
 
 
@@ -66,7 +66,7 @@ def test_a_size_that_scatters_from_log_to_log_is_not_cut_to_pieces() -> None:
     found, _ = courses(logs)
     course = next(one for one in found if one.effect == "flow.gain")
     assert len(course.pieces) == 1
-    assert course.half[0] > 3.0                         # the scatter counts, not only each log's own error
+    assert course.halves[0] > 3.0                         # the scatter counts, not only each log's own error
 
 
 def test_wear_whose_form_is_not_quite_right_is_one_line() -> None:
@@ -89,8 +89,8 @@ def test_a_product_that_flows_otherwise_is_shared_and_taken_off_the_courses() ->
     found, (seen,) = fit.courses, fit.shared
     assert (seen.factor, seen.level, seen.effect) == ("product", "compound", "flow.gain")
     assert seen.size == pytest.approx(5.0, abs=1.5 * seen.half)
-    by_machine = {one.machine: one for one in found if one.effect == "flow.gain"}
-    assert by_machine["d"].mean == pytest.approx(-6.0, abs=0.8)
+    by_machine = {one.level: one for one in found if one.effect == "flow.gain"}
+    assert by_machine["d"].size == pytest.approx(-6.0, abs=0.8)
     assert all(len(one.pieces) == 1 for one in by_machine.values())
     sets = {(one.factor, one.level): one.probability for one in by_machine["d"].alternatives}
     assert sets == {("machine", "d"): pytest.approx(0.5, abs=0.05), ("operator", "od"): pytest.approx(0.5, abs=0.05)}
@@ -103,8 +103,9 @@ def test_a_field_is_not_blamed_for_what_one_machine_shows_while_it_stands_there(
     logs = [log(rng, k, {"flow.gain": 4.0 if machine == "d" and k >= 20 else 0.0}, sd=0.3, machine=machine,
                 field=f"f{k // 10}") for machine in "abcd" for k in range(40)]
     (course,), shared = courses(logs)
-    assert not shared and course.machine == "d" and course.effect == "flow.gain"
-    assert course.breaks_d == pytest.approx((19.5,)) and course.pieces[-1].end == pytest.approx(4.0, abs=0.4)
+    assert not shared and course.level == "d" and course.effect == "flow.gain"
+    assert [(one.end_d, one.begin_d) for one in course.pieces] == [(19.0, 0.0), (39.0, 20.0)]
+    assert course.pieces[-1].end == pytest.approx(4.0, abs=0.4)
 
 
 def test_an_operator_is_not_blamed_for_the_product_that_he_spreads_more_of() -> None:
@@ -130,7 +131,7 @@ def test_a_gate_that_stands_surely_wrong_does_not_hide_what_a_product_does() -> 
             logs.append(log(rng, k, truth, machine=machine, gram=gram, product=product))
     fit = fitted(logs)
     assert [(one.factor, one.level, one.effect) for one in fit.shared] == [("product", "compound", "flow.gain")]
-    assert [(one.machine, one.effect) for one in fit.courses] == [("a", "gate.offset")]
+    assert [(one.level, one.effect) for one in fit.courses] == [("a", "gate.offset")]
     sure = {(one.factor, one.level, one.effect) for one in fit.levels if one.probability > 0.5}
     assert sure == {("product", "compound", "flow.gain"), ("machine", "a", "gate.offset")}
 
@@ -154,7 +155,7 @@ def test_of_look_alikes_on_many_machines_none_is_sure_because_all_bear_its_name(
     close[0, 1] = close[1, 0] = 0.99
     logs = [log(rng, k, {names[machine % 3 == 0]: 6.0 * (-1.0) ** machine}, machine=f"m{machine}", gram=close)
             for machine in range(120) for k in range(3)]
-    sets = {one.machine: {each.effect: each.probability for each in one.alternatives} for one in fitted(logs).courses}
+    sets = {one.level: {each.effect: each.probability for each in one.alternatives} for one in fitted(logs).courses}
     said = [(sets.get(f"m{machine}", {}).get(name, 0.0), name == names[machine % 3 == 0])
             for machine in range(120) for name in names]
     assert len(sets) > 115
@@ -171,9 +172,9 @@ def test_another_machines_effect_does_not_give_this_ones_its_name() -> None:
     logs = [log(rng, k, truth, machine=machine, gram=close) for k in range(40) for machine, truth in (
         ("a", {"flow.fill_falloff": 0.3 * k}), ("b", {"flow.fill_falloff": 1.05}), ("c", {"flow.gain": -60.0}))]
     found, _ = courses(logs)
-    assert {(one.machine, one.effect) for one in found} == {
+    assert {(one.level, one.effect) for one in found} == {
         ("a", "flow.fill_falloff"), ("b", "flow.fill_falloff"), ("c", "flow.gain")}
-    assert next(one for one in found if one.machine == "b").alike == ("flow.gain",)
+    assert next(one for one in found if one.level == "b").alike == ("flow.gain",)
 
 
 def season_with_operators(rng: np.random.Generator, share: float = 0.6) -> list[OneLog]:
@@ -233,7 +234,7 @@ def test_a_scale_reads_wrong_on_a_machine_and_by_nobodys_hand() -> None:
     (wang,) = fit.shared
     assert (wang.factor, wang.level, wang.effect, wang.alike) == ("operator", "Wang", "flow.gain", ())
     (course,) = fit.courses
-    assert course.machine == "e" and {course.effect, *course.alike} == set(names)
+    assert course.level == "e" and {course.effect, *course.alike} == set(names)
     assert {one.factor for one in fit.levels if one.effect == "scale.gain"} <= {"machine", "fleet"}
 
 
@@ -272,8 +273,8 @@ def test_what_is_within_a_machines_tolerance_is_no_effect_however_many_its_logs(
     assert sum(bool(one) for one in forgotten) > 5          # what would be told if each log had a tolerance of its own
     (course,), _ = courses([one._replace(forms=tuple(_shifted(of_log) for of_log in one.forms))
                             for one in within_tolerance(rng, 50, 0.0)])
-    assert course.mean == pytest.approx(8.0, abs=0.4)
-    assert course.mean_half == pytest.approx(1.645 * 0.5, rel=0.2)      # the tolerance: 50 logs make it no less
+    assert course.size == pytest.approx(8.0, abs=0.4)
+    assert course.half == pytest.approx(1.645 * 0.5, rel=0.2)      # the tolerance: 50 logs make it no less
 
 
 def _shifted(one: QuadraticForm) -> QuadraticForm:

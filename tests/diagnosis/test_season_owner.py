@@ -8,10 +8,9 @@ import pytest
 from control.diagnosis.season.courses import (
     REPAIR_SHARE,
     WEAR_P,
-    Course,
+    Cause,
     CoursePiece,
     SeasonFit,
-    Shared,
     _nearer_zero,
     wears,
 )
@@ -25,8 +24,8 @@ def piece(begin_d: float, end_d: float, begin: float, end: float, *, half: float
     return CoursePiece(begin_d, end_d, begin, end, half, half, (end - begin) / (end_d - begin_d), per_day_p)
 
 
-def course(*pieces: CoursePiece) -> Course:
-    return Course("m01", "flow.gain", 1.0, (), (), (), pieces, 0.0, 0.1)
+def course(*pieces: CoursePiece) -> Cause:
+    return Cause("machine", "m01", "flow.gain", 0.0, 0.1, 1.0, 1, pieces=pieces)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -61,12 +60,12 @@ def test_the_dose_is_what_a_set_makes_likely_between_what_it_agrees_on_and_its_m
 
 
 def test_what_a_machine_does_now_stands_apart_from_its_operators_share() -> None:
-    by_li = Shared("operator", "Li", "flow.gain", -4.0, 0.1, 1.0, 9)
+    by_li = Cause("operator", "Li", "flow.gain", -4.0, 0.1, 1.0, 9)
     (one,) = machines([one_log({"flow.gain": 1.0}, operator="Li")],
                       SeasonFit((course(piece(0.0, 9.0, 1.0, 1.0)),), (by_li,)))
     assert one.now_percent == 1.0 and one.others_percent == -4.0 and one.wrong_kg == 3.0
     (other,) = machines([one_log({"flow.gain": 1.0}, operator="Wang")], SeasonFit((), (by_li,)))
-    assert other.others_percent == 0.0 and not other.shared
+    assert other.others_percent == 0.0 and not other.costs
 
 
 def test_what_was_repaired_is_not_there_any_more() -> None:
@@ -97,8 +96,8 @@ def test_a_piece_of_one_log_has_one_size() -> None:
 
 def test_the_owner_reads_the_dearest_first() -> None:
     """Machines by what they spread wrongly, then by what they may have; the causes of one likewise."""
-    def of(machine: str, effect: str, size: float, *alternatives: Alternative) -> Course:
-        return course(piece(0.0, 9.0, size, size))._replace(machine=machine, effect=effect, alternatives=alternatives)
+    def of(machine: str, effect: str, size: float, *alternatives: Alternative) -> Cause:
+        return course(piece(0.0, 9.0, size, size))._replace(level=machine, effect=effect, alternatives=alternatives)
 
     logs = [one_log({"flow.gain": 1.0, "flow.leak": 1.0})._replace(machine=name) for name in ("a", "b", "c", "d")]
     unsure = (alternative("flow.gain", 2.0, 0.6, "d"), alternative("flow.leak", -9.0, 0.4, "d"))    # dearer than a's
@@ -110,9 +109,9 @@ def test_the_owner_reads_the_dearest_first() -> None:
     wrong = [(one.wrong_kg, one.most_kg) for one in found]
     assert wrong == sorted(wrong, reverse=True) and wrong[0][0] == 13.0 and len(set(wrong)) == 4
     for one in found:
-        assert [(cost.kg, cost.most_kg) for cost in one.courses] == sorted(
-            ((cost.kg, cost.most_kg) for cost in one.courses), reverse=True)
-    assert [cost.cause.effect for cost in found[0].courses] == ["flow.leak", "flow.gain"]
+        assert [(cost.kg, cost.most_kg) for cost in one.costs] == sorted(
+            ((cost.kg, cost.most_kg) for cost in one.costs), reverse=True)
+    assert [cost.cause.effect for cost in found[0].costs] == ["flow.leak", "flow.gain"]
 
 
 def test_operators_stand_by_their_minutes_with_a_low_hopper() -> None:

@@ -24,7 +24,7 @@ from console.services.fleet_about import listed, with_words
 from console.services.fleet_job import FORMAT, checksum, record, sidecar_url
 from console.services.fleet_season import season
 from console.services.fleet_tables import TABLES, write_tables
-from control.diagnosis.season.courses import Course, SeasonFit, Shared
+from control.diagnosis.season.courses import Cause, SeasonFit
 from control.diagnosis.season.evidence import evidence
 from control.diagnosis.season.owner import machines
 from control.machine.machine import Machine
@@ -388,11 +388,10 @@ def test_page_and_tables(tmp_path: Path) -> None:
     assert not [one["error"] for one in made if "error" in one]
     whole = season(made, [("c.csv", "spoilt <b>")], NOW_D)
     worst = whole.machines[0]
-    (course,) = (cost.cause for cost in worst.courses)
-    assert isinstance(course, Course)
-    assert worst.machine == "one" and course.effect.startswith("speed.wheel_")
-    assert course.mean == pytest.approx(3.0, abs=0.3)
-    assert not whole.machines[1].courses
+    (course,) = (cost.cause for cost in worst.costs)
+    assert worst.machine == course.level == "one" and course.effect.startswith("speed.wheel_")
+    assert course.size == pytest.approx(3.0, abs=0.3)
+    assert not whole.machines[1].costs
     write_tables(tmp_path, whole, made)
     assert pl.read_parquet(tmp_path / "courses.parquet").height == 4
     assert pl.read_parquet(tmp_path / "logs.parquet")["machine"].to_list() == ["one"] * 4 + ["two"] * 4
@@ -401,11 +400,11 @@ def test_page_and_tables(tmp_path: Path) -> None:
     write_tables(tmp_path, season([], (), NOW_D), [])           # an empty season has the same columns
     for name, columns in TABLES.items():
         assert pl.read_parquet(tmp_path / f"{name}.parquet").columns == list(columns)
-    product = Shared("product", "compound", "speed.wheel_radius", 5.0, 0.1, 1.0, 4)
+    product = Cause("product", "compound", "speed.wheel_radius", 5.0, 0.1, 1.0, 4)
     told = [one._replace(shared={"product": "compound"}, worked=one.worked._replace(applied_kg=10.0))
             for one in whole.logs if one.machine == "two"]
     (costs,) = machines(told, SeasonFit((), (product,)))
-    assert costs.wrong_kg == pytest.approx(costs.shared[0].kg) and costs.wrong_kg > 0.0
+    assert costs.wrong_kg == pytest.approx(costs.costs[0].kg) and costs.wrong_kg > 0.0
     assert service([costs])[0].startswith("product compound: ") and costliest(costs).startswith("product compound: ")
     page = fleet_page(whole.machines, whole.fit, low=whole.low, units=whole.units, broken=whole.broken, price=2.5,
                       currency="CNY", software="t")

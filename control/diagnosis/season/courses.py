@@ -14,9 +14,9 @@ from scipy.special import expit, ndtr
 from control.diagnosis.judgement.evidence import Z90
 from control.diagnosis.judgement.gaussian import Array
 
-from .changes import NEAR, Stretch
+from .changes import NEAR, Partition, Stretch
 from .evidence import OneLog, stacked
-from .mixed import MACHINE, Alternative, EffectAtLevel, Levels, Season, found, judged, scan
+from .mixed import Alternative, Levels, Season, found, judged, scan
 
 WEAR_P = 1e-3               # of a slope, that it is noise
 REPAIR_SHARE = 0.25         # of an effect, that a repair takes away at least
@@ -49,43 +49,14 @@ class SeasonChange(NamedTuple):
     logs_after: int
 
 
-class Course(NamedTuple):
-    """One effect of one machine, apart from what its operators, products and fields do. sizes, half: of each log (in
-    the order of `times_d`), with their 90 % half widths, the scatter included. alternatives: this one and what it may
-    be just as well, with probabilities."""
+class Cause(NamedTuple):
+    """What one level of a factor does to an effect, wherever it is. size, half: 90 %, the mean of all its logs.
 
-    machine: str
-    effect: str
-    probability: float          # that this machine has something of its own there
-    times_d: tuple[float, ...]
-    sizes: tuple[float, ...]
-    half: tuple[float, ...]
-    pieces: tuple[CoursePiece, ...]
-    mean: float
-    mean_half: float
-    changes: tuple[SeasonChange, ...] = ()
-    alternatives: tuple[Alternative, ...] = ()
-
-    @property
-    def factor(self) -> str:
-        return MACHINE
-
-    @property
-    def level(self) -> str:
-        return self.machine
-
-    @property
-    def alike(self) -> tuple[str, ...]:
-        """Other effects of the set."""
-        return tuple(one.effect for one in self.alternatives if one.effect != self.effect)
-
-    @property
-    def breaks_d(self) -> tuple[float, ...]:
-        return tuple(0.5 * (a.end_d + b.begin_d) for a, b in zip(self.pieces, self.pieces[1:], strict=False))
-
-
-class Shared(NamedTuple):
-    """What one level of a factor does to an effect on every machine. half: 90 %."""
+    alternatives: this one and what it may be just as well, with probabilities. apart: whether these logs say more of it
+    than its prior: else they cannot part it from others. Of a machine its course, apart from what its operators,
+    products and fields do: the size in each log (in the order of `times_d`) with its 90 % half width, the scatter in
+    it, and the straight pieces.
+    """
 
     factor: str
     level: str
@@ -95,10 +66,21 @@ class Shared(NamedTuple):
     probability: float
     logs: int
     alternatives: tuple[Alternative, ...] = ()
-    apart: bool = True          # whether these logs say more of it than its prior: else they cannot part it from others
+    apart: bool = True
+    times_d: tuple[float, ...] = ()
+    sizes: tuple[float, ...] = ()
+    halves: tuple[float, ...] = ()
+    pieces: tuple[CoursePiece, ...] = ()
+    changes: tuple[SeasonChange, ...] = ()
+
+    @property
+    def now(self) -> float:
+        """Its size in its last log."""
+        return self.pieces[-1].end if self.pieces else self.size
 
     @property
     def alike(self) -> tuple[str, ...]:
+        """Other effects of the set."""
         return tuple(one.effect for one in self.alternatives if one.effect != self.effect)
 
 
@@ -112,11 +94,12 @@ class Same(NamedTuple):
 
 
 class SeasonFit(NamedTuple):
-    """levels: of every effect that is reported, every level of every factor, those reported among them."""
+    """courses: what machines have of their own. levels: of every effect that is reported, every level of every factor,
+    those reported among them."""
 
-    courses: tuple[Course, ...] = ()
-    shared: tuple[Shared, ...] = ()
-    levels: tuple[Shared, ...] = ()
+    courses: tuple[Cause, ...] = ()
+    shared: tuple[Cause, ...] = ()
+    levels: tuple[Cause, ...] = ()
     same: tuple[Same, ...] = ()
 
 
@@ -125,31 +108,26 @@ def fitted(logs: Sequence[OneLog]) -> SeasonFit:
     if not logs:
         return SeasonFit()
     season = judged(found(stacked(logs)))
-    courses_, shared = list[Course](), list[Shared]()
-    for number, cause in enumerate(season.causes):
-        b, cov = season.sizes_of(number)
-        if cause.course is not None:
-            courses_.append(_course(season, number, b, cov))
-        else:
-            shared.append(Shared(*season.levels.keys[cause.row], season.logs.names[cause.effect], float(b[0]),
-                                 Z90 * float(cov[0, 0]) ** 0.5, float(expit(cause.log_odds)), len(cause.at),
-                                 cause.alternatives))
-    return SeasonFit(tuple(sorted(courses_, key=lambda one: (one.machine, one.effect))), tuple(shared),
-                     tuple(_levels(season, courses_, shared)), tuple(_same(season.levels)))
+    causes = [_cause(season, number) for number in range(len(season.causes))]
+    return SeasonFit(tuple(sorted(one for one in causes if one.pieces)), tuple(one for one in causes if not one.pieces),
+                     tuple(_levels(season, causes)), tuple(_same(season.levels)))
 
 
-def _course(season: Season, number: int, mean: Array, cov: Array) -> Course:
+def _cause(season: Season, number: int) -> Cause:
     """Each log's own size: what all other terms leave, at their means, with this one left in."""
-    cause = season.causes[number]
-    assert cause.course is not None
+    cause, (mean, cov) = season.causes[number], season.sizes_of(number)
+    whole = cause.columns.mean(axis=0)
+    found = Cause(*season.levels.keys[cause.row], season.logs.names[cause.effect], float(whole @ mean),
+                  Z90 * float(whole @ cov @ whole) ** 0.5, float(expit(cause.log_odds)), len(cause.at),
+                  cause.alternatives)
+    if cause.course is None:
+        return found
     times_d, (score, information) = season.logs.times_d[cause.at], season.of_effect(number)
     sizes, variance = score / information, 1.0 / information            # the scatter in it
-    pieces = tuple(_pieces(cause.course.stretches, times_d, cause.columns, mean, cov, variance))
-    whole = cause.columns.mean(axis=0)
-    return Course(season.levels.keys[cause.row][1], season.logs.names[cause.effect], float(expit(cause.log_odds)),
-                  tuple(times_d.tolist()), tuple(sizes.tolist()), tuple((Z90 * variance ** 0.5).tolist()), pieces,
-                  float(whole @ mean), Z90 * float(whole @ cov @ whole) ** 0.5,
-                  tuple(_changes(cause, times_d, sizes, variance)), cause.alternatives)
+    return found._replace(
+        times_d=tuple(times_d.tolist()), sizes=tuple(sizes.tolist()), halves=tuple((Z90 * variance ** 0.5).tolist()),
+        pieces=tuple(_pieces(cause.course.stretches, times_d, cause.columns, mean, cov, variance)),
+        changes=tuple(_changes(cause.course, times_d, sizes, variance)))
 
 
 def _pieces(stretches: Sequence[Stretch], times_d: Array, columns: Array, mean: Array, cov: Array, variance: Array
@@ -169,10 +147,8 @@ def _pieces(stretches: Sequence[Stretch], times_d: Array, columns: Array, mean: 
                           float(2.0 * ndtr(-abs(per_day) / sd)) if sd > 0.0 else 1.0)
 
 
-def _changes(cause: EffectAtLevel, times_d: Array, sizes: Array, variance: Array) -> Iterator[SeasonChange]:
+def _changes(course: Partition, times_d: Array, sizes: Array, variance: Array) -> Iterator[SeasonChange]:
     """Where the likeliest course breaks, and where it may well have."""
-    course = cause.course
-    assert course is not None
     gaps = [one.begin - 1 for one in course.stretches[1:]]
     for gap in map(int, np.argsort(-course.change, kind="stable")):
         if all(abs(gap - one) > NEAR for one in gaps) and course.near(gap) >= SAID:
@@ -197,22 +173,20 @@ def _nearer_zero(was: float, was_variance: float, is_: float, is_variance: float
         (left * abs(was) + sign * is_) / sd) - 1.0))
 
 
-def _levels(season: Season, courses_: Sequence[Course], shared: Sequence[Shared]) -> Iterator[Shared]:
+def _levels(season: Season, causes: Sequence[Cause]) -> Iterator[Cause]:
     """Every level of every effect that is reported: as reported, else shrunk by the other levels of its factor. Of a
     set each has its share of the probability."""
     if not season.causes:
         return
     seen, logs = scan(season), season.logs
-    every = (*shared, *(Shared(one.factor, one.level, one.effect, one.mean, one.mean_half, one.probability,
-                               len(one.times_d), one.alternatives) for one in courses_))
-    shown = {(one.factor, one.level, one.effect): one for one in every}
+    shown = {(one.factor, one.level, one.effect): one for one in causes}
     of_set = {(other.factor, other.level, other.effect): other.probability * one.probability
-              for one in shown.values() for other in one.alternatives}
+              for one in causes for other in one.alternatives}
     for effect in sorted({cause.effect for cause in season.causes}):
         for row in np.flatnonzero(seen.odds[:, effect] > -np.inf):      # what a level cannot do is no row
             key = (*season.levels.keys[row], logs.names[effect])
             precision = seen.information[row, effect] + seen.tau[row, effect] ** -2.0
-            one = shown.get(key) or Shared(
+            one = shown.get(key) or Cause(
                 *key, float(seen.score[row, effect] / precision), Z90 * float(precision) ** -0.5,
                 float(expit(seen.odds[row, effect])), len(season.levels.logs[row]), (),
                 bool(seen.information[row, effect] * seen.tau[row, effect] ** 2 > 1.0))
@@ -229,7 +203,7 @@ def _same(levels: Levels) -> Iterator[Same]:
                 yield Same(*levels.keys[a], *levels.keys[b])
 
 
-def wears(course: Course) -> bool:
+def wears(course: Cause) -> bool:
     """Whether its last piece grows away from zero."""
     last = course.pieces[-1]
     return last.per_day_p < WEAR_P and last.per_day * last.end > 0.0

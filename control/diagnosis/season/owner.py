@@ -8,7 +8,7 @@ import numpy as np
 
 from control.diagnosis.judgement.gaussian import Array
 
-from .courses import Course, SeasonFit, Shared
+from .courses import Cause, SeasonFit
 from .evidence import LogWork
 from .mixed import FLEET, MACHINE, Alternative
 
@@ -28,20 +28,11 @@ class OwnersLog(NamedTuple):
     shared: Mapping[str, str]
 
 
-class Doses(NamedTuple):
-    """Dose error in % of each log by a cause: what it is to be expected, its set's probabilities as weights; what all
-    of the set agree on; and that of the set's largest."""
-
-    expected: Array
-    least: Array
-    most: Array
-
-
 class Cost(NamedTuple):
     """What a cause spread wrongly: kilograms to be expected, by what all of its set agree on, and by the one of it that
     costs most."""
 
-    cause: Course | Shared
+    cause: Cause
     kg: float
     least_kg: float
     most_kg: float
@@ -51,7 +42,8 @@ class MachineSeason(NamedTuple):
     """wrong_kg: what was spread too much or too little, to be expected of all causes with the probabilities of their
     sets; least_kg: by what all of each set agree on; most_kg: by the costliest of each. now_percent: of the dose at its
     last log, to be expected by the machine itself, between now_least and now_most; others_percent: by what that log's
-    operator, product and field do. courses, shared (what its logs share with others'): costliest first."""
+    operator, product and field do. costs: of its own causes and those that its logs share with others', costliest
+    first."""
 
     machine: str
     logs: int
@@ -64,8 +56,7 @@ class MachineSeason(NamedTuple):
     now_least: float
     now_most: float
     others_percent: float
-    courses: tuple[Cost, ...]
-    shared: tuple[Cost, ...]
+    costs: tuple[Cost, ...]
 
 
 class Low(NamedTuple):
@@ -86,53 +77,49 @@ def machines(logs: Sequence[OwnersLog], fit: SeasonFit) -> list[MachineSeason]:
     result, by_machine = [], dict[str, list[OwnersLog]]()
     for log in logs:
         by_machine.setdefault(log.machine, []).append(log)
-    of_level = dict[tuple[str, str], list[Course | Shared]]()
-    causes: list[Course | Shared] = [*fit.courses, *fit.shared]
-    for cause in causes:
+    of_level = dict[tuple[str, str], list[Cause]]()
+    for cause in (*fit.courses, *fit.shared):
         of_level.setdefault((cause.factor, cause.level), []).append(cause)
     for machine, own in by_machine.items():
         own.sort(key=lambda one: one.time_d)
         kg = np.array([one.worked.applied_kg for one in own])
-        levels = sorted({key for one in own for key in one.shared.items()})
-        mine = {one: _doses(one, own) for one in of_level.get((MACHINE, machine), [])}
-        others = {one: _doses(one, own) for key in (*levels, (FLEET, "")) for one in of_level.get(key, [])}
-        wrong, least, most = (_kg(sum((one[k] for one in (*mine.values(), *others.values())), np.zeros(len(own))), kg)
-                              for k in range(3))
-        now, now_least, now_most = (sum(float(one[k][-1]) for one in mine.values()) for k in range(3))
-        by_others = sum(float(one.expected[-1]) for one in others.values())
+        keys = [(MACHINE, machine), *sorted({key for one in own for key in one.shared.items()}), (FLEET, "")]
+        doses = {one: _doses(one, own) for key in keys for one in of_level.get(key, [])}
+        none = np.zeros((3, len(own)))
+        mine, others = (sum((each for one, each in doses.items() if (one.factor == MACHINE) is its_own), none)
+                        for its_own in (True, False))
+        wrong, least, most = _kg(mine + others, kg)
+        now, now_least, now_most = mine[:, -1].tolist()
+        costs = sorted((Cost(one, *_kg(each, kg)) for one, each in doses.items()),
+                       key=lambda one: (-one.kg, -one.most_kg))
         result.append(MachineSeason(
             machine, len(own), sum(one.worked.hours for one in own), float(kg.sum()), wrong, least, most,
-            now, now_least, now_most, by_others, _costs(mine, kg), _costs(others, kg)))
+            now, now_least, now_most, float(others[0, -1]), tuple(costs)))
     return sorted(result, key=lambda one: (-one.wrong_kg, -one.most_kg, one.machine))
 
 
-def _kg(doses: Array, kg: Array) -> float:
-    return float(np.abs(doses) @ kg / 100.0)
+def _kg(doses: Array, kg: Array) -> tuple[float, float, float]:
+    expected, least, most = (np.abs(doses) @ kg / 100.0).tolist()
+    return expected, least, most
 
 
-def _costs(of: Mapping[Course | Shared, Doses], kg: Array) -> tuple[Cost, ...]:
-    found = [Cost(cause, _kg(doses.expected, kg), _kg(doses.least, kg), _kg(doses.most, kg))
-             for cause, doses in of.items()]
-    return tuple(sorted(found, key=lambda one: (-one.kg, -one.most_kg)))
-
-
-def _doses(cause: Course | Shared, own: Sequence[OwnersLog]) -> Doses:
-    """Each of the set where it is: another effect of the same level goes as the cause does."""
-    here = cause.pieces[-1].end if isinstance(cause, Course) else cause.size
-    factor, level = cause.factor, cause.level
-    set_ = cause.alternatives or (Alternative(factor, level, cause.effect, here, 1.0),)
-    sizes = np.array([at(cause, one.time_d) if isinstance(cause, Course) else cause.size * has(factor, level, one)
-                      for one in own])
-    own_size = next((one.size for one in set_ if (one.factor, one.level, one.effect) == (factor, level, cause.effect)),
-                    here)               # as the others' sizes: at the last log in which it is there
+def _doses(cause: Cause, own: Sequence[OwnersLog]) -> Array:
+    """(3, n) dose error in % of each log: what is to be expected, the set's probabilities as weights; what all of the
+    set agree on; and that of the set's largest. Another effect of the same level goes as the cause does."""
+    level = cause.factor, cause.level
+    set_ = cause.alternatives or (Alternative(*level, cause.effect, cause.now, 1.0),)
+    sizes = np.array([at(cause, one.time_d) * has(*level, one) for one in own])
+    own_size = next((one.size for one in set_ if (one.factor, one.level, one.effect) == (*level, cause.effect)),
+                    cause.now)          # as the others' sizes: at the last log in which it is there
     doses = np.stack([np.array([each.percent.get(one.effect, 0.0) for each in own]) * (
-        sizes * (one.size / own_size if own_size else 0.0) if (one.factor, one.level) == (factor, level) else
+        sizes * (one.size / own_size if own_size else 0.0) if (one.factor, one.level) == level else
         np.array([one.size * has(one.factor, one.level, each) for each in own])) for one in set_])
     weights = np.array([one.probability for one in set_])
-    ends = doses[np.argmin(np.abs(doses), axis=0), np.arange(len(own))]
-    least = np.where(np.all(doses > 0.0, axis=0) | np.all(doses < 0.0, axis=0), ends, 0.0)
-    return Doses(cause.probability * (weights / weights.sum()) @ doses, least,
-                 doses[np.argmax(np.abs(doses), axis=0), np.arange(len(own))])
+    each = np.arange(len(own))
+    ends = doses[np.argmin(np.abs(doses), axis=0), each]
+    return np.stack([cause.probability * (weights / weights.sum()) @ doses,
+                     np.where(np.all(doses > 0.0, axis=0) | np.all(doses < 0.0, axis=0), ends, 0.0),
+                     doses[np.argmax(np.abs(doses), axis=0), each]])
 
 
 def has(factor: str, level: str, log: OwnersLog) -> bool:
@@ -140,23 +127,17 @@ def has(factor: str, level: str, log: OwnersLog) -> bool:
     return factor == FLEET or (log.machine if factor == MACHINE else log.shared.get(factor)) == level
 
 
-def at(course: Course, time_d: float) -> float:
-    """Size by the pieces of a course; before the first and after the last as there."""
-    for piece in course.pieces:
-        if time_d <= piece.end_d or piece is course.pieces[-1]:
-            if piece.end_d <= piece.begin_d:
-                return piece.begin
-            share = min(1.0, max(0.0, (time_d - piece.begin_d) / (piece.end_d - piece.begin_d)))
-            return piece.begin + share * (piece.end - piece.begin)
-    return 0.0
+def at(cause: Cause, time_d: float) -> float:
+    """Size by the pieces of a course; before the first and after the last as there, between two as the next begins."""
+    if not cause.pieces:
+        return cause.size
+    piece = next((one for one in cause.pieces if time_d <= one.end_d), cause.pieces[-1])
+    return float(np.interp(time_d, (piece.begin_d, piece.end_d), (piece.begin, piece.end)))
 
 
-def still_there(cause: Course | Shared) -> bool:
+def still_there(cause: Cause) -> bool:
     """Whether it is there at the end: what was repaired calls for nothing."""
-    if isinstance(cause, Shared):
-        return True
-    last = cause.pieces[-1]
-    return abs(last.end) > last.end_half
+    return not cause.pieces or abs(cause.now) > cause.pieces[-1].end_half
 
 
 def low_hoppers(logs: Sequence[OwnersLog]) -> list[Low]:
