@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import tty
 from pathlib import Path
-from time import monotonic, sleep
 
 import pytest
 
@@ -17,6 +16,7 @@ from drivers.cab import Cab, CabConfig
 from drivers.devices.rate_line import RateLineDecoder, target_sentence
 from drivers.ports import PortState
 from tests.control_loop.closed import SETUP, STEP_S, Closed
+from tests.waiting import wait_for
 
 WANTED_KG_HA, FALLBACK_KG_HA = 200.0, SETUP.crop.fallback_rate_kg_ha
 MOST_KG_HA = SETUP.crop.max_rate_kg_ha
@@ -70,10 +70,7 @@ class Metering:
     def _arrives(self, sentences: int) -> None:
         """Until the port's thread has them."""
         self._said += sentences
-        until = monotonic() + 5.0
-        while self._read < self._said and monotonic() < until:
-            self.cab.measure(self.now_s)
-            sleep(0.001)
+        wait_for(lambda: self.cab.measure(self.now_s) and self._read >= self._said)
 
     def _told(self, m: Measurements) -> Measurements:
         self.now_s = m.time_s
@@ -83,6 +80,11 @@ class Metering:
     def _read(self) -> int:
         assert self.cab._rate_line is not None
         return self.cab._rate_line[1].counts.read
+
+    @property
+    def connects(self) -> int:
+        assert self.cab._rate_line is not None
+        return self.cab._rate_line[0].port.state().connects
 
     def got_kg_ha(self, last_s: float) -> float:
         """What left the outlets, over the ground that passed."""
@@ -116,6 +118,7 @@ def test_what_the_ground_gets_by_another_display(tmp_path, what, data, pulled, g
         assert (alarm is None and not alarms) or alarm in alarms
         if pulled:
             it.display.plug()
+            wait_for(lambda: it.cab.measure(it.now_s) and it.connects == 2)
             it._said = it._read
             it.run(10.0, RAVEN)
             assert it.got_kg_ha(4.0) == pytest.approx(WANTED_KG_HA, rel=0.02), "plugged again"
