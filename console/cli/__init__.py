@@ -40,6 +40,8 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "calibrate wheel": ("topdress calibrate wheel run.csv --out mine.yaml",),
     "calibrate effort": ("topdress calibrate effort run.csv --out mine.yaml",),
     "calibrate heads": ("topdress calibrate heads run.csv --out mine.yaml",),
+    "calibrate encoder": ("topdress calibrate encoder --board /dev/ttyACM0 --out board_settings.py",
+                          "topdress calibrate encoder --board COM4 --turns 20 --rpm 20 --out board_settings.py"),
     "live": ("topdress live --port 4110", "topdress live --quiet --mqtt mqtt://cab@barn.local/farm/spreader --every 1"),
     "info": ("topdress info", "topdress info --json"),
     "extras": ("topdress extras",),
@@ -110,7 +112,7 @@ COMMANDS = {                    # by name: the file next to this one, and its fu
     "record": "record.record", "trial": "trial.trial",
     "reproduce": "reproduce.reproduce", "check": "check.check", "devices": "devices.devices", "serve": "serve.serve",
     "serve-machine": "serve_machine.serve_machine", "live": "live.live", "info": "info.info", "extras": "info.extras"}
-CALIBRATIONS = {name: f"calibrate.{name}" for name in ("catch", "lag", "wheel", "heads", "effort")}
+CALIBRATIONS = {name: f"calibrate.{name}" for name in ("catch", "lag", "wheel", "heads", "effort", "encoder")}
 
 
 def console(context: typer.Context,
@@ -148,7 +150,8 @@ def whole() -> typer.Typer:
     """The app with every command; `console.cli.app` is the same."""
     app = _with(COMMANDS, _started())
     calibrations = typer.Typer(rich_markup_mode=None,
-                               help="Fit flow or lag to a bench table, or wheel or heads to a run log.")
+                               help="Fit flow or lag to a bench table, or wheel or heads to a run log; count a turn of "
+                                    "the shaft.")
     app.add_typer(_with(CALIBRATIONS, calibrations, "calibrate"), name="calibrate", no_args_is_help=True)
     return app
 

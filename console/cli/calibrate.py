@@ -188,6 +188,26 @@ def effort(data: Log, *, out: Out, machine: From = "huanghai",
     _save(fitted, data, out)
 
 
+def encoder(
+    *,
+    board: Annotated[str, typer.Option(metavar="URL", help="The slave board.")],
+    out: Annotated[Path, typer.Option(metavar="SETTINGS.py", help="The new line of the board's board_settings.py.")],
+    turns: Annotated[int, typer.Option(metavar="NUMBER", min=1, max=1000, help="Whole turns of the shaft a run.")] = 10,
+    repeats: Annotated[int, typer.Option(metavar="NUMBER", min=1, max=20, help="Runs; their scatter gives the "
+                                         "interval.")] = 3,
+    rpm: Annotated[float | None, typer.Option(metavar="RPM", min=1.0, max=60.0, help="The drive turns the shaft, at "
+                                              "this speed and while the space bar is held; default: by hand, nothing "
+                                              "that turns is sent.")] = None,
+    machine: Annotated[str, typer.Option(metavar="MACHINE", help="--rpm: whose limits hold.")] = "huanghai",
+    force: Force = False,
+) -> None:
+    """Count the encoder's pulses over whole turns of the metering shaft, for the board's settings."""
+    from console.cli.encoder import calibrate_encoder
+    need_ending("--out", out, ".py")
+    _refuse((), out, machine, force)
+    calibrate_encoder(board, turns=turns, repeats=repeats, rpm=rpm, machine=machine, out=out)
+
+
 def _table(data: Path, out: Path, command: str) -> None:
     """Raises WrongKind, CommandError: what is no bench table, and an ending that is none of a machine file."""
     refuse_other([data], TABLE)

@@ -27,7 +27,7 @@ class _Plant(Pins):
     """`sensed`: what the plant read last; `inbox` from the host, `said` to it; `turns` of the shaft."""
 
     sensed: SensorReadings
-    turns = last_s = 0.0
+    turns = 0.0
 
     def __init__(self, chance: Callable[[], int | None], driver_fault: Callable[[], bool]) -> None:
         self.inbox = self.said = b""
@@ -49,10 +49,6 @@ class _Plant(Pins):
             self._pulses = self.sensed.wheel_pulses
             self._pulse_s = self.sensed.wheel_pulse_s or self.sensed.time_s
         return self._pulses, round(self._pulse_s * 1e6)
-
-    def feel(self, sensed: SensorReadings) -> None:
-        self.turns += sensed.shaft_rpm / 60.0 * (sensed.time_s - self.last_s)
-        self.sensed, self.last_s = sensed, sensed.time_s
 
     def shaft_counts(self) -> int:
         return round(self.turns * TRUE_COUNTS_PER_TURN)
@@ -137,10 +133,13 @@ class VirtualBoard(Slave):
         order, dose.order = dose.order, None
         return order
 
+    def turn(self, shaft_rpm: float, for_s: float) -> None:
+        """What the encoder sees, whoever turns the shaft."""
+        self._plant.turns += shaft_rpm / 60.0 * for_s
+
     def status(self, sensed: SensorReadings, now_s: float) -> bytes:
         """The status line of this tick, on the plant's clock, and what else there is to say."""
-        self._plant.feel(sensed)
-        self.shaft_rpm = sensed.shaft_rpm
+        self._plant.sensed, self.shaft_rpm = sensed, sensed.shaft_rpm
         self.hear(_us(now_s))
         self.say(_us(now_s), _us(sensed.time_s))
         said, self._plant.said = self._plant.said, b""

@@ -125,6 +125,7 @@ class VirtualMachine:
             self._gnss_port.write(gnss_sentences(sensed.gnss))
         if sensed.ndvi is not None:
             self._write_heads(sensed.ndvi)
+        self.board.turn((getattr(self._plant, "truth", None) or sensed).shaft_rpm, self._plant.dt_s)
         self._board_port.write(self.board.status(sensed, begin_s))
         for extra in self._extras:
             extra.after(sensed, begin_s)

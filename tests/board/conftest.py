@@ -1,8 +1,9 @@
-"""Two interpreters for one program: this one, and MicroPython (its WebAssembly build, under Node)."""
+"""Two interpreters for one program: this one, and MicroPython (its WebAssembly build, under Node). And a Pico."""
 from __future__ import annotations
 
 import importlib.util
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import pytest
 
 HERE = Path(__file__).parent
 BOARD = HERE.parents[1] / "drivers" / "board"
+ENABLE, PWM, SHAFT_STEP = 2, 4, 11          # pins
 PACKAGE = "@micropython/micropython-webassembly-pyscript"
 VERSION = "1.27.0"
 RUNNER = """
@@ -30,6 +32,63 @@ for (const file of files) {
 }
 mp.runPython("import sys; sys.path.append('/app')\\nimport board_scenarios; board_scenarios.main()");
 """
+
+
+class Pico:
+    """The board's main program as a process of its own, on the far side of a pseudo-terminal."""
+
+    def __init__(self, folder: Path, settings: str = "") -> None:
+        import tty
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.name = os.ttyname(self._slave)
+        self._levels, own = folder / "levels.txt", folder / "board_settings.py"
+        own.write_text(settings)
+        self.process = subprocess.Popen([sys.executable, "-m", "tests.board.pico", str(self._levels), str(own)],
+                                        stdin=self._master, stderr=subprocess.PIPE, text=True)
+
+    def levels(self, *pins: int) -> list[tuple[float, bool]]:
+        """When each of these pins was given which level."""
+        lines = [line.split() for line in self._levels.read_text().splitlines()] if self._levels.exists() else []
+        return [(float(line[0]), line[2] == "1") for line in lines if len(line) == 3 and int(line[1]) in pins]
+
+    def when(self, word: str) -> float:
+        return next(float(line.split()[0]) for line in self._levels.read_text().splitlines() if line.endswith(word))
+
+    @property
+    def enabled(self) -> bool:
+        return self.levels(ENABLE)[-1:] != [] and self.levels(ENABLE)[-1][1]
+
+    @property
+    def moves(self) -> int:
+        """How often a step or a duty was begun."""
+        return sum(on for _, on in self.levels(SHAFT_STEP, PWM))
+
+    def moves_after(self, at_s: float) -> list[float]:
+        """What was begun more than two rounds later."""
+        return [begun_s for begun_s, on in self.levels(SHAFT_STEP, PWM) if on and begun_s > at_s + 0.002]
+
+    def close(self) -> None:
+        self.process.kill()
+        self.process.communicate()
+        os.close(self._master)
+        os.close(self._slave)
+
+
+@pytest.fixture
+def plugged(tmp_path):
+    """A Pico with these lines in its board_settings.py."""
+    if sys.platform == "win32":
+        pytest.skip("no pseudo-terminals on this system")
+    made = []
+
+    def plug(settings: str = "") -> Pico:
+        made.append(Pico(tmp_path, settings))
+        return made[-1]
+    yield plug
+    for one in made:
+        one.close()
 
 
 @pytest.fixture(scope="session")

@@ -2,11 +2,12 @@
 program runs on it as it stands, on this computer, its serial line or its USB plug on the terminal of standard input.
 
     python -m tests.board.pico LEVELS SETTINGS.py    LEVELS: each level that is put on a pin, as `seconds pin level`
-    python -m tests.board.pico --pins                the pins that the program takes, as JSON: number -> what it is
+    python -m tests.board.pico --pins PROGRAM        as JSON: the pins that it takes and what they are; settings' names
 """
 from __future__ import annotations
 
 import contextlib
+import importlib
 import importlib.util
 import json
 import os
@@ -160,10 +161,14 @@ def main(words):
     time.ticks_diff = lambda late, early: (late - early + (1 << 29)) % (1 << 30) - (1 << 29)
     time.sleep_us = lambda us: time.sleep(us * 1e-6)
     from drivers.board import rp2_slave
-    if words == ["--pins"]:
-        rp2_slave.Rp2Pins(rp2_slave.Rp2Settings())
-        Pin(rp2_slave.SERVICE_PIN)
-        print(json.dumps(used))
+    if words[0] == "--pins":
+        settings = rp2_slave.Rp2Settings()
+        if words[1] == "rp2_slave":
+            rp2_slave.Rp2Pins(settings)
+            Pin(rp2_slave.SERVICE_PIN)
+        else:
+            importlib.import_module("drivers.board." + words[1]).Rp2RigPins()
+        print(json.dumps([used, [name for name in dir(settings) if not name.startswith("_")]]))
         return
     levels = os.open(words[0], os.O_WRONLY | os.O_CREAT)
     spec = importlib.util.spec_from_file_location("board_settings", words[1])

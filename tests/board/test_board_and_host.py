@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
@@ -21,9 +20,9 @@ from drivers.devices.point_dose import DoseState, PointDose, decode_report, enco
 from drivers.devices.slave_board import SetPointLimits, SlaveBoard
 from drivers.virtual.board import VirtualBoard
 from tests.board import board_scenarios as scenarios
+from tests.board.conftest import ENABLE, SHAFT_STEP
 from tests.waiting import wait_for
 
-ENABLE, PWM, SHAFT_STEP = 2, 4, 11         # pins
 HOST = """
 import sys, time
 from control.readings import DriveCommand
@@ -36,63 +35,6 @@ while True:
     cab.command(now_s, DriveCommand(60.0, 30.0), now_s - begun_s > 0.5)
     time.sleep(0.05)
 """
-
-
-class Pico:
-    """The board's main program as a process of its own, on the far side of a pseudo-terminal."""
-
-    def __init__(self, folder: Path, settings: str = "") -> None:
-        import tty
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self.name = os.ttyname(self._slave)
-        self._levels, own = folder / "levels.txt", folder / "board_settings.py"
-        own.write_text(settings)
-        self.process = subprocess.Popen([sys.executable, "-m", "tests.board.pico", str(self._levels), str(own)],
-                                        stdin=self._master, stderr=subprocess.PIPE, text=True)
-
-    def levels(self, *pins: int) -> list[tuple[float, bool]]:
-        """When each of these pins was given which level."""
-        lines = [line.split() for line in self._levels.read_text().splitlines()] if self._levels.exists() else []
-        return [(float(line[0]), line[2] == "1") for line in lines if len(line) == 3 and int(line[1]) in pins]
-
-    def when(self, word: str) -> float:
-        return next(float(line.split()[0]) for line in self._levels.read_text().splitlines() if line.endswith(word))
-
-    @property
-    def enabled(self) -> bool:
-        return self.levels(ENABLE)[-1:] != [] and self.levels(ENABLE)[-1][1]
-
-    @property
-    def moves(self) -> int:
-        """How often a step or a duty was begun."""
-        return sum(on for _, on in self.levels(SHAFT_STEP, PWM))
-
-    def moves_after(self, at_s: float) -> list[float]:
-        """What was begun more than two rounds later."""
-        return [begun_s for begun_s, on in self.levels(SHAFT_STEP, PWM) if on and begun_s > at_s + 0.002]
-
-    def close(self) -> None:
-        self.process.kill()
-        self.process.communicate()
-        os.close(self._master)
-        os.close(self._slave)
-
-
-@pytest.fixture
-def plugged(tmp_path):
-    """A Pico with these lines in its board_settings.py."""
-    if sys.platform == "win32":
-        pytest.skip("no pseudo-terminals on this system")
-    made = []
-
-    def plug(settings: str = "") -> Pico:
-        made.append(Pico(tmp_path, settings))
-        return made[-1]
-    yield plug
-    for one in made:
-        one.close()
 
 
 STEPPER = "shaft_drive = 'stepper'\ncounts_per_turn = 0.0\n"

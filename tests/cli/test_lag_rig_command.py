@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from console.cli import app, drop_by_hand, lag_rig
+from console.cli import app, at_the_bench, drop_by_hand
 from control.machine.fall import Fall, start_drop_s
 
 TOPDRESS = [sys.executable, "-c", "from console.cli import main; main()"]
@@ -56,7 +56,7 @@ SILENT = "socket://127.0.0.1:9"
     (["--rig", SILENT], f"lag_rig at {SILENT} is silent")], ids=["no key", "silent board", "no board, silent rig"])
 def test_what_is_missing_is_said_and_writes_nothing(words: list[str], said: str, tmp_path: Path,
                                                     monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (lag_rig, drop_by_hand):
+    for module in (at_the_bench, drop_by_hand):
         monkeypatch.setattr(module, "HEARD_WITHIN_S", 0.5)
     table = tmp_path / "lag.csv"
     result = CliRunner().invoke(app, ["calibrate", "lag", *words, "--out", str(table)])
