@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import hashlib
+import itertools
 import json
 import logging
 import pkgutil
@@ -19,7 +21,8 @@ from concurrent.futures import CancelledError
 from pathlib import Path
 from typing import Any
 
-from console.services.fleet_job import FORMAT, Options, checksum, first_bytes, record
+from console.services.fleet_job import FORMAT, Options, checksum, each, first_bytes, first_line, record, side_urls
+from console.services.fleet_season import record_of
 from drivers.files.atomic import write_atomically
 from drivers.files.extras import need
 
@@ -27,6 +30,7 @@ LOGS, SEEN = "logs", "seen.json"
 SUFFIXES = (".csv", ".parquet", ".pq")
 ASIDE = (".truth.csv",)
 AHEAD = 4                       # tasks in the cluster for each of its threads: few, so that cancelling is quick
+TOGETHER = 16                   # checksums in a task: of a short log one takes less than the task
 MEMORY = "2GB"                  # of a local worker
 # Dask gives memory back at every 64 kB that are free. glibc then maps and unmaps each array above 128 kB anew, which
 # takes half of a diagnosis (mallopt(3): "dynamic mmap threshold"). None: as it was set outside, else glibc's own.
@@ -213,7 +217,8 @@ def diagnosed(client: Any, paths: Sequence[str], asked: Asked, out: Path, tell: 
     """
     (out / LOGS).mkdir(parents=True, exist_ok=True)
     seen = _seen(out)
-    marks = {path: _mark(path, asked) for path in paths}
+    found = _states(paths, asked.options)
+    marks = {path: state and f"{state} {asked.salt}" for path, (state, _sides) in found.items()}
     keys = {path: seen[path][1] for path in paths if path in seen and seen[path][0] == marks[path] and marks[path]}
     unknown = [path for path in paths if path not in keys]
     errors: dict[str, str] = {}
@@ -224,13 +229,14 @@ def diagnosed(client: Any, paths: Sequence[str], asked: Asked, out: Path, tell: 
             out, keys[path]).is_file()], asked.options)
         work = _Work(client, [who for who in client.nthreads() if who not in blind])
         for number, (path, key, why) in enumerate(work.twice(checksum, {
-                path: (_whole(path), asked.options, asked.salt) for path in unknown})):
+                path: (_whole(path), asked.options, asked.salt, found[path][1]) for path in unknown}, TOGETHER)):
             if why:
                 errors[path] = why
             else:
                 keys[path] = key
                 seen[path] = (marks[path], key)
             tell(number + 1, len(unknown), "looking at the files")
+        _write_seen(out, seen)
         first: dict[str, str] = {}
         for path, key in keys.items():
             first.setdefault(key, path)
@@ -239,19 +245,19 @@ def diagnosed(client: Any, paths: Sequence[str], asked: Asked, out: Path, tell: 
         todo = {path: key for key, path in first.items() if key not in kept}
         known = len(kept)
         for number, (path, made, why) in enumerate(work.twice(record, {
-                path: (_whole(path), asked.options, asked.machine) for path in todo})):
+                path: (_whole(path), asked.options, asked.machine, found[path][1]) for path in todo})):
             if why:                             # what no worker survived, or was not the log's own fault
                 errors[path] = why
-            elif (mark := _mark(path, asked)) != marks[path]:
+            elif "://" not in path and _state(path) != found[path][0]:
                 errors[path] = "it was written while it was read: the same command reads it again"
                 seen.pop(path, None)
             else:
-                seen[path] = (mark, todo[path])
-                kept[todo[path]] = {**made, "path": path}
-                write_atomically(_place(out, todo[path]), json.dumps(kept[todo[path]]))
+                text = json.dumps({**made, "path": path})
+                write_atomically(_place(out, todo[path]), text, kept=False)     # what a power loss takes is made anew
+                kept[todo[path]] = record_of(text)
             tell(known + number + 1, len(first), "diagnosing")
     finally:
-        write_atomically(out / SEEN, json.dumps(seen))
+        _write_seen(out, seen)
     every = [{"key": key, **kept[key], "path": path} for key, path in first.items() if key in kept]
     records = list({one.get("content", one["key"]): one for one in reversed(every)}.values())[::-1]
     broken = [*errors.items(), *((one["path"], one["error"]) for one in records if "error" in one)]
@@ -289,57 +295,67 @@ def _blind(client: Any, paths: Sequence[str], options: Options) -> dict[str, str
 def _kept(out: Path, key: str) -> dict[str, Any] | None:
     """A record of an earlier run; None where there is none that can be read."""
     try:
-        made = json.loads(_place(out, key).read_text(encoding="utf-8"))
+        made = record_of(_place(out, key).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
     return made if isinstance(made, dict) and made.get("format") == FORMAT else None
 
 
 class _Work:
-    """Tasks for the workers that see the logs."""
+    """Tasks for the workers that see the logs: for all, also those that come later, where none is blind."""
 
     def __init__(self, client: Any, workers: Sequence[str], join_s: float = JOIN_S, look_s: float = LOOK_S) -> None:
-        self._client, self._workers, self._join_s, self._look_s = client, list(workers), join_s, look_s
+        self._client, self._join_s, self._look_s = client, join_s, look_s
+        threads = client.nthreads()
+        self._room = max(1, AHEAD * sum(threads.get(who, 1) for who in workers))
+        self._where: dict[str, Any] = {} if len(workers) == len(threads) else {"workers": list(workers)}
 
-    def twice(self, work: Callable[..., Any], todo: Mapping[str, tuple[Any, ...]]) -> Iterator[tuple[str, Any, str]]:
-        """As `once`; what failed for no fault of the log is done again when all else is done."""
+    def twice(self, work: Callable[..., Any], todo: Mapping[str, tuple[Any, ...]], together: int = 1
+              ) -> Iterator[tuple[str, Any, str]]:
+        """As `once`; what failed for no fault of the log is done again, by itself, when all else is done."""
         again: dict[str, tuple[Any, ...]] = {}
-        for path, made, why in self.once(work, todo):
+        for path, made, why in self.once(work, todo, together):
             if why:
                 again[path] = todo[path]
             else:
                 yield path, made, why
         yield from self.once(work, again)
 
-    def once(self, work: Callable[..., Any], todo: Mapping[str, tuple[Any, ...]]) -> Iterator[tuple[str, Any, str]]:
-        """(path, result, "") or (path, None, why), as they are done; of a worker that dies another does the tasks."""
+    def once(self, work: Callable[..., Any], todo: Mapping[str, tuple[Any, ...]], together: int = 1
+             ) -> Iterator[tuple[str, Any, str]]:
+        """(path, result, "") or (path, None, why), as they are done; of a worker that dies another does the tasks.
+
+        together: how many a task does, where each worker has some.
+        """
         from distributed import as_completed
         from distributed.comm.core import CommClosedError
         waiting = iter(todo.items())
-        threads = self._client.nthreads()
-        room = max(1, AHEAD * sum(threads.get(who, 1) for who in self._workers))
-        running: dict[Any, str] = {}
+        together = max(1, min(together, len(todo) // self._room))
+        running: dict[Any, list[str]] = {}
         done = as_completed(loop=self._client.loop)
 
         def put() -> None:
-            for path, arguments in waiting:
-                future = self._client.submit(work, *arguments, pure=False, **self._where())
-                running[future] = path
+            if some := dict(itertools.islice(waiting, together)):
+                future = self._client.submit(each, work, list(some.values()), pure=False, **self._where)
+                running[future] = list(some)
                 done.add(future)
-                return
-        for _ in range(min(room, len(todo))):
+        for _ in range(min(self._room, len(todo))):
             put()
         over, alone = threading.Event(), threading.Event()
         threading.Thread(target=self._until_alone, args=(running, over, alone), daemon=True).start()
         try:
-            for future in done:
-                path = running.pop(future)
-                if future.status == "cancelled":
+            for futures in done.batches():
+                if any(future.status == "cancelled" for future in futures):
                     raise OSError(NONE_LEFT if alone.is_set() else GONE)
-                result, why = _result(future)
-                future.release()
-                put()
-                yield path, result, why
+                whole = [future for future in futures if future.status == "finished"]
+                results = dict(zip(whole, self._client.gather(whole), strict=True))     # what is ready, at one time
+                for future in futures:
+                    paths = running.pop(future)
+                    made = results.get(future) or [(None, first_line(future.exception()))] * len(paths)
+                    future.release()
+                    put()
+                    for path, (result, why) in zip(paths, made, strict=True):
+                        yield path, result, why
         except (CommClosedError, CancelledError):
             raise OSError(GONE) from None
         finally:
@@ -347,7 +363,7 @@ class _Work:
             with contextlib.suppress(CommClosedError, CancelledError):
                 self._client.cancel(list(running))
 
-    def _until_alone(self, running: Mapping[Any, str], over: threading.Event, alone: threading.Event) -> None:
+    def _until_alone(self, running: Mapping[Any, Any], over: threading.Event, alone: threading.Event) -> None:
         """Where no worker is left, and none comes for as long as the first was waited for, nobody would ever do what is
         asked: it is taken back."""
         missed = 0.0
@@ -359,23 +375,6 @@ class _Work:
                 with contextlib.suppress(Exception):
                     self._client.cancel(list(running), force=True)
                 return
-
-    def _where(self) -> dict[str, Any]:
-        """Where all are asked, also those that come later; else only those that see the logs."""
-        if len(self._workers) == len(self._client.nthreads()):
-            return {}
-        return {"workers": self._workers}
-
-
-def _result(future: Any) -> tuple[Any, str]:
-    """A task's result, or why it has none: it was raised, or the worker and not the log was at fault."""
-    if future.status == "error":
-        error = future.exception()
-        return None, (str(error).splitlines() or [type(error).__name__])[0]
-    result = future.result()
-    if isinstance(result, dict) and "error" in result and not result.get("lasting", True):
-        return None, str(result["error"])
-    return result, ""
 
 
 def _place(out: Path, key: str) -> Path:
@@ -390,19 +389,40 @@ def _seen(out: Path) -> dict[str, tuple[str, str]]:
         return {}
 
 
-def _mark(path: str, asked: Asked) -> str:
-    """Tells whether a file is as it was without reading it; "" where that is not known."""
+def _write_seen(out: Path, seen: Mapping[str, tuple[str, str]]) -> None:
+    write_atomically(out / SEEN, json.dumps(seen))
+
+
+def _states(paths: Sequence[str], options: Options) -> dict[str, tuple[str, tuple[str, ...]]]:
+    """By path what tells whether it is as it was without reading it, "" where that is not known; and of one at a URL
+    what lies next to it, by one listing of each folder."""
+    states, folders = dict[str, tuple[str, tuple[str, ...]]](), dict[str, dict[str, Any]]()
+    for path in paths:
+        if "://" not in path:
+            states[path] = _state(path), ()
+            continue
+        import fsspec
+        system, name = fsspec.core.url_to_fs(path, **options)
+        folder = f"{name.rpartition('/')[0]}/"
+        if folder not in folders:
+            folders[folder] = {}
+            with contextlib.suppress(Exception):        # a store that shows no folder, in any of its own errors
+                folders[folder] = {one["name"]: one for one in system.ls(folder, detail=True)}
+        there = folders[folder]
+        sides = tuple(side for side in side_urls(name) if (side in there if name in there else system.exists(side)))
+        with contextlib.suppress(OSError, NotImplementedError):
+            states[path] = "", sides
+            state = " ".join(str(there.get(one) or system.ukey(one)) for one in (name, *sides))
+            states[path] = hashlib.sha256(state.encode()).hexdigest(), sides
+    return states
+
+
+def _state(path: str) -> str:
     from drivers.files.any_log import import_file
     try:
-        if "://" in path:
-            import fsspec
-            system, name = fsspec.core.url_to_fs(path, **asked.options)
-            state = system.ukey(name)
-        else:
-            status = Path(path).stat()
-            side_files = (Path(path).with_suffix(".yaml"), import_file(Path(path)))
-            state = " ".join(map(str, (status.st_size, status.st_mtime_ns, *(
-                one.stat().st_mtime_ns if one is not None and one.is_file() else 0 for one in side_files))))
-    except (OSError, NotImplementedError):
+        status = Path(path).stat()
+        side_files = (Path(path).with_suffix(".yaml"), import_file(Path(path)))
+        return " ".join(map(str, (status.st_size, status.st_mtime_ns, *(
+            one.stat().st_mtime_ns if one is not None and one.is_file() else 0 for one in side_files))))
+    except OSError:
         return ""
-    return f"{state} {asked.salt}"

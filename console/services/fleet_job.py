@@ -7,7 +7,7 @@ import hashlib
 import os
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,17 +33,33 @@ def first_bytes(where: str, options: Options) -> tuple[str, str]:
         with Path(where).open("rb") as opened:
             return hashlib.sha256(opened.read(FIRST_BYTES)).hexdigest(), ""
     except Exception as error:      # a store's own error of any kind
-        return "", _first_line(error)
+        return "", first_line(error)
 
 
-def checksum(where: str, options: Options, salt: str) -> str:
-    """SHA-256 of a log's bytes, its sidecar's, its import file's, and of what else decides its record.
+def each(work: Callable[..., Any], of: Sequence[tuple[Any, ...]]) -> list[tuple[Any, str]]:
+    """What is made of each, and why nothing is: it was raised, or the worker and not the log was at fault."""
+    return [_one(work, arguments) for arguments in of]
+
+
+def _one(work: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[Any, str]:
+    try:
+        made = work(*arguments)
+    except Exception as error:      # one log of thousands never stops the rest
+        return None, first_line(error)
+    if isinstance(made, dict) and "error" in made and not made.get("lasting", True):
+        return None, str(made["error"])
+    return made, ""
+
+
+def checksum(where: str, options: Options, salt: str, sides: Sequence[str] = ()) -> str:
+    """SHA-256 of a log's bytes, its sidecar's, its import file's, and of what else decides its record. sides: as
+    `local` takes them.
 
     Raises OSError; where there is no such file too: all that a worker does not see would have one checksum.
     """
     from drivers.files.any_log import import_file
     digest = hashlib.sha256(salt.encode())
-    with local(where, options) as path:
+    with local(where, options, sides) as path:
         path.stat()
         for file in (path, path.with_suffix(".yaml"), import_file(path) or path.with_suffix(".yaml")):
             if file.is_file():
@@ -54,8 +70,8 @@ def checksum(where: str, options: Options, salt: str) -> str:
     return digest.hexdigest()
 
 
-def record(where: str, options: Options, machine: Mapping[str, Any]) -> dict[str, Any]:
-    """The record of one log, of plain values. machine: for logs that name none.
+def record(where: str, options: Options, machine: Mapping[str, Any], sides: Sequence[str] = ()) -> dict[str, Any]:
+    """The record of one log, of plain values. machine: for logs that name none. sides: as `local` takes them.
 
     Whatever is wrong with it is a record too: {"error": one line, "lasting": whether it is the log's own fault}. What
     a reader refuses is the log's; no such file, no memory, a package that is missing are the worker's.
@@ -65,22 +81,22 @@ def record(where: str, options: Options, machine: Mapping[str, Any]) -> dict[str
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     began = time.perf_counter(), time.process_time()
     try:
-        with local(where, options) as path:
+        with local(where, options, sides) as path:
             path.open("rb").close()
-            made = _judged(where, path, Machine.model_validate(machine))
+            made = _judged(where, options, path, Machine.model_validate(machine))
             return {**made, "took_s": time.perf_counter() - began[0], "processor_s": time.process_time() - began[1]}
     except ConfigError as error:
         return {"format": FORMAT, "path": where, "error": error.lines[0], "lasting": True}
     except Exception as error:      # one log of thousands never stops the rest
-        return {"format": FORMAT, "path": where, "error": _first_line(error), "lasting": isinstance(error, ValueError)
+        return {"format": FORMAT, "path": where, "error": first_line(error), "lasting": isinstance(error, ValueError)
                 and not isinstance(error.__context__, OSError)}
 
 
-def _first_line(error: Exception) -> str:
+def first_line(error: Exception) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0]
 
 
-def _judged(where: str, path: Path, default: Machine) -> dict[str, Any]:
+def _judged(where: str, options: Options, path: Path, default: Machine) -> dict[str, Any]:
     from control.diagnosis.season.evidence import evidence
     from drivers.files.any_log import open_log
     from drivers.files.config import validated
@@ -96,7 +112,7 @@ def _judged(where: str, path: Path, default: Machine) -> dict[str, Any]:
     return {
         "format": FORMAT, "path": where, "content": _content(log), "rows": len(log), "duration_s": log.duration_s,
         "model": machine.id, "nominal": hashlib.sha256(machine.model_dump_json().encode()).hexdigest(),
-        "unit": _known(log, "unit") or _folder(where), **_time(log, path),
+        "unit": _known(log, "unit") or _folder(where), **_time(log, path, where, options),
         "shared": {name: _known(log, name) for name in SHARED},
         "verdict": found.verdict, "worked": seen.worked._asdict(), "percent": seen.percent, "units": seen.units,
         "causes": [{"id": cause.id, "size": cause.size.value, "low": cause.size.low, "high": cause.size.high,
@@ -128,14 +144,21 @@ def _folder(where: str) -> str:
     return parts[-2] if len(parts) > 1 else ""
 
 
-def _time(log: RunLog, path: Path) -> dict[str, Any]:
-    """When the log began, in days since 1970, and who says so: its sidecar, its first fix, else its file."""
+def _time(log: RunLog, path: Path, where: str, options: Options) -> dict[str, Any]:
+    """When the log began, in days since 1970, and who says so: its sidecar, its first fix, else its file: the one in
+    the store; our copy where a store tells no times."""
     first = next((str(text) for text in log.texts("utc")[:10_000] if text), None)
     for whence, said in (("sidecar", None if log.meta is None else log.meta.started_utc), ("log", first)):
         if said:
             with contextlib.suppress(ValueError):
                 return {"time_d": days_of(said), "time_from": whence}
-    return {"time_d": path.stat().st_mtime / 86_400.0, "time_from": "file"}
+    modified_s = path.stat().st_mtime
+    if "://" in where:
+        import fsspec
+        system, place = fsspec.core.url_to_fs(where, **options)
+        with contextlib.suppress(NotImplementedError):
+            modified_s = system.modified(place).timestamp()
+    return {"time_d": modified_s / 86_400.0, "time_from": "file"}
 
 
 def days_of(said: str) -> float:
@@ -145,28 +168,26 @@ def days_of(said: str) -> float:
 
 
 @contextlib.contextmanager
-def local(where: str, options: Options) -> Iterator[Path]:
-    """The file at a path or fsspec URL as a file of this computer, its sidecar and import file next to it. Raises
-    OSError."""
+def local(where: str, options: Options, sides: Sequence[str] = ()) -> Iterator[Path]:
+    """The file at a path or fsspec URL as a file of this computer, and next to it what lies next to it there.
+
+    sides: of a URL, the places in the store of the sidecar and import files that are there. Raises OSError.
+    """
     if "://" not in where:
         yield Path(where)
         return
     import fsspec
-
-    from drivers.files.any_log import OF_FOLDER, OWN
     system, path = fsspec.core.url_to_fs(where, **options)
     with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
-        place = Path(folder) / path.rstrip("/").split("/")[-1]
-        system.get_file(path, str(place))
-        for ending in (".yaml", OWN):
-            if system.exists(side_file := sidecar_url(path, ending)):
-                system.get_file(side_file, str(place.with_suffix(ending)))
-        if system.exists(side_file := f"{path.rpartition('/')[0]}/{OF_FOLDER}"):
-            system.get_file(side_file, str(place.with_name(OF_FOLDER)))
-        yield place
+        for place in (path, *sides):
+            system.get_file(place, str(Path(folder, place.rpartition("/")[2])))
+        yield Path(folder, path.rpartition("/")[2])
 
 
-def sidecar_url(path: str, ending: str = ".yaml") -> str:
-    """Where a log's sidecar is. Of http a path is the whole URL: as a file's path it would lose a stroke."""
+def side_urls(path: str) -> tuple[str, ...]:
+    """Where a log's sidecar and import files would be. Of http a path is the whole URL: as a file's path it would lose
+    a stroke."""
+    from drivers.files.any_log import OF_FOLDER, OWN
     folder, stroke, name = path.rpartition("/")
-    return f"{folder}{stroke}{name.rpartition('.')[0] or name}{ending}"
+    own = f"{folder}{stroke}{name.rpartition('.')[0] or name}"
+    return f"{own}.yaml", f"{own}{OWN}", f"{folder}{stroke}{OF_FOLDER}"

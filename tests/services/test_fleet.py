@@ -1,13 +1,17 @@
 """A fleet of logs: each done once, broken ones listed, a dead worker's work done again, cancelled work gone on with."""
 from __future__ import annotations
 
+import datetime as dt
+import functools
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import threading
 import time
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +25,8 @@ from console.reports.fleet_page import costliest, fleet_page, service
 from console.reports.numbers import fixed
 from console.services import fleet
 from console.services.fleet_about import listed, with_words
-from console.services.fleet_job import FORMAT, checksum, record, sidecar_url
-from console.services.fleet_season import season
+from console.services.fleet_job import FORMAT, checksum, record, side_urls
+from console.services.fleet_season import record_of, season
 from console.services.fleet_tables import TABLES, write_tables
 from control.diagnosis.season.courses import Cause, SeasonFit
 from control.diagnosis.season.evidence import evidence
@@ -58,7 +62,7 @@ class Asked:
     def __init__(self, file: Path, spoilt: str = "") -> None:
         self.file, self.spoilt = file, spoilt
 
-    def answer(self, where: str, options: Any, machine: Any) -> dict[str, Any]:
+    def answer(self, where: str, options: Any, machine: Any, sides: Any) -> dict[str, Any]:
         with self.file.open("a") as opened:
             opened.write(where + "\n")
         said = {"format": FORMAT, "path": where}
@@ -168,8 +172,42 @@ def test_the_checksum_is_of_log_sidecar_and_salt(tmp_path: Path) -> None:
 
 
 def test_the_sidecar_of_a_url() -> None:
-    assert sidecar_url("http://host:8000/m.1/a b.csv") == "http://host:8000/m.1/a b.yaml"
-    assert sidecar_url("/bucket/a") == "/bucket/a.yaml" and sidecar_url("a.b.parquet") == "a.b.yaml"
+    assert side_urls("http://host:8000/m.1/a b.csv") == tuple(
+        f"http://host:8000/m.1/{name}.yaml" for name in ("a b", "a b.import", "import"))
+    assert side_urls("/bucket/a")[0] == "/bucket/a.yaml"
+    assert side_urls("a.b.parquet") == ("a.b.yaml", "a.b.import.yaml", "import.yaml")
+
+
+def test_logs_in_a_store_are_seen_by_one_listing_of_a_folder(tmp_path: Path, client: Any,
+                                                             monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else each log is asked after several times, in turn; and a sidecar that changed there went unseen."""
+    fsspec = pytest.importorskip("fsspec", reason="the extra `fleet` is not installed")
+    store, asked = type(fsspec.filesystem("memory")), list[str]()
+    for name in ("exists", "ls", "get_file", "ukey"):
+        def counted(its: Any, real: Any, *words: Any, **more: Any) -> Any:
+            asked.append(real.__name__)
+            return real(its, *words, **more)
+        monkeypatch.setattr(store, name, functools.partialmethod(counted, getattr(store, name)))
+    for k in range(3):
+        store().pipe(f"/season/m{k // 2}/{k}.csv", wheel_log(tmp_path / f"{k}.csv", seconds=30.0, seed=k).read_bytes())
+    store().pipe("/season/m1/2.yaml", b"format: topdress-run-log/1\noperator: Li\n")
+
+    def operators() -> tuple[list[str], int, float]:
+        asked.clear()
+        found = fleet.diagnosed(client, fleet.logs_at(["memory://season"], tmp_path / "out"), fleet.Asked(MACHINE, "s"),
+                                tmp_path / "out", quiet)
+        assert not found.broken
+        return [one["shared"]["operator"] for one in found.records], found.known, found.records[0]["time_d"]
+    assert operators()[:2] == (["", "", "Li"], 0)
+    assert Counter(asked)["get_file"] == 2 * 4 and asked.count("ls") <= 6 and not {"exists", "ukey"} & {*asked}
+    store().pipe("/season/m1/2.yaml", b"format: topdress-run-log/1\noperator: Sun\n")
+    store.store["/season/m0/0.csv"].modified = dt.datetime(2026, 4, 1, tzinfo=dt.UTC)
+    assert operators()[:2] == (["", "", "Sun"], 2)
+    shutil.rmtree(tmp_path / "out")
+    monkeypatch.setattr(store, "ls", lambda *_words, **_more: [])           # one that shows no folders
+    found = fleet.diagnosed(client, ["memory://season/m0/0.csv", "memory://season/m1/2.csv"], fleet.Asked(MACHINE, "s"),
+                            tmp_path / "out", quiet)
+    assert found.records[1]["shared"]["operator"] == "Sun" and found.records[0]["time_d"] == 20_544.0
 
 
 def test_which_logs_are_meant(tmp_path: Path) -> None:
@@ -200,17 +238,24 @@ def test_each_log_is_diagnosed_once_and_broken_ones_are_listed(tmp_path: Path, l
 
 
 def test_few_tasks_wait_in_the_cluster(client: Any) -> None:
-    """Else a cancel waits for all logs; and each task that is done brings the next one."""
-    asked, submit = [], client.submit
+    """Else a cancel waits for all logs; and each task that is done brings the next one, without asking the scheduler
+    who is there: that took longer than the task."""
+    asked, submit, nthreads, here = [], client.submit, client.nthreads, threading.get_ident()
+    work, ahead, who = fleet._Work(client, list(nthreads())), fleet.AHEAD * sum(nthreads().values()), []
     client.submit = lambda *words, **more: asked.append(words) or submit(*words, **more)
-    done = fleet._Work(client, list(client.nthreads())).once(len, {str(k): ("x" * k,) for k in range(20)})
-    ahead = fleet.AHEAD * sum(client.nthreads().values())
+    client.nthreads = lambda: who.append(threading.get_ident()) or nthreads()
+    done = work.once(len, {str(k): ("x" * k,) for k in range(20)})
     assert ahead < 20
     seen = []
     for number, (path, result, error) in enumerate(done, 1):
         seen.append((int(path), result, error))
         assert len(asked) == min(20, ahead + number)
-    assert sorted(seen) == [(k, k, "") for k in range(20)]
+    assert sorted(seen) == [(k, k, "") for k in range(20)] and here not in who
+    asked.clear()
+    several = {str(k): (str(k) if k % 9 else "none",) for k in range(60)}
+    said = {int(k): (result, why.split(":")[0]) for k, result, why in work.once(int, several, fleet.TOGETHER)}
+    assert len(asked) == -(-60 // min(fleet.TOGETHER, 60 // ahead))
+    assert said == {k: (k, "") if k % 9 else (None, "invalid literal for int() with base 10") for k in range(60)}
 
 
 def test_what_is_done_before_a_cancel_is_kept(tmp_path: Path, logs: list[str], diagnosed: Any) -> None:
@@ -241,11 +286,11 @@ def test_a_record_that_cannot_be_read_is_made_again(tmp_path: Path, logs: list[s
 class Written(Asked):
     """A log that another program still writes."""
 
-    def answer(self, where: str, options: Any, machine: Any) -> dict[str, Any]:
+    def answer(self, where: str, options: Any, machine: Any, sides: Any) -> dict[str, Any]:
         if where == self.spoilt:
             with Path(where).open("a") as opened:
                 opened.write("1000.0,1.0,1.0,300.0\n")
-        return super().answer(where + "", options, machine) | {"path": where}
+        return super().answer(where + "", options, machine, sides) | {"path": where}
 
 
 def test_a_log_that_is_written_while_it_is_read_is_read_again(tmp_path: Path, logs: list[str], diagnosed: Any) -> None:
@@ -257,13 +302,13 @@ def test_a_log_that_is_written_while_it_is_read_is_read_again(tmp_path: Path, lo
 
 
 def test_a_full_disk_ends_it_and_keeps_what_is_done(tmp_path: Path, logs: list[str], diagnosed: Any) -> None:
-    write, room = fleet.write_atomically, [2]
+    write, room = fleet.write_atomically, [3]          # what is seen, and two records
 
-    def written(path: Path, content: str) -> None:
+    def written(path: Path, content: str, kept: bool = True) -> None:
         room[0] -= 1
         if room[0] < 0:
             raise OSError(28, "No space left on device", str(path))
-        write(path, content)
+        write(path, content, kept)
     with pytest.MonkeyPatch.context() as full:
         full.setattr(fleet, "write_atomically", written)
         with pytest.raises(OSError, match="No space left"):
@@ -379,7 +424,7 @@ def records(tmp_path: Path) -> list[dict[str, Any]]:
         for day in range(4):
             path = wheel_log(tmp_path / machine / f"{day}.parquet", percent, 60.0, seed=day)
             said = with_words(record(str(path), {}, MACHINE), {"time": f"2026-04-0{day + 1}"})
-            made.append({"key": f"{machine}{day}", **said})
+            made.append({"key": f"{machine}{day}", **record_of(json.dumps(said))})
     return made
 
 
@@ -427,7 +472,8 @@ def told_season() -> list[dict[str, Any]]:
             form = {"names": list(names), "normal": normal.tolist(), "right": right.tolist(), "open": [], "pulls": []}
             made.append(bare(f"m{number}/{day}", f"m{number}", 20_500.0 + day, product=product,
                              operator=("Li", "Sun", "Wang")[(day // 2 + number) % 3], field=f"f{day // 10}")
-                        | {"forms": [form], "units": dict(zip(names, ("%", "%", "mm"), strict=True)), "rows": 1200,
+                        | {"forms": [record_of(json.dumps(form))], "rows": 1200,
+                           "units": dict(zip(names, ("%", "%", "mm"), strict=True)),
                            "verdict": "", "causes": [], "percent": {"flow.gain": 1.0, "gate.home_error": 2.0}})
     return made
 
@@ -565,8 +611,8 @@ def test_a_worker_that_does_not_see_the_logs_is_left_out_and_said(tmp_path: Path
 class AtFault(Asked):
     """A worker without memory, or whose disk came off while it read."""
 
-    def answer(self, where: str, options: Any, machine: Any) -> dict[str, Any]:
-        said = super().answer(where, options, machine)
+    def answer(self, where: str, options: Any, machine: Any, sides: Any) -> dict[str, Any]:
+        said = super().answer(where, options, machine, sides)
         return {**said, "error": "Input/output error", "lasting": False} if where == self.spoilt else said
 
 
