@@ -236,7 +236,7 @@ class Rig:
             one.wait()
 
 
-def told(what: str, one: Took, logs: int) -> None:
+def report(what: str, one: Took, logs: int) -> None:
     print(f"{logs} logs, {what}: {one.wall_s:.1f} s ({1e3 * one.wall_s / logs:.2f} ms a log); processor: command "
           f"{one.command_s:.1f} s, scheduler {one.scheduler_s:.1f} s, workers {one.workers_s:.1f} s; most memory: "
           f"command {one.command_mb} MB, scheduler {one.scheduler_mb} MB with {one.tasks} tasks; asked of the store: "
@@ -261,12 +261,12 @@ def main() -> int:
             try:
                 print(f"{logs} logs: {rig.bytes} bytes lie in the store", flush=True)
                 cut = rig.run(out, False, int(given.cut * logs))
-                told("killed", cut, logs)
+                report("killed", cut, logs)
                 kept = sum(1 for _ in (out / "logs").glob("*.json"))
                 again = rig.run(out, given.model)
-                told(f"gone on with {kept} kept", again, logs)
+                report(f"gone on with {kept} kept", again, logs)
                 nothing = rig.run(out, False)
-                told("nothing to do", nothing, logs)
+                report("nothing to do", nothing, logs)
                 files = list((out / "logs").iterdir())
                 print(f"  in DIR/logs {len(files)} files, {sum(one.stat().st_size for one in files)} bytes; seen.json "
                       f"{(out / 'seen.json').stat().st_size} bytes", flush=True)
