@@ -21,8 +21,17 @@ from concurrent.futures import CancelledError
 from pathlib import Path
 from typing import Any
 
-from console.services.fleet_job import FORMAT, Options, checksum, each, first_bytes, first_line, record, side_urls
-from console.services.fleet_season import record_of
+from console.services.fleet_job import (
+    FORMAT,
+    Options,
+    checksum,
+    each,
+    first_bytes,
+    first_line,
+    record,
+    record_of,
+    side_urls,
+)
 from drivers.files.atomic import write_atomically
 from drivers.files.extras import need
 

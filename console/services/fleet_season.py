@@ -1,17 +1,13 @@
 """The records of a fleet put together: courses, what is shared, what it cost."""
 from __future__ import annotations
 
-import json
-import sys
 import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from control.diagnosis.season.courses import SeasonFit, fitted
-from control.diagnosis.season.evidence import LogWork, OneLog, QuadraticForm
+from control.diagnosis.season.evidence import LogWork, OneLog
 from control.diagnosis.season.owner import Low, MachineSeason, OwnersLog, low_hoppers, machines
 from drivers import day_clock
 
@@ -39,7 +35,7 @@ class Season(NamedTuple):
 
 
 def season(records: Sequence[Mapping[str, Any]], broken: Sequence[tuple[str, str]], now_d: float) -> Season:
-    """records: as `record_of` reads them, with their key. now_d: days since 1970."""
+    """records: as `fleet_job.record_of` reads them, with their key. now_d: days since 1970."""
     timely, aside = list[Mapping[str, Any]](), list[Aside]()
     for one in records:
         if FIRST_DAY <= one["time_d"] <= now_d + DAY_AHEAD:
@@ -56,22 +52,6 @@ def season(records: Sequence[Mapping[str, Any]], broken: Sequence[tuple[str, str
     fit = fitted(logs)
     return Season(tuple(machines(owners, fit)), fit, tuple(low_hoppers(owners)), tuple(owners), units, tuple(broken),
                   tuple(aside), sum(one["time_from"] == "file" for one in timely))
-
-
-def record_of(text: str) -> Any:
-    """A record from its file, in a third of the memory: forms as arrays, a word that all records say once for all.
-
-    Raises ValueError for what is no JSON.
-    """
-    return json.loads(text, object_hook=_small)
-
-
-def _small(of: dict[str, Any]) -> Any:
-    if "normal" in of:
-        numbers: Any = {name: np.array(of[name]) for name in ("normal", "right", "pulls")}
-        return QuadraticForm(names=tuple(map(sys.intern, of["names"])), open=tuple(map(sys.intern, of["open"])),
-                             **numbers)
-    return {sys.intern(name): sys.intern(value) if isinstance(value, str) else value for name, value in of.items()}
 
 
 def one_spelling(records: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
