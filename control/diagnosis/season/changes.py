@@ -64,7 +64,7 @@ def partition(times_d: Array, sizes: Array, variance: Array, level_sd: float, cu
 def gain_of_course(times_d: Array, sizes: Array, variance: Array, level_sd: float) -> float:
     """Log marginal likelihood of any course, against none."""
     each = _stretches(times_d, sizes, variance, level_sd)
-    return float(_ahead(each)[-1] - each[0, 0, -1] - np.log(len(KINDS)))
+    return float(_ahead(each)[-1] - each[0, 0, -1] - np.log(len(KINDS)) + STAYS * (len(sizes) - 1))
 
 
 def _cut(found: tuple[Array, Array]) -> Partition:
@@ -75,19 +75,18 @@ def _cut(found: tuple[Array, Array]) -> Partition:
     back[count] = best[0] = 0.0
     top = each.max(axis=0)
     for end in range(1, count + 1):
-        tried = best[:end] + top[:end, end] + _between(end)
+        tried = best[:end] + top[:end, end]
         came[end] = int(np.argmax(tried))
         best[end] = tried[came[end]]
     for begin in range(count - 1, -1, -1):
         ends = np.arange(begin + 1, count + 1)
-        back[begin] = np.logaddexp.reduce(back[ends] + whole[begin, ends] + np.where(ends < count, CHANGES, 0.0)
-                                          + STAYS * (ends - 1 - begin))
+        back[begin] = np.logaddexp.reduce(back[ends] + whole[begin, ends])
     inside = np.arange(1, count)
     stretches, end = list[Stretch](), count
     while end > 0:
         stretches.append(Stretch(came[end], end, KINDS[int(np.argmax(each[:, came[end], end]))]))
         end = came[end]
-    return Partition(tuple(stretches[::-1]), np.exp(ahead[inside] + CHANGES + back[inside] - ahead[count]), extra)
+    return Partition(tuple(stretches[::-1]), np.exp(ahead[inside] + back[inside] - ahead[count]), extra)
 
 
 def _ahead(each: Array) -> Array:
@@ -95,29 +94,24 @@ def _ahead(each: Array) -> Array:
     whole = np.logaddexp.reduce(each)
     ahead = np.zeros(len(whole) + 1)
     for end in range(1, len(ahead)):
-        ahead[end] = np.logaddexp.reduce(ahead[:end] + whole[:end, end] + _between(end))
+        ahead[end] = np.logaddexp.reduce(ahead[:end] + whole[:end, end])
     return ahead
 
 
-def _between(end: int) -> Array:
-    """(end,) log prior of a stretch from each log on to `end`: a change before it, none within."""
-    prior = STAYS * np.arange(end - 1, -1, -1)
-    prior[1:] += CHANGES
-    return np.asarray(prior)
-
-
 def _stretches(times_d: Array, sizes: Array, variance: Array, level_sd: float) -> Array:
-    """Log marginal likelihood and prior of every stretch [begin, end) by kind, (kinds, n, n + 1); -inf: there is none.
-    """
+    """Log marginal likelihood and prior (a change before it, none within) of every stretch [begin, end) by kind,
+    (kinds, n, n + 1); -inf: there is none."""
     count, share, weight = len(sizes), share_of(times_d), 1.0 / variance
     sums = np.concatenate([np.zeros((7, 1)), np.cumsum(np.stack([
         weight, weight * share, weight * share ** 2, weight * sizes, weight * share * sizes, weight * sizes ** 2,
         np.log(2.0 * np.pi * variance)]), axis=1)], axis=1)
-    outside = np.arange(count + 1)[None, :] <= np.arange(count)[:, None]
+    begin, end = np.arange(count)[:, None], np.arange(count + 1)
+    outside = end <= begin
     w, wt, wtt, wy, wty, wyy, logs = np.where(outside, 0.0, sums[:, None, :] - sums[:, :-1, None])     # (n, n + 1)
     gone = -0.5 * (wyy + logs)
     stands = gone + gain(w, wy, level_sd)
     middle = np.divide(wt, w, out=np.zeros_like(wt), where=w > 0.0)
     spread, score = np.maximum(wtt - wt * middle, 0.0), wty - middle * wy
     line = stands + gain(spread, score, SLOPES * level_sd)
-    return np.where(outside, -np.inf, np.stack([gone, stands, line]) - np.log(len(KINDS)))
+    prior = STAYS * (end - 1 - begin) + CHANGES * (begin > 0) - np.log(len(KINDS))
+    return np.where(outside, -np.inf, np.stack([gone, stands, line]) + prior)

@@ -30,7 +30,7 @@ worth no more than that (coarsened posterior; Miller and Dunson, Journal of the 
 """
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -98,6 +98,7 @@ class Levels(NamedTuple):
     """Factor and level of each row: machines first. code: (n, factors) each log's rows, -1 where it has none."""
 
     keys: tuple[tuple[str, str], ...]
+    row: Mapping[tuple[str, str], int]
     code: Indices
     logs: tuple[Indices, ...]
     machines: tuple[Indices, ...]           # of each row's logs
@@ -106,23 +107,25 @@ class Levels(NamedTuple):
 class OneMachine(NamedTuple):
     """A machine's logs (n) with all terms that they have: its own first, then those that it shares with others.
 
-    products: of the terms (K,). cross: (q, K, n) information that the logs' effects share with them. own: s.d. of its
-    own terms. place: of the others among all that are shared. terms: of each cause, by its number. taken: (q,) effects
-    whose scatter from log to log stands in `likely`. Of the posterior: b and cov of the terms, what these leave of the
-    logs' scores (n, q), and the variance (q,) by which sizes scatter that are not taken."""
+    of: its causes, whose terms these are. products: of the terms (K,). cross: (q, K, n) information that the logs'
+    effects share with them. own: s.d. of its own terms. taken: (q,) effects whose scatter from log to log stands in
+    `likely`. alone: its own terms by themselves, what the others share with them, what they leave of the others.
+    place: of the others among all that are shared. terms: of each cause, by its number. Of the posterior: b and cov of
+    the terms, and what these leave of the logs' scores (n, q)."""
 
+    of: tuple[EffectAtLevel, ...]
     logs: slice
     likely: Gaussian
     cross: Array
     products: Gaussian
     own: Array
-    place: Indices
-    terms: dict[int, slice]
     taken: npt.NDArray[np.bool_]
+    alone: tuple[Sizes, Array, Gaussian]
+    place: Indices = np.zeros(0, np.int64)
+    terms: Mapping[int, slice] = {}
     b: Array = NONE
     cov: Array = NONE
     left: Array = NONE
-    scatter: Array = NONE
 
 
 class Scan(NamedTuple):
@@ -185,12 +188,13 @@ def levels_of(logs: Logs) -> Levels:
         order = np.argsort(code, kind="stable")
         cuts = np.flatnonzero(np.diff(code[order])) + 1
         each += [part for part in np.split(order, cuts) if len(part) and code[part[0]] >= 0]
-    return Levels(tuple(keys), np.stack(codes, axis=1), tuple(each),
+    return Levels(tuple(keys), {key: row for row, key in enumerate(keys)}, np.stack(codes, axis=1), tuple(each),
                   tuple(np.unique(logs.machine[part]) for part in each))
 
 
-def solved(logs: Logs, levels: Levels, causes: Sequence[EffectAtLevel]) -> Season:
-    """The posterior of all terms: each machine's own eliminated, the shared ones solved, and back."""
+def solved(logs: Logs, levels: Levels, causes: Sequence[EffectAtLevel], before: Season | None = None) -> Season:
+    """The posterior of all terms: each machine's own eliminated, the shared ones solved, and back. A machine whose
+    causes have the terms that they had `before` is not made anew."""
     mine: list[list[int]] = [[] for _ in logs.machines]
     begins, sd = dict[int, int](), list[Array]()
     for number, cause in enumerate(causes):
@@ -202,32 +206,32 @@ def solved(logs: Logs, levels: Levels, causes: Sequence[EffectAtLevel]) -> Seaso
     total = sum(map(len, sd))
     shared, parts = Gaussian(np.zeros((total, total)), np.zeros(total)), list[OneMachine]()
     for machine, numbers in enumerate(mine):
-        one = _terms(logs, machine, causes, numbers, begins)
-        rest = _eliminated(one.products, one.own)[2]
-        shared.A[one.place[:, None], one.place] += rest.A
-        shared.s[one.place] += rest.s
+        numbers.sort(key=lambda one: one in begins)         # a machine's own first
+        of = tuple(causes[number] for number in numbers)
+        one = before.machines[machine] if before else None
+        if one is None or len(of) != len(one.of) or any(
+                new.columns is not old.columns or new.scatter is not old.scatter
+                for new, old in zip(of, one.of, strict=True)):
+            one = _terms(logs, machine, of, [number in begins for number in numbers])
+        ends = len(one.products.s) - np.cumsum([0, *(len(cause.sd) for cause in of[::-1])])[::-1]
+        place = [begins[number] + np.arange(len(causes[number].sd)) for number in numbers if number in begins]
+        one = one._replace(place=np.concatenate([*place, np.zeros(0, np.int64)]), terms={
+            number: slice(*each) for number, each in zip(numbers, pairwise(ends.tolist()), strict=True)})
+        shared.A[one.place[:, None], one.place] += one.alone[2].A
+        shared.s[one.place] += one.alone[2].s
         parts.append(one)
     sizes = shared.fit(np.concatenate([*sd, np.zeros(0)]))
-    return Season(logs, levels, tuple(causes), tuple(_with_posterior(logs, one, sizes) for one in parts), sizes, begins)
+    return Season(logs, levels, tuple(causes), tuple(_with_posterior(one, sizes) for one in parts), sizes, begins)
 
 
-def _terms(logs: Logs, machine: int, causes: Sequence[EffectAtLevel], numbers: Sequence[int],
-           begins: dict[int, int]) -> OneMachine:
+def _terms(logs: Logs, machine: int, of: tuple[EffectAtLevel, ...], shared: Sequence[bool]) -> OneMachine:
     here, q, width = logs.of(machine), len(logs.names), logs.every.s.shape[1]
     count = here.stop - here.start
-    variance, shares, places = np.zeros((count, width)), list[Array](), list[Indices]()
-    effects, own, terms = list[int](), list[Array](), dict[int, slice]()
-    for number in sorted(numbers, key=lambda one: one in begins):       # a machine's own first
-        cause = causes[number]
+    variance, shares = np.zeros((count, width)), list[Array]()
+    for cause in of:
         low, high = np.searchsorted(cause.at, [here.start, here.stop])
         share = np.zeros((count, len(cause.sd)))
         share[cause.at[low:high] - here.start] = cause.columns[low:high]
-        if number in begins:
-            places.append(begins[number] + np.arange(len(cause.sd)))
-        else:
-            own.append(cause.sd)
-        terms[number] = slice(len(effects), len(effects) + len(cause.sd))
-        effects += [cause.effect] * len(cause.sd)
         shares.append(share)
         low, high = np.searchsorted(cause.within, [here.start, here.stop])
         at = cause.within[low:high] - here.start
@@ -237,14 +241,15 @@ def _terms(logs: Logs, machine: int, causes: Sequence[EffectAtLevel], numbers: S
         likely = with_scatter(likely, variance)
     open_ = q + np.flatnonzero(np.any(likely.A[:, q:, q:] != 0.0, axis=(0, 2)))      # tolerances before all else
     share = np.concatenate([np.ones((count, len(open_))), *shares], axis=1)
-    at = np.concatenate([open_, np.array(effects, np.int64)])
+    at = np.concatenate([open_, *(np.full(len(cause.sd), cause.effect) for cause in of)])
     cross = likely.A[:, :, at] * share[:, None, :]
     products = Gaussian(np.einsum("nk,nkl->kl", share, cross[:, at]), np.sum(share * likely.s[:, at], axis=0))
+    own = np.concatenate([np.ones(len(open_)), *(
+        cause.sd for cause, with_others in zip(of, shared, strict=True) if not with_others)])
     return OneMachine(
-        here, Gaussian(likely.A[:, :q, :q], likely.s[:, :q]), np.ascontiguousarray(cross[:, :q].transpose(1, 2, 0)),
-        products, np.concatenate([np.ones(len(open_)), *own]), np.concatenate([*places, np.zeros(0, np.int64)]),
-        {number: slice(one.start + len(open_), one.stop + len(open_)) for number, one in terms.items()},
-        np.any(variance[:, :q] > 0.0, axis=0))
+        of, here, Gaussian(likely.A[:, :q, :q], likely.s[:, :q]),
+        np.ascontiguousarray(cross[:, :q].transpose(1, 2, 0)), products, own, np.any(variance[:, :q] > 0.0, axis=0),
+        _eliminated(products, own))
 
 
 def _eliminated(products: Gaussian, own: Array) -> tuple[Sizes, Array, Gaussian]:
@@ -254,16 +259,19 @@ def _eliminated(products: Gaussian, own: Array) -> tuple[Sizes, Array, Gaussian]
     return fit, across, products.of(rest).beyond(across, fit)
 
 
-def _with_posterior(logs: Logs, one: OneMachine, shared: Sizes) -> OneMachine:
-    fit, across, _ = _eliminated(one.products, one.own)
+def _with_posterior(one: OneMachine, shared: Sizes) -> OneMachine:
+    fit, across, _ = one.alone
     turn = fit.cov @ across.T                                           # own terms by the shared ones
     b, cov = shared.b[one.place], shared.cov[one.place[:, None], one.place]
     b = np.concatenate([fit.b - turn @ b, b])
     cov = np.block([[fit.cov + turn @ cov @ turn.T, -turn @ cov], [-cov @ turn.T, cov]])
-    left = one.likely.s - np.einsum("qkn,k->nq", one.cross, b)
-    scatter = np.where(one.taken, 0.0, smooth(_basis(logs.times_d[one.logs]), left, np.diagonal(
-        one.likely.A, axis1=1, axis2=2))[1])
-    return one._replace(b=b, cov=cov, left=left, scatter=scatter)
+    return one._replace(b=b, cov=cov, left=one.likely.s - np.einsum("qkn,k->nq", one.cross, b))
+
+
+def _scatter(logs: Logs, one: OneMachine) -> Array:
+    """(q,) variance by which sizes scatter from log to log that are not taken yet."""
+    information = np.diagonal(one.likely.A, axis1=1, axis2=2)
+    return np.where(one.taken, 0.0, smooth(_basis(logs.times_d[one.logs]), one.left, information)[1])
 
 
 def smooth(rows: Array, score: Array, information: Array) -> tuple[Array, Array]:
@@ -306,8 +314,9 @@ def scan(season: Season) -> Scan:
     doubts = dict[tuple[int, int], Array]()
     for machine, one in enumerate(season.machines):
         own, information = len(one.own), np.diagonal(one.likely.A, axis1=1, axis2=2)
-        weight = 1.0 / (1.0 + one.scatter * information)
-        lost = one.cross * (one.scatter * weight).T[:, None, :]
+        scatter = _scatter(season.logs, one)
+        weight = 1.0 / (1.0 + scatter * information)
+        lost = one.cross * (scatter * weight).T[:, None, :]
         products = Gaussian(one.products.A - lost @ one.cross.swapaxes(1, 2),
                             one.products.s - np.einsum("qkn,nq->qk", lost, one.likely.s))
         fit, across, rest = _eliminated(products, one.own)
@@ -442,7 +451,7 @@ def _added(season: Season) -> Season:
                for row, effect in _apart(season.levels, map(tuple, ranked.tolist()))]
         if not new:
             break
-        season = _made(solved(season.logs, season.levels, [*season.causes, *new]),
+        season = _made(solved(season.logs, season.levels, [*season.causes, *new], season),
                        range(len(season.causes), len(season.causes) + len(new)))
     return season
 
@@ -483,9 +492,10 @@ def _made(season: Season, numbers: Iterable[int]) -> Season:
             parts = [season.machines[k] for k in season.levels.machines[cause.row]]
             within = np.concatenate([np.arange(one.logs.start, one.logs.stop) for one in parts])
             # One for all: a machine's own is uncertain, and its logs would count the more the less it happens to be.
-            scatter = np.mean([one.scatter[cause.effect] for one in parts if not one.taken[cause.effect]] or [0.0])
+            scatter = np.mean([_scatter(season.logs, one)[cause.effect] for one in parts
+                               if not one.taken[cause.effect]] or [0.0])
             causes[number] = cause._replace(sd=np.array([sd]), within=within, scatter=np.full(len(within), scatter))
-    return solved(season.logs, season.levels, causes)
+    return solved(season.logs, season.levels, causes, season)
 
 
 def _level_sd(season: Season, score: Array, information: Array, effect: int) -> float:
@@ -548,7 +558,7 @@ def _replaced(season: Season, by: dict[int, Keys]) -> Season:
                 held.add(key)
                 rough.append(len(causes))
                 causes.append(_rough(season, *key)._replace(log_odds=cause.log_odds))
-    return _made(solved(season.logs, season.levels, causes), rough)
+    return _made(solved(season.logs, season.levels, causes, season), rough)
 
 
 def _stands(season: Season, number: int) -> Keys | None:
@@ -557,7 +567,7 @@ def _stands(season: Season, number: int) -> Keys | None:
     if expit(cause.log_odds) < SURE:
         return []
     held = _names(season) - {(cause.row, cause.effect)}
-    keys = [(season.levels.keys.index((one.factor, one.level)), season.logs.names.index(one.effect), one)
+    keys = [(season.levels.row[one.factor, one.level], season.logs.names.index(one.effect), one)
             for one in cause.alternatives]
     row, effect, _ = max((one for one in keys if one[:2] not in held), key=lambda one: (
         round(one[2].probability, 2), one[2].factor == MACHINE, -ORDER.index(row_of(one[2].effect).id)))
@@ -653,7 +663,7 @@ def _alternatives(season: Season, seen: Scan, held: set[tuple[int, int]],
             shared = _through(seen, k, asked, here)[:, None]
         else:
             which, has = _levels_of_machine(season, cause.row)
-            fit, across, _ = _eliminated(own.products, own.own)
+            fit, across, _ = own.alone
             crossed = has[:, np.searchsorted(which[:-2], asked)].T @ own.cross[k].T
             shared = (crossed[:, :len(own.own)] @ fit.cov[:, terms] - _through(seen, k, asked, own.place) @ (
                 across @ fit.cov[:, terms]))[:, None]
