@@ -130,6 +130,14 @@ def is_fresh(time_s: float, now_s: float, holds_s: float) -> bool:
     return -AHEAD_S <= now_s - time_s <= holds_s
 
 
+def held(reading: Reading | None, now_s: float, holds_s: float) -> float | None:
+    """What was read, as long as it holds; None: never received, too old, or no number."""
+    if reading is None:
+        return None
+    value, time_s = reading
+    return value if is_fresh(time_s, now_s, holds_s) and isfinite(value) else None
+
+
 # What a reading can be on any machine that spreads: far wider than a sensor's own range, which its driver knows.
 POSSIBLE: dict[str, tuple[float, float]] = {
     "wheel_speed_mps": (-100.0, 100.0), "shaft_rpm": (-10_000.0, 10_000.0), "opening_mm": (-1_000.0, 10_000.0),

@@ -33,7 +33,7 @@ class CanopyHeads:
         if m.canopy_index != self._index:
             m = m._replace(ndvi=(None,) * len(m.ndvi))
         now = m.time_s
-        times = tuple(None if r is None else r.time_s for r in m.ndvi)
+        times = tuple([None if r is None else r.time_s for r in m.ndvi])
         fresh = times != self._times
         if fresh or now - self._fused_s > LATENCY_S:
             self._times, self._fused_s = times, now
@@ -42,15 +42,14 @@ class CanopyHeads:
                 self.decisions.pause()
             else:
                 self._sample(self.fused.ndvi, fresh, sensed)
-        place = self._seen(sensed)
-        if self._zones is not None and place is not None:       # no place known: the last zone holds
+        if self._zones is not None and (place := self._seen(sensed)) is not None:   # not known: the last zone holds
             factor = self._zones.at(*place)
             self.decisions.zone_factor = 1.0 if factor is None else factor
         self.decisions.decide(sensed.track_m, now)
 
     def _sample(self, read: float | None, fresh: bool, sensed: Sensed) -> None:
         """What the heads read; where they are silent what the map has under them."""
-        place = self._seen(sensed)
+        place = None if self._under is None else self._seen(sensed)
         mapped = None if self._under is None or place is None else self._under.at(*place)
         self.by_map = read is None and mapped is not None
         if self._under is not None and mapped is not None and read is not None and fresh:

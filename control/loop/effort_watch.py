@@ -8,7 +8,7 @@ from control.machine.effort import OF_SHAFT, EffortInput, shaft_effort
 from control.machine.flow import in_flutes
 from control.machine.machine import Machine
 from control.metering.inverse import Conditions
-from control.readings import NO_EFFORT, EffortSays, Measurements, Reading, is_fresh
+from control.readings import NO_EFFORT, EffortSays, Measurements, held
 
 MEAN_S = 3.0                # of a first-order mean: 96 % of a step within the 10 s in which it is to be said
 USUAL_S = 100.0 * MEAN_S    # of the mean that a drive is held against: its own error adds 0.5 % to the noise
@@ -42,8 +42,9 @@ class EffortWatch:
 
     def update(self, m: Measurements, c: Conditions, dt_s: float, turns: bool) -> None:
         """turns : material is to flow by a turning shaft; else nothing is judged."""
-        effort, rpm, opening_mm = _fresh(m, m.shaft_effort), _fresh(m, m.shaft_rpm), _fresh(m, m.opening_mm)
-        if not self._tells or not turns or effort is None or rpm is None or opening_mm is None or not rpm > 0.0:
+        effort, rpm, opening_mm = (held(read, m.time_s, HOLDS_S["shaft_effort"]) if self._tells and turns else None
+                                   for read in (m.shaft_effort, m.shaft_rpm, m.opening_mm))
+        if effort is None or rpm is None or opening_mm is None or not rpm > 0.0:
             self._off, self.says = None, self._rests
             return
         machine, own = self._machine, self._machine.effort
@@ -57,9 +58,9 @@ class EffortWatch:
         usual = self._usual * should
         chance = NOISE_SD * machine.noise.effort * (0.5 * share) ** 0.5
         unknown = own.by_supply * SUPPLY_SHARE * should if c.supply_v is None else 0.0
-        held = HOLDS if self.says.harder_percent or self.says.unloaded else 1.0
-        sudden = held * max(LOAD_SHARE * load, chance, unknown)
-        far = max(sudden, held * LEAST_SD * self._open(u, should, 0.5 * unknown))
+        keeps = HOLDS if self.says.harder_percent or self.says.unloaded else 1.0
+        sudden = keeps * max(LOAD_SHARE * load, chance, unknown)
+        far = max(sudden, keeps * LEAST_SD * self._open(u, should, 0.5 * unknown))
         more, less = (usual + sudden, usual - sudden) if self._turned_s > SETTLES_S else (inf, -inf)
         more, less = min(far, more), max(-far, less) if load > chance else -should
         high, low = off > more, off < less
@@ -81,7 +82,3 @@ def effort_input(machine: Machine, rpm: float, opening_mm: float, c: Conditions)
     return EffortInput(rpm, 0.0, nominal_v / max(1.0, nominal_v if c.supply_v is None else c.supply_v), *in_flutes(
         machine.flow, rpm, max(0.0, opening_mm - machine.gate.offset_mm), c.pitch_deg, full, c.elapsed_s, 0.0,
         c.refilled))
-
-
-def _fresh(m: Measurements, read: Reading | None) -> float | None:
-    return read.value if read is not None and is_fresh(read.time_s, m.time_s, HOLDS_S["shaft_effort"]) else None

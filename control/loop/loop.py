@@ -364,18 +364,19 @@ class ControlLoop:
             asked = self._setting.command(decision.pair, moment.conditions, self._drive_trim, self._command)
         command = limited(asked, self._drive_limits, verdict.flow_allowed,
                           None if self._command is None else self._command.opening_mm)
-        command = command._replace(valves=self._valves(moment, decision, verdict, command))
+        valves, dose = self._valves(moment, decision, verdict, command), None
         if decision.by_point:
             dose, events = self._doses.due(moment, self._operator.choices, verdict)
             self._events.add(*events)
-            command = command._replace(dose=dose)
-        return command
+        return DriveCommand(command.shaft_rpm, command.opening_mm, dose, valves)
 
     def _valves(self, moment: Moment, decision: TickDecision, verdict: Verdict,
                 command: DriveCommand) -> tuple[bool, ...]:
         """What the valves are commanded, through the last gate. Nothing is opened while nothing is to flow; calibrating
         is done with all of them open."""
         sections, off, now = self._ahead.sections, self._operator.choices.sections_off, moment.m.time_s
+        if not sections.strips:
+            return ()
         turns = max(command.shaft_rpm, self._expected.pair.shaft_rpm) >= 0.5 * self.machine.limits.shaft_low_rpm
         flows = decision.rate_kg_ha > 0.0 or decision.by_point or turns
         wanted = tuple([flows and on for on in sections.valves(now, moment.dt_s, off)])
@@ -490,14 +491,12 @@ class ControlLoop:
         return announced_text(m.speed_told, m.time_s)
 
     def _conditions(self, m: Measurements) -> Conditions:
-        c = Conditions(m.time_s - self._started_s,
-                       None if m.hopper_kg is None else m.hopper_kg.value,
-                       0.0 if m.pitch_deg is None else m.pitch_deg.value,
-                       None if m.supply_v is None else m.supply_v.value,
-                       self._operator.refilled,
-                       self._flow_trim.value if self._operator.choices.flow_trim_on else 1.0,
-                       self._terms.now)
-        return c._replace(common=common_of(self.machine.flow, c))
+        elapsed_s, refilled = m.time_s - self._started_s, self._operator.refilled
+        hopper_kg = None if m.hopper_kg is None else m.hopper_kg.value
+        pitch_deg = 0.0 if m.pitch_deg is None else m.pitch_deg.value
+        return Conditions(elapsed_s, hopper_kg, pitch_deg, None if m.supply_v is None else m.supply_v.value, refilled,
+                          self._flow_trim.value if self._operator.choices.flow_trim_on else 1.0, self._terms.now,
+                          common_of(self.machine.flow, elapsed_s, hopper_kg, pitch_deg, refilled))
 
     def _opening(self, m: Measurements) -> Reading | None:
         """The opening as it truly is: a sensor's shift that the machine file knows is taken off its reading."""

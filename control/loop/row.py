@@ -4,7 +4,7 @@ from __future__ import annotations
 from control.log_row import GNSS_HOLDS_S, HOLDS_S, LogRow
 from control.loop.moment import Choices, Metered, Moment, TickDecision
 from control.orders import BY_CANOPY, Strategy, TargetSource
-from control.readings import DriveCommand, Measurements, Reading, is_fresh
+from control.readings import DriveCommand, Measurements, held
 from control.safety import Verdict
 
 HEAD_SILENT_S = HOLDS_S["ndvi_1"]
@@ -28,37 +28,30 @@ def log_row(started_s: float, moment: Moment, *, decision: TickDecision, metered
         lat_deg=placed.lat_deg if placed else None, lon_deg=placed.lon_deg if placed else None,
         fix_quality=placed.fix_quality if placed else None, satellites=fix.satellites if fix else None,
         hdop=fix.hdop if fix else None, heading_deg=fix.heading_deg if fix else None,
-        pitch_deg=_fresh(m.pitch_deg, now_s, HOLDS_S["pitch_deg"]),
-        roll_deg=_fresh(m.roll_deg, now_s, HOLDS_S["roll_deg"]),
+        pitch_deg=held(m.pitch_deg, now_s, HOLDS_S["pitch_deg"]),
+        roll_deg=held(m.roll_deg, now_s, HOLDS_S["roll_deg"]),
         speed_mps=fix.speed_mps if fix else None,
-        wheel_speed_mps=_fresh(m.wheel_speed_mps, now_s, HOLDS_S["wheel_speed_mps"]),
+        wheel_speed_mps=held(m.wheel_speed_mps, now_s, HOLDS_S["wheel_speed_mps"]),
         speed_used_mps=sensed.speed_mps,
         ndvi_1=ndvi[0], ndvi_2=ndvi[1], ndvi_3=ndvi[2], ndvi_4=ndvi[3], ndvi_5=ndvi[4], ndvi_6=ndvi[5], ndvi=ndvi[6],
         target_rate_kg_ha=None if holding.source is TargetSource.POINT else decision.planned_kg_ha,
         nudge_percent=choices.nudge_percent,
-        shaft_rpm_cmd=command.shaft_rpm, shaft_rpm=_fresh(m.shaft_rpm, now_s, HOLDS_S["shaft_rpm"]),
-        opening_mm_cmd=command.opening_mm, opening_mm=_fresh(m.opening_mm, now_s, HOLDS_S["opening_mm"]),
-        hopper_kg=_fresh(m.hopper_kg, now_s, HOLDS_S["hopper_kg"]), flow_trim=metered.trim,
-        supply_v=_fresh(m.supply_v, now_s, HOLDS_S["supply_v"]),
+        shaft_rpm_cmd=command.shaft_rpm, shaft_rpm=held(m.shaft_rpm, now_s, HOLDS_S["shaft_rpm"]),
+        opening_mm_cmd=command.opening_mm, opening_mm=held(m.opening_mm, now_s, HOLDS_S["opening_mm"]),
+        hopper_kg=held(m.hopper_kg, now_s, HOLDS_S["hopper_kg"]), flow_trim=metered.trim,
+        supply_v=held(m.supply_v, now_s, HOLDS_S["supply_v"]),
         applied_rate_kg_ha=metered.rate_kg_ha, lag_s=total_s,
         lag_m=None if sensed.speed_mps is None else sensed.speed_mps * total_s,
         state=verdict.state.value, strategy=strategy.value, target_source=holding.source.value,
         work_switch=None if m.work_switch is None else int(m.work_switch),
         alarms=";".join([alarm.id for alarm in verdict.alarms]) or None, events=";".join(events) or None,
         speed_told=speed_told,
-        shaft_effort=_fresh(m.shaft_effort, now_s, HOLDS_S["shaft_effort"]),
-        gate_effort=_fresh(m.gate_effort, now_s, HOLDS_S["gate_effort"]),
+        shaft_effort=held(m.shaft_effort, now_s, HOLDS_S["shaft_effort"]),
+        gate_effort=held(m.gate_effort, now_s, HOLDS_S["gate_effort"]),
         ndre_1=ndre[0], ndre_2=ndre[1], ndre_3=ndre[2], ndre_4=ndre[3], ndre_5=ndre[4], ndre_6=ndre[5], ndre=ndre[6],
         sections_cmd=";".join([str(int(on)) for on in command.valves]) or None)
 
 
 def head_ndvi(m: Measurements) -> tuple[float | None, ...]:
     """What each head reads; None: silent."""
-    return tuple(_fresh(r, m.time_s, HEAD_SILENT_S) for r in m.ndvi)
-
-
-def _fresh(reading: Reading | None, now_s: float, holds_s: float) -> float | None:
-    if reading is None:
-        return None
-    value, time_s = reading
-    return value if is_fresh(time_s, now_s, holds_s) else None
+    return tuple([held(r, m.time_s, HEAD_SILENT_S) for r in m.ndvi])

@@ -106,4 +106,4 @@ def stepped(value: float, step: float) -> float:
     """`value` to the nearest multiple of `step`; unchanged where `step` is 0."""
     if step <= 0.0:
         return value
-    return float(np.floor(value / step + 0.5)) * step
+    return (value / step + 0.5) // 1.0 * step

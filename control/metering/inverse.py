@@ -32,15 +32,18 @@ class Conditions(NamedTuple):
     common: float | None = None     # `common_of` these, where it was asked once for many set-points
 
 
-def common_of(p: Flow, c: Conditions) -> float:
+def common_of(p: Flow, elapsed_s: float, hopper_kg: float | None, pitch_deg: float, refilled: bool) -> float:
     """What multiplies the flow whatever the set-points are, without the scale's correction."""
-    full = 1.0 if c.hopper_kg is None else min(1.0, max(0.0, c.hopper_kg / p.full_kg))
-    return common_factor(p, full, c.elapsed_s, c.pitch_deg, 0.0, c.refilled)
+    full = 1.0 if hopper_kg is None else min(1.0, max(0.0, hopper_kg / p.full_kg))
+    return common_factor(p, full, elapsed_s, pitch_deg, 0.0, refilled)
 
 
 def standing_factor(p: Flow, c: Conditions) -> float:
     """What multiplies the flow whatever the set-points are, the scale's correction included."""
-    return (common_of(p, c) if c.common is None else c.common) * c.flow_trim
+    common = c.common
+    if common is None:
+        common = common_of(p, c.elapsed_s, c.hopper_kg, c.pitch_deg, c.refilled)
+    return common * c.flow_trim
 
 
 def flow_kg_s(machine: Machine, shaft_rpm: float, opening_mm: float, c: Conditions = Conditions()) -> float:

@@ -112,8 +112,7 @@ class Setting:
     def _quiet(self, planned: Pair) -> Pair:
         """The pair with small moves left out, and in steps of the drives' resolution."""
         limits, last = self.machine.limits, self._last
-        shaft = _rounded(planned.shaft_rpm, limits.shaft_resolution_rpm)
-        opening = _rounded(planned.opening_mm, limits.opening_resolution_mm)
+        shaft = opening = None
         if last is not None:
             band = max(PLAN_BAND_SHARE * last.shaft_rpm, min(PLAN_BAND_RPM, PLAN_BAND_MOST * last.shaft_rpm))
             if abs(planned.shaft_rpm - last.shaft_rpm) < band:
@@ -122,7 +121,9 @@ class Setting:
             band_mm = max(PLAN_BAND_MM, PLAN_BAND_MM_SHARE * last.opening_mm)
             if not rests and abs(planned.opening_mm - last.opening_mm) < band_mm:
                 opening = last.opening_mm
-        return Pair(shaft, opening, planned.limited)
+        return Pair(_rounded(planned.shaft_rpm, limits.shaft_resolution_rpm) if shaft is None else shaft,
+                    _rounded(planned.opening_mm, limits.opening_resolution_mm) if opening is None else opening,
+                    planned.limited)
 
     def settled(self, wanted_kg_s: float, opening_now_mm: float, c: Conditions) -> Pair:
         """The pair of the present strategy, as if it had always been in force."""

@@ -45,28 +45,29 @@ class DriveTrim:
         lim = self._limits
         self._shaft = _stands(self._shaft, expected_rpm, now_s, self._still)
         self._gate = _stands(self._gate, expected_mm, now_s, self._still)
-        share, left_share, left = dt_s / lim.tau_s, min(1.0, dt_s / lim.left_tau_s), self._left
+        share, left_share = dt_s / lim.tau_s, min(1.0, dt_s / lim.left_tau_s)
+        left_shaft, left_mm = self._left
         if (measured_rpm is not None and now_s - measured_rpm.time_s < 0.2 and expected_rpm > 5.0
                 and now_s - self._shaft[1] > lim.settled_s):
             off = (measured_rpm.value - expected_rpm) / expected_rpm
             if abs(off) <= lim.held_share:
                 self.shaft_share = _bounded(self.shaft_share - share * off, lim.shaft_share)
-                left = left._replace(shaft_share=left.shaft_share + left_share * (off - left.shaft_share))
+                left_shaft += left_share * (off - left_shaft)
         if (measured_mm is not None and now_s - measured_mm.time_s < 0.2
                 and now_s - self._gate[1] > lim.settled_s):
             off_mm = measured_mm.value - expected_mm
             self.gate_mm = _bounded(self.gate_mm - share * off_mm, lim.gate_mm)
             if abs(off_mm) <= lim.held_share * expected_mm:
-                left = left._replace(gate_mm=left.gate_mm + left_share * (off_mm - left.gate_mm))
-        self._left = left
+                left_mm += left_share * (off_mm - left_mm)
+        self._left = Left(left_shaft, left_mm)
 
     def left(self, shaft_moves: bool) -> Left:
         """To be made up for: what the drive that rests is off, by now; what the one that moves is off where its trim is
         at its end."""
-        spent = Left(self._left.shaft_share if abs(self.shaft_share) >= self._limits.shaft_share else 0.0,
-                     self._left.gate_mm if abs(self.gate_mm) >= self._limits.gate_mm else 0.0)
-        return (self._left._replace(shaft_share=spent.shaft_share) if shaft_moves
-                else self._left._replace(gate_mm=spent.gate_mm))
+        shaft_share, gate_mm = self._left
+        if shaft_moves:
+            return Left(shaft_share if abs(self.shaft_share) >= self._limits.shaft_share else 0.0, gate_mm)
+        return Left(shaft_share, gate_mm if abs(self.gate_mm) >= self._limits.gate_mm else 0.0)
 
 
 def _stands(held: tuple[float, float], value: float, now_s: float, still: float) -> tuple[float, float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 from math import isfinite
 from typing import NamedTuple
 
-from control.readings import AHEAD_S, Doubted, Reading, is_fresh
+from control.readings import AHEAD_S, Doubted, Reading, held, is_fresh
 from control.safety.limits import SafetyLimits
 from control.safety.words import Situation
 
@@ -49,7 +49,7 @@ def senses(now_s: float, s: Situation, limits: SafetyLimits) -> Senses:
     if refused in (Doubted.GNSS, Doubted.EITHER):
         gnss_speed = None
     wheel_speed = 0.0 if s.wheel_standstill else None if refused in (
-        Doubted.WHEEL, Doubted.EITHER) else _fresh(wheel, now_s, limits.wheel_silent_s)
+        Doubted.WHEEL, Doubted.EITHER) else held(wheel, now_s, limits.wheel_silent_s)
     heard_s = epoch if fix is not None and _number(fix.speed_mps) is not None else None
     if heard_s is not None and not heard_s <= now_s + AHEAD_S:
         heard_s = None
@@ -57,15 +57,15 @@ def senses(now_s: float, s: Situation, limits: SafetyLimits) -> Senses:
         heard_s = wheel.time_s
     return Senses(
         gnss_ok, gnss_speed, course, epoch, wheel_speed, _number(s.speed_used_mps), heard_s,
-        _fresh(m.hopper_kg, now_s, limits.scale_silent_s),
-        _fresh(m.shaft_rpm, now_s, limits.drive_silent_s), _fresh(m.opening_mm, now_s, limits.drive_silent_s),
+        held(m.hopper_kg, now_s, limits.scale_silent_s),
+        held(m.shaft_rpm, now_s, limits.drive_silent_s), held(m.opening_mm, now_s, limits.drive_silent_s),
         _heads_full(now_s, m.ndvi, limits))
 
 
 def _heads_full(now_s: float, heads: tuple[Reading | None, ...], limits: SafetyLimits) -> bool:
     heard = False
     for head in heads:
-        value = _fresh(head, now_s, limits.ndvi_silent_s)
+        value = held(head, now_s, limits.ndvi_silent_s)
         if value is not None and not value >= limits.heads_full_ndvi:
             return False
         heard = heard or value is not None
@@ -74,13 +74,6 @@ def _heads_full(now_s: float, heads: tuple[Reading | None, ...], limits: SafetyL
 
 def _number(value: float | None) -> float | None:
     return value if value is not None and isfinite(value) else None
-
-
-def _fresh(reading: Reading | None, now_s: float, silent_s: float) -> float | None:
-    if reading is None:
-        return None
-    value, time_s = reading
-    return value if is_fresh(time_s, now_s, silent_s) and isfinite(value) else None
 
 
 def since(before_s: float | None, now_s: float, condition: bool) -> float | None:

@@ -1,6 +1,7 @@
 """The field's edge seen along the working line: outside it the target is nothing."""
 from __future__ import annotations
 
+from math import inf
 from typing import Protocol
 
 import numpy as np
@@ -40,8 +41,9 @@ class Fence:
     def look(self, track_m: float, east_m: float, north_m: float, heading_deg: float, fired_to_m: float) -> None:
         """Look from the outlet straight ahead. A crossing up to `fired_to_m`, where changes have been made, stays
         where it was seen then: a jitter of the heading must not make it once more."""
-        self._inside_here = self._edge.contains(east_m, north_m)
-        seen = [track_m + d for d in self._edge.crossings_m(east_m, north_m, heading_deg, LOOK_M)]
+        crossed = self._edge.crossings_m(east_m, north_m, heading_deg, inf)
+        self._inside_here = len(crossed) % 2 == 1           # whoever leaves once more than he enters is inside
+        seen = [track_m + d for d in crossed if d <= LOOK_M]
         made = [place for place in self.places_m if place <= fired_to_m]
         self.places_m = [next((old for old in made if abs(old - place) < SAME_M), place) for place in seen]
 

@@ -111,11 +111,9 @@ class Overlap:
 
 def without_short(flags: np.ndarray, least: int) -> np.ndarray:
     """Runs (k,) of less than `least` equal values take the value before them; the first run stays."""
-    begins = np.flatnonzero(np.concatenate(([True], flags[1:] != flags[:-1])))
-    if len(begins) == 1:
-        return flags
-    kept = flags.copy()
-    for begin, end in zip(begins[1:].tolist(), [*begins[2:].tolist(), len(flags)], strict=True):
+    begins = (np.flatnonzero(flags[1:] != flags[:-1]) + 1).tolist()
+    kept = flags.copy() if begins else flags
+    for begin, end in zip(begins, [*begins[1:], len(flags)], strict=False):
         if end - begin < least and end < len(flags):
             kept[begin:end] = kept[begin - 1]
     return kept
