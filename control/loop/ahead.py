@@ -176,7 +176,7 @@ class Ahead:
         if not sensed.backwards:
             return self.fence.inside(sensed.track_m + ahead_m)
         angle = radians(sensed.heading_deg)
-        return (self.fence.contains(sensed.east_m, sensed.north_m) and self.fence.contains(
+        return (self.fence.edge.contains(sensed.east_m, sensed.north_m) and self.fence.edge.contains(
             sensed.east_m - ahead_m * sin(angle), sensed.north_m - ahead_m * cos(angle)))
 
     def is_done(self, place_m: float) -> bool:

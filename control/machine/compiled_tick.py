@@ -106,10 +106,10 @@ class CompiledDrives:
 
     def of(self, shaft: Shaft, gate: Gate, flow: Flow | None = None) -> None:
         """The stages from now on."""
-        if self._stages is None or any(new is not old for new, old in zip((shaft, gate, flow), self._stages,
-                                                                          strict=True)):
-            self._stages = shaft, gate, flow
-            self._of_shaft, self._of_gate, self._of_flow = (_numbers(one or ()) for one in self._stages)
+        stages = shaft, gate, flow
+        if stages != self._stages:
+            self._stages = stages
+            self._of_shaft, self._of_gate, self._of_flow = (_numbers(one or ()) for one in stages)
 
     def step(self, rpm: float, opening_mm: float, supply_v: float, dt_s: float,
              more: More = NOTHING) -> tuple[float, float]:

@@ -23,6 +23,7 @@ Inputs: measured shaft and opening through the model, `hopper_kg`, `pitch_deg`; 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import islice
 from math import exp, inf, sqrt
@@ -30,7 +31,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from control.machine.elements import Array
 from control.readings import NOTHING_SAID, Reading, ScaleSays
 
 
@@ -77,17 +77,18 @@ TEST_PERCENT = 1.5          # what a catch test of today leaves open ...
 TEST_WANDERS_PERCENT = 0.5  # ... and what store and weather add in the square root of a day: 5 % after three months
 
 H, GAIN, OFFSET, SLOPE = range(4)
-_NONE = np.zeros(3)         # of the sums of a block
+Numbers = tuple[float, ...]         # of the state, one of each: numpy's own calls take longer than so few numbers
+Rows = tuple[Numbers, ...]
+NO_TRIM = (0.0, 0.0, 0.0, 0.0)
 
 
 class _Block(NamedTuple):
-    sums: Array             # expected kg, 1000 revolutions, kg x degrees: so far
-    given_kg: float         # of them, the first
+    sums: Numbers           # expected kg, 1000 revolutions, kg x degrees: so far
     kg: float               # mean of the scale
     flows: bool             # material flowed in it, by the model
-    state: Array            # after it
-    spread: Array
-    trimmed: Array
+    state: Numbers          # after it
+    spread: Rows
+    trimmed: Numbers
 
 
 class FlowTrim:
@@ -117,10 +118,10 @@ class FlowTrim:
     def forget(self) -> None:
         """Back to the model's own calibration, as before the first weighing; what the scale's noise is stays."""
         limits = self._limits
-        self._state = np.zeros(4)
-        self._spread = np.diag([limits.level_kg, self._gain_percent, limits.offset_g_rev,
-                                limits.slope_percent_per_deg]) ** 2
-        self._trimmed = np.zeros(3)             # of the state without the level: as far as it is believed
+        self._state: Numbers = NO_TRIM
+        sds = limits.level_kg, self._gain_percent, limits.offset_g_rev, limits.slope_percent_per_deg
+        self._spread: Rows = tuple([tuple([sd * sd if j == k else 0.0 for j in range(4)]) for k, sd in enumerate(sds)])
+        self._trimmed: Numbers = NO_TRIM        # of the state, without the level: as far as it is believed
         self._value: float | None = None        # asked twice a tick
         self._said = NOTHING_SAID
         self._rests = False                     # the trim, while what the scale says is no trim, or not decided
@@ -140,20 +141,21 @@ class FlowTrim:
 
     @property
     def says(self) -> ScaleSays:
-        return self._said._replace(trimmed_percent=100.0 * (self.value - 1.0), unordered_kg=self._unordered_kg,
-                                   refill_percent=self._refill_percent)
+        said = self._said
+        return ScaleSays(self._unordered_kg, said.off_kg, said.share, said.outlets, said.of_outlets,
+                         said.beyond_percent, 100.0 * (self.value - 1.0), self._refill_percent)
 
     @property
     def sd_percent(self) -> float:
         """Of the estimate for the flow of now."""
         shows = _shows(self.grams_per_rev, self.pitch_deg)
-        return sqrt(max(1e-12, float(shows @ self._spread[GAIN:, GAIN:] @ shows)))
+        return sqrt(max(1e-12, _dot(shows, _along(self._spread, shows))))
 
     def at(self, grams_per_rev: float, pitch_deg: float) -> float:
         """What the model's flow is multiplied by, where a revolution gives so much by the model."""
         if self._refill_percent is not None:
             return 1.0
-        most, trimmed = self._limits.most_percent, float(self._trimmed @ _shows(grams_per_rev, pitch_deg))
+        most, trimmed = self._limits.most_percent, _dot(self._trimmed, _shows(grams_per_rev, pitch_deg))
         own = self._gain_percent ** 2
         believed = own / (own + self._limits.scale_percent ** 2)
         return 1.0 + 0.01 * believed * min(most, max(-most, trimmed))
@@ -167,10 +169,9 @@ class FlowTrim:
         self._left: _Block | None = None                # the last one before material left that nobody ordered
         self._unordered_kg = self._taken_kg = 0.0
         self._quiet = 0                                 # blocks in which nothing more left
-        self._spread[H, :] = self._spread[:, H] = 0.0
-        self._spread[H, H] = self._limits.level_kg ** 2
+        self._spread = _of_level(self._spread, (self._limits.level_kg ** 2, 0.0, 0.0, 0.0))
         if another_lot:
-            self._spread[GAIN, GAIN] += self._limits.another_lot_percent ** 2
+            self._spread = _wider(self._spread, self._limits.another_lot_percent)
 
     def tested(self, age_days: float) -> None:
         """The product's catch test is so old: a fresh one is believed rather than the scale. Before work begins."""
@@ -223,16 +224,16 @@ class FlowTrim:
     # -- blocks ----------------------------------------------------------------------------------------------------
 
     def _take_block(self) -> None:
-        sums = np.array([sum(one) for one in zip(*(sums for sums, _ in self._block), strict=True)]) / len(self._block)
-        kg = float(np.mean([kg for _, kg in self._block]))
+        sums = _means([sums for sums, _ in self._block])
+        kg = sum([kg for _, kg in self._block]) / len(self._block)
         self._block.clear()
         if not self._blocks:
             self._level(kg)
             self._keep(sums, kg, False)
             return
         before = self._blocks[-1]
-        gone = sums - before.sums
-        flows = bool(gone[0] >= LEAST_KG_S * BLOCK_S)
+        gone = _more(sums, -1.0, before.sums)
+        flows = gone[0] >= LEAST_KG_S * BLOCK_S
         if abs(kg - before.kg + gone[0]) > self._most_kg + CHANGED_SD * sqrt(2.0 * self._mean_kg2(1)):
             self.restart()                      # stood on, or taken off
             self._level(kg)
@@ -248,8 +249,8 @@ class FlowTrim:
         elif self._left is None:
             self._gone(gone)
             if not flows:                       # what the level does now says nothing of the flow
-                self._spread[H, GAIN:] = self._spread[GAIN:, H] = 0.0
-                self._spread[H, H] = max(self._spread[H, H], 0.25 * self._noise * self._block_kg2)
+                level_kg2 = max(self._spread[H][H], 0.25 * self._noise * self._block_kg2)
+                self._spread = _of_level(self._spread, (level_kg2, 0.0, 0.0, 0.0))
             self._weighed(kg)
             if flows:
                 self._bound()
@@ -259,50 +260,46 @@ class FlowTrim:
         else:
             self._standing()
 
-    def _keep(self, sums: Array, kg: float, flows: bool) -> None:
-        self._blocks.append(_Block(sums, float(sums[0]), kg, flows, self._state, self._spread, self._trimmed))
+    def _keep(self, sums: Numbers, kg: float, flows: bool) -> None:
+        self._blocks.append(_Block(sums, kg, flows, self._state, self._spread, self._trimmed))
 
-    def _gone(self, gone: Array) -> None:
+    def _gone(self, gone: Numbers) -> None:
         """What left the hopper since the block before, by the model and what is believed of it."""
-        step = _leaves(gone)
-        self._state = step @ self._state
-        self._state[H] -= gone[0]
-        self._spread = step @ self._spread @ step.T
-        self._spread[GAIN, GAIN] += self._limits.wanders_percent ** 2 * BLOCK_S / 3600.0
+        level = _leaves(gone)
+        along = _along(self._spread, level)
+        self._state = (_dot(level, self._state) - gone[0], *self._state[GAIN:])
+        self._spread = _wider(_of_level(self._spread, (_dot(level, along), *along[GAIN:])),
+                              self._limits.wanders_percent * sqrt(BLOCK_S / 3600.0))
 
     def _weighed(self, weighed_kg: float) -> None:
-        variance = float(self._spread[H, H]) + self._noise * self._block_kg2
-        off = (weighed_kg - float(self._state[H])) / sqrt(variance)
-        gain = self._spread[:, H] / variance
-        self._state = self._state + gain * off * sqrt(variance)
-        rest = np.eye(4)
-        rest[:, H] -= gain
-        self._spread = rest @ self._spread @ rest.T + np.outer(gain, gain) * self._noise * self._block_kg2
+        variance = self._spread[H][H] + self._noise * self._block_kg2
+        off = (weighed_kg - self._state[H]) / sqrt(variance)
+        gain = tuple([one / variance for one in self._spread[H]])
+        self._state = _more(self._state, off * sqrt(variance), gain)
+        self._spread = tuple([_more(row, -variance * one, gain) for row, one in zip(self._spread, gain, strict=True)])
         self._judged += 1
         rate = max(NOISE_RATE, 1.0 / (NOISE_BLOCKS + self._judged))
         self._noise = min(NOISE_MOST, max(1.0, self._noise * exp(rate * (min(9.0, off * off) - 1.0))))
 
     def _bound(self) -> None:
         """The estimate projected into its bounds, along its own uncertainty."""
-        shows = np.concatenate([[0.0], _shows(self.grams_per_rev, self.pitch_deg)])
-        percent, most = float(shows @ self._state), self._limits.most_percent
+        shows, most = _shows(self.grams_per_rev, self.pitch_deg), self._limits.most_percent
+        percent = _dot(shows, self._state)
         over = percent - min(most, max(-most, percent))
-        along = self._spread @ shows
-        self._state = self._state - along * over / max(1e-12, float(shows @ along))
+        along = _along(self._spread, shows)
+        self._state = _more(self._state, -over / max(1e-12, _dot(shows, along)), along)
 
     def _level(self, weighed_kg: float) -> None:
         """The hopper holds what was just weighed, whatever was thought before."""
-        self._state = self._state.copy()
-        self._state[H] = weighed_kg
-        self._spread[H, :] = self._spread[:, H] = 0.0
-        self._spread[H, H] = self._noise * self._block_kg2
+        self._state = (weighed_kg, *self._state[GAIN:])
+        self._spread = _of_level(self._spread, (self._noise * self._block_kg2, 0.0, 0.0, 0.0))
 
     def _believe(self) -> None:
         """The trim goes towards the estimate as far as the evidence for the flow of now goes."""
-        apart = self._state[GAIN:] - self._trimmed
-        percent, sd = float(apart @ _shows(self.grams_per_rev, self.pitch_deg)), self.sd_percent
+        apart = _more((0.0, *self._state[GAIN:]), -1.0, self._trimmed)
+        percent, sd = _dot(apart, _shows(self.grams_per_rev, self.pitch_deg)), self.sd_percent
         if abs(percent) > DOUBT_SD * sd:
-            self._trimmed = self._trimmed + (1.0 - (DOUBT_SD * sd / percent) ** 2) * apart
+            self._trimmed = _more(self._trimmed, 1.0 - (DOUBT_SD * sd / percent) ** 2, apart)
 
     def _check_refill(self, kg: float) -> None:
         """When work goes on after a rest in which a refill was ordered."""
@@ -323,11 +320,10 @@ class FlowTrim:
         """What left since a block more than the filter of then believes, kg, by the mean of the newest blocks, and its
         standard deviation."""
         newest = list(islice(reversed(self._blocks), blocks))
-        gone = sum((one.sums for one in newest), _NONE) / blocks - since.sums
-        level = np.array([1.0, -0.01 * gone[0], -gone[1], -0.01 * gone[2]])         # `_leaves` of the level alone
-        expected = float(level @ since.state) - gone[0]
-        variance = float(level @ since.spread @ level) + self._mean_kg2(blocks)
-        return expected - sum(one.kg for one in newest) / blocks, sqrt(variance)
+        gone = _more(_means([one.sums for one in newest]), -1.0, since.sums)
+        level = _leaves(gone)
+        variance = _dot(level, _along(since.spread, level)) + self._mean_kg2(blocks)
+        return _dot(level, since.state) - gone[0] - sum([one.kg for one in newest]) / blocks, sqrt(variance)
 
     def _farthest(self, most: int) -> tuple[int, float, float]:
         """(window, kg, sd) of that window of at most so many blocks over which the scale is farthest off."""
@@ -387,14 +383,14 @@ class FlowTrim:
         off = [abs(self._excess(one, averaged)[0]) for one in list(self._blocks)[-1 - window:-averaged]]
         latest = max(k for k, kg in enumerate(off) if kg >= 0.9 * off[0])
         since = self._blocks[latest - window - 1]
-        flow = [one for one in self._flow if one.given_kg >= since.given_kg]
+        flow = [one for one in self._flow if one.sums[0] >= since.sums[0]]
         self._flow.clear()
         self._flow.extend(flow)
         self._back_to(since)
         self._rests = True
 
     def _back_to(self, since: _Block) -> None:
-        self._state, self._spread, self._trimmed = since.state.copy(), since.spread.copy(), since.trimmed
+        self._state, self._spread, self._trimmed = since.state, since.spread, since.trimmed
 
     def _judge(self) -> None:
         """By the share of the model's flow that left, since the flow changed, else in the last two minutes."""
@@ -402,7 +398,7 @@ class FlowTrim:
         share, sd, noise_kg2 = self._share(flow)
         off, lately = share - 1.0, self._share(flow[-len(flow) // 3:])[0] - 1.0
         goes_on = off * lately > GOES_ON_SHARE * off * off
-        believed = 1.0 + 0.01 * float(self._trimmed @ _shows(self.grams_per_rev, self.pitch_deg))
+        believed = 1.0 + 0.01 * _dot(self._trimmed, _shows(self.grams_per_rev, self.pitch_deg))
         silent, surely = self._silent(share / believed, sd)
         if goes_on and not limits.low_share - FAR_SD * sd < share < limits.high_share + FAR_SD * sd:
             self._no_trim(ScaleSays(share=share))
@@ -421,11 +417,11 @@ class FlowTrim:
             newest = self._blocks[-1]
             self._blocks.clear()
             self._level(newest.kg)
-            self._spread[GAIN, GAIN] += limits.changed_percent ** 2
+            self._spread = _wider(self._spread, limits.changed_percent)
             self._keep(newest.sums, newest.kg, True)
 
     def _no_trim(self, said: ScaleSays) -> None:
-        self._said, self._rests, self._trimmed = said, True, np.zeros(3)
+        self._said, self._rests, self._trimmed = said, True, NO_TRIM
 
     def _silent(self, share: float, sd: float) -> tuple[int, bool]:
         """How many outlets that share of what was believed would be, and whether it is surely they."""
@@ -438,7 +434,7 @@ class FlowTrim:
     def _share(self, flow: list[_Block]) -> tuple[float, float, float]:
         """A straight line through what the scale read over what the model says has gone: the share that left, its
         standard deviation by what the line leaves, and that, kg2."""
-        gone = np.array([one.given_kg for one in flow])
+        gone = np.array([one.sums[0] for one in flow])
         kg = np.array([one.kg for one in flow])
         gone, kg = gone - gone.mean(), kg - kg.mean()
         across = max(1e-12, float(gone @ gone))
@@ -450,13 +446,38 @@ class FlowTrim:
         return -line, sqrt(each_kg2 / across), noise_kg2
 
 
-def _leaves(gone: Array) -> Array:
-    """How the state goes on where so much has gone by the model."""
-    step = np.eye(4)
-    step[H, GAIN], step[H, OFFSET], step[H, SLOPE] = -0.01 * gone[0], -gone[1], -0.01 * gone[2]
-    return step
+def _leaves(gone: Numbers) -> Numbers:
+    """What the level in the hopper is made of where so much has gone by the model: the level before, the effects."""
+    return 1.0, -0.01 * gone[0], -gone[1], -0.01 * gone[2]
 
 
-def _shows(grams_per_rev: float, pitch_deg: float) -> Array:
-    """What a unit of each effect makes of the flow, %."""
-    return np.array([1.0, 100.0 / max(LEAST_G_REV, grams_per_rev), pitch_deg])
+def _shows(grams_per_rev: float, pitch_deg: float) -> Numbers:
+    """What a unit of each effect makes of the flow, %; the level nothing."""
+    return 0.0, 1.0, 100.0 / max(LEAST_G_REV, grams_per_rev), pitch_deg
+
+
+def _dot(one: Numbers, other: Numbers) -> float:
+    return one[H] * other[H] + one[GAIN] * other[GAIN] + one[OFFSET] * other[OFFSET] + one[SLOPE] * other[SLOPE]
+
+
+def _along(spread: Rows, way: Numbers) -> Numbers:
+    return tuple([_dot(row, way) for row in spread])
+
+
+def _more(numbers: Numbers, times: float, added: Numbers) -> Numbers:
+    return tuple([one + times * more for one, more in zip(numbers, added, strict=True)])
+
+
+def _means(rows: Sequence[Numbers]) -> Numbers:
+    return tuple([sum(column) / len(rows) for column in zip(*rows, strict=True)])
+
+
+def _of_level(spread: Rows, level: Numbers) -> Rows:
+    """The same with what the level has in common with itself and the effects."""
+    return (level, *[(one, *row[GAIN:]) for one, row in zip(level[GAIN:], spread[GAIN:], strict=True)])
+
+
+def _wider(spread: Rows, percent: float) -> Rows:
+    """The same with a gain that is less known."""
+    gain = spread[GAIN]
+    return (spread[H], (gain[H], gain[GAIN] + percent ** 2, *gain[OFFSET:]), *spread[OFFSET:])

@@ -22,7 +22,7 @@ What is refused is believed again once it has agreed, moving, for `AGAIN_S` with
 """
 from __future__ import annotations
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from math import atan2, cos, hypot, isfinite, pi, radians, sin
 
 from control.geodesy import Place
@@ -125,12 +125,10 @@ class SpeedCheck:
     def _differing(self, now: Mark) -> tuple[Mark | None, float]:
         """A mark before wheel and GNSS's speed parted, and the window that shows it; None where they agree, and the
         longest window that was judged, 0 where none could be."""
-        recent, lost, gap_m, kept_s = [now], now.reckoned.lost, now.gap_m, now.time_s - KEPT_S
-        for mark in reversed(self._watch.marks):
-            if mark.time_s < kept_s or mark.reckoned.lost != lost or mark.gap_m != gap_m:
-                break                           # of the marks before it none belongs to this piece
-            recent.append(mark)
-        recent.reverse()
+        recent = [*self._watch.marks, now]
+        del recent[:bisect_left(recent, now.time_s - KEPT_S, key=TIME_S)]
+        while recent[0].reckoned.lost != now.reckoned.lost or recent[0].gap_m != now.gap_m:
+            del recent[0]                       # lost ticks and gaps only add up: what comes later is of this piece
         since_s, end_s, judged_s = recent[0].time_s, now.time_s - LATE_S, 0.0
         if end_s - WINDOWS_S[0] < since_s:
             return None, 0.0

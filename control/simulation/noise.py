@@ -1,6 +1,8 @@
 """Seeded sensor noise, drawn in blocks because single draws are slow."""
 from __future__ import annotations
 
+from collections.abc import Callable
+from itertools import chain, count
 from math import exp, sqrt
 
 import numpy as np
@@ -9,16 +11,11 @@ BLOCK = 8192
 
 
 class Normals:
-    """Standard normal numbers, one at a time."""
+    """Standard normal numbers, one with each call of `next`."""
 
     def __init__(self, seed: int) -> None:
-        self._rng = np.random.default_rng(seed)
-        self._block: list[float] = []
-
-    def next(self) -> float:
-        if not self._block:
-            self._block = self._rng.standard_normal(BLOCK).tolist()
-        return self._block.pop()
+        draw = np.random.default_rng(seed).standard_normal
+        self.next: Callable[[], float] = chain.from_iterable(reversed(draw(BLOCK).tolist()) for _ in count()).__next__
 
 
 class Slow:

@@ -1,12 +1,9 @@
 """The field's edge seen along the working line: outside it the target is nothing."""
 from __future__ import annotations
 
-from math import inf
 from typing import Protocol
 
-import numpy as np
-import numpy.typing as npt
-
+from control.field.boundary import Boundary
 from control.orders import TargetSource
 
 from .profile import Profile, Target, TargetChange
@@ -16,32 +13,18 @@ LOOK_M = 40.0
 SAME_M = 2.0            # crossings seen this near to each other are one
 
 
-class Edge(Protocol):
-    """A boundary on the plane."""
-
-    def contains(self, east_m: float, north_m: float) -> bool: ...
-
-    def many_inside(self, places: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-        """`contains` for places (n, 2) -> (n,)."""
-        ...
-
-    def crossings_m(self, east_m: float, north_m: float, heading_deg: float, farthest_m: float) -> list[float]:
-        """Distances along the heading at which the boundary is crossed, rising."""
-        ...
-
-
 class Fence:
     """Where along the track, straight ahead, the field begins and ends; looked at once a tick."""
 
-    def __init__(self, edge: Edge) -> None:
-        self._edge = edge
+    def __init__(self, edge: Boundary) -> None:
+        self.edge = edge
         self._inside_here = False
         self.places_m: list[float] = []
 
     def look(self, track_m: float, east_m: float, north_m: float, heading_deg: float, fired_to_m: float) -> None:
         """Look from the outlet straight ahead. A crossing up to `fired_to_m`, where changes have been made, stays
         where it was seen then: a jitter of the heading must not make it once more."""
-        crossed = self._edge.crossings_m(east_m, north_m, heading_deg, inf)
+        crossed = self.edge.crossings_m(east_m, north_m, heading_deg)
         self._inside_here = len(crossed) % 2 == 1           # whoever leaves once more than he enters is inside
         seen = [track_m + d for d in crossed if d <= LOOK_M]
         made = [place for place in self.places_m if place <= fired_to_m]
@@ -52,16 +35,9 @@ class Fence:
         self._inside_here = False
         self.places_m = []
 
-    def contains(self, east_m: float, north_m: float) -> bool:
-        return self._edge.contains(east_m, north_m)
-
-    def many_inside(self, places: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
-        """`contains` for places (n, 2) -> (n,)."""
-        return self._edge.many_inside(places)
-
     def inside(self, place_m: float) -> bool:
-        crossed = sum(1 for place in self.places_m if place <= place_m)
-        return self._inside_here != (crossed % 2 == 1)
+        crossed = [place for place in self.places_m if place <= place_m]
+        return self._inside_here != (len(crossed) % 2 == 1)
 
 
 class Inside(Protocol):
@@ -85,7 +61,7 @@ class Fenced:
 
     def next_change(self, after_m: float, before_m: float, holding: Target) -> TargetChange | None:
         begin = after_m
-        for end in [*(p for p in self._fence.places_m if after_m < p <= before_m), before_m]:
+        for end in [*[p for p in self._fence.places_m if after_m < p <= before_m], before_m]:
             if not self._fence.inside(begin):
                 if holding != self._outside:
                     return TargetChange(begin, self._outside)

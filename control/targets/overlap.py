@@ -92,8 +92,8 @@ class Overlap:
 
     def inside(self, place_m: float) -> bool:
         """Whether a place of the track may get material: it has none yet."""
-        crossed = sum(1 for edge in self.places_m if edge <= place_m)
-        return self._done_here == (crossed % 2 == 1)
+        crossed = [edge for edge in self.places_m if edge <= place_m]
+        return self._done_here == (len(crossed) % 2 == 1)
 
     def _over(self, place: Place, heading_deg: float, earlier: bool) -> np.ndarray:
         """Whether the machine would be over ground that is done, each step ahead (k,). earlier: by an earlier run."""

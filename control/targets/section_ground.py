@@ -74,9 +74,9 @@ class SectionGround:
         points = self._points(place, heading_deg)
         nothing: dict[str, npt.NDArray[np.bool_]] = {}
         if ground.fence is not None:
-            nothing[OUTSIDE] = ~ground.fence.many_inside(points)
+            nothing[OUTSIDE] = ~ground.fence.edge.many_inside(points)
         if ground.headland is not None:
-            nothing[HEADLAND] = ~ground.headland.many_inside(points)
+            nothing[HEADLAND] = ~ground.headland.edge.many_inside(points)
         done = np.zeros(len(points), dtype=np.bool_)
         if ground.coverage is not None:
             done = ground.coverage.applied(points)
