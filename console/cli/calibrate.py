@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -20,6 +20,7 @@ from console.cli.inputs import (
 )
 from console.cli.outputs import Force, Output, log_files, machine_file, refuse_collisions
 from console.cli.plain_errors import CommandError
+from console.cli.plain_output import AsJson, say_json
 from drivers import day_clock
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ def catch(
     product: Annotated[str | None, typer.Option(metavar="PRODUCT", help="What was caught: the test is added, with its "
                                                 "date, to this product file instead of the machine's.")] = None,
     date: Date = None,
+    as_json: AsJson = False,
     force: Force = False,
 ) -> None:
     """Fit the flow model to a catch test: what was weighed at each shaft speed and opening, with intervals."""
@@ -58,11 +60,11 @@ def catch(
     loaded = _started(data, out, machine, force)
     day = _day(date)
     fitted, flow = fit_flow(read_bench_table(data, "catch"), loaded, date=day.isoformat())
-    _tell_flow(flow, loaded)
+    _say(flow, lambda: _tell_flow(flow, loaded), as_json)
     if product is None:
-        _save(fitted, data, out)
+        _save(fitted, data, out, as_json)
     else:
-        _save_test(product, loaded, flow, day, data, out)
+        _save_test(product, loaded, flow, day, data, out, as_json)
 
 
 def _day(text: str | None) -> dt.date:
@@ -72,7 +74,8 @@ def _day(text: str | None) -> dt.date:
         raise CommandError(f"--date {text}: allowed is a day such as 2026-03-18") from None
 
 
-def _save_test(product: str, machine: Machine, flow: FlowFit, day: dt.date, data: Path, out: Path) -> None:
+def _save_test(product: str, machine: Machine, flow: FlowFit, day: dt.date, data: Path, out: Path,
+               as_json: bool) -> None:
     """The product with this test added to its earlier ones."""
     from control.calibration.flow_fit import catch_test
     from drivers.files.config import load, save, sha256_of
@@ -81,7 +84,7 @@ def _save_test(product: str, machine: Machine, flow: FlowFit, day: dt.date, data
     if read.path.resolve() == out.resolve():
         raise CommandError(f"--out {out}: is the product file that is read: allowed is a new name")
     save(out, read.model.with_test(catch_test(machine, flow, day, str(data), sha256_of(data))), PRODUCT)
-    typer.echo(f"product file: {out}")
+    typer.echo(f"product file: {out}", err=as_json)
 
 
 def lag(
@@ -107,6 +110,7 @@ def lag(
     no_key: Annotated[bool, typer.Option("--no-key", help="--rig: turn without a held key; somebody stands at the "
                                          "hard-wired stop.")] = False,
     date: Date = None,
+    as_json: AsJson = False,
     force: Force = False,
 ) -> None:
     """Fit the lag to drop times at several shaft speeds, or measure such a table with the lag rig."""
@@ -126,19 +130,17 @@ def lag(
     fitted, day = _started(data, out, machine, force), _day(date).isoformat()
     table = read_bench_table(data, "lag")
     running = table.running()
+    line, tube = None, None
     if not running.all():
         fitted, line = fit_lag(table, fitted, label=label, from_rpm=from_rpm, to_rpm=to_rpm, date=day)
-        _tell_lag(line)
     if running.any():
         fitted, tube = settle_tube(table, fitted, date=day)
-        _tell_tube(tube)
-    elif not fitted.tube_is_settled:
-        typer.echo(f"note: {UNSETTLED}")
-    _save(fitted, data, out)
+    _say({"lag": line, "tube": tube}, lambda: _tell_lag(line, tube, fitted.tube_is_settled), as_json)
+    _save(fitted, data, out, as_json)
 
 
 def wheel(data: Log, *, out: Out, machine: From = "huanghai", date: Date = None,
-          force: Force = False) -> None:
+          as_json: AsJson = False, force: Force = False) -> None:
     """Fit the wheel's circumference to GNSS distances of a run log."""
     from control.calibration.wheel_fit import fit_wheel
     from drivers.files.calibration_log import counted_by, wheel_columns
@@ -147,12 +149,12 @@ def wheel(data: Log, *, out: Out, machine: From = "huanghai", date: Date = None,
     loaded, log = _started(data, out, machine, force), read_rows(data)
     fitted, found = fit_wheel(wheel_columns(log), loaded, counted_by(log, loaded), str(data),
                               date=_day(date).isoformat())
-    _tell_wheel(found)
-    _save(fitted, data, out)
+    _say(found, lambda: _tell_wheel(found), as_json)
+    _save(fitted, data, out, as_json)
 
 
 def heads(data: Log, *, out: Out, machine: From = "huanghai", date: Date = None,
-          force: Force = False) -> None:
+          as_json: AsJson = False, force: Force = False) -> None:
     """Fit each canopy head against the others over a run log."""
     from control.calibration.heads_check import check_heads
     from drivers.files.calibration_log import heads_columns
@@ -160,8 +162,8 @@ def heads(data: Log, *, out: Out, machine: From = "huanghai", date: Date = None,
     _log(data, out, "calibrate heads")
     loaded, log = _started(data, out, machine, force), read_rows(data)
     fitted, found = check_heads(log.time_s, heads_columns(log), loaded, str(data), date=_day(date).isoformat())
-    _tell_heads(found)
-    _save(fitted, data, out)
+    _say(found, lambda: _tell_heads(found), as_json)
+    _save(fitted, data, out, as_json)
 
 
 class EffortUnit(StrEnum):
@@ -175,7 +177,7 @@ class EffortUnit(StrEnum):
 def effort(data: Log, *, out: Out, machine: From = "huanghai",
            unit: Annotated[EffortUnit | None, typer.Option(help="What the drives tell; default: the machine "
                                                            "file's.")] = None,
-           date: Date = None, force: Force = False) -> None:
+           date: Date = None, as_json: AsJson = False, force: Force = False) -> None:
     """Fit how hard the drives of a sound machine work to a run log: what later logs are held against."""
     from control.diagnosis.runs.effort_reference import fit_effort
     from drivers.files.any_log import open_log
@@ -183,9 +185,8 @@ def effort(data: Log, *, out: Out, machine: From = "huanghai",
     loaded = _started(data, out, machine, force)
     fitted, found = fit_effort(dict(open_log(data).columns), loaded, str(data), date=_day(date).isoformat(),
                                unit=None if unit is None else unit.value)
-    for fit in found:
-        _tell_effort(fit)
-    _save(fitted, data, out)
+    _say(found, lambda: _tell_effort(found), as_json)
+    _save(fitted, data, out, as_json)
 
 
 def encoder(
@@ -231,11 +232,19 @@ def _started(data: Path, out: Path, machine: str, force: bool) -> Machine:
     return machine_of(machine)
 
 
-def _save(fitted: Machine, data: Path, out: Path) -> None:
+def _save(fitted: Machine, data: Path, out: Path, as_json: bool) -> None:
     from drivers.files.config import save
     from drivers.files.kinds import MACHINE
     save(out, _signed(fitted, data), MACHINE)
-    typer.echo(f"machine file: {out}")
+    typer.echo(f"machine file: {out}", err=as_json)
+
+
+def _say(found: object, tell: Callable[[], None], as_json: bool) -> None:
+    """A fit, as data or in lines."""
+    if as_json:
+        say_json(found)
+    else:
+        tell()
 
 
 UNSETTLED = ("starts do not show whether the stream in the tube carries what falls; a step from 40 to 80 r/min at the "
@@ -266,12 +275,13 @@ def _tell_heads(fit: HeadsFit) -> None:
     _tell_notes(fit.notes)
 
 
-def _tell_effort(fit: EffortFit) -> None:
-    typer.echo(f"{fit.bins} half seconds of moving, {fit.mean:.4g} {fit.unit} on the mean, scatter {fit.scatter:.3g} "
-               f"{fit.unit}")
-    for place, interval, unit in fit.numbers:
-        typer.echo(f"{place}, {unit}  {_span(interval)}")
-    _tell_notes(fit.notes)
+def _tell_effort(found: Iterable[EffortFit]) -> None:
+    for fit in found:
+        typer.echo(f"{fit.bins} half seconds of moving, {fit.mean:.4g} {fit.unit} on the mean, scatter "
+                   f"{fit.scatter:.3g} {fit.unit}")
+        for place, interval, unit in fit.numbers:
+            typer.echo(f"{place}, {unit}  {_span(interval)}")
+        _tell_notes(fit.notes)
 
 
 def _tell_flow(fit: FlowFit, machine: Machine) -> None:
@@ -285,20 +295,21 @@ def _tell_flow(fit: FlowFit, machine: Machine) -> None:
     _tell_notes(fit.notes)
 
 
-def _tell_lag(fit: LagFit) -> None:
-    typer.echo(f"{fit.measured}: {fit.rows_used} rows, {fit.from_rpm:g}-{fit.to_rpm:g} r/min, scatter "
-               f"{fit.residual_sd_s:.4f} s, correlation {fit.correlation:.3f}")
-    typer.echo(f"slope, s per r/min  {_span(fit.slope_s_per_rpm)}")
-    typer.echo(f"intercept, s        {_span(fit.intercept_s)}")
-    _tell_notes(fit.notes)
-
-
-def _tell_tube(fit: TubeFit) -> None:
-    typer.echo(f"tube: {fit.rows_used} changes between two rates, scatter {fit.scatter_s:.4f} s, {fit.off_s:+.3f} s "
-               "off the nearest tube")
-    typer.echo(f"share that the stream carries  {_span(fit.carried_share)}, s.d. {fit.sd:.2f}")
-    if not fit.settles:
-        typer.echo("note: not settled yet, more repeats are needed: until then no strategy counts on the tube")
+def _tell_lag(line: LagFit | None, tube: TubeFit | None, tube_is_settled: bool) -> None:
+    if line is not None:
+        typer.echo(f"{line.measured}: {line.rows_used} rows, {line.from_rpm:g}-{line.to_rpm:g} r/min, scatter "
+                   f"{line.residual_sd_s:.4f} s, correlation {line.correlation:.3f}")
+        typer.echo(f"slope, s per r/min  {_span(line.slope_s_per_rpm)}")
+        typer.echo(f"intercept, s        {_span(line.intercept_s)}")
+        _tell_notes(line.notes)
+    if tube is not None:
+        typer.echo(f"tube: {tube.rows_used} changes between two rates, scatter {tube.scatter_s:.4f} s, "
+                   f"{tube.off_s:+.3f} s off the nearest tube")
+        typer.echo(f"share that the stream carries  {_span(tube.carried_share)}, s.d. {tube.sd:.2f}")
+        if not tube.settles:
+            typer.echo("note: not settled yet, more repeats are needed: until then no strategy counts on the tube")
+    elif not tube_is_settled:
+        typer.echo(f"note: {UNSETTLED}")
 
 
 def _tell_notes(notes: Iterable[str]) -> None:

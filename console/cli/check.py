@@ -9,6 +9,7 @@ import typer
 
 from console.cli.outputs import Force, marked, refuse_collisions
 from console.cli.plain_errors import CommandError
+from console.cli.plain_output import AsJson, say_json
 from drivers import day_clock
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ def check(
                                                "machine, crop, job, cab, ...")] = None,
     write_schemas: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Write the schemas of all kinds there "
                                                        "instead.")] = None,
+    as_json: AsJson = False,
     force: Force = False,
 ) -> None:
     """Check configuration files of any kind; one plain line for each thing that is wrong."""
@@ -37,7 +39,7 @@ def check(
         raise CommandError("check: no file given: allowed are configuration files, --schema KIND or --write-schemas "
                            "FOLDER")
     if files:
-        _check(files)
+        _check(files, as_json)
 
 
 def kinds_by_name() -> dict[str, Any]:
@@ -65,15 +67,17 @@ def write_all(folder: Path) -> None:
         typer.echo(folder / f"{name}.json")
 
 
-def _check(files: list[str]) -> None:
+def _check(files: list[str], as_json: bool) -> None:
     from drivers.files.config import ConfigError, load_any
     from drivers.files.kinds import CAB, JOB, KINDS, MACHINE
     from drivers.files.setup import disagreements
     wrong: list[str] = []
+    notes: list[str] = []
     read: list[tuple[Any, Any]] = []
     for file in files:
         _refuse_other(Path(file))
-        if _is_reported(Path(file)):
+        if (lines := _of_task(Path(file))) is not None:
+            notes += lines
             continue
         try:
             kind, loaded = load_any(file, KINDS)
@@ -84,18 +88,22 @@ def _check(files: list[str]) -> None:
         if trouble:
             wrong.append(f"{loaded.path}: {trouble}")
             continue
-        typer.echo(f"{loaded.path}: ok ({kind.format})")
         read.append((kind, loaded))
+        own = [*_notes_of(loaded)] if kind is JOB else []
         if kind is JOB:
-            wrong += _of_job(loaded)
-        for warning in getattr(loaded.model, "warnings", ()):
-            typer.echo(f"{loaded.path}: note: {warning}")
+            wrong += [*_map_of(loaded, own), *_product_of(loaded)]
+        notes += [f"{loaded.path}: note: {line}" for line in (*own, *getattr(loaded.model, "warnings", ()))]
     jobs, cabs, machines = ([one for kind, one in read if kind is wanted] for wanted in (JOB, CAB, MACHINE))
     wrong += [line for job in jobs for line in _heads_of(job, cabs)]
     for machine in machines:
-        for line in _products_on(machine.model, jobs):
-            typer.echo(line)
+        notes += _products_on(machine.model, jobs)
         wrong += [line for cab in cabs for line in disagreements(cab, machine.model, str(machine.path))]
+    ok = [{"path": loaded.path, "format": kind.format} for kind, loaded in read]
+    if as_json:
+        say_json({"ok": ok, "notes": notes, "wrong": wrong})
+    else:
+        for line in (*("{path}: ok ({format})".format(**one) for one in ok), *notes):
+            typer.echo(line)
     if wrong:
         raise ConfigError(wrong)
 
@@ -110,28 +118,18 @@ def _refuse_other(path: Path) -> None:
                            f"{CHECKED.words}")
 
 
-def _is_reported(path: Path) -> bool:
-    """Says what a task file, its folder or a zip of it holds, a line each; False for any other file."""
+def _of_task(path: Path) -> list[str] | None:
+    """What a task file, its folder or a zip of it holds, a line each; None for any other file."""
     if not path.is_dir() and not (path.suffix.lower() in (".xml", ".zip") and path.is_file()):
-        return False
+        return None
     from drivers.files.imports.task_log import task_words
-    lines = task_words(path)
-    for line in lines or ():
-        typer.echo(line)
-    return lines is not None
+    return task_words(path)
 
 
-def _of_job(loaded: Any) -> list[str]:
-    """Says what is to be known of a job. Returns what is wrong with the files that it names, a line each."""
-    wrong = [*_map_of(loaded), *_product_of(loaded)]
-    for note in _notes_of(loaded):
-        typer.echo(f"{loaded.path}: note: {note}")
-    return wrong
-
-
-def _map_of(loaded: Any) -> list[str]:
-    """Says what of a job's map will not be applied as it stands, under its ceiling too. Returns what is wrong."""
-    from console.cli.map_notes import print_map_notes
+def _map_of(loaded: Any, notes: list[str]) -> list[str]:
+    """Notes what of a job's map will not be applied as it stands, under its ceiling too. Returns what is wrong."""
+    from console.app.pages.job.map_words import map_words
+    from console.app.units import METRIC
     from drivers.files.config import ConfigError, load
     from drivers.files.kinds import CROP
     from drivers.files.prescriptions.for_job import check_of_job, plants_of_job
@@ -142,7 +140,8 @@ def _map_of(loaded: Any) -> list[str]:
         crop = load(loaded.model.crop, CROP, base=folder).model
         n_year = year_n(loaded, crop, day_clock.today())
         limited = crop if n_year is None else crop.at_most(n_year.most_kg_ha)
-        print_map_notes(check_of_job(loaded.model, limited.max_rate_kg_ha, folder), str(loaded.path))
+        if (found := check_of_job(loaded.model, limited.max_rate_kg_ha, folder)) is not None:
+            notes += map_words(found, METRIC)
         plants_of_job(loaded.model, folder)
     except ConfigError as error:
         return list(error.lines)

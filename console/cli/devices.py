@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from console.cli.plain_errors import FAILED
+from console.cli.plain_output import AsJson, say_json
 
 
 def devices(
@@ -18,6 +19,7 @@ def devices(
     seconds: Annotated[float, typer.Option(metavar="SECONDS", min=0.2, max=60.0,
                                            help="Listen this long at each rate.")] = 1.2,
     no_probe: Annotated[bool, typer.Option("--no-probe", help="List only; open nothing.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """List the ports and what speaks on them. Listens only: nothing is sent to any device."""
     from serial.tools.list_ports import comports
@@ -26,17 +28,21 @@ def devices(
     from drivers.devices.probe import BAUDS
     descriptions = {one.device: one.description or "" for one in sorted(comports())}
     urls = list(ports) if ports else list(descriptions)
-    failed = []
-    if not urls:
+    if not urls and not as_json:
         typer.echo("no serial port on this computer")
+    if not ports and not no_probe:
+        descriptions[every := f"udp://0.0.0.0:{CONSOLE_PORT}"] = "rate modules on the network"
+        urls.append(every)
+    failed = False
     for url in urls:
         said, opened = ("", True) if no_probe else _modules(url, seconds) if url.startswith("udp://") else _line(
             url, [baud] if baud else [115200] if url.startswith("socket://") else list(BAUDS), seconds)
-        if ports and not opened:
-            failed.append(url)
-        typer.echo("  ".join(part for part in (f"{url:32}", descriptions.get(url, ""), said) if part).rstrip())
-    if not ports and not no_probe:
-        typer.echo(f"{'rate modules on the network':32}  {_modules(f'udp://0.0.0.0:{CONSOLE_PORT}', seconds)[0]}")
+        failed |= bool(ports) and not opened
+        description = descriptions.get(url, "")
+        if as_json:
+            say_json({"port": url, "description": description, "opened": opened, "said": said})
+        else:
+            typer.echo("  ".join(part for part in (f"{url:32}", description, said) if part).rstrip())
     if failed:
         raise typer.Exit(FAILED)
 

@@ -1,7 +1,6 @@
 """`topdress effects`: the catalogue."""
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -9,12 +8,13 @@ import typer
 
 from console.cli.inputs import machine_of
 from console.cli.outputs import Force, machine_file, marked, refuse_collisions
+from console.cli.plain_output import AsJson, say_json
 from console.cli.terms import what_terms_are
 from drivers import plugins
 
 
 def effects(
-    as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+    as_json: AsJson = False,
     as_page: Annotated[Path | None, typer.Option("--markdown", metavar="OUT", help="Write the catalogue as a page of "
                                                  "Markdown.")] = None,
     machine: Annotated[str, typer.Option(metavar="MACHINE",
@@ -33,11 +33,11 @@ def effects(
         if not as_json:
             return
     if as_json:
-        typer.echo(json.dumps([{
+        say_json([{
             "id": e.effect.id, "unit": unit_of(e.effect.id, loaded), "low": bounds(e.effect.id, loaded).low,
             "high": bounds(e.effect.id, loaded).high, "title": e.effect.title,
             "physics": e.effect.physics, "source": e.effect.source, "seen_in": list(e.effect.seen_in),
-            "advice": e.effect.advice, "separate": e.effect.separate} for e in CATALOGUE.values()], indent=1))
+            "advice": e.effect.advice, "separate": e.effect.separate} for e in CATALOGUE.values()])
         return
     for e in CATALOGUE.values():
         effect = e.effect

@@ -9,6 +9,7 @@ import typer
 from console.cli.inputs import Reads, need_ending, refuse_other
 from console.cli.outputs import Force, Output, named, refuse_collisions
 from console.cli.plain_errors import CommandError, say_notes
+from console.cli.plain_output import AsJson, say_json
 
 if TYPE_CHECKING:
     from drivers.files.fields.field_data import FieldData
@@ -36,6 +37,7 @@ def field(
                                        "of IN, as ground that is done: the job spreads nothing there again.")] = False,
     largest: Annotated[bool, typer.Option("--largest", help="Of an outline that crosses itself: the largest part that "
                                           "it encloses.")] = False,
+    as_json: AsJson = False,
     force: Force = False,
 ) -> None:
     """Take a field's outline, obstacles, guidance lines and headland into a job, or write a job's field for others."""
@@ -48,12 +50,12 @@ def field(
         files = (out,) if out.suffix else tuple(out / one for one in ("Field.txt", "Boundary.txt", "TrackLines.txt"))
         refuse_collisions(reads, [Output(files)], force)
     if done:
-        _take_done(source, out, job)
+        _take_done(source, out, job, as_json)
         return
     from drivers.files.fields.field_data import uncrossed
     data = uncrossed(_read(source, name), source, largest)
     say_notes(data.findings, f"{source}: ")
-    _tell(data)
+    _tell(data, as_json)
     if out is None:
         return
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -61,7 +63,7 @@ def field(
         _into_job(data, job, line, out, source)
     else:
         _write(data, out)
-    typer.echo(f"written      {out}")
+    typer.echo(f"written      {out}", err=as_json)
 
 
 def _read(source: Path, name: str | None) -> FieldData:
@@ -97,7 +99,7 @@ def _into_job(data: FieldData, job: str, line: str | None, out: Path, source: Pa
     save(out, new, JOB, f"From {loaded.path.name}, its field from {source.name}")
 
 
-def _take_done(source: Path, out: Path | None, job: str) -> None:
+def _take_done(source: Path, out: Path | None, job: str, as_json: bool) -> None:
     """Into a job, as the file that it names: it is read anew at each start."""
     from control.geodesy import TangentPlane
     from drivers.files.config import load, save
@@ -110,7 +112,10 @@ def _take_done(source: Path, out: Path | None, job: str) -> None:
     has_field = bool(ground.boundary_m) and out is not None
     plane = TangentPlane(ground.origin_lat_deg, ground.origin_lon_deg) if has_field else None
     found = read_done(source, plane)
-    typer.echo(f"done         {found.area_ha:.4f} ha, each place once: gets nothing more")
+    if as_json:
+        say_json({"done_ha": found.area_ha})
+    else:
+        typer.echo(f"done         {found.area_ha:.4f} ha, each place once: gets nothing more")
     boundary = ground.boundary()
     if plane is not None and boundary is not None and (away_m := boundary.away_m(found.middle_m)) > FAR_M:
         say_notes([f"lies {away_m / 1000.0:.1f} km from the field of {loaded.path.name}"], f"{source}: ")
@@ -120,12 +125,15 @@ def _take_done(source: Path, out: Path | None, job: str) -> None:
     new = model.model_copy(update={"field": model.field.model_copy(update={"done": str(source.resolve())})})
     out.parent.mkdir(parents=True, exist_ok=True)
     save(out, new, JOB, f"From {loaded.path.name}, done ground from {source.name}")
-    typer.echo(f"written      {out}")
+    typer.echo(f"written      {out}", err=as_json)
 
 
-def _tell(data: FieldData) -> None:
-    plane = data.plane()
-    boundary = data.boundary(plane)
+def _tell(data: FieldData, as_json: bool) -> None:
+    from drivers.files.plain import plain
+    boundary = data.boundary(data.plane())
+    if as_json:
+        say_json({"area_ha": None if boundary is None else boundary.area_ha, **plain(data)})
+        return
     if boundary is not None and data.outline_deg is not None:
         holes = f", {len(data.holes_deg)} obstacles taken out" if data.holes_deg else ""
         typer.echo(f"field        {data.title}: {boundary.area_ha:.4f} ha, {len(data.outline_deg)} corners{holes}")

@@ -12,6 +12,7 @@ import typer
 
 from console.cli.outputs import Force, marked, refuse_collisions
 from console.cli.plain_errors import CANCELLED, CommandError
+from console.cli.plain_output import AsJson, say_json
 from console.cli.progress import ProgressLine
 from drivers import day_clock
 
@@ -45,6 +46,7 @@ def fleet(
     storage: Annotated[list[str] | None, typer.Option("--storage-option", metavar="NAME=VALUE", help="Of the store at "
                                                       "URLs, as fsspec names it; repeatable.")] = None,
     retry: Annotated[bool, typer.Option("--retry", help="Try logs again that could not be read.")] = False,
+    as_json: AsJson = False,
     force: Force = False,
 ) -> None:
     """Diagnose every log once, then all together: the course of each effect by machine, what products, operators and
@@ -81,7 +83,7 @@ def fleet(
             typer.echo(f"\ncancelled: what is done is kept in {out}; the same command goes on", err=True)
             raise typer.Exit(CANCELLED) from None
     took_s = time.monotonic() - begin
-    _print_season(found, known.of if known else {}, out, price, currency)
+    _print_season(found, known.of if known else {}, out, price, currency, as_json)
     twins = f", {found.twins} the same as others" if found.twins else ""
     typer.echo(f"{len(logs)} logs, {len(found.records)} diagnosed ({found.known} before), {len(found.broken)} broken"
                f"{twins}; {took_s:.0f} s", err=True)
@@ -98,7 +100,7 @@ def _options(said: list[str]) -> dict[str, str]:
 
 
 def _print_season(found: Found, rows: Mapping[str, Mapping[str, str]], out: Path, price: float | None,
-                  currency: str) -> None:
+                  currency: str, as_json: bool) -> None:
     from console.reports.fleet_page import aside_words, costliest, fleet_page, low_words, same_words, shared_words
     from console.services.fleet_about import with_words
     from console.services.fleet_season import season
@@ -116,6 +118,9 @@ def _print_season(found: Found, rows: Mapping[str, Mapping[str, str]], out: Path
                       currency=currency, software=f"topdress {software_version()}", aside=whole.aside,
                       by_file_date=whole.by_file_date)
     write_atomically(out / REPORT, page)
+    if as_json:
+        say_json(whole._replace(logs=()))
+        return
     for one in whole.machines:
         typer.echo(f"{one.machine:20} {one.wrong_kg:9.1f} of {one.applied_kg:9.1f} kg  now {one.now_percent:+5.1f} %"
                    f"  {costliest(one)}")

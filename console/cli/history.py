@@ -9,6 +9,7 @@ import typer
 from console.cli.inputs import machine_of, need_ending
 from console.cli.outputs import Force, Output, machine_file, refuse_collisions
 from console.cli.plain_errors import CommandError
+from console.cli.plain_output import AsJson, say_json
 from drivers import day_clock
 
 
@@ -17,6 +18,7 @@ def history(
     undo: Annotated[bool, typer.Option("--undo", help="Take the last change back.")] = False,
     out: Annotated[Path | None, typer.Option(metavar="NEW.yaml", help="Of --undo: where the machine without it goes; "
                                              "the file itself stays as it is.")] = None,
+    as_json: AsJson = False,
     force: Force = False,
 ) -> None:
     """List what diagnoses changed in a machine file: day, data, each effect before and after, each term."""
@@ -33,8 +35,14 @@ def history(
         last = last_change(loaded)
         save(out, undone(loaded, date=day_clock.today().isoformat()), MACHINE)
         assert last is not None
+        if as_json:
+            say_json(last)
+            return
         typer.echo(f"taken back, {out} is without it:")
         typer.echo("\n".join(side_by_side(last)))
+        return
+    if as_json:
+        say_json(loaded.history)
         return
     if not loaded.history:
         typer.echo(f"{machine}: no diagnosis changed this file")

@@ -2,18 +2,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
 from console.cli.inputs import LOG, machine_of, need_ending, refuse_other
 from console.cli.outputs import Force, Output, log_files, new_log_files, refuse_collisions
 from console.cli.plain_errors import CommandError, say_notes
+from console.cli.plain_output import AsJson, say_json
 
 if TYPE_CHECKING:
     from drivers.files.imports.guessed import Guess
     from drivers.files.imports.mapping import ImportFile
     from drivers.files.imports.raw import RawTable
+
+
+_Answer = tuple[dict[str, Any], list[str]]          # as data, and as lines
 
 
 class _ImportOptions(NamedTuple):
@@ -47,6 +51,7 @@ def import_log(
                                             "TLG00001.")] = None,
     values_from: Annotated[str | None, typer.Option(metavar="ddi|presentation", help="Where a device contradicts the "
                                                     "data dictionary on what a rate is worth.")] = None,
+    as_json: AsJson = False,
     force: Force = False,
 ) -> None:
     """Bring in the log of any machine: a run log that diagnose and replay read."""
@@ -59,13 +64,17 @@ def import_log(
         is_log = out is not None and out.suffix.lower() in (".csv", ".parquet", ".pq")
         option = "--mapping" if mapping is not None else "--out"
         need_ending(option, mapping or (None if is_log else out), ".yaml", ".yml")
-        _guess(files, _place_of_guess(files, mapping, out), given, force)
+        found, lines = _guess(files, _place_of_guess(files, mapping, out), given, force)
     elif out is None:
         raise CommandError("import: no --out LOG.csv given; --guess writes a first import file")
     elif _is_copy(files, mapping, out):
-        _copy(files[0], out, force)
+        found, lines = _copy(files[0], out, force)
     else:
-        _import(files, mapping, out, given, force)
+        found, lines = _import(files, mapping, out, given, force)
+    if as_json:
+        say_json(found)
+    else:
+        typer.echo("\n".join(lines))
 
 
 def _said(inside: str | None, task: str | None, device: str | None, log: str | None,
@@ -95,15 +104,15 @@ def _full(machine: str | None) -> dict[str, float]:
             "opening_mm_cmd": limits.opening_high_mm, "opening_mm": limits.opening_high_mm}
 
 
-def _guess(files: list[Path], place: Path, given: _ImportOptions, force: bool) -> None:
+def _guess(files: list[Path], place: Path, given: _ImportOptions, force: bool) -> _Answer:
     from drivers.files.atomic import write_atomically
     from drivers.files.imports.guessed import first_import_file
     refuse_collisions(_read(files), [Output((place,))], force)
     raw, found = _guessed(files, given)
     write_atomically(place, first_import_file(found, files, place))
-    typer.echo(f"{place}: {found.unsure}")
-    for line in (*found.questions, *_elements(raw)):
-        typer.echo(f"{raw.path}: {line}")
+    questions = [*found.questions, *_elements(raw)]
+    return ({"path": place, "unsure": found.unsure, "questions": questions},
+            [f"{place}: {found.unsure}", *(f"{raw.path}: {line}" for line in questions)])
 
 
 def _elements(raw: RawTable) -> list[str]:
@@ -125,7 +134,7 @@ def _read(files: list[Path]) -> list[Path]:
     return [one for path in files for one in files_of(path)]
 
 
-def _import(files: list[Path], mapping_file: Path | None, out: Path, given: _ImportOptions, force: bool) -> None:
+def _import(files: list[Path], mapping_file: Path | None, out: Path, given: _ImportOptions, force: bool) -> _Answer:
     from drivers.files.imports.convert import convert
     from drivers.files.imports.join import joined
     from drivers.files.imports.log_file import is_import_of, write_imported
@@ -139,7 +148,8 @@ def _import(files: list[Path], mapping_file: Path | None, out: Path, given: _Imp
     say_notes((*(f"{part.raw.path}: {found}" for part in log.parts for found in part.findings), *log.findings))
     frame = write_imported(out, log, mapping, mapping_file)
     seconds = float(frame["time_s"][-1])
-    typer.echo(f"{out}: {frame.height} rows, {seconds:.0f} s; columns {', '.join(frame.columns)}")
+    return ({"path": out, "rows": frame.height, "duration_s": seconds, "columns": frame.columns},
+            [f"{out}: {frame.height} rows, {seconds:.0f} s; columns {', '.join(frame.columns)}"])
 
 
 def _written(out: Path) -> tuple[Path, ...]:
@@ -162,7 +172,7 @@ def _is_copy(files: list[Path], mapping: Path | None, out: Path) -> bool:
     return out.suffix.lower() in SUFFIXES and not Opened(files[0]).foreign
 
 
-def _copy(source: Path, out: Path, force: bool) -> None:
+def _copy(source: Path, out: Path, force: bool) -> _Answer:
     from drivers.files.log_store import SUFFIXES, write_store, write_text
     from drivers.files.read_log import read_rows
     refuse_collisions(log_files(source), [Output(_written(out))], force)
@@ -172,7 +182,8 @@ def _copy(source: Path, out: Path, force: bool) -> None:
         write_store(out, log.columns, log.meta, log.findings)
     else:
         write_text(out, log.columns, log.meta)
-    typer.echo(f"{out}: {len(log)} rows, {log.duration_s:.0f} s, {out.stat().st_size / 1e6:.1f} MB")
+    return ({"path": out, "rows": len(log), "duration_s": log.duration_s, "columns": list(log.columns)},
+            [f"{out}: {len(log)} rows, {log.duration_s:.0f} s, {out.stat().st_size / 1e6:.1f} MB"])
 
 
 def _mapping(files: list[Path], place: Path | None, given: _ImportOptions) -> tuple[RawTable | None, ImportFile]:

@@ -1,24 +1,23 @@
 """`topdress info` and `topdress extras`: what is installed where, for a report of trouble and for who misses a part."""
 from __future__ import annotations
 
-import json
 import os
 import platform
 import shutil
 import sys
 from importlib.metadata import requires
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
-AsJson = Annotated[bool, typer.Option("--json", help="As JSON.")]
+from console.cli.plain_output import AsJson, say_json
 
 
 def extras(as_json: AsJson = False) -> None:
     """Say which parts are installed, and what installs the others."""
     found = _extras()
     if as_json:
-        typer.echo(json.dumps(found))
+        say_json(found)
         return
     for one in found:
         state = "installed" if one["installed"] else f"not installed: {one['line']}"
@@ -31,7 +30,7 @@ def info(as_json: AsJson = False) -> None:
         "topdress": _versions(), "computer": _computer(), "folders": _folders(), "ports": _ports(), "screen": _screen(),
         "extras": {one["extra"]: "installed" if one["installed"] else one["line"] for one in _extras()}}
     if as_json:
-        typer.echo(json.dumps(found))
+        say_json(found)
         return
     for title, of in found.items():
         typer.echo(title)

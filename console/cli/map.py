@@ -1,7 +1,6 @@
 """`topdress map`: prescriptions read, summarised and converted; run logs to as-applied exports."""
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -11,6 +10,7 @@ import typer
 from console.cli.inputs import MAP, machine_of, refuse_other
 from console.cli.outputs import Force, Output, log_files, machine_file, marked, refuse_collisions
 from console.cli.plain_errors import CommandError
+from console.cli.plain_output import AsJson, say_json
 from drivers import day_clock
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def map_files(
     polygons: Annotated[bool, typer.Option("--polygons", help="As-applied as ground covered, not points.")] = False,
     merge: Annotated[float | None, typer.Option(metavar="KG_HA", help="Zones whose rates differ by no more than this "
                                                 "step become one; the mass stays.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="The summary as JSON.")] = False,
+    as_json: AsJson = False,
     force: Force = False,
 ) -> None:
     """Read a prescription and convert it, or export what a run log applied."""
@@ -152,14 +152,13 @@ def _tell(read: Imported, as_json: bool) -> None:
     area, mass = sum(s.area_ha for s in shares), sum(s.mass_kg for s in shares)
     grid = read.data.grid
     if as_json:
-        typer.echo(json.dumps({
-            "path": str(read.path), "format": read.format, "rate_from": read.rate_from, "unit": read.unit,
+        say_json({
+            "path": read.path, "format": read.format, "rate_from": read.rate_from, "unit": read.unit,
             "unit_from": read.unit_from, "kg_ha_per_unit": read.factor,
-            "layers": list(read.layers), "zones": len(read.data.zones),
-            "cells": None if grid is None else list(grid.rate_kg_ha.shape), "product": read.data.product,
-            "fallbacks": read.data.fallbacks._asdict(), "area_ha": area, "mass_kg": mass,
-            "check": map_check(read.data)._asdict(), "rates": [share._asdict() for share in shares],
-            "findings": [f._asdict() for f in read.findings]}))
+            "layers": read.layers, "zones": len(read.data.zones),
+            "cells": None if grid is None else grid.rate_kg_ha.shape, "product": read.data.product,
+            "fallbacks": read.data.fallbacks, "area_ha": area, "mass_kg": mass,
+            "check": map_check(read.data), "rates": shares, "findings": read.findings})
         return
     size = many(len(read.data.zones), "zone") if grid is None else "{} x {} cells".format(*grid.rate_kg_ha.shape)
     typer.echo(f"{read.format:12} {size}, numbers in {read.unit}" + (f", {read.data.product}" if read.data.product
@@ -195,7 +194,7 @@ def _export(source: Path, out: Path | None, *, machine: str | None, product: str
     elif out is not None:
         write_as_applied(applied, out, polygons)
     if as_json:
-        typer.echo(json.dumps(summary(applied)))
+        say_json(summary(applied))
         return
     _tell_applied(applied)
     if out is not None:

@@ -1,13 +1,19 @@
-"""What commands say on a terminal: whatever stood in a file or came from a device steers nothing there."""
+"""What commands say: on a terminal, where whatever stood in a file or came from a device steers nothing; as JSON."""
 from __future__ import annotations
 
 import io
+import json
 import os
 import shutil
 import sys
 import textwrap
+from typing import Annotated, Any
+
+import typer
 
 from drivers.plain_text import plain
+
+AsJson = Annotated[bool, typer.Option("--json", help="The answer as JSON, alone on standard output.")]
 
 OVER_THE_LINE = "\r\x1b[K"          # our own lines of progress begin with it
 
@@ -43,6 +49,12 @@ class PlainOutput(io.TextIOWrapper):
         if not (self.complains and line.strip()) or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb":
             return line
         return f"{BLUE if line.startswith('note: ') else RED}{line}{NO_MORE}"
+
+
+def say_json(found: Any) -> None:
+    """A line of JSON: by the names of fields, which have the units in them; null for what is no number."""
+    from drivers.files.plain import plain as as_data
+    typer.echo(json.dumps(json.loads(json.dumps(as_data(found)), parse_constant=lambda _: None), ensure_ascii=False))
 
 
 def take_terminals() -> None:

@@ -9,10 +9,11 @@ import typer
 from console.cli.inputs import LOG, machine_of, need_ending, refuse_other
 from console.cli.outputs import Force, log_files, machine_file, marked, refuse_collisions
 from console.cli.plain_errors import CommandError
+from console.cli.plain_output import AsJson, say_json
 
 if TYPE_CHECKING:
     from control.machine.machine import Machine
-    from drivers.files.exports.farm_record import Pass
+    from drivers.files.exports.farm_record import Pass, Sum
 
 
 def record(
@@ -27,10 +28,11 @@ def record(
     machine: Annotated[str | None, typer.Option(metavar="MACHINE", help="Of logs that name none.")] = None,
     nitrogen: Annotated[float | None, typer.Option(metavar="SHARE", min=0.0, max=1.0, help="N in the product, of logs "
                                                    "that name none.")] = None,
+    as_json: AsJson = False,
     force: Force = False,
 ) -> None:
     """Say what was spread on which field: kilograms, nitrogen, costs; and keep a line of it for the farm's books."""
-    from drivers.files.exports.farm_record import write_record
+    from drivers.files.exports.farm_record import sums, write_record
     from drivers.files.farm_lines import BEGINS
     refuse_other(logs, LOG)
     need_ending("--out", out, ".csv")
@@ -44,11 +46,11 @@ def record(
     if prices and not any(_priced(one, prices) for one in passes):
         raise CommandError(f"--price {', '.join(name for name in prices if name)}: no log spread that: allowed "
                            f"{', '.join(sorted({one.product for one in passes}))}")
-    _tell(passes)
+    _tell(sums(passes), as_json)
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)
         added, replaced = write_record(passes, out)
-        typer.echo(f"written      {out}: {added} added, {replaced} replaced")
+        typer.echo(f"written      {out}: {added} added, {replaced} replaced", err=as_json)
 
 
 def _prices(texts: list[str] | tuple[()]) -> dict[str, float]:
@@ -91,11 +93,13 @@ def _pass(log: Path, machine: Machine | None, nitrogen: float | None, prices: di
                         currency=currency or one.currency)
 
 
-def _tell(passes: list[Pass]) -> None:
-    from drivers.files.exports.farm_record import sums
+def _tell(found: list[Sum], as_json: bool) -> None:
+    if as_json:
+        say_json(found)
+        return
     typer.echo(f"{'product':20} {'field':20} {'passes':>6} {'ha':>10} {'kg':>12} {'kg N':>10} {'kg N/ha':>8} "
                f"{'cost':>12}")
-    for one in sums(passes):
+    for one in found:
         a_hectare = one.nitrogen_kg / one.hectares if one.hectares > 0.0 else 0.0
         cost = "" if one.cost is None else f"{one.cost:.2f} {one.currency}"
         typer.echo(f"{one.product[:20]:20} {(one.field or '-')[:20]:20} {one.passes:6d} {one.hectares:10.4f} "

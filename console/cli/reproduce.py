@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from console.cli.outputs import Force, marked, refuse_collisions
+from console.cli.plain_output import AsJson, say_json
 from console.cli.progress import progress
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ def reproduce(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the page and a CSV of every table.")
                    ] = Path("reproduce"),
     seed: Annotated[int, typer.Option(metavar="NUMBER", min=0, help="Of the simulated canopies and noise.")] = 1,
+    as_json: AsJson = False,
     force: Force = False,
 ) -> None:
     """Recompute the three papers: published next to obtained."""
@@ -41,11 +43,12 @@ def reproduce(
         for k, table in enumerate(section.tables, start=1):
             write_atomically(out / f"{number}-{k}.csv", table_csv(table))
     write_atomically(out / PAGE, paper_page(sections, f"topdress {software_version()}"))
-    for section in sections:
-        typer.echo(section.title)
-        for text in section.words:
-            typer.echo(f"    {text}")
-    typer.echo(f"written      {out / PAGE}")
+    if as_json:
+        say_json([{"title": one.title, "words": one.words, "tables": one.tables} for one in sections])
+    else:
+        for section in sections:
+            typer.echo("\n    ".join((section.title, *section.words)))
+    typer.echo(f"written      {out / PAGE}", err=as_json)
 
 
 def run_papers(seed: int) -> list[Section]:

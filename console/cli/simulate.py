@@ -1,8 +1,6 @@
 """`topdress simulate`: a closed-loop run on the machine model, as fast as it goes."""
 from __future__ import annotations
 
-import json
-import sys
 import time
 from contextlib import nullcontext
 from pathlib import Path
@@ -11,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 from console.cli.inputs import JobName, MachineName, PlantedEffects
-from console.cli.map_notes import print_map_notes
 from console.cli.outputs import Force, new_log_files, refuse_collisions
 from console.cli.plain_errors import CommandError
+from console.cli.plain_output import AsJson, say_json
 from console.cli.progress import progress
 from console.cli.terms import as_terms, parse_terms
 from console.cli.whole_log import log_output, whole_log
@@ -62,10 +60,12 @@ def simulate(
     flow_trim: Annotated[str | None, typer.Option(metavar="on|off", help="May the scale correct the flow model? "
                                                   "Instead of the job's.")] = None,
     summary: Annotated[bool, typer.Option("--summary", help="Rate error, place error, kg, ha.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="The summary as JSON.")] = False,
+    as_json: AsJson = False,
     force: Force = False,
 ) -> None:
     """Run the control loop on the simulated machine and judge what came to lie on the ground."""
+    from console.app.pages.job.map_words import map_words
+    from console.app.units import METRIC
     from control.machine.planting import parse_planted
     from control.machine.plausible import plausible
     from control.simulation.assembly import with_simulated_field
@@ -90,7 +90,9 @@ def simulate(
     terms = parse_terms([*(term or ()), *by_plugin])
     plants_shown = [*([] if plant is None else [f"machine {plant}"]), *(effect or ()), *(term or ())]
     placed = placed_of_job(resolved, setup.folder, setup.machine, setup.crop.index)
-    print_map_notes(check_of_job(resolved, setup.crop.max_rate_kg_ha, setup.folder), job, resolved.warnings)
+    check = check_of_job(resolved, setup.crop.max_rate_kg_ha, setup.folder)
+    for line in (*resolved.warnings, *(() if check is None else map_words(check, METRIC))):
+        typer.echo(f"{job}: note: {line}", err=True)
     with nullcontext() if out is None else whole_log(out, _meta(setup, resolved, seed)) as log:
         run = _run(setup, true, resolved, seed=seed, planted=planted, terms=terms, seconds=seconds, placed=placed,
                    log=log)
@@ -200,11 +202,9 @@ def _tell(run: _Ran, setup: Setup, job: Job, seconds: float, effects: list[str],
                    rule=setup.rule if by_canopy else None)
     one_rate = across(setup.rule, setup.machine, run.heads) if by_canopy and len(run.heads) > 1 else None
     if as_json:
-        summary = {"seconds": seconds, "strategy": job.strategy.in_force.value, "look_ahead": job.look_ahead,
-                "flow_trim": job.flow_trim, "effects": list(effects), **found._asdict(),
-                "one_rate": None if one_rate is None else one_rate._asdict(),
-                "alarm_ticks": alarms, "realtime_factor": round(seconds / took_s, 1)}
-        sys.stdout.write(json.dumps(summary) + "\n")
+        say_json({"seconds": seconds, "strategy": job.strategy.in_force, "look_ahead": job.look_ahead,
+                  "flow_trim": job.flow_trim, "effects": effects, **found._asdict(), "one_rate": one_rate,
+                  "alarm_ticks": alarms, "realtime_factor": round(seconds / took_s, 1)})
         return
     typer.echo(f"{seconds:g} s, {job.strategy.in_force.value}, look-ahead {'on' if job.look_ahead else 'off'}, "
                f"flow trim {'on' if job.flow_trim else 'off'}" + (f", planted {', '.join(effects)}" if effects else ""))
@@ -233,10 +233,9 @@ def _tell_points(run: _Ran, learned: _Ran, fixed: _Ran, job: Job, seconds: float
     assert learned.doses is not None and fixed.doses is not None
     with_it, without = learned.doses.errors(SETTLE_DOSES), fixed.doses.errors(SETTLE_DOSES)
     if as_json:
-        summary = {"seconds": seconds, "effects": list(effects), "learn_threshold": job.target.learn_threshold,
-                "with_threshold": with_it._asdict(), "without_threshold": without._asdict(),
-                "alarm_ticks": run.alarms, "realtime_factor": round(seconds / run.took_s, 1)}
-        sys.stdout.write(json.dumps(summary) + "\n")
+        say_json({"seconds": seconds, "effects": effects, "learn_threshold": job.target.learn_threshold,
+                  "with_threshold": with_it, "without_threshold": without,
+                  "alarm_ticks": run.alarms, "realtime_factor": round(seconds / run.took_s, 1)})
         return
     typer.echo(f"{seconds:g} s, point mode, doses of {job.target.dose_angle_deg:g} degrees"
                + (f", planted {', '.join(effects)}" if effects else ""))

@@ -9,6 +9,7 @@ import typer
 from console.cli.inputs import LOG, machine_of, refuse_other
 from console.cli.outputs import Force, log_files, machine_file, marked, refuse_collisions
 from console.cli.plain_errors import CommandError
+from console.cli.plain_output import AsJson, say_json
 
 
 def trial(
@@ -22,6 +23,7 @@ def trial(
                                                 "it the one that got least.")] = None,
     machine: Annotated[str | None, typer.Option(metavar="MACHINE", help="Of logs that name none.")] = None,
     out: Annotated[Path, typer.Option(metavar="PAGE.html", help="The page.")] = Path("trial.html"),
+    as_json: AsJson = False,
     force: Force = False,
 ) -> None:
     """Look at a trial of one's own as the decision paper does: canopy, decision rate, amounts and yields by plot."""
@@ -43,6 +45,8 @@ def trial(
     except ValueError as error:
         raise CommandError(str(error)) from None
     write_atomically(out, paper_page([section], f"topdress {software_version()}", "Trial, by plot"))
-    for text in section.words:
-        typer.echo(text)
-    typer.echo(f"written      {out}")
+    if as_json:
+        say_json({"words": section.words, "tables": section.tables})
+    else:
+        typer.echo("\n".join(section.words))
+    typer.echo(f"written      {out}", err=as_json)

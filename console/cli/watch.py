@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from console.cli.inputs import LOG, refuse_bench_table, refuse_other
+from console.cli.plain_output import AsJson, say_json
 
 if TYPE_CHECKING:
     from control.diagnosis.result import Departure
@@ -20,6 +21,7 @@ def watch(
                                                 "default: the one that the log names, else huanghai.")] = None,
     to_end: Annotated[bool, typer.Option("--to-end", help="End with the log instead of waiting for more of "
                                          "it.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Tell in one line when the machine departs from its model, and when it is back. Ctrl-C ends."""
     from console.cli.plain_errors import CommandError
@@ -40,7 +42,10 @@ def watch(
         for look in followed(log, machine, wait, lambda said: typer.echo(said, err=True)):
             looks += 1
             if look.departure != last:
-                typer.echo(f"{clock(look.at_s)}  {said(look.departure)}")
+                if as_json:
+                    say_json({"at_s": look.at_s, "departure": look.departure})
+                else:
+                    typer.echo(f"{clock(look.at_s)}  {said(look.departure)}")
             last = look.departure
     except KeyboardInterrupt:
         pass

@@ -15,7 +15,8 @@ from pydantic_core import core_schema
 
 
 def plain(value: Any) -> Any:
-    """Models, NamedTuples, data classes, enums, dates and paths as mappings, lists, texts, numbers; else TypeError."""
+    """Models, NamedTuples, data classes, arrays, enums, dates and paths as mappings, lists, texts, numbers; else
+    TypeError."""
     if isinstance(value, BaseModel):
         return {info.alias or name: plain(getattr(value, name)) for name, info in type(value).model_fields.items()}
     if isinstance(value, tuple) and hasattr(value, "_asdict"):
@@ -26,8 +27,8 @@ def plain(value: Any) -> Any:
         return {str(plain(key)): plain(part) for key, part in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
         return [plain(part) for part in value]
-    if isinstance(value, Enum):
-        return plain(value.value)
+    if isinstance(value, Enum) or hasattr(value, "tolist"):
+        return plain(value.value if isinstance(value, Enum) else value.tolist())
     if isinstance(value, dt.date | dt.time):
         return value.isoformat()
     if isinstance(value, PurePath):

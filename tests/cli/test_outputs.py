@@ -11,11 +11,15 @@ from pathlib import Path
 
 import pytest
 import typer
+from serial.tools.list_ports_common import ListPortInfo
 from typer.models import OptionInfo
 from typer.testing import CliRunner, Result
 
 from console.cli import app
-from drivers.files.config import shipped
+from control.machine.history import noted
+from control.machine.machine import Machine, with_effect
+from drivers.files.config import save, shipped
+from drivers.files.kinds import MACHINE
 from drivers.files.prescriptions.read import read_prescription
 from drivers.files.prescriptions.write import write_prescription
 
@@ -330,3 +334,44 @@ def test_a_log_may_lie_in_the_folder_of_its_task(place: Path) -> None:
 def test_two_outputs_of_one_command_have_two_places(place: Path) -> None:
     assert "two outputs" in refused(invoke("diagnose", "--json", "a.html", "--report", "./a.html"))
     assert not (place / "a.html").exists()
+
+
+# --- The answer as JSON ----------------------------------------------------------------------------------------------
+
+NO_ANSWER = {"run", "replay", "serve", "serve-machine", "machine", "live"}    # draw, serve, ask; live says only JSON
+
+
+def test_every_command_that_answers_does_so_as_json_too() -> None:
+    commands = typer.main.get_command(app).commands         # type: ignore[attr-defined]
+    every = commands | {f"calibrate {name}": one for name, one in commands["calibrate"].commands.items()}
+    silent = {name for name, one in every.items() if "--json" not in [word for option in one.params
+                                                                       for word in option.opts]}
+    assert silent == NO_ANSWER | {"calibrate"}
+
+
+@pytest.mark.parametrize(("words", "names"), [          # diagnose, compare, watch, trial and decode: their own tests
+    ("simulate --seconds 2", {"rate_error_kg_ha", "alarm_ticks"}), ("map run.csv", {"applied_kg"}),
+    ("map plan.geojson", {"rates", "fallbacks"}), ("effects", {"id", "physics"}), ("info", {"folders"}),
+    ("extras", {"line"}), ("check job.yaml machine.yaml", {"ok", "notes", "wrong"}),
+    ("check bad.yaml", {"ok", "notes", "wrong"}), ("history new.yaml", {"effects", "terms", "data"}),
+    ("history new.yaml --undo --out old.yaml", {"effects", "terms", "data"}),
+    ("record run.csv --out farm.csv", {"kilograms", "nitrogen_kg"}), ("devices --no-probe", {"port", "said"}),
+    ("field plan.geojson --out a.yaml", {"title", "area_ha", "outline_deg"}),
+    ("field plan.geojson --done", {"done_ha"}),
+    ("import --guess other.csv", {"unsure", "questions"}), ("import run.csv --out a.parquet", {"rows"}),
+    ("import other.csv --mapping import.yaml --out a.csv", {"rows", "duration_s", "columns"}),
+    ("calibrate catch catch.csv --out a.yaml", {"grams_per_rev_mm"}),
+    ("calibrate lag lag.csv --out a.yaml", {"lag", "tube"}),
+    ("fleet run.csv --out season --workers 1", {"machines", "fit"})])
+def test_json_stands_alone_on_standard_output(place: Path, words: str, names: set[str],
+                                              monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [ListPortInfo("/dev/ttyS9")])
+    Path("bad.yaml").write_text("format: topdress-machine/1\nflow: {gain_percent: 700}\n")
+    after = with_effect(Machine(), "flow.gain", 3.0)
+    save(Path("new.yaml"), noted(Machine(), after, data="run.csv", date="2026-07-09"), MACHINE)
+    Path("lag.csv").write_text("shaft_rpm,lag_s\n" + "".join(
+        f"{rpm},{2.2118 - 0.0083 * rpm + 0.01 * k:.3f}\n" for rpm in range(10, 80, 10) for k in (-1, 0, 1)))
+    done = CliRunner().invoke(app, [*words.split(), "--json"])
+    assert done.exit_code == (2 if "bad" in words else 0), done.output
+    found = json.loads(done.stdout)
+    assert names <= set(found[0] if isinstance(found, list) else found)

@@ -1,4 +1,5 @@
 """`topdress watch`: lines for a person, one clear line where nothing can be said, and an end where one is asked for."""
+import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -35,6 +36,9 @@ def test_what_departs_is_said_once_and_when_it_is_over(tmp_path: Path, monkeypat
         "0:11:00  4 % too little flows since 0:10:00. Probably: Flutes fill less at high shaft speed; "
         "adopt it into the machine file: topdress diagnose --adopt", "0:45:00  as the model says again"]
     assert "4 looks" in done.stderr
+    done = RUNNER.invoke(app, ["watch", str(log), "--to-end", "--json"])
+    found = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [one["at_s"] for one in found] == [660.0, 2700.0] and found[0]["departure"]["cause"] == FOUND.cause
 
 
 @pytest.mark.parametrize("text", ["", rows(100)])

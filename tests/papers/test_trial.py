@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import csv
+import json
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -111,6 +112,7 @@ def test_one_page(driven: Driven) -> None:
     assert "target.decision_hz" in told.stdout and "the paper's are +7.17 and 8.42 %" in told.stdout
     text = page.read_text()
     assert text.count("<svg") == 3 and "Canopy index by plot" in text and "what each has more than A" in text
+    assert "target.decision_hz" in json.loads(topdress(*arguments, "--json").stdout)["words"][0]
     wrong = topdress(*arguments, "--control", "C", "--force")
     assert wrong.exit_code == 2 and "--control C: allowed is one of A, B" in wrong.output
 
