@@ -222,6 +222,15 @@ def test_cancelling_leaves_nothing_half_written(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+def test_cancelled_as_its_files_begin_it_leaves_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def half(path: Path, meta: object) -> None:
+        path.with_suffix(".yaml").write_text("format: topdress-run-log/1\n")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("drivers.files.run_log.PlainLogWriter", half)
+    done = runner.invoke(app, ["simulate", "--seconds", "2", "--out", str(tmp_path / "a.csv")])
+    assert done.exit_code == 130 and list(tmp_path.iterdir()) == []
+
 
 def test_diagnose_tells_a_bench_table_apart_from_a_run(tmp_path: Path) -> None:
     table = tmp_path / "lag.csv"
