@@ -400,26 +400,22 @@ def _with_odds(season: Season, seen: Scan) -> Scan:
         np.isfinite(names[:rows]), names[:rows], 0.0)))
 
 
-def _counts(season: Season, causes: Iterable[EffectAtLevel]) -> Array:
-    """(q,) machines that have each effect, of a set each by its probability."""
-    counts = np.zeros(len(season.logs.names))
-    for cause in causes:
-        for one in cause.alternatives:
-            counts[season.logs.names.index(one.effect)] += one.probability * (one.factor == MACHINE)
-        counts[cause.effect] += cause.row < len(season.machines) and not cause.alternatives
-    return counts
-
-
 def urn(counts: Array) -> Array:
     """(..., q) log prior odds of each effect on a machine, by how many others have each (Polya's urn)."""
     return np.asarray(np.log(PRIOR) + np.log1p(counts) - np.log1p(counts.mean(axis=-1, keepdims=True)))
 
 
 def names_prior(season: Season) -> Array:
-    """(rows, q) log prior odds; -inf: it cannot."""
+    """(rows, q) log prior odds, by the machines that have each effect, of a set each by its probability; -inf: it
+    cannot."""
+    counts = np.zeros(len(season.logs.names))
+    for cause in season.causes:
+        for one in cause.alternatives:
+            counts[season.logs.names.index(one.effect)] += one.probability * (one.factor == MACHINE)
+        counts[cause.effect] += cause.row < len(season.machines) and not cause.alternatives
     others = np.array([factor not in (MACHINE, FLEET) for factor, _ in season.levels.keys])
     scale = np.array([row_of(name).stage in OF_MACHINES_ONLY for name in season.logs.names])
-    return np.where(others[:, None] & scale, -np.inf, urn(_counts(season, season.causes)))
+    return np.where(others[:, None] & scale, -np.inf, urn(counts))
 
 
 def found(logs: Logs) -> Season:
