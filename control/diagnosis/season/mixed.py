@@ -80,15 +80,14 @@ class Alternative(NamedTuple):
 
 class EffectAtLevel(NamedTuple):
     """One effect at one level (its row). columns: (logs, k) its terms' share in each log of `at`, of prior s.d. `sd`
-    (k,). scatter: of each log of `within`, all logs of its machines."""
+    (k,). scatter: variance of each of these logs, of what machines share one for all logs of these."""
 
     row: int
     effect: int
     at: Indices
     columns: Array
     sd: Array
-    within: Indices = np.zeros(0, np.int64)
-    scatter: Array = np.zeros(0)
+    scatter: Array = np.zeros(1)
     course: Partition | None = None         # of a machine's: over the logs `at`
     log_odds: float = 0.0
     alternatives: tuple[Alternative, ...] = ()
@@ -150,7 +149,7 @@ class Season(NamedTuple):
     causes: tuple[EffectAtLevel, ...]
     machines: tuple[OneMachine, ...]
     shared: Sizes
-    begins: dict[int, int]                  # where a cause's terms begin among those that are shared
+    place: dict[int, int]                   # of a cause's term among those that are shared
 
     def sizes_of(self, number: int) -> tuple[Array, Array]:
         """Posterior mean and covariance of a cause's terms."""
@@ -159,8 +158,8 @@ class Season(NamedTuple):
             one = self.machines[cause.row]
             here = one.terms[number]
             return one.b[here], one.cov[here, here]
-        at = slice(self.begins[number], self.begins[number] + len(cause.sd))
-        return self.shared.b[at], self.shared.cov[at, at]
+        at = [self.place[number]]
+        return self.shared.b[at], self.shared.cov[np.ix_(at, at)]
 
     def of_effect(self, number: int) -> tuple[Array, Array]:
         """Score and information of a cause's effect in each log `at`, all other terms at their means."""
@@ -196,60 +195,55 @@ def solved(logs: Logs, levels: Levels, causes: Sequence[EffectAtLevel], before: 
     """The posterior of all terms: each machine's own eliminated, the shared ones solved, and back. A machine whose
     causes have the terms that they had `before` is not made anew."""
     mine: list[list[int]] = [[] for _ in logs.machines]
-    begins, sd = dict[int, int](), list[Array]()
     for number, cause in enumerate(causes):
         for machine in levels.machines[cause.row]:
             mine[machine].append(number)
-        if cause.row >= len(logs.machines):
-            begins[number] = sum(map(len, sd))
-            sd.append(cause.sd)
-    total = sum(map(len, sd))
+    several = [number for number, cause in enumerate(causes) if cause.row >= len(logs.machines)]
+    place, total = {number: k for k, number in enumerate(several)}, len(several)
     shared, parts = Gaussian(np.zeros((total, total)), np.zeros(total)), list[OneMachine]()
     for machine, numbers in enumerate(mine):
-        numbers.sort(key=lambda one: one in begins)         # a machine's own first
+        numbers.sort(key=lambda one: one in place)          # a machine's own first
         of = tuple(causes[number] for number in numbers)
         one = before.machines[machine] if before else None
         if one is None or len(of) != len(one.of) or any(
                 new.columns is not old.columns or new.scatter is not old.scatter
                 for new, old in zip(of, one.of, strict=True)):
-            one = _terms(logs, machine, of, [number in begins for number in numbers])
+            one = _terms(logs, machine, of)
         ends = len(one.products.s) - np.cumsum([0, *(len(cause.sd) for cause in of[::-1])])[::-1]
-        place = [begins[number] + np.arange(len(causes[number].sd)) for number in numbers if number in begins]
-        one = one._replace(place=np.concatenate([*place, np.zeros(0, np.int64)]), terms={
+        one = one._replace(place=np.array([place[each] for each in numbers if each in place], np.int64), terms={
             number: slice(*each) for number, each in zip(numbers, pairwise(ends.tolist()), strict=True)})
         shared.A[one.place[:, None], one.place] += one.alone[2].A
         shared.s[one.place] += one.alone[2].s
         parts.append(one)
-    sizes = shared.fit(np.concatenate([*sd, np.zeros(0)]))
-    return Season(logs, levels, tuple(causes), tuple(_with_posterior(one, sizes) for one in parts), sizes, begins)
+    sizes = shared.fit(np.array([causes[number].sd[0] for number in several]))
+    return Season(logs, levels, tuple(causes), tuple(_with_posterior(one, sizes) for one in parts), sizes, place)
 
 
-def _terms(logs: Logs, machine: int, of: tuple[EffectAtLevel, ...], shared: Sequence[bool]) -> OneMachine:
+def _terms(logs: Logs, machine: int, of: tuple[EffectAtLevel, ...]) -> OneMachine:
     here, q, width = logs.of(machine), len(logs.names), logs.every.s.shape[1]
     count = here.stop - here.start
-    variance, shares = np.zeros((count, width)), list[Array]()
+    variance, shares, own = np.zeros((count, width)), list[Array](), list[Array]()
     for cause in of:
         low, high = np.searchsorted(cause.at, [here.start, here.stop])
-        share = np.zeros((count, len(cause.sd)))
-        share[cause.at[low:high] - here.start] = cause.columns[low:high]
+        at, share = cause.at[low:high] - here.start, np.zeros((count, len(cause.sd)))
+        share[at] = cause.columns[low:high]
         shares.append(share)
-        low, high = np.searchsorted(cause.within, [here.start, here.stop])
-        at = cause.within[low:high] - here.start
-        variance[at, cause.effect] = np.maximum(variance[at, cause.effect], cause.scatter[low:high])
+        if cause.row == machine:
+            own.append(cause.sd)
+        scatters = at if cause.row == machine else np.arange(count)
+        variance[scatters, cause.effect] = np.maximum(variance[scatters, cause.effect], cause.scatter)
     likely = Gaussian(logs.every.A[here], logs.every.s[here])
     if variance.any():
         likely = with_scatter(likely, variance)
     open_ = q + np.flatnonzero(np.any(likely.A[:, q:, q:] != 0.0, axis=(0, 2)))      # tolerances before all else
     share = np.concatenate([np.ones((count, len(open_))), *shares], axis=1)
     at = np.concatenate([open_, *(np.full(len(cause.sd), cause.effect) for cause in of)])
-    cross = likely.A[:, :, at] * share[:, None, :]
+    cross, sd = likely.A[:, :, at] * share[:, None, :], np.concatenate([np.ones(len(open_)), *own])
     products = Gaussian(np.einsum("nk,nkl->kl", share, cross[:, at]), np.sum(share * likely.s[:, at], axis=0))
-    own = np.concatenate([np.ones(len(open_)), *(
-        cause.sd for cause, with_others in zip(of, shared, strict=True) if not with_others)])
     return OneMachine(
         of, here, Gaussian(likely.A[:, :q, :q], likely.s[:, :q]),
-        np.ascontiguousarray(cross[:, :q].transpose(1, 2, 0)), products, own, np.any(variance[:, :q] > 0.0, axis=0),
-        _eliminated(products, own))
+        np.ascontiguousarray(cross[:, :q].transpose(1, 2, 0)), products, sd, np.any(variance[:, :q] > 0.0, axis=0),
+        _eliminated(products, sd))
 
 
 def _eliminated(products: Gaussian, own: Array) -> tuple[Sizes, Array, Gaussian]:
@@ -331,7 +325,7 @@ def scan(season: Season) -> Scan:
         places.append(np.stack([each.ravel() for each in np.meshgrid(which, one.place, indexing="ij")]))
         values.append((crossed[..., own:] - turned @ across.swapaxes(1, 2)).reshape(q, -1))
         _doubts(season, one, which, has, weight * information, doubts)
-    sizes = shared.fit(np.concatenate([season.causes[one].sd for one in season.begins] or [np.zeros(0)]))
+    sizes = shared.fit(np.array([season.causes[one].sd[0] for one in season.place]))
     at, value = np.concatenate(places, axis=1), np.concatenate(values, axis=1)
     cross = tuple(csr_array((value[k], at), shape=(len(score), total)) for k in range(q))
     for k, each in enumerate(cross):
@@ -339,8 +333,8 @@ def scan(season: Season) -> Scan:
         took[:, k] += np.asarray(each.multiply(each @ sizes.cov[k]).sum(axis=1)).ravel() if total else 0.0
     information = np.where(raw - took > NOTHING * raw, raw - took, 0.0)
     score = np.where(information > 0.0, score, 0.0)
-    return _with_odds(season, Scan(score, information, np.zeros_like(score), np.zeros((rows, q)), {
-        key: each / np.maximum(raw[key[0]], LEAST) for key, each in doubts.items()}, cross, sizes.cov))
+    shares = {key: each / np.maximum(raw[key[0]], LEAST) for key, each in doubts.items()}
+    return Scan(score, information, *_odds(season, score, information, shares), shares, cross, sizes.cov)
 
 
 def _levels_of_machine(season: Season, machine: int) -> tuple[Indices, Array]:
@@ -382,13 +376,15 @@ def doubt(season: Season, doubts: dict[tuple[int, int], Array], gained: Array) -
     return result
 
 
-def _with_odds(season: Season, seen: Scan) -> Scan:
+def _odds(season: Season, score: Array, information: Array, doubts: dict[tuple[int, int], Array]
+          ) -> tuple[Array, Array]:
+    """s.d. of the slab, and log odds for against."""
     levels, rows, count = season.levels, len(season.levels.keys), len(season.machines)
-    each = np.stack([gain(seen.information, seen.score, sd) for sd in slab(season.logs)])        # (grid, rows, q)
+    each = np.stack([gain(information, score, sd) for sd in slab(season.logs)])        # (grid, rows, q)
     names = names_prior(season)
     names = np.concatenate([names, names[:count], names[:count]])
     factors = np.array([one[0] for one in levels.keys] + ["rise"] * count + ["fall"] * count)
-    tau, odds = np.zeros_like(seen.score), np.zeros_like(seen.score)
+    tau, odds = np.zeros_like(score), np.zeros_like(score)
     for factor in np.unique(factors):
         of = np.flatnonzero(factors == factor)
         best = np.argmax(np.logaddexp(0.0, each[:, of] + names[of]).sum(axis=1), axis=0)
@@ -396,8 +392,8 @@ def _with_odds(season: Season, seen: Scan) -> Scan:
         odds[of] = np.take_along_axis(each[:, of], best[None, None], axis=0)[0] + names[of]
     shapes = np.stack([odds[:count], odds[rows:rows + count], odds[rows + count:]])
     odds[:count] = logsumexp(shapes, axis=0) - np.log(len(shapes))
-    return seen._replace(tau=tau, odds=odds[:rows] - doubt(season, seen.doubts, odds[:rows] - np.where(
-        np.isfinite(names[:rows]), names[:rows], 0.0)))
+    return tau, odds[:rows] - doubt(season, doubts, odds[:rows] - np.where(
+        np.isfinite(names[:rows]), names[:rows], 0.0))
 
 
 def urn(counts: Array) -> Array:
@@ -481,16 +477,13 @@ def _made(season: Season, numbers: Iterable[int]) -> Season:
             curve, scatter = smooth(_basis(times_d), score[:, None], information[:, None])
             course = partition(times_d, score / information, 1.0 / information, sd, curve[:, 0], float(scatter[0]))
             columns, sds = _of_stretches(times_d, course, sd)
-            causes[number] = cause._replace(at=at, columns=columns, sd=sds, within=at, scatter=course.scatter,
-                                            course=course)
+            causes[number] = cause._replace(at=at, columns=columns, sd=sds, scatter=course.scatter, course=course)
         else:
             sd = _level_sd(season, score.sum(keepdims=True), information.sum(keepdims=True), cause.effect)
-            parts = [season.machines[k] for k in season.levels.machines[cause.row]]
-            within = np.concatenate([np.arange(one.logs.start, one.logs.stop) for one in parts])
             # One for all: a machine's own is uncertain, and its logs would count the more the less it happens to be.
-            scatter = np.mean([_scatter(season.logs, one)[cause.effect] for one in parts
-                               if not one.taken[cause.effect]] or [0.0])
-            causes[number] = cause._replace(sd=np.array([sd]), within=within, scatter=np.full(len(within), scatter))
+            scatter = np.mean([_scatter(season.logs, one)[cause.effect] for one in (
+                season.machines[k] for k in season.levels.machines[cause.row]) if not one.taken[cause.effect]] or [0.0])
+            causes[number] = cause._replace(sd=np.array([sd]), scatter=np.array([scatter]))
     return solved(season.logs, season.levels, causes, season)
 
 
@@ -634,7 +627,7 @@ def _alternatives(season: Season, seen: Scan, held: set[tuple[int, int]],
         return Gaussian(information + pull @ cov @ pull.swapaxes(1, 2), score + pull @ b).fit(sd)
 
     if own is None:
-        here = np.array([season.begins[number]])
+        here = np.array([season.place[number]])
         shared = np.array([_through(seen, k, np.array([cause.row]), here) for k in effects])
         sizes = gains(seen.information[cause.row, effects][:, None, None], seen.score[cause.row, effects][:, None],
                       shared, cause.sd * usual[effects, None] / usual[cause.effect])
