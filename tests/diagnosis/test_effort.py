@@ -101,7 +101,8 @@ def simulated(topdress: Callable[..., Result], folder: Path, effect: str) -> Col
     return dict(read_log(run).columns)
 
 
-@pytest.mark.parametrize("scale", [True, False], ids=["scale", "no scale"])
+@pytest.mark.parametrize("scale", [pytest.param(True, id="scale", marks=pytest.mark.exam),
+                                   pytest.param(False, id="no scale")])
 @pytest.mark.parametrize(("effect", "size"), [("flow.blocked_outlet=16.7@200", 16.7), ("flow.bridging=10", 10.0)])
 def test_what_a_loop_hides_is_named_in_closed_loop(effect: str, size: float, scale: bool,
                                                    topdress: Callable[..., Result],

@@ -53,7 +53,7 @@ def ramped(seed: int, ramp_s: float, slow_s: float = 0.0) -> Columns:
     return a_log(0.05, command, speed + 3.0 * rng.standard_normal(len(command)))
 
 
-@pytest.mark.parametrize("ramp_s", [0.6, 2.0])
+@pytest.mark.parametrize("ramp_s", [0.6, pytest.param(2.0, marks=pytest.mark.exam)])
 def test_a_ramp_is_named_with_its_size(ramp_s: float) -> None:
     found = diagnose_run(ramped(3, ramp_s), RAMPED)
     ramp = next(one for one in found.causes if one.id == "shaft.ramp")
@@ -175,7 +175,7 @@ OFF_ZERO: list[tuple[str, Callable[[Any], Any], float, float, float, dict[str, f
 
 
 @pytest.mark.parametrize(("goal", "low", "high", "stops", "sizes"), [
-    pytest.param(*of, id=words) for words, *of in OFF_ZERO])
+    pytest.param(*of, id=words, marks=[pytest.mark.exam] * ("servo" not in words)) for words, *of in OFF_ZERO])
 def test_a_drive_that_stands_at_another_command_than_zero(goal: Callable[[Any], Any], low: float, high: float,
                                                           stops: float, sizes: dict[str, float]) -> None:
     found = diagnose_run(off_zero(3, goal, low, high, stops), DRIVE)
@@ -188,8 +188,9 @@ def test_a_drive_that_stands_at_another_command_than_zero(goal: Callable[[Any], 
 
 @pytest.mark.parametrize(("goal", "names"), [
     pytest.param(lambda u: u, set(), id="nothing"),
-    pytest.param(lambda u: 1.1 * np.maximum(0.0, u - 60.0), {"shaft.gain", "shaft.dead_zone"}, id="a dead zone"),
-    pytest.param(lambda u: u / (1.0 + 0.25 * u / 650.0), {"shaft.saturation"}, id="a curve"),
+    pytest.param(lambda u: 1.1 * np.maximum(0.0, u - 60.0), {"shaft.gain", "shaft.dead_zone"}, id="a dead zone",
+                 marks=pytest.mark.exam),
+    pytest.param(lambda u: u / (1.0 + 0.25 * u / 650.0), {"shaft.saturation"}, id="a curve", marks=pytest.mark.exam),
 ])
 def test_what_stands_at_zero_has_no_neutral_point(goal: Callable[[Any], Any], names: set[str]) -> None:
     for stops in (0.0, 0.15):

@@ -61,7 +61,8 @@ CASES = {"rings": (rings(15.0, 0.25), 0.5 / 15.0 - 0.06, 2.0 / 15.0, 44.4),
          "two short lags": (two_lags(0.06, 0.03), 0.03, 0.02, 0.0)}
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.exam] * (name not in ("rings", "two lags")))
+                                  for name in CASES])
 def test_it_is_named_with_its_size_said_and_the_file_with_it_predicts_another_recording(name: str, tmp_path: Any
                                                                                        ) -> None:
     response, slow_s, second_s, overshoot_percent = CASES[name]
