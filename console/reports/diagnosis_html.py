@@ -59,7 +59,7 @@ def diagnosis_page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
     parts = (
         _head(found),
         _next_run(found) if found.verdict == "ambiguous" else "",
-        section("About the data", items(found.findings) if found.findings else ""),
+        section("About the data", items(found.findings)),
         section("What was found", *(_cause(cause, pictures.causes[k]) for k, cause in enumerate(found.causes))),
         section("What no known effect explains", *(
             paragraph(sentences.left(one, found.data.kind)) + figure(picture)

@@ -31,16 +31,19 @@ def fleet_page(machines: Sequence[MachineSeason], fit: SeasonFit, *, low: Sequen
                    sum(one.most_kg for one in machines))
     said = _("{wrong} of {kg} kg were spread too much or too little").format(wrong=wrong, kg=fixed(kg, 0))
     head = [_("machine"), _("logs"), _("hours"), _("applied, kg"), _("spread wrongly, kg"),
-            *([] if price is None else [_("money, {currency}").format(currency=currency)]), _("dose now, %"),
+            *([] if price is None else [_("money, {currency}").format(currency=currency)]), _("dose now by itself, %"),
             _("by operator, product, field, %"), _("costliest cause")]
     rows = [[one.machine, str(one.logs), fixed(one.hours, 1), fixed(one.applied_kg, 0),
              _about(one.wrong_kg, one.least_kg, one.most_kg, 1),
              *([] if price is None else [_about(price * one.wrong_kg, price * one.least_kg, price * one.most_kg)]),
-             _about(one.now_percent, one.now_least, one.now_most, 1, "+"), f"{one.others_percent:+.1f}",
+             _about(one.now_percent, one.now_least, one.now_most, 1, "+z"), f"{one.others_percent:+z.1f}",
              costliest(one)] for one in machines]
     numbers = frozenset(range(1, len(head) - 1))
     parts = [
-        section(_("Machines, worst first"), table(head, rows, numbers)),
+        section(_("Machines, worst first"), table(head, rows, numbers), paragraph(_(
+            "In brackets: between what it lies where logs cannot tell which of several causes it is. What causes spread "
+            "wrongly may add up to more than the machine's kilograms: too much by one makes up for too little by "
+            "another."), "dim")),
         section(_("At the next service"), items(service(machines))),
         section(_("What logs share"), items([*(shared_words(one, units) for one in fit.shared),
                                              *map(same_words, fit.same), *map(low_words, low)])),
@@ -66,7 +69,7 @@ def _about(expected: float, least: float, most: float, digits: int = 0, sign: st
 def _level_tables(fit: SeasonFit, units: Mapping[str, str]) -> Iterator[str]:
     """Every operator and product of each effect that is reported, the commonest among them, with its interval."""
     for effect in sorted({one.effect for one in fit.levels}):
-        rows = [[_factor(one), str(one.logs), f"{one.size:+.2f} +- {fixed(one.half, 2)}",
+        rows = [[_factor(one), str(one.logs), f"{one.size:+z.2f} +- {fixed(one.half, 2)}",
                  f"{100.0 * one.probability:.0f}", "" if one.apart else _("these logs cannot part it from others")]
                 for one in fit.levels if one.effect == effect and one.factor in ("operator", "product")]
         if rows:
@@ -127,7 +130,7 @@ def _advice(cause: Cause) -> str:
     said = [owner_words(effect, sizes[effect]) for effect in dict.fromkeys((cause.effect, *cause.alike))]
     if len(said) == 1:
         return said[0]
-    return _("find out which it is, likeliest first: {each}").format(each="; ".join(said))
+    return _("find out which it is, likeliest first: {each}").format(each=_(" Or: ").join(said))
 
 
 def owner_words(effect: str, size: float) -> str:
@@ -137,13 +140,13 @@ def owner_words(effect: str, size: float) -> str:
                                        advice=_(found.advice))
 
 
-def course_words(course: Cause, unit: str) -> str:
-    """How an effect went over the season, in one sentence."""
+def course_words(course: Cause, unit: str, kg: str) -> str:
+    """How an effect went over the season, in one sentence. kg: what it spread wrongly."""
     last = course.pieces[-1]
-    said = _("{title}: {size} {unit} +- {half} at the end").format(
-        title=titled(course.effect), size=f"{last.end:+.2f}", half=fixed(last.end_half, 2), unit=unit)
+    said = _("{title}: {kg} kg spread wrongly; {size} {unit} +- {half} at the end").format(
+        title=titled(course.effect), kg=kg, size=f"{last.end:+z.2f}", half=fixed(last.end_half, 2), unit=unit)
     if wears(course):
-        said += _(", growing by {slope} a day (wear)").format(slope=f"{last.per_day:+.3f}")
+        said += _(", growing by {slope} {unit} a day (wear)").format(slope=f"{last.per_day:+.3f}", unit=unit)
     for change in course.changes:
         if change.repair >= 0.5 * change.probability:
             said += _(", repaired or set anew on {date} with {percent} % ({logs} logs after)").format(
@@ -158,7 +161,7 @@ def course_words(course: Cause, unit: str) -> str:
 
 def shared_words(one: Cause, units: Mapping[str, str]) -> str:
     said = _("{factor}: {title} {size} {unit} +- {half} on every machine ({logs} logs)").format(
-        factor=_factor(one), title=titled(one.effect), size=f"{one.size:+.2f}", half=fixed(one.half, 2),
+        factor=_factor(one), title=titled(one.effect), size=f"{one.size:+z.2f}", half=fixed(one.half, 2),
         unit=_unit(one.effect, units), logs=one.logs)
     if len(one.alternatives) > 1:
         said += _("; these logs cannot tell which: {others}").format(others=set_words(one))
@@ -195,15 +198,16 @@ def by_file_words(logs: int) -> list[str]:
 
 
 def _of_machine(one: MachineSeason, units: Mapping[str, str], number: int) -> str:
-    pictures = [figure(_time_line(course, _unit(course.effect, units), f"m{number}c{k}"))
-                for k, course in enumerate(cost.cause for cost in one.costs if cost.cause.pieces)]
+    pictures = [figure(_time_line(cost.cause, _unit(cost.cause.effect, units), f"m{number}c{k}",
+                                  _about(cost.kg, cost.least_kg, cost.most_kg, 1)))
+                for k, cost in enumerate(cost for cost in one.costs if cost.cause.pieces)]
     return section(one.machine, *pictures)
 
 
-def _time_line(course: Cause, unit: str, name: str) -> Picture:
+def _time_line(course: Cause, unit: str, name: str, kg: str) -> Picture:
     """Each log's size with its interval, and the pieces of the course."""
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
-    said = course_words(course, unit)
+    said = course_words(course, unit, kg)
     with drawn(7.2, 2.2) as (drawing, axes):
         plot, days = axes[0][0], [day_clock.moment(one * 86_400.0) for one in course.times_d]
         plot.errorbar(days, course.sizes, course.halves, fmt="o", color=BEFORE, ecolor=DIM, markersize=3.0,

@@ -50,9 +50,9 @@ def facts(pairs: Iterable[tuple[str, str]]) -> str:
 
 
 def items(texts: Iterable[str], ordered: bool = False) -> str:
-    """Plain texts as a list."""
-    tag = "ol" if ordered else "ul"
-    return f"<{tag}>" + "\n".join(f"<li>{escape(text)}</li>" for text in texts) + f"</{tag}>"
+    """Plain texts as a list; nothing where there is none."""
+    tag, inside = "ol" if ordered else "ul", "\n".join(f"<li>{escape(text)}</li>" for text in texts)
+    return f"<{tag}>{inside}</{tag}>" if inside else ""
 
 
 def section(title: str, *inside: str, kind: str = "") -> str:

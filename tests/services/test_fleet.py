@@ -494,7 +494,7 @@ def test_every_number_of_the_owners_page_is_found_again_in_the_tables(tmp_path: 
     for value in (value for rows in (*tables.values(), sums) for row in rows for value in row.values()):
         if isinstance(value, float | int):
             known |= {f"{each:{sign}.{digits}f}" for each in (value, abs(value), 100.0 * value) for digits in range(4)
-                      for sign in ("", "+")} | {f"{abs(value):.2g}"}
+                      for sign in ("", "+z")} | {f"{abs(value):.2g}"}
             known |= {fixed(each, digits) for each in (value, 100.0 * value) for digits in range(3)}
         elif value is not None:
             known.add(str(value))
@@ -509,6 +509,9 @@ def test_every_number_of_the_owners_page_is_found_again_in_the_tables(tmp_path: 
     assert by_machine["m1"]["wrong_kg"] > by_machine["m1"]["least_kg"]
     (gate,) = [one for one in tables["costs"] if one["machine"] == "m2" and one["factor"] == "machine"]
     assert gate["kg"] == pytest.approx(18 * 10.0 * 0.012, rel=0.05)         # 0.6 mm is 1.2 % of the dose
+    assert f"{gate['kg']:.1f} kg spread wrongly; +0.00 mm" in text and "a day" in text and " .;" not in text
+    assert "-0.0" not in re.sub(r"-0\.0*[1-9]", "", text)         # nothing is not less than nothing
+    assert "Logs without a time" not in text
     advice = service(whole.machines)
     assert any(one.startswith("product compound: The machine spreads 5 %") for one in advice)
     assert any(one.startswith("m1: ") for one in advice) and not any(one.startswith("m2: ") for one in advice)
