@@ -3,13 +3,15 @@
 The store is a server that answers fsspec over HTTP: a folder of each machine, a log an object, requests and bytes
 counted, each answer after `--latency-ms` as a store far away. A log's bytes are its record as `drawn.py` draws it,
 and in the place of a diagnosis a worker reads them. All else is what a fleet really does, in processes of their own:
-the command, a Dask scheduler, four workers.
+the command, a Dask scheduler, `--workers` of one thread.
 
-    python -m benchmarks season/many --logs 1000 10000 100000 [--model] [--cut 0.5] [--latency-ms 5]
+    python -m benchmarks season/many --logs 1000 10000 100000 [--model] [--cut 0.5] [--latency-ms 5] [--together 16]
 
 For each number the command three times: killed (SIGKILL) when a share `--cut` of the records is there; the same again,
 which goes on; and once more, with nothing to do. `--model`: the second puts the logs together too (else none does; its
-time is that of season/drawn). Exit code 1 where a run does not end with every log, or a log is read for nothing.
+time is that of season/drawn). `--together`: so many records to a task, for a machine that has other work to do: what
+a task costs shows with one to a task, as a fleet has them. Exit code 1 where a run does not end with every log, or a
+log is read for nothing.
 """
 from __future__ import annotations
 
@@ -37,7 +39,6 @@ sys.path[:0] = [str(HERE), str(HERE.parent)]
 from verdict import exit_code  # noqa: E402
 
 FIRST_D = 20_500.0              # days since 1970 of the first log
-WORKERS, THREADS = 4, 1
 LOOK_S = 0.5
 PERCENT = {"flow.gain": 1.0, "scale.gain": -1.0, "flow.fill_falloff": -0.5, "gate.offset": 2.0, "shaft.gain": 1.0,
            "speed.wheel_radius": 0.5}           # of the dose by one unit
@@ -117,7 +118,7 @@ def stored(seed: int, count: int, port: int, latency_s: float) -> None:
     asyncio.run(run())
 
 
-def command(words: list[str], model: bool) -> None:
+def command(words: list[str], model: bool, together: int) -> None:
     """`topdress fleet` in this process, with `read` in the place of a diagnosis; how long its parts take is printed."""
     import functools
 
@@ -139,6 +140,9 @@ def command(words: list[str], model: bool) -> None:
         return wrapped
     fleet.logs_at = timed("listing", fleet.logs_at)
     fleet.diagnosed = timed("logs", functools.partial(fleet.diagnosed, record=many.read))
+    twice = fleet._Work.twice
+    fleet._Work.twice = lambda its, work, todo, several=1: twice(  # type: ignore[method-assign]
+        its, work, todo, max(together, several))
     if not model:
         fleet_season.fitted = lambda logs: SeasonFit((), (), (), ())
     fleet_season.fitted = timed("model", fleet_season.fitted)
@@ -179,20 +183,21 @@ def free_port() -> int:
 class Rig:
     """Store, scheduler, and workers as processes."""
 
-    def __init__(self, seed: int, count: int, latency_ms: float, room: Path) -> None:
+    def __init__(self, given: argparse.Namespace, count: int, room: Path) -> None:
+        self.given = given
         self.port, self.address, self.room = free_port(), f"tcp://127.0.0.1:{free_port()}", room
         self.env = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(
             [str(HERE.parents[1]), str(HERE), str(HERE.parent), os.environ.get("PYTHONPATH", "")])}
-        self.store = self.child("-c", f"import many; many.stored({seed}, {count}, {self.port}, {latency_ms / 1e3})",
-                                stdout=subprocess.PIPE)
+        wanted = given.seed, count, self.port, given.latency_ms / 1e3
+        self.store = self.child("-c", f"import many; many.stored{wanted}", stdout=subprocess.PIPE)
         assert self.store.stdout is not None
         self.bytes = int(self.store.stdout.readline().split()[1])
         quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
         self.scheduler = self.child("-m", "distributed.cli.dask_scheduler", "--host", self.address, "--no-dashboard",
                                     **quiet)
-        self.workers = [self.child("-m", "distributed.cli.dask_worker", self.address, "--nthreads", str(THREADS),
+        self.workers = [self.child("-m", "distributed.cli.dask_worker", self.address, "--nthreads", "1",
                                    "--no-nanny", "--no-dashboard", "--local-directory", str(room), **quiet)
-                        for _ in range(WORKERS)]
+                        for _ in range(given.workers)]
 
     def child(self, *words: str, **more: Any) -> subprocess.Popen[str]:
         return subprocess.Popen([sys.executable, *words], env=self.env, text=True, **more)
@@ -207,8 +212,8 @@ class Rig:
         self.counts()
         before = process(self.scheduler.pid)[0], sum(process(one.pid)[0] for one in self.workers)
         words = [f"http://127.0.0.1:{self.port}/season/", "--out", str(out), "--scheduler", self.address]
-        begin = time.monotonic()
-        child = self.child("-c", f"import many; many.command({words!r}, {model})", stdout=subprocess.DEVNULL,
+        begin, wanted = time.monotonic(), (words, model, self.given.together)
+        child = self.child("-c", f"import many; many.command{wanted}", stdout=subprocess.DEVNULL,
                            stderr=subprocess.PIPE)
         over, tasks, used = threading.Event(), [0], [0.0, 0]
 
@@ -251,13 +256,15 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=3701)
     parser.add_argument("--cut", type=float, default=0.5)
     parser.add_argument("--latency-ms", type=float, default=0.0)
+    parser.add_argument("--workers", type=int, default=4)
+    parser.add_argument("--together", type=int, default=1)
     parser.add_argument("--model", action="store_true")
     given = parser.parse_args()
     promises: dict[str, bool] = {}
     for asked in given.logs:
         logs = asked // 30 * 30
         with tempfile.TemporaryDirectory(prefix="topdress-many-") as folder:
-            rig, out = Rig(given.seed, logs, given.latency_ms, Path(folder)), Path(folder) / "out"
+            rig, out = Rig(given, logs, Path(folder)), Path(folder) / "out"
             try:
                 print(f"{logs} logs: {rig.bytes} bytes lie in the store", flush=True)
                 cut = rig.run(out, False, int(given.cut * logs))
