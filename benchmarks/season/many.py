@@ -9,9 +9,9 @@ the command, a Dask scheduler, `--workers` of one thread.
 
 For each number the command three times: killed (SIGKILL) when a share `--cut` of the records is there; the same again,
 which goes on; and once more, with nothing to do. `--model`: the second puts the logs together too (else none does; its
-time is that of season/drawn). `--together`: so many records to a task, for a machine that has other work to do: what
-a task costs shows with one to a task, as a fleet has them. Exit code 1 where a run does not end with every log, or a
-log is read for nothing.
+time is that of season/drawn). `--files`: the store is a folder, nothing counted. `--together`: so many records
+to a task, for a machine that has other work to do; what a task costs shows with one to a task, as a fleet has them.
+Exit code 1 where a run does not end with every log, or a log is read for nothing.
 """
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 HERE = Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE), str(HERE.parent)]
+sys.path[:0] = [str(HERE), str(HERE.parent), str(HERE.parents[1])]
 
 from verdict import exit_code  # noqa: E402
 
@@ -188,10 +188,18 @@ class Rig:
         self.port, self.address, self.room = free_port(), f"tcp://127.0.0.1:{free_port()}", room
         self.env = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(
             [str(HERE.parents[1]), str(HERE), str(HERE.parent), os.environ.get("PYTHONPATH", "")])}
-        wanted = given.seed, count, self.port, given.latency_ms / 1e3
-        self.store = self.child("-c", f"import many; many.stored{wanted}", stdout=subprocess.PIPE)
-        assert self.store.stdout is not None
-        self.bytes = int(self.store.stdout.readline().split()[1])
+        self.children = list[subprocess.Popen[str]]()
+        if given.files:
+            self.bytes, self.url = 0, f"file://{room}/season/"
+            for place, data in bodies(given.seed, count):
+                (room / place).parent.mkdir(parents=True, exist_ok=True)
+                self.bytes += (room / place).write_bytes(data)
+        else:
+            wanted = given.seed, count, self.port, given.latency_ms / 1e3
+            self.url = f"http://127.0.0.1:{self.port}/season/"
+            store = self.child("-c", f"import many; many.stored{wanted}", stdout=subprocess.PIPE)
+            assert store.stdout is not None
+            self.bytes = int(store.stdout.readline().split()[1])
         quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
         self.scheduler = self.child("-m", "distributed.cli.dask_scheduler", "--host", self.address, "--no-dashboard",
                                     **quiet)
@@ -200,10 +208,13 @@ class Rig:
                         for _ in range(given.workers)]
 
     def child(self, *words: str, **more: Any) -> subprocess.Popen[str]:
-        return subprocess.Popen([sys.executable, *words], env=self.env, text=True, **more)
+        self.children.append(subprocess.Popen([sys.executable, *words], env=self.env, text=True, **more))
+        return self.children[-1]
 
     def counts(self) -> dict[str, int]:
         import urllib.request
+        if self.given.files:
+            return {}
         with urllib.request.urlopen(f"http://127.0.0.1:{self.port}{COUNTS}") as opened:
             return dict(json.loads(opened.read()))
 
@@ -211,7 +222,7 @@ class Rig:
         from distributed import Client
         self.counts()
         before = process(self.scheduler.pid)[0], sum(process(one.pid)[0] for one in self.workers)
-        words = [f"http://127.0.0.1:{self.port}/season/", "--out", str(out), "--scheduler", self.address]
+        words = [self.url, "--out", str(out), "--scheduler", self.address]
         begin, wanted = time.monotonic(), (words, model, self.given.together)
         child = self.child("-c", f"import many; many.command{wanted}", stdout=subprocess.DEVNULL,
                            stderr=subprocess.PIPE)
@@ -236,7 +247,7 @@ class Rig:
                     sum(process(one.pid)[0] for one in self.workers) - before[1], tasks[0])
 
     def end(self) -> None:
-        for one in (*self.workers, self.scheduler, self.store):
+        for one in self.children[::-1]:
             one.terminate()
             one.wait()
 
@@ -258,6 +269,7 @@ def main() -> int:
     parser.add_argument("--latency-ms", type=float, default=0.0)
     parser.add_argument("--workers", type=int, default=4)
     parser.add_argument("--together", type=int, default=1)
+    parser.add_argument("--files", action="store_true")
     parser.add_argument("--model", action="store_true")
     given = parser.parse_args()
     promises: dict[str, bool] = {}
