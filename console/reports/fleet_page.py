@@ -41,9 +41,9 @@ def fleet_page(machines: Sequence[MachineSeason], fit: SeasonFit, *, low: Sequen
     numbers = frozenset(range(1, len(head) - 1))
     parts = [
         section(_("Machines, worst first"), table(head, rows, numbers), paragraph(_(
-            "In brackets: between what it lies where logs cannot tell which of several causes it is. What causes spread "
-            "wrongly may add up to more than the machine's kilograms: too much by one makes up for too little by "
-            "another."), "dim")),
+            "In brackets: between what it lies where logs cannot tell which of several causes it is. What causes "
+            "spread wrongly may add up to more than the machine's kilograms: too much by one makes up for too little "
+            "by another."), "dim")),
         section(_("At the next service"), items(service(machines))),
         section(_("What logs share"), items([*(shared_words(one, units) for one in fit.shared),
                                              *map(same_words, fit.same), *map(low_words, low)])),
