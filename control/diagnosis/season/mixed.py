@@ -586,7 +586,7 @@ def _shared_out(names: Sequence[str], sets: Sequence[Sequence[Alternative]]) -> 
 
     What other machines have, this one has rather: the urn of all sets together, from an empty one on, each set by what
     all others hold (collapsed variational Bayes of a mixture's weights; Asuncion, Welling, Smyth and Teh, UAI 2009).
-    Filled by names that are given already it would keep them: those that cannot be told would all bear the commonest,
+    Filled by names that are given already it would keep them: whatever logs cannot part would bear the commonest,
     the surer the more machines there are.
     """
     every, number = [one for set_ in sets for one in set_], {name: k for k, name in enumerate(names)}
