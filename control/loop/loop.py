@@ -22,7 +22,7 @@ from control.loop.events import Events
 from control.loop.expected import ExpectedDrives
 from control.loop.known_terms import KnownTerms
 from control.loop.map_near import MapNear
-from control.loop.moment import Choices, Metered, Moment, TickDecision
+from control.loop.moment import Metered, Moment, TickDecision
 from control.loop.ordered import Operator
 from control.loop.reach import TickReach
 from control.loop.row import head_ndvi, log_row
@@ -276,7 +276,8 @@ class ControlLoop:
         """The target that what is released now must meet, and the pair that meets it."""
         choices, sensed, now = self._operator.choices, moment.sensed, moment.m.time_s
         allow = self.safety.memory.allow
-        reach = self._reach(moment, choices)
+        reach = TickReach(self._setting, self._lags, self._expected.pair.opening_mm, moment, choices.look_ahead,
+                          self._ahead.sections.share_at(now) or 1.0)
         if self._backing.look(sensed, allow.reverse):
             self._queue.restart(Target(0.0, choices.source), sensed.track_m)
         profile = self._ahead.profile(choices, allow.outside, self._backing.spread_to_m)
@@ -299,10 +300,6 @@ class ControlLoop:
         inside = self._ahead.landing_inside(
             moment, wanted, lambda: _stop(reach, holding, sensed), choices, allow.outside)
         return TickDecision(wanted, planned, rate, lag, inside, pair, self._usable_mps(lag), fired, by_point, share)
-
-    def _reach(self, moment: Moment, choices: Choices) -> TickReach:
-        share = self._ahead.sections.share_at(moment.m.time_s) or 1.0
-        return TickReach(self._setting, self._lags, self._expected.pair.opening_mm, moment, choices.look_ahead, share)
 
     def _open_share(self, moment: Moment, holding: Target, reach: TickReach, by_point: bool) -> float:
         """Switch the sections; the share of the width that is to be open when a set-point of now shows in the flow."""

@@ -1,7 +1,6 @@
 """Opening first and speed first: which pair of true shaft speed and opening gives a wanted flow."""
 from __future__ import annotations
 
-from math import pi, sin, sqrt
 from typing import NamedTuple
 
 from control.machine.machine import Machine
@@ -30,12 +29,6 @@ class Reach(NamedTuple):
     lumps_m: float
     percent_mm: float
     percent_rpm: float
-
-    def row_cv_percent(self, pulsation_percent: float, bin_m: float) -> float:
-        """CV along one row on the ground, by stretches of `bin_m`, %: a sine of that amplitude, as a roller's flutes
-        give it, averaged over a stretch."""
-        turns = pi * bin_m / self.lumps_m
-        return pulsation_percent / sqrt(2.0) * abs(sin(turns) / turns)
 
 
 def reach(machine: Machine, strategy: Strategy, rate_kg_ha: float, speed_mps: float) -> Reach | None:

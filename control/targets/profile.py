@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections.abc import Iterator
 from typing import NamedTuple, Protocol
 
 from control.orders import TargetSource
@@ -92,25 +93,28 @@ class Stretches:
         return self._target[k] if behind < ahead else self._target[k + 1]
 
     def next_change(self, after_m: float, before_m: float, holding: Target) -> TargetChange | None:
-        for place in self._edges(after_m, before_m):
+        for place in self._edges(after_m):
+            if place > before_m:
+                break
             target = self.at(place)
             if target != holding:
                 return TargetChange(place, target)
         return None
 
-    def _edges(self, after_m: float, before_m: float) -> list[float]:
-        """Every place in (after_m, before_m] where `at` may change, and `after_m` itself first."""
-        places = [after_m, self._from[0] - self._first_reach_m] if self._from else [after_m]
+    def _edges(self, after_m: float) -> Iterator[float]:
+        """Every place from `after_m` on where `at` may change, rising, and `after_m` itself first."""
+        yield after_m
         k = max(0, bisect_right(self._from, after_m) - 1)
+        if self._from and self._from[0] - self._first_reach_m > after_m:
+            yield self._from[0] - self._first_reach_m
         for j in range(k, len(self._from)):
             following = self._from[j + 1] if j + 1 < len(self._from) else float("inf")
-            gap = following - self._to[j]
-            places.append(self._from[j])
-            if gap > 2.0 * self.reach_m:
-                places += [self._to[j] + self.reach_m, following - self.reach_m]
-            elif gap > 0.0:
-                places.append(self._to[j] + 0.5 * gap)
-        return sorted(p for p in places if after_m <= p <= before_m)
+            gap, behind_m = following - self._to[j], self._to[j] + self.reach_m
+            places = (behind_m, following - self.reach_m) if gap > 2.0 * self.reach_m else (
+                (self._to[j] + 0.5 * gap,) if gap > 0.0 else ())
+            for place in (self._from[j], *places):
+                if place > after_m:
+                    yield place
 
 
 class Unspread:
