@@ -20,6 +20,7 @@ from typing import Any
 
 import numba
 from numba.core.caching import FunctionCache
+from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 
 SUM_BYTES = hashlib.sha256().digest_size
@@ -56,7 +57,7 @@ class KeptCode(FunctionCache):
 
     def load_overload(self, signature: Any, target_context: Any) -> Any:
         """None: compile it. What is damaged, or not for this numba, is taken away."""
-        target_context.refresh()
+        rtsys.initialize(target_context)    # all that kept code asks for; what compiles loads the rest for itself
         key = self.key(signature, target_context.codegen())
         path = self.path(key)
         try:

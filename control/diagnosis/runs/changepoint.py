@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import logsumexp
 
 from control.diagnosis.effects import ROWS
 from control.diagnosis.judgement.evidence import Column, adapted, best_fitted, calm, fitted, problem
@@ -152,7 +151,8 @@ def _likeliest(candidate: Candidate, score: Array, information: Array, places: i
         size = np.full(len(score), candidate.part.size)
     gain = 2.0 * score * size - information * size ** 2
     log_odds = 0.5 * (gain - np.log1p(information * candidate.usual ** 2))
-    evidence, best = float(logsumexp(log_odds)) - float(np.log(places)), int(np.argmax(gain))
+    peak, best = float(log_odds.max()), int(np.argmax(gain))
+    evidence = peak + float(np.log(np.sum(np.exp(log_odds - peak)) / places))
     return ScoreTest(candidate.part._replace(size=float(size[best]), **at(best)), float(gain[best]), evidence,
                      float(log_odds[best]) - evidence)
 
@@ -167,10 +167,9 @@ def _begins(residual: WhitenedResidual, group: Alike, time_s: Array, score: Arra
     found: dict[int, ScoreTest] = {}
     for count in TIMES:
         exact_s = np.linspace(*within, count)
-        rows, taken = _rows(residual, group.only(left), exact_s, grows)
-        exact = sum(np.einsum("kij,kij->ki", whole, whole) for whole in rows) - np.sum(taken ** 2, axis=2)
-        for k, line in zip(left, exact, strict=True):
-            information = np.interp(time_s[inside], exact_s, line)
+        for k, (rows, taken) in zip(left, _rows(residual, group.only(left), exact_s, grows), strict=True):
+            exact = sum(np.einsum("ij,ij->i", whole, whole) for whole in rows) - np.sum(taken ** 2, axis=1)
+            information = np.interp(time_s[inside], exact_s, exact)
             found[k] = _likeliest(group.ones[k], score[k, inside], information, len(time_s),
                                   lambda best: {"onset_s": float(time_s[inside[best]]), "grows": grows})
         left = [k for k in left if found[k].gain >= matters]
@@ -213,17 +212,16 @@ def _best_spans(residual: WhitenedResidual, group: Alike, time_s: Array, score: 
     begin, end = np.nonzero(edges_s[None, :] - edges_s[:, None] >= shortest_s)
     if not len(begin):
         return []
-    rows, taken = _rows(residual, group, exact_s, grows=False)
     found = []
-    for k, one in enumerate(group.ones):
-        exact = sum(whole[k] @ whole[k].T for whole in rows) - taken[k] @ taken[k].T
+    for k, (rows, taken) in enumerate(_rows(residual, group, exact_s, grows=False)):
+        exact = sum(whole @ whole.T for whole in rows) - taken @ taken.T
         own = np.interp(edges_s, exact_s, np.diag(exact))
         half = np.array([np.interp(edges_s, exact_s, row) for row in exact])        # both ways: straight between times
         across = np.array([np.interp(edges_s, exact_s, row) for row in half.T])[end, begin]
         at_edges = np.interp(edges_s, time_s, score[k])
-        found.append(_likeliest(one, at_edges[begin] - at_edges[end], own[begin] + own[end] - 2.0 * across, len(begin),
-                                lambda best: {"onset_s": float(edges_s[begin[best]]),
-                                              "until_s": float(edges_s[end[best]])}))
+        information = own[begin] + own[end] - 2.0 * across
+        found.append(_likeliest(group.ones[k], at_edges[begin] - at_edges[end], information, len(begin), lambda best: {
+            "onset_s": float(edges_s[begin[best]]), "until_s": float(edges_s[end[best]])}))
     return found
 
 
@@ -259,14 +257,13 @@ def _ahead(values: Array) -> Array:
     return np.asarray(np.cumsum(values[..., ::-1].sum(axis=-2), axis=-1)[..., ::-1])
 
 
-def _rows(residual: WhitenedResidual, group: Alike, onsets_s: Array, grows: bool) -> tuple[list[Array], Array]:
-    """What one unit of each does that begins at each time, whitened: (k, onsets, coefficients) by channel, and what the
-    hypothesis takes up of it, in its basis (k, onsets, columns)."""
-    shape, rows, taken = (len(group.ones), len(onsets_s), -1), [], []
-    for channel, unit, adds in zip(group.channels, group.units, group.summed, strict=True):
-        weight = np.array([course(channel, EffectInstance("", 1.0, float(at), grows=grows)) for at in onsets_s])
-        delayed = with_course(unit[:, None, :], weight, channel.copies, adds)
-        white, own = residual.white(channel, delayed.reshape(shape[0] * shape[1], -1))
-        rows.append(white.reshape(shape))
-        taken.append(own.reshape(shape))
-    return rows, np.sum(taken, axis=0)
+def _rows(residual: WhitenedResidual, group: Alike, onsets_s: Array, grows: bool
+          ) -> Iterator[tuple[list[Array], Array]]:
+    """Of each candidate in turn, what one unit of it does that begins at each time, whitened: (onsets, coefficients) by
+    channel, and what the hypothesis takes up of it, in its basis (onsets, columns)."""
+    weights = [np.array([course(channel, EffectInstance("", 1.0, float(at), grows=grows)) for at in onsets_s])
+               for channel in group.channels]
+    for k in range(len(group.ones)):
+        found = [residual.white(channel, with_course(unit[k], weight, channel.copies, adds)) for
+                 channel, unit, weight, adds in zip(group.channels, group.units, weights, group.summed, strict=True)]
+        yield [white for white, _ in found], np.sum([own for _, own in found], axis=0)
