@@ -33,7 +33,8 @@ class Dialog(ModalScreen[R], Generic[R]):
     AUTO_FOCUS = ""
     VERTICAL_BREAKPOINTS = [(0, "-few"), (28, "-enough")]
     BINDINGS: ClassVar = [Binding("escape", "cancel", show=False), Binding("enter", "yes", show=False),
-                          Binding("apostrophe", "app.do('jump')", id="jump", show=False)]
+                          Binding("apostrophe", "app.do('jump')", id="jump", show=False),
+                          Binding("ctrl+y", "app.do('copy')", id="copy", show=False)]
 
     def __init__(self, title: str, text: str = "") -> None:
         super().__init__()

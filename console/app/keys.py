@@ -162,6 +162,15 @@ def take_back(app: TopdressApp) -> None:
     app.confirm(_("Take the last change back?"), _("It goes back to: {what}").format(what=change.what), back)
 
 
+def copy(app: TopdressApp) -> None:
+    """By the terminal's own clipboard (OSC 52), which works through ssh too."""
+    frame, screen = app.arrival.frame, app.screen
+    text = screen.get_selected_text() or getattr(screen, "text", "") or ("" if frame is None else frame.log_path)
+    if text:
+        app.copy_to_clipboard(text)
+        app.notice(_("copied: {text}").format(text=text.splitlines()[0]))
+
+
 def leave(app: TopdressApp) -> None:
     frame = app.arrival.frame
     if app.gone or app.source is None or (frame is not None and frame.row.state != "working"):
@@ -222,6 +231,8 @@ ACTIONS = (
     Action("tour_end", "ctrl+e", "^E", N_("tour: end"), N_("Ends the guided tour."), end_tour, why=why_no_tour),
     Action("units", "u", "U", N_("units"), N_("Metric, or mph and lb/ac."), next_units),
     Action("language", "g", "G", N_("language"), N_("English, Chinese."), next_language),
+    Action("copy", "ctrl+y", "^Y", N_("copy"), N_("The list of alarms, the text of a dialog, or the path of the log."),
+           copy),
     Action("quit", "ctrl+q,ctrl+c", "^Q", N_("quit"), N_("Leaves the console; asks first while the machine works."),
            leave),
 )

@@ -133,3 +133,17 @@ def test_a_player_begins_a_command_and_does_not_wait(tmp_path):
     assert player(slow) == "" and player._playing is first, "one at a time"
     first.kill()
     first.wait()
+
+
+async def test_what_is_shown_is_copied_by_the_terminals_clipboard(app, source, pilot):
+    """The alarms, a dialog's text, what the mouse has selected in one, and elsewhere the path of the log."""
+    feed(app, [{}], alarms=(RED,))
+    await pilot.press("ctrl+y")
+    assert app.clipboard == app.arrival.frame.log_path != ""
+    await pilot.press("exclamation_mark", "ctrl+y")
+    assert "Stop. Check power and cable of the drive board." in app.clipboard
+    await pilot.press("escape", "ctrl+q", "ctrl+y")
+    assert app.clipboard == app.screen.text
+    app.screen.query_one(".dialog-text").text_select_all()
+    await pilot.press("ctrl+c")
+    assert app.is_running and app.clipboard == app.screen.get_selected_text()

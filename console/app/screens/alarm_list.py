@@ -18,11 +18,17 @@ from control.orders import Severity
 
 class AlarmList(ModalScreen[None]):
     AUTO_FOCUS = "#alarm-scroll"
-    BINDINGS: ClassVar = [Binding("escape,exclamation_mark,enter", "close", show=False)]
+    BINDINGS: ClassVar = [Binding("escape,exclamation_mark,enter", "close", show=False),
+                          Binding("ctrl+y", "app.do('copy')", id="copy", show=False)]
 
     def __init__(self, title: str, entries: tuple[AlarmEntry, ...]) -> None:
         super().__init__()
         self.heading, self.entries = title, entries
+
+    @property
+    def text(self) -> str:
+        """As it is copied."""
+        return self._lines().plain
 
     def compose(self) -> ComposeResult:
         with VerticalScroll(id="alarm-scroll", classes="dialog wide"):
