@@ -378,10 +378,18 @@ def doubt(season: Season, doubts: dict[tuple[int, int], Array], gained: Array) -
 
 def _odds(season: Season, score: Array, information: Array, doubts: dict[tuple[int, int], Array]
           ) -> tuple[Array, Array]:
-    """s.d. of the slab, and log odds for against."""
+    """s.d. of the slab, and log odds for against: prior by the machines that have each effect, of a set each by its
+    probability; -inf: a level cannot have it."""
     levels, rows, count = season.levels, len(season.levels.keys), len(season.machines)
     each = np.stack([gain(information, score, sd) for sd in slab(season.logs)])        # (grid, rows, q)
-    names = names_prior(season)
+    machines = np.zeros(len(season.logs.names))
+    for cause in season.causes:
+        for one in cause.alternatives:
+            machines[season.logs.names.index(one.effect)] += one.probability * (one.factor == MACHINE)
+        machines[cause.effect] += cause.row < count and not cause.alternatives
+    others = np.array([factor not in (MACHINE, FLEET) for factor, _ in levels.keys])
+    scale = np.array([row_of(name).stage in OF_MACHINES_ONLY for name in season.logs.names])
+    names = np.where(others[:, None] & scale, -np.inf, urn(machines))
     names = np.concatenate([names, names[:count], names[:count]])
     factors = np.array([one[0] for one in levels.keys] + ["rise"] * count + ["fall"] * count)
     tau, odds = np.zeros_like(score), np.zeros_like(score)
@@ -399,19 +407,6 @@ def _odds(season: Season, score: Array, information: Array, doubts: dict[tuple[i
 def urn(counts: Array) -> Array:
     """(..., q) log prior odds of each effect on a machine, by how many others have each (Polya's urn)."""
     return np.asarray(np.log(PRIOR) + np.log1p(counts) - np.log1p(counts.mean(axis=-1, keepdims=True)))
-
-
-def names_prior(season: Season) -> Array:
-    """(rows, q) log prior odds, by the machines that have each effect, of a set each by its probability; -inf: it
-    cannot."""
-    counts = np.zeros(len(season.logs.names))
-    for cause in season.causes:
-        for one in cause.alternatives:
-            counts[season.logs.names.index(one.effect)] += one.probability * (one.factor == MACHINE)
-        counts[cause.effect] += cause.row < len(season.machines) and not cause.alternatives
-    others = np.array([factor not in (MACHINE, FLEET) for factor, _ in season.levels.keys])
-    scale = np.array([row_of(name).stage in OF_MACHINES_ONLY for name in season.logs.names])
-    return np.where(others[:, None] & scale, -np.inf, urn(counts))
 
 
 def found(logs: Logs) -> Season:
