@@ -2,6 +2,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,6 +13,7 @@ from console.cli.outputs import Force, marked, refuse_collisions
 from console.cli.plain_errors import CommandError
 from console.cli.plain_output import AsJson, say_json
 from drivers import day_clock
+from drivers.files.config_error import ConfigError
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -68,7 +71,7 @@ def write_all(folder: Path) -> None:
 
 
 def _check(files: list[str], as_json: bool) -> None:
-    from drivers.files.config import ConfigError, load_any
+    from drivers.files.config import load_any
     from drivers.files.kinds import CAB, JOB, KINDS, MACHINE
     from drivers.files.setup import disagreements
     wrong: list[str] = []
@@ -91,7 +94,7 @@ def _check(files: list[str], as_json: bool) -> None:
         read.append((kind, loaded))
         own = [*_notes_of(loaded)] if kind is JOB else []
         if kind is JOB:
-            wrong += [*_map_of(loaded, own), *_product_of(loaded)]
+            wrong += _files_of(loaded, own)
         notes += [f"{loaded.path}: note: {line}" for line in (*own, *getattr(loaded.model, "warnings", ()))]
     jobs, cabs, machines = ([one for kind, one in read if kind is wanted] for wanted in (JOB, CAB, MACHINE))
     wrong += [line for job in jobs for line in _heads_of(job, cabs)]
@@ -126,37 +129,43 @@ def _of_task(path: Path) -> list[str] | None:
     return task_words(path)
 
 
-def _map_of(loaded: Any, notes: list[str]) -> list[str]:
-    """Notes what of a job's map will not be applied as it stands, under its ceiling too. Returns what is wrong."""
+def _files_of(loaded: Any, notes: list[str]) -> list[str]:
+    """Notes what of a job's map will not be applied as it stands, under its ceiling too. Returns what is wrong with
+    the files that the job names, a line each."""
     from console.app.pages.job.map_words import map_words
     from console.app.units import METRIC
-    from drivers.files.config import ConfigError, load
+    from drivers.files.config import load
     from drivers.files.kinds import CROP
     from drivers.files.prescriptions.for_job import check_of_job, plants_of_job
-    from drivers.files.setup import year_n
+    from drivers.files.setup import product_of, year_n
     from drivers.plain_text import Refused
     folder = loaded.path.parent
-    try:
+
+    def look_at_map() -> None:
         crop = load(loaded.model.crop, CROP, base=folder).model
         n_year = year_n(loaded, crop, day_clock.today())
         limited = crop if n_year is None else crop.at_most(n_year.most_kg_ha)
         if (found := check_of_job(loaded.model, limited.max_rate_kg_ha, folder)) is not None:
-            notes += map_words(found, METRIC)
-        plants_of_job(loaded.model, folder)
-    except ConfigError as error:
-        return list(error.lines)
-    except (Refused, OSError) as error:
-        return [f"{loaded.path}: {error}"]
-    except ValueError as error:
-        return [str(error)]
-    return []
+            notes.extend(map_words(found, METRIC))
+
+    wrong: list[str] = []
+    looks: tuple[Callable[[], object], ...] = (look_at_map, lambda: plants_of_job(loaded.model, folder),
+                                               lambda: product_of(loaded.model, folder))
+    for look in looks:
+        try:
+            look()
+        except ConfigError as error:
+            wrong += error.lines
+        except (Refused, OSError) as error:
+            wrong.append(f"{loaded.path}: {error}")
+        except ValueError as error:
+            wrong.append(str(error))
+    return wrong
 
 
 def _notes_of(loaded: Any) -> list[str]:
     """What is to be known of a job before work: strips that are missing or doubtful, the crop's stage."""
-
     from control.agronomy.strips import doubt, measured_index
-    from drivers.files.config_error import ConfigError
     from drivers.files.setup import growth_note, load_setup
     try:
         setup = load_setup("huanghai", loaded.path, day_clock.today())
@@ -182,7 +191,6 @@ def _notes_of(loaded: Any) -> list[str]:
 def _heads_of(job: Any, cabs: list[Any]) -> list[str]:
     """Whether the heads of each cab, or where none is given the simulated ones, give what the job's crop needs."""
     from drivers.files.config import load
-    from drivers.files.config_error import ConfigError
     from drivers.files.kinds import CROP
     from drivers.files.setup import index_disagreements
     try:
@@ -192,29 +200,15 @@ def _heads_of(job: Any, cabs: list[Any]) -> list[str]:
     return [line for cab in cabs or [None] for line in index_disagreements(cab, crop, job.model)]
 
 
-def _product_of(loaded: Any) -> list[str]:
-    """What is wrong with the product file that a job names, a line each."""
-    from drivers.files.config_error import ConfigError
-    from drivers.files.setup import product_of
-    try:
-        product_of(loaded.model, loaded.path.parent)
-    except ConfigError as error:
-        return list(error.lines)
-    return []
-
-
 def _products_on(machine: Any, jobs: list[Any]) -> list[str]:
     """What is to be known of the jobs' products on this machine."""
-    from drivers.files.config_error import ConfigError
     from drivers.files.setup import product_note, product_of
     found = []
     for job in jobs:
-        try:
+        with suppress(ConfigError):         # reported with the job
             product = product_of(job.model, job.path.parent)
-        except ConfigError:                 # reported with the job
-            continue
-        note = "" if product is None else product_note(product.model, machine)
-        found += [f"{job.path}: note: {note}"] if note else []
+            note = "" if product is None else product_note(product.model, machine)
+            found += [f"{job.path}: note: {note}"] if note else []
     return found
 
 

@@ -93,6 +93,7 @@ def test_endings_that_do_not_fit(topdress: Callable[..., Result], tmp_path: Path
         result = topdress(*words)
         assert result.exit_code == 2 and result.output.startswith(allowed), result.output
         assert "allowed is a name that ends in" in result.output and len(result.output.strip().splitlines()) == 1
+        assert (": a browser prints that page to a PDF" in result.output) == (allowed == "--report")
 
 
 def test_a_log_is_no_table_and_a_table_no_log(topdress: Callable[..., Result], tmp_path: Path) -> None:
@@ -136,12 +137,6 @@ def test_an_empty_file_and_a_folder_by_such_a_name(tmp_path: Path, ending: str) 
         assert said.exit_code == 2 and f"a.{ending}: this is an empty file" in said.output, said.output
         said = CliRunner().invoke(app, [command, str(tmp_path / f"b.{ending}")])
         assert said.exit_code == 2 and f"b.{ending}: no " in said.output, said.output
-
-
-def test_a_report_as_pdf_is_told_how(tmp_path: Path) -> None:
-    (tmp_path / "run.csv").write_text("time_s,speed_mps\n0,1\n1,1\n")
-    said = CliRunner().invoke(app, ["diagnose", str(tmp_path / "run.csv"), "--report", str(tmp_path / "why.pdf")])
-    assert said.exit_code == 2 and "ends in .html: a browser prints that page to a PDF" in said.output, said.output
 
 
 # --- Machines of other scale at the commands: their bounds, a run of the spreader, a log of a drive alone ------------
