@@ -159,7 +159,7 @@ class AtTheBench:
     def _make_ready(self, frame: Frame, now_s: float) -> None:
         silent = [one.name for one in frame.devices if not one.accepted]
         if not silent:
-            self._order(Order(Do.READY))
+            self.order(Order(Do.READY))
         elif now_s > HEARD_WITHIN_S:
             said = next(one for one in frame.devices if one.name == silent[0])
             self.give_up(f"{said.name} at {said.port} is silent: {said.last_error or said.last_raw or 'no byte'}")
@@ -168,17 +168,17 @@ class AtTheBench:
         """The button, as the key is now."""
         calibrating = frame.row.state == State.CALIBRATING
         for order in self.settings() if calibrating and not self._calibrated else ():
-            self._order(order)
+            self.order(order)
         self._calibrated = calibrating
         down = self._no_key or self._held.down(self._clock())
         if self._was_down and not down:
-            self._order(Order(Do.RELEASE))
+            self.order(Order(Do.RELEASE))
         self._was_down = down
         if not down or now_s - self._confirmed_s < REPEAT_S:
             return
         self._confirmed_s = now_s
         if self._no_key and frame.why_state == "calibration_time":      # the next two minutes
-            self._order(Order(Do.RELEASE))
+            self.order(Order(Do.RELEASE))
         self.host.ask(Order(Do.CALIBRATE), lambda answer, _: self._heard(answer, now_s))
 
     def _heard(self, answer: Answer, now_s: float) -> None:
@@ -192,7 +192,8 @@ class AtTheBench:
         if self._no_key and now_s - self._refused_since_s > PATIENCE_S:
             self.give_up(self.refusal)
 
-    def _order(self, order: Order) -> None:
+    def order(self, order: Order) -> None:
+        """Whatever is answered."""
         self.host.ask(order, lambda answer, _: None)
 
     def give_up(self, why: str) -> None:

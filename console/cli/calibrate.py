@@ -196,7 +196,7 @@ def encoder(
     turns: Annotated[int, typer.Option(metavar="NUMBER", min=1, max=1000, help="Whole turns of the shaft a run.")] = 10,
     repeats: Annotated[int, typer.Option(metavar="NUMBER", min=1, max=20, help="Runs; their scatter gives the "
                                          "interval.")] = 3,
-    rpm: Annotated[float | None, typer.Option(metavar="RPM", min=1.0, max=60.0, help="The drive turns the shaft, at "
+    rpm: Annotated[float | None, typer.Option(metavar="RPM", help="The drive turns the shaft, at "
                                               "this speed and while the space bar is held; default: by hand, nothing "
                                               "that turns is sent.")] = None,
     machine: Annotated[str, typer.Option(metavar="MACHINE", help="--rpm: whose limits hold.")] = "huanghai",
@@ -206,6 +206,10 @@ def encoder(
     from console.cli.encoder import calibrate_encoder
     need_ending("--out", out, ".py")
     _refuse((), out, machine, force)
+    limits = machine_of(machine).limits
+    if rpm is not None and not limits.shaft_low_rpm <= rpm <= limits.shaft_high_rpm:
+        raise CommandError(f"--rpm {rpm:g}: allowed is {limits.shaft_low_rpm:g} to {limits.shaft_high_rpm:g}, the "
+                           f"limits of {machine}")
     calibrate_encoder(board, turns=turns, repeats=repeats, rpm=rpm, machine=machine, out=out)
 
 

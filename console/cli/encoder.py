@@ -3,16 +3,18 @@ from __future__ import annotations
 
 import time
 from itertools import pairwise
+from math import inf
 from pathlib import Path
 
 import typer
 
 from console.cli.at_the_bench import HEARD_WITHIN_S, AtTheBench, Keys, host_of, keys, show
+from console.cli.inputs import machine_of
 from console.cli.plain_errors import CommandError
 from console.frame import Frame
 from control.calibration.encoder_fit import fit_counts
 from control.calibration.least_squares import FittedInterval
-from control.orders import Do, Order
+from control.orders import Do, Order, State
 from drivers import day_clock
 from drivers.cab import Cab, CabConfig
 from drivers.devices.board_frames import COUNTERS, ShaftTurned
@@ -20,6 +22,7 @@ from drivers.devices.board_frames import COUNTERS, ShaftTurned
 TICK_S = 0.02
 ANSWERS_WITHIN_S = 2.0          # of a board that is heard: some 40 questions
 SHAFTS = (("counts", "counts_per_turn"), ("steps", "dose_steps_per_turn"))      # of `ShaftTurned`, and its setting
+CREEP_S = 1.0                   # of a press, at the machine's slowest speed: a short one is some 15 degrees
 ENTER = "\r\n"
 
 
@@ -146,16 +149,18 @@ def _by_hand(board: str, count: MarkCount, keyboard: Keys) -> None:
 
 
 class ByDrive(AtTheBench):
-    """The drive turns the shaft while the space bar is held, under the control loop's interlocks."""
+    """The drive turns the shaft while the space bar is held, under the control loop's interlocks: a short press creeps
+    to the mark."""
 
     cab: Cab
+    _creeps_until_s = inf
 
-    def __init__(self, keyboard: Keys, count: MarkCount, rpm: float) -> None:
+    def __init__(self, keyboard: Keys, count: MarkCount, creep_rpm: float, rpm: float) -> None:
         super().__init__(keyboard, no_key=False)
-        self._count, self._rpm = count, rpm
+        self._count, self._creep_rpm, self._rpm = count, creep_rpm, rpm
 
     def settings(self) -> tuple[Order, ...]:
-        return (Order(Do.CALIBRATE_SHAFT, self._rpm),)
+        return (Order(Do.CALIBRATE_SHAFT, self._creep_rpm),)
 
     def go_on(self, frame: Frame, now_s: float, pressed: str) -> None:
         try:
@@ -166,12 +171,17 @@ class ByDrive(AtTheBench):
         if self._count.done:
             self.host.stop("done")
             return
+        if frame.row.state != State.CALIBRATING:
+            self._creeps_until_s = now_s + CREEP_S
+        elif self._creeps_until_s <= now_s:
+            self._creeps_until_s = inf
+            self.order(Order(Do.CALIBRATE_SHAFT, self._rpm))
         self.hold(frame, now_s)
 
 
 def _by_drive(board: str, count: MarkCount, keyboard: Keys, machine: str, rpm: float) -> None:
     began_s = time.monotonic()
-    person = ByDrive(keyboard, count, rpm)
+    person = ByDrive(keyboard, count, machine_of(machine).limits.shaft_low_rpm, rpm)
     person.host, person.cab = host_of({"board": board}, machine, lambda: time.monotonic() - began_s, person.between)
     person.host.run()
     show("")

@@ -119,9 +119,15 @@ def test_by_the_drive_it_turns_only_while_the_space_bar_is_held(board, tmp_path)
     stands = person.counts()
     time.sleep(0.5)
     assert person.counts() == stands, "released: it stands"
+    for _ in range(2):
+        person.press(" ")
+        time.sleep(0.1)
+    time.sleep(2.0)
+    crept = person.counts() - stands
+    assert 0 < crept < TRUE_COUNTS_PER_TURN / 10.0, "a short press creeps to the mark"
     person.press("\n")
     assert person.ends() == 0, person.screen()
-    assert f"counts_per_turn = {stands / turns:.2f}" in out.read_text()
+    assert f"counts_per_turn = {(stands + crept) / turns:.2f}" in out.read_text()
 
 
 OLDER = "from drivers.board import slave; slave.FIELDS.pop(b'A2')\n"
@@ -137,6 +143,7 @@ BoardSettings.shaft_drive, BoardSettings.counts_per_turn = "stepper", 0.0
     pytest.param(OLDER, ["--board", "{board}", "--out", "x.py"],
                  "does not say how far its shaft turned: its program is older than this", id="an older board"),
     pytest.param(NO_ENCODER, ["--board", "{board}", "--out", "x.py"], "this board has no encoder", id="no encoder"),
+    pytest.param("", ["--board", "{board}", "--rpm", "3", "--out", "x.py"], "--rpm 3: allowed is 10 to", id="too slow"),
     pytest.param("", ["--board", "socket://127.0.0.1:9", "--out", "x.py"], "is silent", id="silent")])
 def test_what_cannot_be_is_one_line_and_writes_nothing(board, tmp_path, before, words, said):
     served = board(before=before)
