@@ -3,7 +3,7 @@ from array import array
 
 LONGEST_LINE = 120
 SEQUENCES = 1 << 16
-WORDS = 1 << 32             # the words, and the counter of orders that carry one: 6 years at 20 a second
+WORDS = 1 << 32             # clocks, counts, the words; and orders that carry one, 6 years at 20 a second
 REPEAT_WINDOW = 16
 
 

@@ -7,13 +7,11 @@ pressure plate stops it. Both times are this board's own. See docs/protocol-lag-
     encoder() -> (counts, us, us_before)        count; the clock at the newest count and at the one before
     plate() -> int                              the plate's reading, any scale
 """
-from drivers.board.framing import Receiver, seal, whole
+from drivers.board.framing import SEQUENCES, WORDS, Receiver, seal, whole
 from drivers.board.motion import SpeedMeter
 
 STATUS_US = 50000
 START_RPM = 2.0                 # the shaft "turns" from here on (lag paper)
-SEQUENCES = 65536
-WRAP = 1 << 32
 IDLE, ARMED, TURNING, LANDED = 0, 1, 2, 3
 TURNED_BEFORE, PLATE_BEFORE = 1, 2
 FORGET = 1.0 / 64.0             # of a sample, in the plate's mean and noise
@@ -111,9 +109,9 @@ class RigProgram:
         return False
 
     def _status(self, now_us: int, counts: int) -> bytes:
-        start = str(self._start_us % WRAP) if self.state >= TURNING else ""
-        land = str(self._land_us % WRAP) if self.state == LANDED else ""
+        start = str(self._start_us % WORDS) if self.state >= TURNING else ""
+        land = str(self._land_us % WORDS) if self.state == LANDED else ""
         rpm = min(max(self._meter.update(now_us, counts), -400.0), 400.0)
         seq, self._seq = self._seq, (self._seq + 1) % SEQUENCES
-        return seal(f"L1,{seq},{self._run},{self.state},{now_us % WRAP},{rpm:.3f},{self._pins.plate()},"
+        return seal(f"L1,{seq},{self._run},{self.state},{now_us % WORDS},{rpm:.3f},{self._pins.plate()},"
                     f"{start},{land},{self._flags}")

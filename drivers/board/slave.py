@@ -29,7 +29,6 @@ STATUS_US = 25000
 REPORT_US = 300000          # what became of a dose is said again this long, for a line may lose it
 OLD_ORDER_US = 1000000      # an old order is reported this long
 LONGEST_STEPPED_S = 0.005   # what a longer round leaves out is lost: in one burst it would throw the motor out of step
-WRAP = 1 << 32
 
 ENABLED, HEARTBEAT_LOST, DRIVER_FAULT, STEPS_LOST, HOMING, WORD_UNUSED, OLD_ORDER = 1, 2, 4, 8, 16, 32, 64
 FIELDS = {b"T1": 5, b"T2": 6, b"T3": 7, b"D1": 5, b"D3": 6, b"A1": 1, b"A2": 1}
@@ -99,11 +98,18 @@ ALLOWED = {"link": ("uart", "usb"), "shaft_drive": ("dc", "stepper"), "counts_pe
 class Pins:
     """What the program asks of its hardware; here everything is absent. Pin layers and tests inherit from it."""
 
-    def read(self) -> bytes:
-        return b""
+    def _absent(self) -> "float | None":
+        return None
 
-    def write(self, data: bytes) -> None:
+    def _unknown(self) -> "int | None":
+        return None
+
+    def _ignored(self, value: int) -> None:
         pass
+
+    gate_steps = dose_steps = valves = _ignored
+    opening_mm = hopper_kg = supply_v = pitch_deg = roll_deg = shaft_effort = gate_effort = _absent
+    work_switch = valves_open = chance = _unknown
 
     def enable(self, on: bool) -> None:
         pass
@@ -111,17 +117,14 @@ class Pins:
     def duty(self, value: float) -> None:
         pass
 
+    def read(self) -> bytes:
+        return b""
+
+    def write(self, data: bytes) -> None:
+        pass
+
     def shaft_counts(self) -> int:
         return 0
-
-    def gate_steps(self, steps: int) -> None:
-        pass
-
-    def dose_steps(self, steps: int) -> None:
-        pass
-
-    def opening_mm(self) -> "float | None":
-        return None
 
     def at_home(self) -> bool:
         return False
@@ -131,36 +134,6 @@ class Pins:
 
     def wheel(self) -> "tuple[int, int]":
         return 0, 0
-
-    def hopper_kg(self) -> "float | None":
-        return None
-
-    def supply_v(self) -> "float | None":
-        return None
-
-    def pitch_deg(self) -> "float | None":
-        return None
-
-    def roll_deg(self) -> "float | None":
-        return None
-
-    def shaft_effort(self) -> "float | None":
-        return None
-
-    def gate_effort(self) -> "float | None":
-        return None
-
-    def work_switch(self) -> "bool | None":
-        return None
-
-    def valves(self, mask: int) -> None:
-        pass
-
-    def valves_open(self) -> "int | None":
-        return None
-
-    def chance(self) -> "int | None":
-        return None
 
 
 class Slave:
@@ -362,7 +335,7 @@ class Slave:
             self._stepped.compare(self.shaft_rpm, dt_s)
 
     def _tell_dose(self, dose: int, state: int, turned_deg: float, begin_us: int, end_us: int) -> None:
-        self._report = f"{dose},{state},{turned_deg:.3f},{begin_us % WRAP},{end_us % WRAP}"
+        self._report = f"{dose},{state},{turned_deg:.3f},{begin_us % WORDS},{end_us % WORDS}"
         self._report_until_us = end_us + REPORT_US
         self._pins.write(seal(f"E1,{self._next_seq()},{self._report}"))
 
@@ -383,7 +356,7 @@ class Slave:
                 gate_effort, 0.0, 1000.0)
         return seal(",".join((
             name, str(self._next_seq()), str(max(self._newest.last, 0) % SEQUENCES),
-            str(clock_us % WRAP), str(pulses % WRAP), str(pulse_us % WRAP),
+            str(clock_us % WORDS), str(pulses % WORDS), str(pulse_us % WORDS),
             decimal(self.shaft_rpm, -10.0, 400.0) or "0.000",
             decimal(self._gate.reckoned_mm if sensor_mm is None else sensor_mm, -10.0, 110.0) or "0.000",
             decimal(pins.hopper_kg(), -100.0, 5000.0), decimal(pins.supply_v(), 0.0, 60.0),
@@ -394,8 +367,8 @@ class Slave:
     def _turned(self) -> bytes:
         """How far the shaft turned since power-on, and what a turn is taken to be: by its encoder, by its stepper."""
         settings = self._settings
-        counts = f"{self._pins.shaft_counts() % WRAP},{settings.counts_per_turn:.3f}" if self._encoder else ","
-        steps = "," if self._stepped is None else f"{self._steps % WRAP},{settings.dose_steps_per_turn:.3f}"
+        counts = f"{self._pins.shaft_counts() % WORDS},{settings.counts_per_turn:.3f}" if self._encoder else ","
+        steps = "," if self._stepped is None else f"{self._steps % WORDS},{settings.dose_steps_per_turn:.3f}"
         return seal(f"C1,{self._next_seq()},{counts},{steps}")
 
     def _next_seq(self) -> int:

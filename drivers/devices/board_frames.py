@@ -23,14 +23,6 @@ TURNED = "C1"                   # how far the shaft turned, in answer to ASK_TUR
 COUNTERS = WORDS                # micros and pulses run over here; words, and counts of commands with one, are below it
 SILENT_HOST_S = 1.0             # the board stops by itself after this
 
-FLAG_ENABLED = 1                # the drives follow the set-points
-FLAG_HEARTBEAT_LOST = 2         # the host was silent too long; stopped until it sends enable 0
-FLAG_DRIVER_FAULT = 4           # a motor driver reports a fault; stopped
-FLAG_STEPS_LOST = 8             # the gate had lost steps; made good
-FLAG_HOMING = 16                # the gate is looking for its switch; the shaft waits
-FLAG_WORD_UNUSED = 32           # the board has a word under which no command came yet: ask for it
-FLAG_OLD_ORDER = 64             # a command came that is not newer than all before it; stopped until enable 0
-
 MOST_VALVES = 16
 COMMAND_SHAFT_RPM = (0.0, 300.0)
 COMMAND_OPENING_MM = (0.0, 100.0)

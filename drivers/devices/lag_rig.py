@@ -6,12 +6,11 @@ from typing import NamedTuple
 
 from control.readings import Reading
 from drivers.board.framing import SEQUENCES, number, seal, whole
+from drivers.board.lag_rig import LANDED, PLATE_BEFORE, TURNED_BEFORE, TURNING
 from drivers.devices.board_frames import COUNTERS, is_repeat, open_frame
 from drivers.devices.lines import LineDecoder, Rejected
 
 ORDER, STATUS = "R1", "L1"
-IDLE, ARMED, TURNING, LANDED = 0, 1, 2, 3
-FLAG_TURNED_BEFORE, FLAG_PLATE_BEFORE = 1, 2
 CLOCK_BLOCK_S = 10.0        # crystals drift by some 50 ppm: the least delay is looked for in the last two blocks
 
 
@@ -88,7 +87,7 @@ class LagRig(LineDecoder[RigReadings]):
             time_s, status.run, status.state, Reading(status.shaft_rpm, time_s),
             None if start_us is None else start_us * 1e-6 + min(self._offsets_s),
             None if start_us is None or land_us is None else (land_us - start_us) * 1e-6,
-            bool(status.flags & FLAG_TURNED_BEFORE), bool(status.flags & FLAG_PLATE_BEFORE))
+            bool(status.flags & TURNED_BEFORE), bool(status.flags & PLATE_BEFORE))
 
     def _before(self, status: RigStatus, micros: int | None) -> int | None:
         """A moment of the past on the rig's clock, run on."""

@@ -6,15 +6,17 @@ from typing import NamedTuple
 
 from control.readings import DriveCommand, Reading, ValvesSeen
 from drivers.board.framing import SEQUENCES
+from drivers.board.slave import (
+    DRIVER_FAULT,
+    ENABLED,
+    HEARTBEAT_LOST,
+    HOMING,
+    OLD_ORDER,
+    STEPS_LOST,
+    WORD_UNUSED,
+)
 from drivers.devices.board_frames import (
     ASK,
-    FLAG_DRIVER_FAULT,
-    FLAG_ENABLED,
-    FLAG_HEARTBEAT_LOST,
-    FLAG_HOMING,
-    FLAG_OLD_ORDER,
-    FLAG_STEPS_LOST,
-    FLAG_WORD_UNUSED,
     TURNED,
     WORD,
     CommandFrame,
@@ -164,7 +166,7 @@ class SlaveBoard(LineDecoder[BoardReadings]):
 
     def _take(self, status: StatusFrame, time_s: float) -> BoardReadings:
         self._count(status.seq)
-        self._ask = self._ask or bool(status.flags & FLAG_WORD_UNUSED)
+        self._ask = self._ask or bool(status.flags & WORD_UNUSED)
         speed_mps = self._wheel.update(status.micros, status.pulses, status.pulse_micros)
 
         def reading(value: float | None) -> Reading | None:
@@ -173,8 +175,8 @@ class SlaveBoard(LineDecoder[BoardReadings]):
         return BoardReadings(
             time_s, Reading(status.shaft_rpm, time_s), Reading(status.opening_mm, time_s), reading(speed_mps),
             reading(status.hopper_kg), reading(status.supply_v), reading(status.pitch_deg), reading(status.roll_deg),
-            status.work_switch, status.pulses, status.echo, bool(status.flags & FLAG_ENABLED),
-            bool(status.flags & FLAG_HEARTBEAT_LOST), bool(status.flags & FLAG_DRIVER_FAULT),
-            bool(status.flags & FLAG_STEPS_LOST), bool(status.flags & FLAG_HOMING),
+            status.work_switch, status.pulses, status.echo, bool(status.flags & ENABLED),
+            bool(status.flags & HEARTBEAT_LOST), bool(status.flags & DRIVER_FAULT),
+            bool(status.flags & STEPS_LOST), bool(status.flags & HOMING),
             None if status.valves_open is None else ValvesSeen(time_s, valves_of(status.valves_open)),
-            bool(status.flags & FLAG_OLD_ORDER), reading(status.shaft_effort), reading(status.gate_effort))
+            bool(status.flags & OLD_ORDER), reading(status.shaft_effort), reading(status.gate_effort))

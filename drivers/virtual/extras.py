@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import struct
-from typing import Protocol
 
 from control.readings import DriveCommand, GnssFix
 from control.simulation.plant import SensorReadings
@@ -31,24 +30,22 @@ FIRMWARE = 1
 SILENT_CONSOLE_S = 4.0
 
 
-class Extra(Protocol):
+class Extra:
     """Asked before and informed after every step of the plant."""
 
     def before(self, begin_s: float, command: DriveCommand, enabled: bool) -> tuple[DriveCommand, bool]:
         """What the drives shall follow: the command as it stands, or changed."""
-        ...
+        return command, enabled
 
-    def after(self, sensed: SensorReadings, begin_s: float) -> None: ...
+    def after(self, sensed: SensorReadings, begin_s: float) -> None:
+        """What the sensors say."""
 
 
-class VirtualAgOpenGps:
+class VirtualAgOpenGps(Extra):
     """AgOpenGPS telling position and speed on loopback."""
 
     def __init__(self, port: Datagrams) -> None:
         self._port = port
-
-    def before(self, begin_s: float, command: DriveCommand, enabled: bool) -> tuple[DriveCommand, bool]:
-        return command, enabled
 
     def after(self, sensed: SensorReadings, begin_s: float) -> None:
         if sensed.gnss is not None:
@@ -68,7 +65,7 @@ def _agopengps(name: int, body: bytes) -> bytes:
     return frame + bytes([sum(frame[2:]) & 0xFF])
 
 
-class VirtualRateModule:
+class VirtualRateModule(Extra):
     """A rate module: it turns the shaft at the units a minute it is commanded, and says what it counts.
 
     pulses_per_turn : of its true encoder; a console that tells another number gets another speed.

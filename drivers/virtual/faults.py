@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 from control.readings import DriveCommand
-from control.simulation.plant import SensorReadings
 from drivers.ports import Clock, Port, PortState
+from drivers.virtual.extras import Extra
 
 WRONG_BAUD_RATIO = 2.0              # sent at twice the rate at which it is read
 
@@ -145,7 +145,7 @@ class Runaway(NamedTuple):
     opening_mm: float | None = None
 
 
-class VirtualRunaway:
+class VirtualRunaway(Extra):
     """Has the last word on shaft and gate while `at` says so; asked with the time since `start_s` of every step."""
 
     def __init__(self, at: Callable[[float], Runaway], start_s: float) -> None:
@@ -159,9 +159,6 @@ class VirtualRunaway:
         if now.shaft_rpm is None:
             return command, enabled
         return command._replace(shaft_rpm=now.shaft_rpm), True
-
-    def after(self, sensed: SensorReadings, begin_s: float) -> None:
-        """It listens to no sensor."""
 
 
 KINDS: dict[str, PortFaults] = {

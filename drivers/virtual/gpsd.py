@@ -10,6 +10,7 @@ from typing import Any, Protocol
 from control.readings import DriveCommand, GnssFix
 from control.simulation.plant import SensorReadings
 from drivers.ports import UNPLUGGED, Clock, Port, PortState
+from drivers.virtual.extras import Extra
 from drivers.virtual.faults import PortFaults, ServedLine, Spoiler
 
 RELEASE = {"class": "VERSION", "release": "3.25", "proto_major": 3, "proto_minor": 15}
@@ -36,7 +37,7 @@ class Clients(Protocol):
         ...
 
 
-class VirtualGpsd:
+class VirtualGpsd(Extra):
     """Every client has a watch of its own. Known are ?VERSION, ?DEVICES, ?WATCH, ?POLL; all else is an ERROR.
 
     line : the one client there can be, or all of those that there are.

@@ -4,10 +4,10 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable
 
-from control.readings import DriveCommand
 from control.simulation.plant import SensorReadings, Truth
 from drivers.board.lag_rig import RigPins, RigProgram, RigSettings
 from drivers.ports import Port
+from drivers.virtual.extras import Extra
 
 ROUNDS = 10                     # of the rig's program, a step of the plant
 PLATE_AT_REST = 500
@@ -36,7 +36,7 @@ class _Pins(RigPins):
         return self.value
 
 
-class VirtualLagRig:
+class VirtualLagRig(Extra):
     """An extra of the virtual machine. `truth` gives what the plant really did in the newest step."""
 
     def __init__(self, port: Port, truth: Callable[[], Truth | None]) -> None:
@@ -49,9 +49,6 @@ class VirtualLagRig:
         self._rounds = 0
         self._last_s = 0.0
         self._rpm = 0.0
-
-    def before(self, begin_s: float, command: DriveCommand, enabled: bool) -> tuple[DriveCommand, bool]:
-        return command, enabled
 
     def after(self, sensed: SensorReadings, begin_s: float) -> None:
         truth = self._truth()

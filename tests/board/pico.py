@@ -18,11 +18,11 @@ import threading
 import time
 import types
 
-RPM_PER_DUTY, TIME_CONSTANT_S, EDGES, STEPS_PER_MM = 125.0, 0.1, 1200.0, 100.0
-PULSE_S = 0.125                         # of the wheel, 1.25 m/s by the usual circumference
+from tests.board.board_scenarios import Machine
+
+EDGES = 1200.0                          # of the encoder's A, a turn
 STEP, DIRECTION, ENABLE, PWM, A, B, HALL = 8, 9, 2, 4, 6, 7, 14
-world: dict[str, float] = {"mm": 25.0, "duty": 0.0, "rpm": 0.0, "turns": 0.0, "edges": 0, "pulses": 0, 
-                           "begun_s": time.monotonic()}
+machine, seen = Machine(), {"edges": 0, "pulses": 0}
 used: dict[int, str] = {}
 levels = -1                             # the file
 pins: dict[int, Pin] = {}
@@ -45,7 +45,7 @@ class Pin:
         if level is None:
             return self.level
         if level and self.number == STEP:
-            world["mm"] += (1.0 if pins[DIRECTION].level else -1.0) / STEPS_PER_MM
+            machine.gate_steps(1 if pins[DIRECTION].level else -1)
         if level != self.level:
             note(f"{self.number} {int(level)}")
         self.level = level
@@ -66,9 +66,9 @@ class Pwm:
         used[pin.number] = f"pwm {freq}"
 
     def duty_u16(self, duty):
-        if bool(duty) != bool(world["duty"]):
+        if bool(duty) != bool(machine.value):
             note(f"{PWM} {int(duty > 0)}")
-        world["duty"] = duty / 65535
+        machine.duty(duty / 65535)
 
 
 class Adc:
@@ -77,7 +77,7 @@ class Adc:
         used[number] = "adc"
 
     def read_u16(self):
-        return round({26: world["mm"] / 65.0, 27: 13.5 / 11.0 / 3.3, 28: 0.0}[self.number] * 65535)
+        return round({26: machine.true_mm / 65.0, 27: machine.supply_v() / 11.0 / 3.3, 28: 0.0}[self.number] * 65535)
 
 
 class Terminal:
@@ -132,17 +132,16 @@ class Watchdog:
 
     def feed(self):
         now_s = time.monotonic()
-        dt_s, self.fed_s = now_s - self.fed_s, now_s
-        aim = world["duty"] * RPM_PER_DUTY * pins[ENABLE].level
-        world["rpm"] += (aim - world["rpm"]) * min(1.0, dt_s / TIME_CONSTANT_S)
-        world["turns"] += world["rpm"] / 60.0 * dt_s
-        while world["edges"] < int(world["turns"] * EDGES):
-            world["edges"] += 1
+        machine.enable(pins[ENABLE].level)
+        machine.pass_time(round((now_s - self.fed_s) * 1e6))
+        self.fed_s = now_s
+        while seen["edges"] < int(machine.turns * EDGES):
+            seen["edges"] += 1
             pins[A].level = 1 - pins[A].level
             pins[B].level = 1 - pins[A].level
             pins[A].heard(pins[A])
-        while world["pulses"] < (now_s - world["begun_s"]) // PULSE_S:
-            world["pulses"] += 1
+        while seen["pulses"] < machine.wheel()[0]:
+            seen["pulses"] += 1
             pins[HALL].heard(pins[HALL])
 
 

@@ -10,8 +10,9 @@ from control.field.job import Job
 from control.machine.machine import Machine
 from control.readings import DriveCommand, Reading
 from control.simulation.plant import Plant
+from drivers.board.lag_rig import ARMED, LANDED
 from drivers.cab import Cab, CabConfig
-from drivers.devices.lag_rig import ARMED, LANDED, LagRig, RigReadings
+from drivers.devices.lag_rig import LagRig, RigReadings
 from drivers.devices.lag_test import DropRun, DropTest, LagRun, LagTest, Plan, bench_table, drop_table
 from drivers.ports import memory_pair
 from drivers.virtual.lag_rig import VirtualLagRig
