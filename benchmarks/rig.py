@@ -20,7 +20,7 @@ from drivers.cab import BoardConfig, Cab, CabConfig, GnssConfig, HeadsConfig
 from drivers.files.prescriptions.for_job import map_of_job
 from drivers.files.setup import load_setup
 from drivers.ports import memory_pair
-from drivers.virtual.faults import FaultyPort, PortFaults, Runaway, VirtualRunaway
+from drivers.virtual.faults import Runaway, VirtualRunaway
 from drivers.virtual.machine import VirtualMachine
 
 DAY = dt.date(2026, 4, 1)
@@ -59,7 +59,7 @@ class Rig:
         self.plant = simulated_machine(setup.machine, self.job, seed, dt_s, [parse_planted(text) for text in effects])
         self.heads = [f"head_{k}" for k in range(1, 1 + setup.machine.geometry.heads)]
         pairs = {name: memory_pair(name, self.clock) for name in ("gnss", *self.heads, "board")}
-        self.ports = {name: FaultyPort(pair[0], self.clock) for name, pair in pairs.items()}
+        self.ports = {name: pair[0] for name, pair in pairs.items()}
         self.board_line = pairs["board"][1]
         self.cab = self.fresh_cab()
         self.virtual = VirtualMachine(
@@ -124,8 +124,8 @@ class Rig:
 
     def unplug(self, *names: str) -> None:
         for name in names:
-            self.ports[name].faults = PortFaults(unplugged=True)
+            self.ports[name].plug(False)
 
     def plug_in(self, *names: str) -> None:
         for name in names:
-            self.ports[name].faults = PortFaults()
+            self.ports[name].plug(True)

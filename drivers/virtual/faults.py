@@ -35,9 +35,8 @@ class Spoiler:
     `by_lines` False: every piece given is one datagram and is spoilt as a line would be.
     """
 
-    def __init__(self, clock: Clock, faults: PortFaults = PortFaults(), seed: int = 0,  # noqa: B008
-                 by_lines: bool = True) -> None:
-        self.faults = faults
+    def __init__(self, clock: Clock, seed: int = 0, by_lines: bool = True) -> None:
+        self.faults = PortFaults()
         self._clock = clock
         self._random = random.Random(seed)
         self._by_lines = by_lines
@@ -81,44 +80,6 @@ class Spoiler:
         if chance() < faults.garbage_share:
             line = self._random.randbytes(self._random.randrange(1, 40)) + line
         return at_wrong_baud(line) if faults.wrong_baud else line
-
-
-class FaultyPort:
-    """Wraps a port; set `faults` at any time.
-
-    Only what is read is spoilt. Writes pass, unless the port is unplugged.
-    """
-
-    def __init__(self, inner: Port, clock: Clock, faults: PortFaults = PortFaults(), seed: int = 0) -> None:  # noqa: B008
-        self._inner = inner
-        self._spoiler = Spoiler(clock, faults, seed)
-
-    @property
-    def name(self) -> str:
-        return self._inner.name
-
-    @property
-    def faults(self) -> PortFaults:
-        return self._spoiler.faults
-
-    @faults.setter
-    def faults(self, faults: PortFaults) -> None:
-        self._spoiler.faults = faults
-
-    def read(self) -> bytes:
-        self._spoiler.put(self._inner.read())
-        return b"" if self.faults.unplugged else b"".join(self._spoiler.due())
-
-    def write(self, data: bytes) -> None:
-        if not self.faults.unplugged:
-            self._inner.write(data)
-
-    def state(self) -> PortState:
-        state = self._inner.state()
-        return state._replace(connected=False, last_error="unplugged") if self.faults.unplugged else state
-
-    def close(self) -> None:
-        self._inner.close()
 
 
 def at_wrong_baud(data: bytes, ratio: float = WRONG_BAUD_RATIO) -> bytes:

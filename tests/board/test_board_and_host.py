@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 from console.cli import app
 from control.readings import DriveCommand
 from control.simulation.plant import SensorReadings
+from drivers.board.framing import seal
 from drivers.board.slave import BoardSettings, Slave
 from drivers.cab import Cab, CabConfig
 from drivers.devices.point_dose import DoseState, PointDose, decode_report, encode_dose
@@ -340,10 +341,5 @@ def test_what_is_not_allowed_is_not_sent(angle_deg, rpm):
 
 def test_the_frames_of_the_page():
     assert encode_dose(42, 7, 120.0, 99.8).startswith(b"$D1,42,7,120.000,99.800*")
-    report = decode_report(encode_report("E1,8,7,2,120.600,1000000,1237000"))
+    report = decode_report(seal("E1,8,7,2,120.600,1000000,1237000").strip()[1:])
     assert (report.dose, report.state, report.turned_deg) == (7, DoseState.DONE, 120.6)
-
-
-def encode_report(payload: str) -> bytes:
-    from drivers.board.framing import seal
-    return seal(payload).strip()[1:]

@@ -1,6 +1,7 @@
 """`topdress calibrate encoder` on the virtual machine's board: real bytes on a pseudo-terminal, keys on another."""
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import select
@@ -16,29 +17,18 @@ from typer.testing import CliRunner
 from console.cli import app
 from control.calibration.encoder_fit import fit_counts
 from drivers.virtual.board import TRUE_COUNTS_PER_TURN
+from tests.command import TOPDRESS, serving
 from tests.waiting import wait_for
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals on this system")
-TOPDRESS = [sys.executable, "-c", "from console.cli import main; main()"]
 
 
 @pytest.fixture
-def board(tmp_path: Path) -> Iterator[Callable[..., Path]]:
-    """The standing virtual machine's board on a pseudo-terminal, with such faults; `before`: its program is changed."""
-    started: list[subprocess.Popen[str]] = []
-
-    def serve(*options: str, before: str = "") -> Path:
-        child = subprocess.Popen(
-            [sys.executable, "-c", before + TOPDRESS[2], "serve-machine", "--port", "0", "--lag-rig", "--pty",
-             str(tmp_path / "pty"), *options], stdout=subprocess.PIPE, text=True)
-        started.append(child)
-        assert child.stdout
-        next(line for line in child.stdout if line.startswith("serving"))
-        return tmp_path / "pty" / "board"
-    yield serve
-    for child in started:
-        child.terminate()
-        child.communicate(timeout=10)
+def board(tmp_path: Path) -> Iterator[Callable[..., str]]:
+    """The standing virtual machine's board on a pseudo-terminal."""
+    with contextlib.ExitStack() as started:
+        yield lambda *options, before="": started.enter_context(serving(
+            "--lag-rig", "--pty", str(tmp_path / "pty"), *options, before=before))["board"][1]
 
 
 class Person:
@@ -78,7 +68,7 @@ class Person:
 def test_turned_by_hand_the_counts_become_a_line_of_the_boards_settings(board, tmp_path):
     """Somebody turns the shaft by 7 turns: 6 s at 70 r/min, which no command asked for."""
     out, began_s = tmp_path / "board_settings.py", time.monotonic()
-    served = str(board("--fault", "shaft_turns:board@20+6"))
+    served = board("--fault", "shaft_turns:board@20+6")
     person = Person("--board", served, "--turns", "7", "--repeats", "1", "--out", str(out))
     person.sees("set a mark on the shaft to a pointer, then Enter")
     time.sleep(0.5)
@@ -97,7 +87,7 @@ def test_turned_by_hand_the_counts_become_a_line_of_the_boards_settings(board, t
 
 def test_by_the_drive_it_turns_only_while_the_space_bar_is_held(board, tmp_path):
     out, turns = tmp_path / "board_settings.py", 3
-    person = Person("--board", str(board()), "--turns", str(turns), "--repeats", "1", "--rpm", "20", "--out", str(out))
+    person = Person("--board", board(), "--turns", str(turns), "--repeats", "1", "--rpm", "20", "--out", str(out))
     person.sees("then Enter")
     time.sleep(1.5)
     person.press("\n")

@@ -2,8 +2,6 @@
 from __future__ import annotations
 
 import subprocess
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -11,34 +9,16 @@ from typer.testing import CliRunner
 
 from console.cli import app, at_the_bench, drop_by_hand
 from control.machine.fall import Fall, start_drop_s
-
-TOPDRESS = [sys.executable, "-c", "from console.cli import main; main()"]
-
-
-@pytest.fixture
-def served() -> Iterator[dict[str, str]]:
-    """A standing virtual machine on free ports: device -> URL."""
-    child = subprocess.Popen([*TOPDRESS, "serve-machine", "--port", "0", "--lag-rig"], stdout=subprocess.PIPE,
-                             text=True)
-    urls: dict[str, str] = {}
-    assert child.stdout
-    for line in child.stdout:
-        if line.startswith("serving"):
-            break
-        device, _, url = line.split()
-        urls[device] = url
-    yield urls
-    child.terminate()
-    child.wait(timeout=10)
-    child.stdout.close()
+from tests.command import TOPDRESS, serving
 
 
-def test_one_run_on_real_bytes_gives_a_table_that_is_read(served: dict[str, str], tmp_path: Path) -> None:
+def test_one_run_on_real_bytes_gives_a_table_that_is_read(tmp_path: Path) -> None:
     table = tmp_path / "lag.csv"
-    done = subprocess.run(
-        [*TOPDRESS, "calibrate", "lag", "--rig", served["lag_rig"], "--board", served["board"], "--rpm", "40",
-         "--repeats", "1", "--no-key", "--out", str(table)],
-        stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=60)
+    with serving("--lag-rig") as urls:
+        done = subprocess.run(
+            [*TOPDRESS, "calibrate", "lag", "--rig", *urls["lag_rig"], "--board", *urls["board"], "--rpm", "40",
+             "--repeats", "1", "--no-key", "--out", str(table)],
+            stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stdout, done.stderr) == (0, f"1 of 1 runs: {table}\n", "")
     header, row = table.read_text().splitlines()
     assert header == "shaft_rpm,replicate,response_s,drop_s"

@@ -16,7 +16,7 @@ from control.readings import DriveCommand
 from drivers.cab import Cab, CabConfig
 from drivers.datagrams import UdpPort
 from drivers.ports import MAX_BUFFERED_BYTES, MAX_QUEUED_WRITES, SerialStream, ThreadedPort, memory_pair, open_port
-from drivers.virtual.faults import FaultyPort, PortFaults
+from drivers.virtual.faults import PortFaults, ServedLine
 from drivers.virtual.machine import VirtualMachine
 from drivers.virtual.served import ListeningPort
 from tests.waiting import wait_for
@@ -344,60 +344,47 @@ def test_a_serial_line_belongs_to_one_program() -> None:
 
 @pytest.fixture
 def line(clock):
-    """Device end, and a faulty host end."""
+    """A faulty device end, and the host's."""
     host, device = memory_pair("line", clock)
-    return device, FaultyPort(host, clock, seed=1)
-
-
-def test_no_fault_changes_nothing(line):
-    device, port = line
-    device.write(b"one\ntwo\n")
-    assert port.read() == b"one\ntwo\n"
+    return ServedLine((device,), clock, seed=1), host
 
 
 def test_unplugged(line):
     device, port = line
+    device.fault(PortFaults(unplugged=True))
     device.write(b"lost\n")
-    port.faults = PortFaults(unplugged=True)
     port.write(b"lost too")
     assert (port.read(), device.read(), port.state().connected) == (b"", b"", False)
-    port.faults = PortFaults()
+    device.fault(PortFaults())
     device.write(b"back\n")
     assert (port.read(), port.state().connected) == (b"back\n", True)
 
 
-def test_frozen_repeats_the_last_line(line):
-    device, port = line
-    device.write(b"one\n")
-    port.read()
-    port.faults = PortFaults(frozen=True)
-    device.write(b"two\nthree\n")
-    assert port.read() == b"one\none\n"
-
-
 def test_delayed(line, clock):
     device, port = line
-    port.faults = PortFaults(delay_s=0.3)
+    device.fault(PortFaults(delay_s=0.3))
     device.write(b"one\n")
     assert port.read() == b""
     clock.now_s += 0.29
     device.write(b"two\n")
     assert port.read() == b""
     clock.now_s += 0.02
+    device.push()
     assert port.read() == b"one\n"
 
 
-def test_half_double_and_dirty_lines(line):
+def test_frozen_half_double_and_dirty_lines(line):
     device, port = line
-    for faults, expected in ((PortFaults(half_share=1.0), b"12345"),
-                             (PortFaults(duplicate_share=1.0), b"123456789\n" * 2)):
-        port.faults = faults
-        device.write(b"123456789\n")
+    for faults, expected in ((PortFaults(), b"123456789\nx\n"), (PortFaults(frozen=True), b"x\nx\n"),
+                             (PortFaults(half_share=1.0), b"12345x"),
+                             (PortFaults(duplicate_share=1.0), b"123456789\n123456789\nx\nx\n")):
+        device.fault(faults)
+        device.write(b"123456789\nx\n")
         assert port.read() == expected
-    port.faults = PortFaults(garbage_share=1.0)
+    device.fault(PortFaults(garbage_share=1.0))
     device.write(b"123456789\n")
     assert (found := port.read()).endswith(b"123456789\n") and len(found) > 10
-    port.faults = PortFaults(bit_flip_share=1.0)
+    device.fault(PortFaults(bit_flip_share=1.0))
     device.write(b"123456789\n")
     flipped = port.read()
     assert sum((a ^ b).bit_count() for a, b in zip(flipped, b"123456789\n", strict=True)) == 1
@@ -409,20 +396,19 @@ BAD = {"board": PortFaults(garbage_share=0.2, half_share=0.2, duplicate_share=0.
 
 @pytest.fixture
 def bad_cab(clock, fake_plant):
-    """Cab and machine joined by faulty ports, which are given by name."""
+    """Cab and machine joined by faulty lines, which are given by name."""
     pairs = {name: memory_pair(name, clock) for name in ("gnss", "heads", "board")}
-    ports = {name: FaultyPort(pair[0], clock, seed=7) for name, pair in pairs.items()}
-    machine = VirtualMachine(fake_plant, pairs["gnss"][1], [pairs["heads"][1]], pairs["board"][1], clock(),
-                             multiplexed=True)
+    lines = {name: ServedLine((pair[1],), clock, seed=7) for name, pair in pairs.items()}
+    machine = VirtualMachine(fake_plant, lines["gnss"], [lines["heads"]], lines["board"], clock(), multiplexed=True)
     config = CabConfig.model_validate({"gnss": {"port": "gnss"}, "board": {"port": "board"},
                                        "heads": {"ports": ["heads"], "multiplexed": True}})
-    return Cab(config, clock, lambda url, _baud, _clock: ports[url]), machine, ports
+    return Cab(config, clock, lambda url, _baud, _clock: pairs[url][0]), machine, lines
 
 
 def test_through_a_bad_line_nothing_wrong_is_accepted(bad_cab, clock, fake_plant):
-    cab, machine, ports = bad_cab
+    cab, machine, lines = bad_cab
     for name, faults in BAD.items():
-        ports[name].faults = faults
+        lines[name].fault(faults)
     seen = 0
     for tick in range(2000):
         clock.now_s += 0.05
@@ -440,7 +426,7 @@ def test_through_a_bad_line_nothing_wrong_is_accepted(bad_cab, clock, fake_plant
 
 
 def test_an_unplugged_device_goes_stale_and_comes_back(bad_cab, clock):
-    cab, machine, ports = bad_cab
+    cab, machine, lines = bad_cab
 
     def run(seconds):
         for _ in range(round(seconds / 0.05)):
@@ -450,19 +436,19 @@ def test_an_unplugged_device_goes_stale_and_comes_back(bad_cab, clock):
             cab.command(clock.now_s, DriveCommand(60.0, 30.0), False)
         return m
     run(2.0)
-    ports["board"].faults = PortFaults(unplugged=True)
+    lines["board"].fault(PortFaults(unplugged=True))
     m = run(2.0)
     assert clock.now_s - m.shaft_rpm.time_s == pytest.approx(2.0)
     assert not cab.status(clock.now_s)[-1].connected
-    ports["board"].faults = PortFaults()
+    lines["board"].fault(PortFaults())
     assert run(0.1).shaft_rpm.time_s == clock.now_s
 
 
 def test_a_frozen_board_is_silent_not_steady(bad_cab, clock):
     """The same status line again and again is a repeated sequence number, so the drive goes stale."""
-    cab, machine, ports = bad_cab
+    cab, machine, lines = bad_cab
     for tick in range(80):
-        ports["board"].faults = PortFaults(frozen=tick >= 40)
+        lines["board"].fault(PortFaults(frozen=tick >= 40))
         clock.now_s += 0.05
         machine.advance(clock.now_s)
         m = cab.measure(clock.now_s)

@@ -4,8 +4,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import operator
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,32 +16,14 @@ from console.running import start_worker
 from control.orders import Do, Order
 from drivers.files.config import shipped
 from drivers.files.read_log import read_log
-
-TOPDRESS = [sys.executable, "-c", "from console.cli import main; main()"]
+from tests.command import serving
 
 
 @pytest.fixture
-def serving(tmp_path: Path) -> Iterator:
-    """Start `topdress serve-machine` on free ports; gives device -> URLs."""
-    started: list[subprocess.Popen] = []
-
-    def start(*options: str) -> tuple[dict[str, list[str]], float]:
-        child = subprocess.Popen([*TOPDRESS, "serve-machine", "--port", "0", "--seed", "3", *options],
-                                 stdout=subprocess.PIPE, text=True)
-        started.append(child)
-        found: dict[str, list[str]] = {}
-        for line in child.stdout:
-            if line.startswith("serving"):
-                return found, time.monotonic()
-            device, _, url = line.split()
-            found.setdefault(device, []).append(url)
-        raise AssertionError("serve-machine ended at once")
-
-    yield start
-    for child in started:
-        child.terminate()
-        child.wait(timeout=10)
-        child.stdout.close()
+def served() -> Iterator:
+    """Start `topdress serve-machine`; gives device -> URLs, and when it began."""
+    with contextlib.ExitStack() as started:
+        yield lambda *options: (started.enter_context(serving("--seed", "3", *options)), time.monotonic())
 
 
 def cab_file(folder: Path, urls: dict[str, list[str]]) -> str:
@@ -106,9 +86,9 @@ async def start_work(link: Link) -> None:
 
 
 @pytest.mark.exam
-async def test_work_over_tcp_with_the_board_unplugged_and_plugged_in_again(serving, tmp_path):
+async def test_work_over_tcp_with_the_board_unplugged_and_plugged_in_again(served, tmp_path):
     job = job_file(tmp_path)
-    urls, began_s = serving("--job", job, "--fault", "unplug:board@7+1")
+    urls, began_s = served("--job", job, "--fault", "unplug:board@7+1")
     async with console(tmp_path, cab_file(tmp_path, urls), job) as link:
         await start_work(link)
         frame = await until(link, lambda frame: (frame.row.applied_rate_kg_ha or 0.0) > 100.0)

@@ -13,11 +13,9 @@ from control.machine.machine import Machine
 from control.readings import DriveCommand, GnssFix
 from control.simulation.plant import Plant
 from drivers.cab import Cab, CabConfig
-from drivers.devices.board_frames import CommandFrame, encode_command
 from drivers.devices.gnss import GnssDecoder
 from drivers.ports import open_port, socket_address
-from drivers.virtual.board import VirtualBoard
-from drivers.virtual.faults import FaultyPort, PortFaults, TimedFault, at_wrong_baud, faults_at, parse_fault
+from drivers.virtual.faults import PortFaults, ServedLine, TimedFault, at_wrong_baud, faults_at, parse_fault
 from drivers.virtual.machine import VirtualMachine, gnss_sentences, virtual_cab
 from drivers.virtual.served import ListeningPort, Serve, ServedMachine
 from tests.waiting import wait_for
@@ -74,8 +72,9 @@ def test_the_wrong_baud_gives_other_bytes_but_no_more_than_were_sent():
 def test_each_fault_shows_in_the_counts_and_never_in_the_readings(clock, fake_plant, fault, kind):
     from drivers.virtual.faults import KINDS
     cab, machine = virtual_cab(fake_plant, clock)
-    line, board = cab._drives
-    line.port = FaultyPort(line.port, clock, KINDS[fault])
+    board, line = cab._drives[1], ServedLine((machine._board_port,), clock, seed=0)
+    line.fault(KINDS[fault])
+    machine._board_port = line
     for _ in range(200):
         clock.now_s += 0.05
         machine.advance(clock.now_s)
@@ -253,11 +252,6 @@ def test_a_silent_host_stops_the_drives_within_a_second_until_told_to_start_agai
     assert not cab.board.heartbeat_lost
 
 
-def test_after_power_on_the_drives_wait_for_a_disabled_command(clock, drive, fake_plant):
-    cab, machine = virtual_cab(fake_plant, clock)
-    assert drive(cab, machine, 0.5, RUN, True).shaft_rpm.value == 0.0
-
-
 def test_a_driver_fault_stops_and_is_told(clock, drive, fake_plant):
     cab, machine = virtual_cab(fake_plant, clock)
     drive(cab, machine, 0.2, RUN, False)
@@ -266,28 +260,6 @@ def test_a_driver_fault_stops_and_is_told(clock, drive, fake_plant):
     m = drive(cab, machine, 0.2, RUN, True)
     assert m.shaft_rpm.value == 0.0
     assert cab.board.driver_fault
-
-
-def test_the_board_counts_wrong_commands_and_obeys_none(board_line):
-    board = VirtualBoard()
-    board.feed(encode_command(CommandFrame(5, 0.0, 20.0, False)), 0.0)
-    board.feed(encode_command(CommandFrame(6, 50.0, 20.0, True)), 0.0)
-    good = encode_command(CommandFrame(7, 90.0, 20.0, True))
-    board.feed(good.replace(b"90", b"99") + good[:10] + b"\r\n" + board_line("T1,8,90.0,20.0")
-               + board_line("T1,8,900.0,20.0,1") + board_line("T1,8,nan,20.0,1") + board_line("T9,8,90.0,20.0,1")
-               + encode_command(CommandFrame(6, 90.0, 20.0, True)), 0.1)
-    assert dict(board.counts.rejected) == {
-        "bad_crc": 1, "missing_crc": 1, "wrong_length": 1, "out_of_range": 1, "not_a_number": 1, "unknown_frame": 1,
-        "repeated_sequence": 1}
-    assert board.set_points(0.2) == (DriveCommand(50.0, 20.0), True)
-
-
-def test_a_restarted_host_is_heard_after_the_silence():
-    board = VirtualBoard()
-    board.feed(encode_command(CommandFrame(5, 0.0, 20.0, False)), 0.0)
-    board.feed(encode_command(CommandFrame(0, 0.0, 20.0, False)), 1.5)
-    board.feed(encode_command(CommandFrame(1, 50.0, 20.0, True)), 1.6)
-    assert board.set_points(1.6) == (DriveCommand(50.0, 20.0), True)
 
 
 def test_advance_steps_exactly_up_to_now_and_skips_a_long_pause(clock, fake_plant):

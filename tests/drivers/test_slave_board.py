@@ -9,6 +9,7 @@ import pytest
 
 from control.readings import DoseOrder, DriveCommand
 from control.simulation.plant import SensorReadings
+from drivers.board.framing import seal
 from drivers.cab import Cab, CabConfig
 from drivers.devices.board_frames import CommandFrame, crc16, decode_status, encode_command
 from drivers.devices.point_dose import DoseState
@@ -165,8 +166,7 @@ def test_valves_of_sections_go_in_a_frame_of_their_own_and_close_with_the_drives
     ("T2,5,70.0,25.0,1,x", "not_a_number"), ("T1,5,70.0,25.0,1,3", "wrong_length")])
 def test_a_wrong_command_with_valves_changes_nothing(payload: str, kind: str) -> None:
     board = VirtualBoard(25.0)
-    data = payload.encode()
-    board.feed(b"$%b*%04X\r\n" % (data, crc16(data)), 0.0)
+    board.feed(seal(payload), 0.0)
     assert board.counts.rejected == {kind: 1} and board.set_points(0.0)[0].valves == ()
 
 
@@ -240,21 +240,16 @@ def test_a_stop_ends_the_dose_and_one_that_waits(bench):
 
 def test_a_board_asked_too_much_refuses(bench):
     word = bench.board.word
-    bench.board.feed(frame(f"D3,900,1,720.000,99.800,{word}"), bench.clock.now_s)
-    bench.board.feed(frame(f"D3,901,2,120.000,99.800,{word}"), bench.clock.now_s)
+    bench.board.feed(seal(f"D3,900,1,720.000,99.800,{word}"), bench.clock.now_s)
+    bench.board.feed(seal(f"D3,901,2,120.000,99.800,{word}"), bench.clock.now_s)
     assert b"E1," in bench.board.status(sensed(bench.clock.now_s), bench.clock.now_s)
     assert b",2,3,0.000," in bench.board.status(sensed(bench.clock.now_s), bench.clock.now_s)
-    bench.board.feed(frame(f"D3,901,2,120.000,99.800,{word}"), bench.clock.now_s)
+    bench.board.feed(seal(f"D3,901,2,120.000,99.800,{word}"), bench.clock.now_s)
     assert bench.board.counts.rejected["repeated_sequence"] == 1
 
 
 def test_a_dose_of_another_session_is_not_given_and_stops_the_board(bench):
-    bench.board.feed(frame("D1,900,1,720.000,99.800"), bench.clock.now_s)
+    bench.board.feed(seal("D1,900,1,720.000,99.800"), bench.clock.now_s)
     assert bench.board.counts.rejected["old_order"] == 1 and not bench.board.set_points(bench.clock.now_s)[1]
     bench.run(3)
     assert bench.begun == [] and bench.cab.measure(bench.clock.now_s).old_orders
-
-
-def frame(payload: str) -> bytes:
-    from drivers.board.framing import seal
-    return seal(payload)

@@ -145,16 +145,17 @@ def test_a_capture_is_decoded() -> None:
 
 # --- Canopy heads: layouts, ranges, partial first lines, six heads on one line ---------------------------------------
 
-def test_greenseeker_takes_ndvi_from_the_third_field_and_the_second_index_from_the_fourth():
-    sample, = HeadDecoder(PROTOCOLS["greenseeker"], head=4).feed(b"12.500,7,0.612,0.745,1\r\n", 3.5)
-    assert sample == (3.5, 4, 0.612, 0.745)
+@pytest.mark.parametrize(("layout", "line", "ndvi", "index_2"), [
+    pytest.param(PROTOCOLS["greenseeker"], b"12.500,7,0.612,0.745,1\r\n", 0.612, 0.745, id="greenseeker: 3rd and 4th"),
+    pytest.param(PROTOCOLS["acs430"], b"0.210,0.655,18.1,27.7,5.8\r\n", 0.655, 0.21, id="crop circle 430: 2nd and 1st"),
+    pytest.param(PROTOCOLS["acs435"], b"0.210,0.655,18.1,27.7,5.8,0,0,0\r\n", 0.655, 0.21, id="435: 2nd and 1st"),
+    pytest.param(HeadFields(fields=3, ndvi=3), b"a,b,0.5\n", 0.5, None, id="own layout")])
+def test_which_field_is_which(layout, line, ndvi, index_2):
+    sample, = HeadDecoder(layout, head=4).feed(line, 3.5)
+    assert sample == (3.5, 4, ndvi, index_2)
 
 
-def test_crop_circle_430_and_435_take_ndvi_from_the_second_field():
-    sample, = HeadDecoder(PROTOCOLS["acs430"]).feed(b"0.210,0.655,18.1,27.7,5.8\r\n", 0.0)
-    assert (sample.ndvi, sample.index_2) == (0.655, 0.21)
-    sample, = HeadDecoder(PROTOCOLS["acs435"]).feed(b"0.210,0.655,18.1,27.7,5.8,0,0,0\r\n", 0.0)
-    assert (sample.ndvi, sample.index_2) == (0.655, 0.21)
+def test_rates_and_lengths_of_crop_circle():
     assert (PROTOCOLS["acs430"].baud, PROTOCOLS["acs435"].fields) == (38400, 8)
 
 
@@ -187,11 +188,6 @@ def test_multiplexed_lines_keep_their_heads_apart():
     samples = decoder.feed(b"H1,1,1,0.5,0.5,1\nH6,1,1,0.6,0.5,1\nH7,1,1,0.7,0.5,1\n1,1,0.8,0.5,1\nH2,1,1,0.9\n", 0.0)
     assert [(sample.head, sample.ndvi) for sample in samples] == [(1, 0.5), (6, 0.6)]
     assert decoder.counts.rejected == {"unknown_head": 2, "wrong_field_count": 1}
-
-
-def test_own_layout():
-    sample, = HeadDecoder(HeadFields(fields=3, ndvi=3)).feed(b"a,b,0.5\n", 0.0)
-    assert (sample.ndvi, sample.index_2) == (0.5, None)
 
 
 @pytest.mark.parametrize("layout", [HeadFields(5, 6), HeadFields(5, 0), HeadFields(5, 3, 6)])
