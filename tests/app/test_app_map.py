@@ -245,7 +245,7 @@ async def test_a_map_drawn_row_by_row_looks_as_one_drawn_at_once(clock):
         await later(app, pilot, 1.0)
         grown = [pane.render_line(row).text for row in range(pane.content_size.height)]
         styles = [[segment.style for segment in pane.render_line(row)] for row in range(pane.content_size.height)]
-        pane.repaint()
+        pane.refresh()
         await pilot.pause()
         assert [pane.render_line(row).text for row in range(pane.content_size.height)] == grown
         assert [[segment.style for segment in pane.render_line(row)]

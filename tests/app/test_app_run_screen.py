@@ -86,6 +86,19 @@ async def test_a_widget_is_touched_only_when_what_it_shows_changes(app, clock, s
     assert changed == {"tiles"}
 
 
+async def test_of_a_panel_those_rows_alone_are_drawn_that_look_other(app, source, frames, monkeypatch):
+    source.newest = frames[-1]
+    async with app.run_test(size=SIZE):
+        app.tick()
+        heads, rows = app.page.query_one("#heads"), []
+        monkeypatch.setattr(heads, "refresh", lambda *regions, **_: rows.append([region.y for region in regions]))
+        first, *rest = heads.view.heads
+        heads.show(heads.view._replace(heads=(first._replace(share=first.share + 1e-9), *rest)))
+        assert rows == [], "another view that looks the same"
+        heads.show(heads.view._replace(heads=(first._replace(value="0.01"), *rest)))
+        assert rows == [[1]]
+
+
 async def test_numbers_5_plots_2_maps_1_a_second(source, clock, frames):
     source.newest = frames[0]
     app = TopdressApp(source, clock, live=False)

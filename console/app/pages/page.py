@@ -17,9 +17,8 @@ from console.app.company import CompanyView
 from console.app.pace import MAPS_S, NUMBERS_S, PLOTS_S, Pace
 from console.app.view import AlarmsView, RunView, look, without_machine, without_worker
 from console.app.widgets.alarm_bar import AlarmBar, rows_needed
-from console.app.widgets.canvas import Canvas
 from console.app.widgets.key_bar import KeyBar, KeysView
-from console.app.widgets.panel import Panel, fit, line, wrapped
+from console.app.widgets.panel import Drawn, Panel, fit, line, wrapped
 from console.app.widgets.rates import Small, SmallView
 from console.app.widgets.status_line import PageBar, PagesView, StatusLine, TourBar, TourView, rows_of
 from console.frame import Frame
@@ -132,10 +131,8 @@ class Page(Screen[None]):
     def redraw(self) -> None:
         """After another language or theme: views may be equal and yet look different."""
         self.hurry()
-        for panel in self.query(Panel):
-            panel.refresh()
-        for canvas in self.query(Canvas):
-            canvas.repaint()
+        for drawn in self.query(Drawn):
+            drawn.refresh()
 
     def tick(self, now_s: float) -> None:
         """Look at what is new; called often, does only what is due. A subclass adds its own panels to it."""

@@ -8,7 +8,6 @@ import numpy.typing as npt
 from rich.color import Color
 from rich.segment import Segment
 from rich.style import Style
-from textual.geometry import Region
 from textual.strip import Strip
 
 from console.app.camera import Pixels
@@ -25,6 +24,7 @@ class FieldMap(Canvas[MapView]):
     def __init__(self, view: MapView, *, id: str | None = None, classes: str | None = None) -> None:
         super().__init__(view, id=id, classes=classes)
         self._codes: Codes | None = None
+        self._drawn: list[Strip] = []
         self._ink: MapInk
         self._segments: dict[int, Segment] = {}
         self._dressed_for: object = None
@@ -35,44 +35,32 @@ class FieldMap(Canvas[MapView]):
         width, height = self.content_size
         return self.view.camera.pixels(width, 2 * height)
 
-    def show(self, view: MapView) -> None:
-        """Only the rows that look other than before are drawn again."""
-        if view == self.view:
-            return
-        self.view = view
-        self.redraws += 1
-        width, height = self.content_size
-        if self._painted_for != (width, height, self.app.theme) or self._codes is None:
-            self._painted_for = None
-            self.refresh()
-            return
-        changed = self._bring(width, height)
-        self.refresh(*(Region(0, row, width, 1) for row in changed))
+    def _changed(self) -> list[int]:
+        return self._bring(*self.content_size) if self._drawn else []
 
     def paint(self, view: MapView, width: int, height: int) -> list[Strip]:
-        self._codes = None
-        self._painted = []
+        self._codes, self._drawn = None, []
         if width > 0 and height > 0:
             self._bring(width, height)
-        return self._painted
+        return self._drawn
 
     def _bring(self, width: int, height: int) -> list[int]:
         """Strips of the rows whose codes are other than before; their numbers."""
         self._dress()
         found = codes(self.view, self.pixels())
         old = self._codes
-        fresh = old is None or old.shape != found.shape or len(self._painted) != height
+        fresh = old is None or old.shape != found.shape or len(self._drawn) != height
         changed = list(range(height)) if fresh or old is None else np.flatnonzero(
             (found != old).any(axis=1)).tolist()
         if fresh:
-            self._painted = [Strip.blank(width)] * height
+            self._drawn = [Strip.blank(width)] * height
         for row in changed:
-            self._painted[row] = self._strip(found[row], width)
+            self._drawn[row] = self._strip(found[row], width)
         self._codes = found
         self.rows_drawn += len(changed)
         view = self.view
         if view.place is None and view.worked.box is None and (view.picture is None or view.picture.box is None):
-            self._painted[height // 2] = self.text_strip(width, (f" {_('no position yet')}", self.style("map--muted")))
+            self._drawn[height // 2] = self.text_strip(width, (f" {_('no position yet')}", self.style("map--muted")))
             changed = list(range(height))
         return changed
 

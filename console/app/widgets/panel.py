@@ -1,18 +1,23 @@
-"""The base of all panels: one frozen view in, lines out, and no drawing while the view stays the same."""
+"""The base of all panels: one frozen view in, rows out, and only those rows are drawn that look other than before."""
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
-from typing import ClassVar, Generic, TypeVar
+from collections.abc import Iterable, Sequence
+from itertools import zip_longest
+from typing import ClassVar, Generic, Self, TypeVar
 
 from rich.cells import cell_len, chop_cells, set_cell_size
 from textual.content import Content
+from textual.geometry import Region
 from textual.message import Message
+from textual.strip import Strip
+from textual.visual import Visual
 from textual.widget import Widget
 
 from console.locale import in_use
 
 V = TypeVar("V")
+R = TypeVar("R")
 K = TypeVar("K")
 Part = str | tuple[str, str]
 # Where a text may be broken: between words, and between any two Chinese characters; but no row begins with these.
@@ -28,34 +33,76 @@ class Picked(Message):
         self.index = index
 
 
-class Panel(Widget, Generic[V]):
-    """Shows `view`; `redraws` counts how often that was asked of the screen."""
+class Drawn(Widget, Generic[V, R]):
+    """Shows `view` in rows; `redraws` counts how often there was another one to show."""
 
     ALLOW_SELECT = False
     can_focus = False
     DEFAULT_CLASSES = "panel"
-    COMPONENT_CLASSES: ClassVar[set[str]] = set()
 
     def __init__(self, view: V, *, id: str | None = None, classes: str | None = None) -> None:
         super().__init__(id=id, classes=classes)
         self.view, self._language = view, in_use()
         self.redraws = 0
+        self._drawn: Sequence[R] = ()
+        self._drawn_for: object = None
 
     def show(self, view: V) -> None:
-        """Take a new view; the screen is touched only when it differs from the old one, or in another language."""
-        if (view, in_use()) != (self.view, self._language):
-            self.view, self._language = view, in_use()
-            self.redraws += 1
+        """Take a new view; of the screen those rows are touched that look other than before."""
+        if (view, in_use()) == (self.view, self._language):
+            return
+        self.view, self._language = view, in_use()
+        self.redraws += 1
+        if self._drawn_for is None or self._drawn_for != self._wanted():
             self.refresh()
+        elif changed := self._changed():
+            self.refresh(*(Region(0, row, self.content_size.width, 1) for row in changed))
+
+    def refresh(self, *regions: Region, repaint: bool = True, layout: bool = False, recompose: bool = False) -> Self:
+        if not regions:
+            self._drawn_for = None
+        return super().refresh(*regions, repaint=repaint, layout=layout, recompose=recompose)
+
+    def drawn(self) -> Sequence[R]:
+        """What is to be seen, made once for a view, a size and a theme."""
+        if self._drawn_for is None or self._drawn_for != self._wanted():
+            self._drawn, self._drawn_for = self.made(*self.content_size), self._wanted()
+        return self._drawn
+
+    def made(self, width: int, height: int) -> Sequence[R]:
+        """The rows of the view, at most `height`."""
+        raise NotImplementedError
+
+    def _changed(self) -> list[int]:
+        """Numbers of the rows that the view has made other than they were."""
+        before, self._drawn_for = self._drawn, None
+        return [row for row, (old, new) in enumerate(zip_longest(before, self.drawn())) if not (
+            old.is_same(new) if isinstance(old, Content) and isinstance(new, Content) else old == new)]
+
+    def _wanted(self) -> object:
+        return self.content_size, self.app.theme
+
+
+class Panel(Drawn[V, Content]):
+    """Rows of text in styles by name."""
+
+    COMPONENT_CLASSES: ClassVar[set[str]] = set()
 
     def places(self) -> tuple[tuple[int, int], ...]:
         """Column and row of everything in it that can be clicked, as it is drawn now."""
         return ((0, 0),) if hasattr(self, "on_click") else ()
 
     def render(self) -> Content:
-        width, height = self.content_size
-        lines = self.lines(self.view, width, height)[:height]
-        return Content("\n").join(lines)
+        return Content("\n").join(self.drawn())
+
+    def render_line(self, y: int) -> Strip:
+        """Textual's own would lay out all rows anew for one that is other than before."""
+        rows = self.drawn()
+        laid = Visual.to_strips(self, rows[y], self.size.width, 1, self.visual_style) if y < len(rows) else []
+        return laid[0] if laid else Strip.blank(self.size.width, self.visual_style.rich_style)
+
+    def made(self, width: int, height: int) -> list[Content]:
+        return self.lines(self.view, width, height)[:height]
 
     def lines(self, view: V, width: int, height: int) -> list[Content]:
         """The panel's rows, each of exactly or less than `width` cells."""

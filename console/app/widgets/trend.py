@@ -70,7 +70,7 @@ class Trend(Canvas[TrendView]):
         plot_rows, plot_columns = height - 2, columns_of(width)
         if plot_rows < 2 or plot_columns < 10:
             return []
-        muted = self.style("trend--muted")
+        muted, plain = self.style("trend--muted"), self.rich_style
         target_style = self.style("trend--stale" if view.stale else "trend--target")
         applied_style = self.style("trend--stale" if view.stale else "trend--applied")
         band_style = self.style("trend--stale-band" if view.stale else "trend--band")
@@ -104,7 +104,7 @@ class Trend(Canvas[TrendView]):
                 cells[cursor] = Segment("│" if cells[cursor].text == " " else cells[cursor].text,
                                         self.style("trend--cursor"))
             segments += cells
-            rows.append(Strip(segments).adjust_cell_length(width, self.rich_style))
+            rows.append(Strip(segments).adjust_cell_length(width, plain))
         start = f"-{duration(view.span_s)}"
         middle = f"-{duration(view.span_s / 2)}"
         now = _("now")
