@@ -16,14 +16,13 @@ from xml.etree.ElementTree import Element
 from drivers.files.archives import Files
 from drivers.files.imports.header import named
 from drivers.files.imports.units import of_a_rate, unit_named
-from drivers.files.imports.words import folded
+from drivers.files.imports.words import SHAPEFILE_NAME, folded
 from drivers.files.limits import SIDE
 from drivers.files.xml_text import XmlError, local, xml_root
 from drivers.plain_text import Refused
 
 ANY = ""                    # of the rate, whichever column that is
 SIDES = ("-deere-metadata.json", "-metadata.json", ".xml", ".aux.xml", ".qml", ".qmd")      # behind the stem
-SHORTEST = 10               # letters that a shapefile leaves of a name
 LEVELS = 3                  # below what names a column, that its unit may stand: Esri's attr/attrdomv/rdom/attrunit
 UNIT_WORDS = frozenset("""unit units uom einheit einheiten masseinheit mengeneinheit unite unites unidad unidades unita
     eenheid eenheden jednostka 单位 单位名称 计量单位 единица""".split())
@@ -159,7 +158,7 @@ def _column(text: str, columns: Collection[str]) -> str:
     """The column that a text names, in small letters; a shapefile has cut it. Empty: none."""
     plain = text.strip().casefold()
     return next((name for column in columns if (name := column.casefold()) == plain
-                 or (len(name) == SHORTEST and plain.startswith(name))), "") if plain else ""
+                 or (len(name) == SHAPEFILE_NAME and plain.startswith(name))), "") if plain else ""
 
 
 def _below(element: Element, levels: int) -> Iterator[Element]:

@@ -21,6 +21,7 @@ from drivers.files.imports.words import (
     PLAINLY_READING,
     RAW_COMMAND,
     READING,
+    SHAPEFILE_NAME,
     Subject,
     folded,
     goes_with,
@@ -29,7 +30,6 @@ from drivers.files.imports.words import (
 )
 
 TOO_FAST = 60.0                 # no machine drives so fast in any unit of speed: it is a rotation
-SHAPEFILE_NAME = 10             # letters that a shapefile leaves of a name
 DEGREES = ("latitude", "longitude", "heading")      # their unit needs no word
 EFFORT_UNITS = {"%": 1.0, "A": 1.0, "mA": 0.001, "Nm": 1.0}      # kept as they are: the machine file names its own
 IN_RPM = ("rpm", "drehzahl", "转速")                 # words that are units by themselves

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from drivers.files.imports.units import quantity_of
 
+SHAPEFILE_NAME = 10             # letters that a shapefile leaves of a name
 Words = tuple[str, ...]
 
 

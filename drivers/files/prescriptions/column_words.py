@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from drivers.files.imports.header import NOTHING, named
 from drivers.files.imports.units import of_a_rate, unit_named
-from drivers.files.imports.words import KINDS_IN_MAPS, folded, says
+from drivers.files.imports.words import KINDS_IN_MAPS, SHAPEFILE_NAME, folded, says
 from drivers.files.stated_units import ANY, Stated, StatedUnit, names_unit
 
 _NUMBER = re.compile(r"^(?P<number>[-+]?[\d.,'’\s]*\d[.,]?(?:[eE][-+]?\d+)?)\s*(?P<unit>[^\d\s].*)?$")
@@ -53,7 +53,6 @@ def _number(text: str) -> float | None:
     return number if math.isfinite(number) else None
 
 
-SHAPEFILE_NAME = 10             # letters that a shapefile leaves of a name
 BOUNDS = frozenset("min max minimum maximum mean avg default base previous prev last".split())   # no rate to be spread
 RATE = sorted(word[1:] for word in dict(KINDS_IN_MAPS)["rate"] if word[0] == "=")
 NUTRIENTS = {"n": "nitrogen", "nitrogen": "nitrogen", "stickstoff": "nitrogen", "azote": "nitrogen",

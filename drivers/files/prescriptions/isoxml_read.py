@@ -42,6 +42,11 @@ class _TaskLayer(NamedTuple):
     def id(self) -> str:
         return "/".join(part for part in (self.task.get("A", ""), f"{self.ddi:04X}", self.product) if part)
 
+    def of(self, zone: Element) -> Element | None:
+        """Its process data (PDV) in a zone."""
+        return next((one for one in zone.findall("PDV") if int(one.get("A", "0"), 16) == self.ddi
+                     and one.get("C", "") == self.product), None)
+
 
 def read_isoxml(files: TaskSet, path: Path, choice: RateChoice) -> Imported:
     """A prescription out of a task file. Raises PrescriptionError."""
@@ -108,7 +113,8 @@ def _meaning(root: Element, layer: _TaskLayer, where: PlaceInFile, choice: RateC
     """
     unit, step = SETPOINTS[layer.ddi]
     by_ddi = factor_kg_ha(choice, unit, where) * step
-    for presentation in _presentations(root, layer):
+    named = {one.get("E") for zone in layer.task.findall("TZN") if (one := layer.of(zone)) is not None}
+    for presentation in (one for one in root.findall("VPN") if one.get("A") in named):
         shown = unit_named(presentation.get("E", ""))
         if shown is None or shown.name not in UNITS:
             continue
@@ -148,17 +154,10 @@ def _unused(layer: _TaskLayer, ids: tuple[str, ...], has_grid: bool) -> list[Fin
     return found
 
 
-def _presentations(root: Element, layer: _TaskLayer) -> list[Element]:
-    named = {variable.get("E") for variable in layer.task.findall("TZN/PDV")
-             if int(variable.get("A", "0"), 16) == layer.ddi and variable.get("C", "") == layer.product}
-    return [presentation for presentation in root.findall("VPN") if presentation.get("A") in named]
-
-
 def _value(zone: Element, layer: _TaskLayer, where: PlaceInFile) -> int | None:
-    for variable in zone.findall("PDV"):
-        if int(variable.get("A", "0"), 16) == layer.ddi and variable.get("C", "") == layer.product:
-            return _number(variable.get("B", ""), 10, where.at("zone {zone}: PDV B", zone=zone.get("A")))
-    return None
+    found = layer.of(zone)
+    return None if found is None else _number(found.get("B", ""), 10, where.at("zone {zone}: PDV B",
+                                                                               zone=zone.get("A")))
 
 
 def _fallbacks(task: Element, rates: dict[int, float | None], where: PlaceInFile, findings: list[Finding]) -> Fallbacks:
@@ -291,10 +290,8 @@ def _template(layer: _TaskLayer, grid: Element, where: PlaceInFile) -> list[tupl
     """Which process data a cell of a type 2 grid holds, in order."""
     code = grid.get("J")
     for zone in layer.task.findall("TZN"):
-        if zone.get("A") == code:
-            order = [(int(v.get("A", "0"), 16), v.get("C", "")) for v in zone.findall("PDV")]
-            if (layer.ddi, layer.product) in order:
-                return order
+        if zone.get("A") == code and layer.of(zone) is not None:
+            return [(int(one.get("A", "0"), 16), one.get("C", "")) for one in zone.findall("PDV")]
     raise PrescriptionError(where, "grid of type 2 names zone {zone}: allowed is a zone with this layer's data",
                             zone=code)
 
