@@ -10,7 +10,7 @@ import gc
 import os
 from contextlib import suppress
 
-# Knobs of glibc's malloc.h: bytes freed at the end of the heap that stay, bytes from which on a block is not of the
+# Settings of glibc's malloc.h: bytes freed at the end of the heap that stay, bytes from which on a block is not of the
 # heap, and how many heaps there are: a thread's own keeps what another could use.
 TRIM_THRESHOLD, MMAP_THRESHOLD, ARENA_MAX = -1, -3, -8
 KEPT = {TRIM_THRESHOLD: 1 << 26, MMAP_THRESHOLD: 1 << 25, ARENA_MAX: 1}
