@@ -489,7 +489,7 @@ async def test_before_and_after_differ_by_shape_and_the_onset_is_marked(app, sho
         await app.screen.mount(plot)
         plot.styles.height = 10
         await pilot.pause()
-        strips = [strip.text for strip in plot.paint(plot.view, 60, 10)]
+        strips = [strip.text for strip in plot.lines(plot.view, 60, 10)]
         assert sum(row.count("o") for row in strips[1:-2]) == 3 - 1      # the first two marks share a cell
         assert sum(row.count("+") for row in strips[1:-2]) == 3
         assert any(":" in row for row in strips[1:-2]) and "begins here" in strips[-2]

@@ -217,7 +217,7 @@ def test_points_and_their_line_stand_where_their_axes_say(monkeypatch, slope):
     ends = ((10.0, 5.0 - 4.0 * slope), (50.0, 5.0), (90.0, 5.0 + 4.0 * slope))
     alone = CurveView("rpm", "kg", ends)
     fitted = CurveView("rpm", "kg", (), tuple((x, y, y - 0.5, y + 0.5) for x, y in ends))
-    rows, lined = ([strip.text for strip in Curve(one).paint(one, 70, 20)] for one in (alone, fitted))
+    rows, lined = ([strip.text for strip in Curve(one).lines(one, 70, 20)] for one in (alone, fitted))
     body = [row[8:] for row in rows[1:-1]]
     marks = sorted((row.index("o"), k) for k, row in enumerate(body) if "o" in row)
     assert len(marks) == 3 and marks[0][0] <= 6 and marks[2][0] >= 52, "from edge to edge"

@@ -98,12 +98,10 @@ def _cut_in(one: Panel | Canvas) -> list[str]:
     width, height = one.content_size
     if width <= 0 or height <= 0:
         return []
-    if isinstance(one, Canvas):
-        with watched() as found:
-            one.paint(one.view, width, height)
-        return found
     with watched() as found:
         rows = one.lines(one.view, width, height)
+    if isinstance(one, Canvas):
+        return found
     found += [f"{row.plain.rstrip()!r} in {width}" for row in rows if cell_len(row.plain.rstrip()) > width]
     return [*found, *(f"no row for {row.plain.strip()!r}" for row in rows[height:] if row.plain.strip())]
 

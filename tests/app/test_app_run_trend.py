@@ -117,7 +117,7 @@ async def test_held_the_target_is_no_dots_and_the_applied_rate_is(app, size):
     points = tuple(Point(float(k), 300.0, 0.0) for k in range(100))
     async with app.run_test(size=size):
         app.page.query_one("#trend", Trend).show(TrendView(points, app.units.rate))
-        drawn = app.page.query_one("#trend", Trend).paint(TrendView(points, app.units.rate), 80, 12)
+        drawn = app.page.query_one("#trend", Trend).lines(TrendView(points, app.units.rate), 80, 12)
     rows = [strip.text[6:] for strip in drawn[1:-1]]
     dotted = [row for row in rows if any(0x2800 < ord(one) <= 0x28ff for one in row)]
     solid = [row for row in rows if set(row) & set("▀▄█")]

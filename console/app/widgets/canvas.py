@@ -25,13 +25,6 @@ class Canvas(Drawn[V, Strip]):
         rows = self.drawn()
         return rows[y] if y < len(rows) else Strip.blank(self.content_size.width, self.rich_style)
 
-    def made(self, width: int, height: int) -> list[Strip]:
-        return self.paint(self.view, width, height)
-
-    def paint(self, view: V, width: int, height: int) -> list[Strip]:
-        """All rows, each `width` cells wide."""
-        raise NotImplementedError
-
     def style(self, name: str) -> Style:
         return self.get_component_rich_style(name)
 

@@ -38,7 +38,7 @@ class FieldMap(Canvas[MapView]):
     def _changed(self) -> list[int]:
         return self._bring(*self.content_size) if self._drawn else []
 
-    def paint(self, view: MapView, width: int, height: int) -> list[Strip]:
+    def lines(self, view: MapView, width: int, height: int) -> list[Strip]:
         self._codes, self._drawn = None, []
         if width > 0 and height > 0:
             self._bring(width, height)

@@ -42,7 +42,7 @@ def ramp_of(on: Widget, scale: LayerScale, cells: int, levels: str, share: float
 class MapLegend(Canvas[LegendView]):
     COMPONENT_CLASSES: ClassVar[set[str]] = {"map--muted"}
 
-    def paint(self, view: LegendView, width: int, height: int) -> list[Strip]:
+    def lines(self, view: LegendView, width: int, height: int) -> list[Strip]:
         if width < 16:
             return []
         muted = self.style("map--muted")

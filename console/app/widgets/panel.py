@@ -4,7 +4,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from itertools import zip_longest
-from typing import ClassVar, Generic, Self, TypeVar
+from typing import Generic, Self, TypeVar
 
 from rich.cells import cell_len, chop_cells, set_cell_size
 from textual.content import Content
@@ -66,11 +66,12 @@ class Drawn(Widget, Generic[V, R]):
     def drawn(self) -> Sequence[R]:
         """What is to be seen, made once for a view, a size and a theme."""
         if self._drawn_for is None or self._drawn_for != self._wanted():
-            self._drawn, self._drawn_for = self.made(*self.content_size), self._wanted()
+            width, height = self.content_size
+            self._drawn, self._drawn_for = self.lines(self.view, width, height)[:height], self._wanted()
         return self._drawn
 
-    def made(self, width: int, height: int) -> Sequence[R]:
-        """The rows of the view, at most `height`."""
+    def lines(self, view: V, width: int, height: int) -> Sequence[R]:
+        """The rows: of a panel each of exactly or less than `width` cells, of a canvas all `width` cells wide."""
         raise NotImplementedError
 
     def _changed(self) -> list[int]:
@@ -86,8 +87,6 @@ class Drawn(Widget, Generic[V, R]):
 class Panel(Drawn[V, Content]):
     """Rows of text in styles by name."""
 
-    COMPONENT_CLASSES: ClassVar[set[str]] = set()
-
     def places(self) -> tuple[tuple[int, int], ...]:
         """Column and row of everything in it that can be clicked, as it is drawn now."""
         return ((0, 0),) if hasattr(self, "on_click") else ()
@@ -100,13 +99,6 @@ class Panel(Drawn[V, Content]):
         rows = self.drawn()
         laid = Visual.to_strips(self, rows[y], self.size.width, 1, self.visual_style) if y < len(rows) else []
         return laid[0] if laid else Strip.blank(self.size.width, self.visual_style.rich_style)
-
-    def made(self, width: int, height: int) -> list[Content]:
-        return self.lines(self.view, width, height)[:height]
-
-    def lines(self, view: V, width: int, height: int) -> list[Content]:
-        """The panel's rows, each of exactly or less than `width` cells."""
-        raise NotImplementedError
 
 
 def line(*parts: Part) -> Content:

@@ -82,7 +82,7 @@ def graph(times_s: Sequence[float], values: Sequence[float], from_s: float, span
 class TileGraphs(Canvas[GraphsView]):
     COMPONENT_CLASSES: ClassVar[set[str]] = {"trend--applied", "trend--stale"}
 
-    def paint(self, view: GraphsView, width: int, height: int) -> list[Strip]:
+    def lines(self, view: GraphsView, width: int, height: int) -> list[Strip]:
         each = width // len(CHANNELS)
         style = self.style("trend--stale" if view.stale else "trend--applied")
         dots = [trace(one, each - 2, height) for one in view.graphs]

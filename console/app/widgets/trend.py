@@ -66,7 +66,7 @@ class Trend(Canvas[TrendView]):
         elif _AXIS <= event.x < _AXIS + columns:
             self.post_message(self.Pointed((2 * (event.x - _AXIS) + 0.5) / (2 * columns - 1)))
 
-    def paint(self, view: TrendView, width: int, height: int) -> list[Strip]:
+    def lines(self, view: TrendView, width: int, height: int) -> list[Strip]:
         plot_rows, plot_columns = height - 2, columns_of(width)
         if plot_rows < 2 or plot_columns < 10:
             return []

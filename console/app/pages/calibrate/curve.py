@@ -45,7 +45,7 @@ class Curve(Canvas[CurveView]):
     COMPONENT_CLASSES: ClassVar[set[str]] = {"curve--point", "curve--line", "curve--band", "curve--muted",
                                              "curve--title"}
 
-    def paint(self, view: CurveView, width: int, height: int) -> list[Strip]:
+    def lines(self, view: CurveView, width: int, height: int) -> list[Strip]:
         rows, columns = height - 2, width - _AXIS - 1
         if rows < 2 or columns < 10:
             return []

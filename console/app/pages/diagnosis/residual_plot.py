@@ -53,7 +53,7 @@ def dots_between(places: Sequence[tuple[int, int]], every: int = 1) -> set[tuple
 class ResidualPlot(Canvas[PlotView | None]):
     COMPONENT_CLASSES: ClassVar[set[str]] = {"plot--before", "plot--after", "plot--muted", "plot--title", "plot--onset"}
 
-    def paint(self, view: PlotView | None, width: int, height: int) -> list[Strip]:
+    def lines(self, view: PlotView | None, width: int, height: int) -> list[Strip]:
         rows, columns = height - 3, width - _AXIS - 1
         if rows < 2 or columns < 10:
             return []

@@ -81,7 +81,7 @@ class LaidLegendView(NamedTuple):
 class LaidLegend(Canvas[LaidLegendView]):
     COMPONENT_CLASSES: ClassVar[set[str]] = {"map--muted"}
 
-    def paint(self, view: LaidLegendView, width: int, height: int) -> list[Strip]:
+    def lines(self, view: LaidLegendView, width: int, height: int) -> list[Strip]:
         muted = self.style("map--muted")
         name = f" {_('file')} {view.name}: "
         if view.scale is None:

@@ -86,7 +86,7 @@ class Plots(Canvas[PlotsView]):
         each, rest = divmod(max(0, height - 1), count)
         return [each + (index < rest) for index in range(len(self.view.plots))]
 
-    def paint(self, view: PlotsView, width: int, height: int) -> list[Strip]:
+    def lines(self, view: PlotsView, width: int, height: int) -> list[Strip]:
         muted = self.style("trend--muted")
         if not view.plots:
             return [self.text_strip(width, (f" {_('V chooses what is plotted')}", muted))]
