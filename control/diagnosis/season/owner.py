@@ -142,16 +142,18 @@ def still_there(cause: Cause) -> bool:
 
 def low_hoppers(logs: Sequence[OwnersLog]) -> list[Low]:
     """Operators whose hours with a nearly empty hopper are more than the others' (Mann and Whitney's test)."""
-    found = []
-    rates = [(one.shared.get("operator", ""), 60.0 * one.worked.low_minutes / max(60.0 * one.worked.hours, 1e-9))
-             for one in logs if one.worked.hours > 0.0]
-    for operator in sorted({name for name, _ in rates if name}):
-        own = [rate for name, rate in rates if name == operator]
-        others = [rate for name, rate in rates if name and name != operator]
-        if len(own) < LEAST_OPERATOR_LOGS or len(others) < LEAST_OPERATOR_LOGS:
+    found, rates = [], dict[str, list[float]]()
+    for one in logs:
+        if one.worked.hours > 0.0 and (operator := one.shared.get("operator", "")):
+            rates.setdefault(operator, []).append(60.0 * one.worked.low_minutes / max(60.0 * one.worked.hours, 1e-9))
+    all_logs, total = sum(map(len, rates.values())), sum(map(sum, rates.values()))
+    for operator, own in rates.items():
+        rest, mean = all_logs - len(own), sum(own) / len(own)
+        if min(len(own), rest) < LEAST_OPERATOR_LOGS or mean <= LOW_RATIO * (usual := (total - sum(own)) / rest):
             continue
         from scipy.stats import mannwhitneyu  # takes half a second to load, and is seldom asked for
+        others = [rate for name, of in rates.items() if name != operator for rate in of]
         p = float(mannwhitneyu(own, others, alternative="greater").pvalue)
-        if p < LOW_P and np.mean(own) > LOW_RATIO * np.mean(others):
-            found.append(Low(operator, len(own), float(np.mean(own)), float(np.mean(others)), p))
-    return sorted(found, key=lambda one: -one.minutes_per_hour)
+        if p < LOW_P:
+            found.append(Low(operator, len(own), mean, usual, p))
+    return sorted(found, key=lambda one: (-one.minutes_per_hour, one.operator))
