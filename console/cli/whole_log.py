@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 def whole_log(path: Path, meta: RunMeta) -> Iterator[PlainLogWriter]:
     """Rows are appended in the block; at its end log and sidecar get their names. Raises OSError."""
     from drivers.files.run_log import PlainLogWriter
-    part = log_files(path.with_name(f".{path.stem}.part.csv"))
+    writer = PlainLogWriter(path.with_name(f".{path.stem}.part.csv"), meta)
+    part = log_files(writer.path)
     try:
-        writer = PlainLogWriter(part[0], meta)
         try:
             yield writer
         finally:

@@ -42,7 +42,8 @@ def begin_log(path: Path, meta: RunMeta, overwrite: bool = False, create: Create
             file.sync()
     except BaseException:
         file.close()
-        file.path.unlink(missing_ok=True)
+        for path in (file.path, sidecar(file.path)):
+            path.unlink(missing_ok=True)
         raise
     return file
 
@@ -52,9 +53,9 @@ class PlainLogWriter:
 
     def __init__(self, path: Path, meta: RunMeta, overwrite: bool = False) -> None:
         """Raises OSError."""
-        self._file = begin_log(Path(path), meta, overwrite)
         self._text = RowText(columns_of(meta.machine))
         self._waiting = bytearray()
+        self._file = begin_log(Path(path), meta, overwrite)
 
     @property
     def path(self) -> Path:

@@ -223,11 +223,11 @@ def test_cancelling_leaves_nothing_half_written(tmp_path: Path) -> None:
 
 
 def test_cancelled_as_its_files_begin_it_leaves_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def half(path: Path, meta: object) -> None:
-        path.with_suffix(".yaml").write_text("format: topdress-run-log/1\n")
+    def cancelled(file: object, data: bytearray) -> None:
+        assert (tmp_path / ".a.part.yaml").exists()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("drivers.files.run_log.PlainLogWriter", half)
+    monkeypatch.setattr("drivers.files.run_log._write_all", cancelled)
     done = runner.invoke(app, ["simulate", "--seconds", "2", "--out", str(tmp_path / "a.csv")])
     assert done.exit_code == 130 and list(tmp_path.iterdir()) == []
 
