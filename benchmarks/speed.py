@@ -405,11 +405,11 @@ def _latency(what: str, found: Values) -> Iterator[Row]:
 
 
 def loop(both: dict[str, Path], folder: Path, times: int) -> Iterator[Row]:
-    """p99.9 of the loop's period in the worker, a console at work attached, over that of a loop alone in a process."""
+    """p99.9 of the loop's period in the worker, a console at work attached, over that of this tree's loop alone."""
     found: Values = {}
     for name, tree in both.items():
         alone = subprocess.run([sys.executable, __file__, "--loop-alone", str(folder / f"loop_{name}")], check=True,
-                               env=environment_of(tree), stdout=subprocess.PIPE, text=True)
+                               env=environment_of(Path(__file__).parents[1]), stdout=subprocess.PIPE, text=True)
         with environment(tree), console("--hz", f"{LOOP_HZ:g}") as one:
             to_work(one.terminal)
             time.sleep(LOOP_S)
