@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import typer
+
 from console.app.held_key import HeldKey
 from console.app.words import alarm_words, answer_words
 from console.frame import Frame
@@ -109,6 +111,12 @@ def show(text: str) -> None:
     if sys.stderr.isatty():
         sys.stderr.write(f"\r\x1b[K{text}")
         sys.stderr.flush()
+
+
+def say(text: str) -> None:
+    """On stderr, a line that stays, in place of what was shown."""
+    show("")
+    typer.echo(text, err=True)
 
 
 class AtTheBench:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import typer
 
-from console.cli.at_the_bench import HEARD_WITHIN_S, AtTheBench, Keys, host_of, keys, show
+from console.cli.at_the_bench import HEARD_WITHIN_S, AtTheBench, Keys, host_of, keys, say, show
 from console.cli.inputs import machine_of
 from console.cli.plain_errors import CommandError
 from console.frame import Frame
@@ -18,6 +18,7 @@ from control.orders import Do, Order, State
 from drivers import day_clock
 from drivers.cab import Cab, CabConfig
 from drivers.devices.board_frames import COUNTERS, ShaftTurned
+from drivers.files.atomic import write_atomically
 
 TICK_S = 0.02
 ANSWERS_WITHIN_S = 2.0          # of a board that is heard: some 40 questions
@@ -39,7 +40,7 @@ def calibrate_encoder(board: str, *, turns: int, repeats: int, rpm: float | None
             _by_drive(board, count, keyboard, machine, rpm)
     lines = [_said(setting, fit_counts(runs, turns), believed) for setting, runs, believed in count.found()]
     day = day_clock.today().isoformat()
-    out.write_text(f"# topdress calibrate encoder, {day}: {repeats} x {turns} turns\n" + "".join(lines))
+    write_atomically(out, f"# topdress calibrate encoder, {day}: {repeats} x {turns} turns\n" + "".join(lines))
     typer.echo(f"settings of the board: {out}")
 
 
@@ -62,7 +63,7 @@ class MarkCount:
         self._began_s: float | None = None
         self._heard_s: float | None = None
         self._connects = 0
-        typer.echo("set a mark on the shaft to a pointer, then Enter (Ctrl+C ends, nothing is written)")
+        say("set a mark on the shaft to a pointer, then Enter (Ctrl+C ends, nothing is written)")
 
     @property
     def done(self) -> bool:
@@ -92,7 +93,7 @@ class MarkCount:
         if self._entered:
             self._entered = False
             if any(_way(before, turned, name) for name, _ in self._shafts(turned)):
-                typer.echo("the shaft still turns: Enter when it stands")
+                say("the shaft still turns: Enter when it stands")
             else:
                 self._mark(turned)
         shown = ", ".join([f"{_way(self._marks[-1], turned, name):+d} {name}" for name, _ in self._shafts(turned)
@@ -114,8 +115,8 @@ class MarkCount:
         self._marks.append(turned)
         if not self.done:
             how = "by hand" if self._by_hand else "the space bar held down"
-            typer.echo(f"run {len(self._marks)} of {self._repeats}: {self._turns} whole turns forwards, {how}, until "
-                       "the mark is at the pointer again, then Enter")
+            say(f"run {len(self._marks)} of {self._repeats}: {self._turns} whole turns forwards, {how}, until the mark "
+                "is at the pointer again, then Enter")
 
     def _refuse_silence(self, now_s: float, heard: int, error: str) -> None:
         self._began_s = now_s if self._began_s is None else self._began_s
@@ -153,6 +154,7 @@ class ByDrive(AtTheBench):
     to the mark."""
 
     cab: Cab
+    error: CommandError | None = None
     _creeps_until_s = inf
 
     def __init__(self, keyboard: Keys, count: MarkCount, creep_rpm: float, rpm: float) -> None:
@@ -166,7 +168,8 @@ class ByDrive(AtTheBench):
         try:
             self._count.tick(self.cab, now_s, pressed, self.refusal)
         except CommandError as error:
-            self.give_up(str(error))
+            self.error = error
+            self.host.stop("trouble")
             return
         if self._count.done:
             self.host.stop("done")
@@ -185,6 +188,7 @@ def _by_drive(board: str, count: MarkCount, keyboard: Keys, machine: str, rpm: f
     person.host, person.cab = host_of({"board": board}, machine, lambda: time.monotonic() - began_s, person.between)
     person.host.run()
     show("")
+    if person.error is not None:
+        raise person.error
     if person.trouble:
-        raise CommandError(person.trouble if person.trouble.startswith("calibrate") else
-                           f"calibrate encoder: {person.trouble}")
+        raise CommandError(f"calibrate encoder: {person.trouble}")

@@ -10,7 +10,7 @@ from typing import Any
 import typer
 
 from console.app.words import answer_words
-from console.cli.at_the_bench import AtTheBench, Keys, host_of, keys, show
+from console.cli.at_the_bench import AtTheBench, Keys, host_of, keys, say, show
 from console.cli.plain_errors import CommandError
 from console.frame import Frame, LagTestView
 from control.orders import Do, Order, State
@@ -82,8 +82,7 @@ class Attended(AtTheBench):
         self.measured = len(view.runs)
         if view.said and view.said != self._said:
             self._said = view.said
-            show("")
-            typer.echo(f"failed: {view.said}", err=True)
+            say(f"failed: {view.said}")
         if view.phase == "done":
             test = self.host.lag.test
             self.left_out = [f"{rpm:g} r/min, repeat {n}: {why}" for rpm, n, why in (test.left_out if test else ())]

@@ -365,7 +365,7 @@ class ControlLoop:
         if decision.by_point:
             dose, events = self._doses.due(moment, self._operator.choices, verdict)
             self._events.add(*events)
-        return DriveCommand(command.shaft_rpm, command.opening_mm, dose, valves)
+        return command._replace(dose=dose, valves=valves)
 
     def _valves(self, moment: Moment, decision: TickDecision, verdict: Verdict,
                 command: DriveCommand) -> tuple[bool, ...]:

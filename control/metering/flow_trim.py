@@ -141,9 +141,8 @@ class FlowTrim:
 
     @property
     def says(self) -> ScaleSays:
-        said = self._said
-        return ScaleSays(self._unordered_kg, said.off_kg, said.share, said.outlets, said.of_outlets,
-                         said.beyond_percent, 100.0 * (self.value - 1.0), self._refill_percent)
+        return self._said._replace(trimmed_percent=100.0 * (self.value - 1.0), unordered_kg=self._unordered_kg,
+                                   refill_percent=self._refill_percent)
 
     @property
     def sd_percent(self) -> float:

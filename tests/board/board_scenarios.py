@@ -395,7 +395,7 @@ def stepped(counts_per_turn=0.0):
 
 
 def metering_stepper():
-    """Steps in a second at 60 r/min, the most by which steps/s grew within 0.1 s (steps/s^2), the r/min told, the most
+    """Steps in a second at 60 r/min, the most by which steps/s grew within 0.1 s (steps/s^2), the r/min said, the most
     duty; then the steps in the second after each way to stop, and whether the drives are enabled: set-point 0,
     enable 0, a driver's fault, the last frame 1 s ago."""
     bench = stepped()
@@ -408,8 +408,8 @@ def metering_stepper():
     bench.run(2.0, 60, 25, 1, look=look)
     tenths = [counted[k + 100] - counted[k] for k in range(0, 1900, 100)]
     rises = [tenths[k + 1] - tenths[k] for k in range(18)]
-    told = bench.machine.sent[-1].split(b",")[6].decode()
-    found = [counted[-1] - counted[-1001], max(rises) * 100, told, max(duties)]
+    said_rpm = bench.machine.sent[-1].split(b",")[6].decode()
+    found = [counted[-1] - counted[-1001], max(rises) * 100, said_rpm, max(duties)]
     for rpm, enable, fault, wait_s in ((0, 1, False, 0.0), (60, 0, False, 0.0), (60, 1, True, 0.0),
                                        (60, None, False, 0.951)):
         bench.machine.fault = False
@@ -424,7 +424,7 @@ def metering_stepper():
 
 def stepper_falls_out_of_step():
     """A stepper with an encoder at 80 r/min, held from the second to the fourth second: steps put out in each half
-    second and the r/min told at its end."""
+    second and the r/min said at its end."""
     bench = stepped(2400.0)
     machine, found, held = bench.machine, [], [False, 0]
 

@@ -62,11 +62,11 @@ class Pico:
 
     @property
     def moves(self) -> int:
-        """How often a step or a duty was begun."""
+        """How often a step or a duty was put out."""
         return sum(on for _, on in self.levels(SHAFT_STEP, PWM))
 
     def moves_after(self, at_s: float) -> list[float]:
-        """What was begun more than two rounds later."""
+        """What was put out more than two rounds later."""
         return [begun_s for begun_s, on in self.levels(SHAFT_STEP, PWM) if on and begun_s > at_s + 0.002]
 
     def close(self) -> None:

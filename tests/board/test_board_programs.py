@@ -45,7 +45,7 @@ def test_a_silent_host_stops_the_drives_after_one_second():
     pytest.param("limits", [100, 60.0], id="set-points are cut to what is screwed on"),
     pytest.param("gate_moves", [[25.0, 1300], [40.0, 1500], [10.0, -3000], [10.1, 10]],
                  id="the gate reaches its places by as many steps"),
-    pytest.param("lost_steps", [8, 40.0, 0], id="lost steps are seen, told and made good"),
+    pytest.param("lost_steps", [8, 40.0, 0], id="lost steps are seen, said and made good"),
     pytest.param("metering_stepper", [400, 2000, "60.000", 0.0, [0, True], [0, False], [0, False], [0, False]],
                  id="a stepper meters, up its ramp, and no way to stop leaves a step"),
     pytest.param("stepper_falls_out_of_step", [[195, 81], [267, 81], [267, 78], [266, 81], [267, 0], [195, 0], [196, 0],
