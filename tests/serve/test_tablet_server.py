@@ -92,11 +92,14 @@ class Tab:
             if message.type == aiohttp.WSMsgType.BINARY:
                 self.text += message.data.decode("utf-8", "replace")
 
-    async def until(self, words, timeout_s=60.0):
+    async def until(self, words, timeout_s=60.0, again=""):
+        """again: pressed each second until then, for a line of others may stand where the answer did."""
         async with asyncio.timeout(timeout_s):
             while words not in self.text:
                 assert not self.reading.done(), f"closed: {self.text[-400:]}"
-                await asyncio.sleep(0.02)
+                await asyncio.sleep(1.0 if again else 0.02)
+                if again:
+                    await self.press(again)
 
     async def press(self, key):
         await self.web.send_json(["stdin", key])
@@ -134,7 +137,7 @@ async def test_two_tabs_look_at_the_worker_and_change_nothing(served):
             for key in ("r", "s", "x", "+"):
                 await tab.press(key)
         for tab in tabs:
-            await tab.until("view only: hold")
+            await tab.until("view only: hold", again="+")
         assert await looking.order(Order(Do.READY), 5.0) == Answer(False, "unauthorised")
         seq = looking.newest.seq
         while looking.newest.seq < seq + 10:
