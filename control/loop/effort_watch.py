@@ -4,7 +4,7 @@ from __future__ import annotations
 from math import hypot, inf
 
 from control.log_row import HOLDS_S
-from control.machine.effort import OF_SHAFT, EffortInput, shaft_effort
+from control.machine.effort import EffortInput, shaft_parts, supply_factor
 from control.machine.flow import in_flutes
 from control.machine.machine import Machine
 from control.metering.inverse import Conditions
@@ -33,8 +33,7 @@ class EffortWatch:
     """
 
     def __init__(self, machine: Machine) -> None:
-        self._machine, self._tells, own = machine, machine.has("effort"), machine.effort
-        self._without = [own._replace(**{name: 0.0}) for name in OF_SHAFT if getattr(own, name) > 0.0]
+        self._machine, self._tells = machine, machine.has("effort")
         self._off: float | None = None          # measured less expected
         self._usual = self._turned_s = 0.0      # the same as a share, for minutes; for how long it was known
         self._rests = NO_EFFORT._replace(unit=machine.effort_unit if self._tells else "")
@@ -49,8 +48,9 @@ class EffortWatch:
             return
         machine, own = self._machine, self._machine.effort
         u = effort_input(machine, rpm, opening_mm, c)
-        should = shaft_effort(own, u)
-        load = should - shaft_effort(own, EffortInput(u.speed, supply_share=u.supply_share))
+        supply = supply_factor(own, u)
+        friction, drag, _gains, load = (supply * part for part in shaft_parts(own, u))
+        should = max(0.0, friction + drag + load)
         share = min(1.0, dt_s / MEAN_S)
         before = self._usual * should if self._off is None else self._off
         off = self._off = before + share * (abs(effort) - should - before)
@@ -60,7 +60,9 @@ class EffortWatch:
         unknown = own.by_supply * SUPPLY_SHARE * should if c.supply_v is None else 0.0
         keeps = HOLDS if self.says.harder_percent or self.says.unloaded else 1.0
         sudden = keeps * max(LOAD_SHARE * load, chance, unknown)
-        far = max(sudden, keeps * LEAST_SD * self._open(u, should, 0.5 * unknown))
+        # what a sound drive's parts, each within its tolerance (1 s.d.), and its supply leave open of its effort
+        sd = hypot(0.01 * machine.tolerance.effort_percent * hypot(friction, drag, load), 0.5 * unknown)
+        far = max(sudden, keeps * LEAST_SD * sd)
         more, less = (usual + sudden, usual - sudden) if self._turned_s > SETTLES_S else (inf, -inf)
         more, less = min(far, more), max(-far, less) if load > chance else -should
         high, low = off > more, off < less
@@ -68,11 +70,6 @@ class EffortWatch:
                                should, max(0.0, should + less), should + more, machine.effort_unit)
         if not (high or low):
             self._usual += min(1.0, dt_s / min(USUAL_S, self._turned_s)) * (off / max(should, 1e-9) - self._usual)
-
-    def _open(self, u: EffortInput, should: float, supply_sd: float) -> float:
-        """What a sound drive's parts, each within its tolerance (1 s.d.), and its supply leave open of its effort."""
-        parts = [should - shaft_effort(without, u) for without in self._without]
-        return hypot(0.01 * self._machine.tolerance.effort_percent * hypot(*parts), supply_sd)
 
 
 def effort_input(machine: Machine, rpm: float, opening_mm: float, c: Conditions) -> EffortInput:

@@ -80,6 +80,9 @@ OF_SHAFT = ("coulomb", "coulomb_back", "viscous", "viscous_back", "load")
 OF_GATE = ("gate_coulomb", "gate_coulomb_back", "gate_viscous", "gate_viscous_back")
 
 
+Parts = tuple[float, float, float]     # of an effort: friction, drag, what it takes to gain speed
+
+
 class EffortInput(NamedTuple):
     speed: float                # r/min, or mm/s of the gate
     speed_per_s: float = 0.0
@@ -89,29 +92,34 @@ class EffortInput(NamedTuple):
 
 
 def of_drive(coulomb: float, coulomb_back: float, viscous: float, viscous_back: float, inertia: float,
-             friction_percent: float, drag_percent: float, speed: float, speed_per_s: float) -> float:
+             friction_percent: float, drag_percent: float, speed: float, speed_per_s: float) -> Parts:
     """What a drive takes for itself. Friction is the mean of both ways: what differs is a load that pulls one way."""
     own = coulomb if coulomb_back <= 0.0 else 0.5 * (coulomb + coulomb_back)
-    total = 0.01 * friction_percent * own
+    more = 0.01 * friction_percent * own
     if speed < 0.0:
-        return total + coulomb_back - viscous_back * (1.0 + 0.01 * drag_percent) * speed - inertia * speed_per_s
-    return total + coulomb + viscous * (1.0 + 0.01 * drag_percent) * speed + inertia * speed_per_s
+        return more + coulomb_back, -viscous_back * (1.0 + 0.01 * drag_percent) * speed, -inertia * speed_per_s
+    return more + coulomb, viscous * (1.0 + 0.01 * drag_percent) * speed, inertia * speed_per_s
+
+
+def shaft_parts(p: Effort, u: EffortInput) -> tuple[float, float, float, float]:
+    """Of a shaft that turns, at the nominal supply: its own three, and the material's load."""
+    friction, drag, gains = of_drive(p.coulomb, p.coulomb_back, p.viscous, p.viscous_back, p.inertia,
+                                     p.friction_percent, p.drag_percent, u.speed, u.speed_per_s)
+    return friction, drag, gains, p.load * (1.0 + 0.01 * p.load_percent) * (u.grams_rev + p.jam * u.packed_g_rev)
+
+
+def supply_factor(p: Effort, u: EffortInput) -> float:
+    """Times what the drive works at the nominal supply."""
+    return 1.0 + p.by_supply * (u.supply_share - 1.0)
 
 
 def shaft_effort(p: Effort, u: EffortInput) -> float:
     """Effort of the metering shaft, before noise; 0 while it stands."""
-    if u.speed == 0.0:
-        return 0.0
-    total = of_drive(p.coulomb, p.coulomb_back, p.viscous, p.viscous_back, p.inertia, p.friction_percent,
-                     p.drag_percent, u.speed, u.speed_per_s)
-    total += p.load * (1.0 + 0.01 * p.load_percent) * (u.grams_rev + p.jam * u.packed_g_rev)
-    return max(0.0, total * (1.0 + p.by_supply * (u.supply_share - 1.0)))
+    return 0.0 if u.speed == 0.0 else max(0.0, sum(shaft_parts(p, u)) * supply_factor(p, u))
 
 
 def gate_effort(p: Effort, u: EffortInput) -> float:
     """Effort of the gate, before noise; 0 while it stands."""
-    if u.speed == 0.0:
-        return 0.0
-    total = of_drive(p.gate_coulomb, p.gate_coulomb_back, p.gate_viscous, p.gate_viscous_back, p.gate_inertia,
-                     p.gate_friction_percent, p.gate_drag_percent, u.speed, u.speed_per_s)
-    return max(0.0, total * (1.0 + p.by_supply * (u.supply_share - 1.0)))
+    return 0.0 if u.speed == 0.0 else max(0.0, supply_factor(p, u) * sum(of_drive(
+        p.gate_coulomb, p.gate_coulomb_back, p.gate_viscous, p.gate_viscous_back, p.gate_inertia,
+        p.gate_friction_percent, p.gate_drag_percent, u.speed, u.speed_per_s)))
