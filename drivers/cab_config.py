@@ -4,8 +4,9 @@ from __future__ import annotations
 import ipaddress
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
+from control.frozen_model import FrozenModel
 from drivers.datagrams import is_loopback, line_url, udp_address
 from drivers.devices.canopy_heads import PROTOCOLS, HeadFields, head_fields
 from drivers.plugins import names, plugged
@@ -32,11 +33,7 @@ def _receiver(name: str) -> str:
 Receiver = Annotated[str, AfterValidator(_receiver), Field(examples=list(RECEIVERS))]
 
 
-class _Config(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class GnssConfig(_Config):
+class GnssConfig(FrozenModel):
     """A receiver, or a program that passes on what its receiver says.
 
     `nmea0183`: a serial line or `socket://`. `gpsd`: `socket://HOST:2947`. `agopengps`: `udp://127.0.0.1:17777`, the
@@ -58,7 +55,7 @@ class GnssConfig(_Config):
         return self
 
 
-class HeadLayout(_Config):
+class HeadLayout(FrozenModel):
     """Which field of a head's line means what; the first is 1, `index_2: 0` where there is none."""
 
     fields: Annotated[int, Field(ge=1, le=40)]
@@ -72,7 +69,7 @@ class HeadLayout(_Config):
         return self
 
 
-class HeadsConfig(_Config):
+class HeadsConfig(FrozenModel):
     """The canopy heads: one port each, left to right, or all on one multiplexed line."""
 
     protocol: str = "greenseeker"
@@ -110,7 +107,7 @@ class HeadsConfig(_Config):
         return found
 
 
-class BoardConfig(_Config):
+class BoardConfig(FrozenModel):
     """The slave board, the limits of its drives and the wheel that it counts."""
 
     port: LineUrl
@@ -122,7 +119,7 @@ class BoardConfig(_Config):
     work_switch: bool = False                   # fitted: then silence about it means "up"
 
 
-class RateModuleConfig(_Config):
+class RateModuleConfig(FrozenModel):
     """A rate module on UDP as the metering drive. Its unit is one turn of the metering shaft: units a minute are r/min.
 
     `address`: the module's own or the subnet's broadcast address; None: 192.168.1.(50 + module), the modules' default.
@@ -186,21 +183,21 @@ def _is_network(text: str) -> bool:
     return True
 
 
-class LagRigConfig(_Config):
+class LagRigConfig(FrozenModel):
     """The lag rig, where it is mounted for calibrating."""
 
     port: LineUrl
     baud: Baud = 115200
 
 
-class TractorConfig(_Config):
+class TractorConfig(FrozenModel):
     """The tractor's own computer, or a gateway to it, that tells the speeds it will aim at (`$PTDSP`)."""
 
     port: LineUrl
     baud: Baud = 115200
 
 
-class RateLineConfig(_Config):
+class RateLineConfig(FrozenModel):
     """Another display that tells the target: `$R,RC` as it tells a Raven console, or `$PTDRT`.
 
     A serial line, `socket://`, or the `udp://` address at which this program listens; another one than loopback says
@@ -219,7 +216,7 @@ class RateLineConfig(_Config):
         return self
 
 
-class CabConfig(_Config):
+class CabConfig(FrozenModel):
     """Which devices a machine has and where they are plugged in; None: not fitted.
 
     `record_only`: nothing is sent to any drive; what a machine of somebody else's does is logged and mapped.

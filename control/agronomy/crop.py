@@ -5,24 +5,23 @@ import datetime as dt
 import math
 from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from control.agronomy.growth import GrowthWindow
 from control.agronomy.response import HarvestLine, ResponseRule
 from control.agronomy.yield_potential import YieldPotential, day_rule
+from control.frozen_model import FrozenModel
 
 CANOPY_ITSELF = HarvestLine(slope=1.0, intercept=0.0)       # a line that leaves the canopy's index as it is
 
 
-class GrowingDays(BaseModel):
+class GrowingDays(FrozenModel):
     """D of paper A, eq 4: days from sowing to sensing with a mean temperature above the crop's base.
 
     Either counted by hand (`count` with the base it was counted over, `above_c`), or counted from a weather file
     (`weather` with `sown`, and `sensed` where it is not the day of work). Where the curve counts every day: `count`
     alone, or `sown` alone.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     count: int | None = Field(default=None, ge=1, le=400, strict=True)
     above_c: float | None = Field(default=None, ge=-5.0, le=15.0, description="base the days were counted over")
@@ -62,14 +61,12 @@ class GrowingDays(BaseModel):
         return ""
 
 
-class Crop(BaseModel):
+class Crop(FrozenModel):
     """Crop file "topdress-crop/1". Rates are kg of product per ha, yields t of grain per ha.
 
     Its rule is one of two: a yield curve (`yield_potential`, with `days` and `y_max_t_ha`), or the sufficiency index
     (`sufficiency`), which needs none of those.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     format: Literal["topdress-crop/1"]
     id: str = Field(pattern=r"^[a-z][a-z0-9_]*$")
@@ -242,10 +239,8 @@ class Crop(BaseModel):
 # (University of Novi Sad, 2022); the paper itself, with its coefficients for one index or another, could not be read
 # here, nor that of Solari et al. 2010 (Agron. J. 102:1090-1098). So nothing is preset: N_opt and delta_SI belong to a
 # crop, an index and a stage, and a crop file that uses this rule says its own, with their source.
-class Sufficiency(BaseModel):
+class Sufficiency(FrozenModel):
     """The two coefficients of the curve, from one source, over the crop file's own index."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     n_opt_kg_ha: float = Field(gt=0.0, le=400.0, description="N, not product: what a place with SI 1 - delta_si gets; "
                                "what a job's nitrogen keys say was given and is credited comes off it")

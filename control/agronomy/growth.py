@@ -8,19 +8,16 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, NamedTuple, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+
+from control.frozen_model import FrozenModel
 
 Scale = Literal["feekes", "bbch", "days"]
 SCALE_RANGE: dict[str, tuple[float, float]] = {"feekes": (1.0, 11.4), "bbch": (0.0, 99.0), "days": (1.0, 400.0)}
 
 Stage = Annotated[float, Field(ge=0, le=400)]        # the widest of the scales
 
-
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class GrowthWindow(_Part):
+class GrowthWindow(FrozenModel):
     """From which stage to which the crop's rule holds. days: as the rule counts them, above its base temperature."""
 
     scale: Scale
@@ -37,7 +34,7 @@ class GrowthWindow(_Part):
         return self
 
 
-class GrowthStage(_Part):
+class GrowthStage(FrozenModel):
     """The crop's stage on the day of work, as somebody saw it."""
 
     scale: Literal["feekes", "bbch"]

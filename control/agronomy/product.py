@@ -4,13 +4,13 @@ from __future__ import annotations
 import datetime as dt
 from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+
+from control.frozen_model import FrozenModel
 
 
-class CatchTest(BaseModel):
+class CatchTest(FrozenModel):
     """What a machine gave of this product by turn and millimetre of opening, weighed on a day."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     date: dt.date
     machine: str = Field(min_length=1, description="id of the machine that it was done with")
@@ -33,10 +33,8 @@ class CatchTest(BaseModel):
         return self
 
 
-class Product(BaseModel):
+class Product(FrozenModel):
     """Product file "topdress-product/1"."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     format: Literal["topdress-product/1"]
     id: str = Field(pattern=r"^[a-z][a-z0-9_]*$")

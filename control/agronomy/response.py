@@ -9,14 +9,15 @@ from __future__ import annotations
 
 from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from control.agronomy.strips import Strips, measured_index
+from control.frozen_model import FrozenModel
 
 ResponseRule = Literal["paper", "field"]
 
 
-class HarvestLine(BaseModel):
+class HarvestLine(FrozenModel):
     """What the response of the yield is, from that of the canopy: slope x RI + intercept.
 
     Oklahoma State's table of equations has a line in the rows of some crops and years, not in those of others
@@ -24,8 +25,6 @@ class HarvestLine(BaseModel):
     2004. Which belongs to which is fixed in `yield_potential`. Without a line the canopy's own index counts, as on the
     page above.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     slope: float = Field(gt=0.0, le=5.0)
     intercept: float = Field(ge=-3.0, le=3.0)

@@ -11,9 +11,10 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from control.agronomy.response import HarvestLine
+from control.frozen_model import FrozenModel
 
 OSU_LIBRARY = "Oklahoma State University, library of yield prediction equations (nue.okstate.edu/Yield_Potential.htm)"
 WHEAT_LINE = HarvestLine(slope=1.69, intercept=-0.70)       # wheat of 2005 to 2007 and 2006 in Australia, durum 2006
@@ -89,14 +90,14 @@ def _schema_takes_either(schema: dict[str, Any]) -> None:
     schema["properties"]["set"]["enum"] = [*YIELD_SETS, None]
 
 
-class YieldPotential(BaseModel):
+class YieldPotential(FrozenModel):
     """Yield without topdressing, a exp(b NDVI / D) in t/ha, with the rule by which the D days are counted.
 
     Written as `{set: NAME}` with a name of YIELD_SETS, or as all of `a_t_ha`, `b_days`, `base_temp_c` and `source`.
     After validation all four hold values in either case. Anything in between is refused.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, json_schema_extra=_schema_takes_either)
+    model_config = ConfigDict(json_schema_extra=_schema_takes_either)
 
     set: str | None = Field(default=None, description="name of a published set")
     a_t_ha: float = Field(gt=0.0, le=5.0, description="yield at NDVI 0, t/ha")

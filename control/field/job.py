@@ -5,13 +5,14 @@ import datetime as dt
 from collections.abc import Callable
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from control.agronomy.crop import Crop
 from control.agronomy.growth import GrowthStage
 from control.agronomy.noa import Rule, prepare
 from control.agronomy.response import ResponseRule
 from control.field.boundary import Boundary
+from control.frozen_model import FrozenModel
 from control.orders import BY_MAP, Strategy, TargetSource
 
 Rate = Annotated[float, Field(ge=0, le=2000)]
@@ -23,11 +24,6 @@ MOST_CORNERS = 20_000
 MOST_PLANTS = 1_000_000         # as many as a plant list may have
 Kmh = Annotated[float, Field(gt=0, le=30)]
 Name = Annotated[str, Field(max_length=80)]
-
-
-class FrozenModel(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
 
 class Wanted(FrozenModel):
     """Where the target comes from."""

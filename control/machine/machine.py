@@ -3,8 +3,10 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, NamedTuple
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
+
+from control.frozen_model import FrozenModel
 
 from .effect import Entry, catalogue
 from .effort import Effort
@@ -36,12 +38,7 @@ MOST_TERMS, MOST_ENTRIES = 100, 2000                        # of a file that man
 
 StageName = Literal["shaft", "gate", "flow", "scale", "speed", "heads", "effort"]
 
-
-class Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Geometry(Part):
+class Geometry(FrozenModel):
     """Along-track places are relative to the outlets, forward positive."""
 
     working_width_m: Width = 2.4
@@ -53,7 +50,7 @@ class Geometry(Part):
     outlet_height_m: Height = 0.5
 
 
-class Limits(Part):
+class Limits(FrozenModel):
     """What may be sent to the drives. A shaft command of 0 stops it; between 0 and the lowest there is none."""
 
     shaft_low_rpm: Annotated[float, Field(ge=0, le=1e5)] = 10.0
@@ -65,12 +62,12 @@ class Limits(Part):
     hopper_low_kg: Annotated[float, Field(ge=0, le=20000)] = 15.0
 
 
-class SetPoints(Part):
+class SetPoints(FrozenModel):
     shaft_rpm: Turning = 70.0           # opening first
     opening_mm: Opening = 25.0          # speed first
 
 
-class Noise(Part):
+class Noise(FrozenModel):
     """One standard deviation of what each sensor adds."""
 
     shaft_rpm: Annotated[float, Field(ge=0, le=1e4)] = 0.3
@@ -86,7 +83,7 @@ class Noise(Part):
     effort: Annotated[float, Field(ge=0, le=100)] = 1.0         # in `effort_unit`
 
 
-class Tolerance(Part):
+class Tolerance(FrozenModel):
     """One standard deviation of what the nominal values may be off: the priors of diagnosis."""
 
     flow_percent: Share = 0.1
@@ -104,7 +101,7 @@ class Tolerance(Part):
     effort_percent: Share = 2.5
 
 
-class Adopted(Part):
+class Adopted(FrozenModel):
     """Where an effect in this file comes from, and where it may be believed."""
 
     id: str
@@ -119,7 +116,7 @@ class Adopted(Part):
     valid: dict[str, tuple[Number, Number]] = {}
 
 
-class Resized(Part):
+class Resized(FrozenModel):
     """An effect whose size a change set, in its catalogue unit."""
 
     id: str
@@ -128,7 +125,7 @@ class Resized(Part):
     after: Number
 
 
-class Change(Part):
+class Change(FrozenModel):
     """What a diagnosis changed in this file, and the data that it comes from; `undone`: the day it was taken back."""
 
     date: str = ""
@@ -139,7 +136,7 @@ class Change(Part):
     undone: str = ""
 
 
-class Machine(Part):
+class Machine(FrozenModel):
     """The machine file. Effects are stage parameters with a neutral default; `adopted` says where they come from, and
     `history` what was changed, so that it can be taken back."""
 

@@ -9,24 +9,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, NamedTuple
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from control.frozen_model import FrozenModel
 
 MOST_SECTIONS = 16          # as many relays as a rate module has, and bits a board's command
 
 
-class Valve(BaseModel):
+class Valve(FrozenModel):
     """Opens and closes at once, so long after its command. Without power it closes."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     open_s: Annotated[float, Field(ge=0, le=2)] = 0.0
     close_s: Annotated[float, Field(ge=0, le=2)] = 0.0
 
 
-class Section(BaseModel):
+class Section(FrozenModel):
     """So many outlets, as wide as their share of the working width."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     outlets: Annotated[int, Field(ge=1, le=100)] = 1
     valve: Valve | None = None

@@ -10,8 +10,10 @@ from enum import StrEnum
 from functools import lru_cache
 from typing import Annotated, Any, NamedTuple
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
+
+from control.frozen_model import FrozenModel
 
 from .elements import Table
 from .form import FORMS, SHAFT_ANGLE, TermParams
@@ -44,10 +46,8 @@ VARIABLES = {"shaft_rpm": "r/min", "opening_mm": "mm", "hopper_kg": "kg", "pitch
 Number = Annotated[float, Field(ge=-1e9, le=1e9)]
 
 
-class Variable(BaseModel):
+class Variable(FrozenModel):
     """What a term depends on. valid : range in which it was seen; beyond it the term holds its edge value."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     name: Annotated[str, Field(min_length=1, max_length=200)]
     unit: str = ""                      # of a column that is none of the run log's
@@ -68,10 +68,8 @@ class Variable(BaseModel):
         return VARIABLES.get(self.name, self.unit)
 
 
-class Source(BaseModel):
+class Source(FrozenModel):
     """Where a term comes from."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     data: str = ""
     sha256: str = ""
@@ -87,10 +85,8 @@ class Interval(NamedTuple):
     high: Number
 
 
-class Term(BaseModel):
+class Term(FrozenModel):
     """One term of the machine file."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     id: Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[a-z][a-z0-9_.]*$")]
     title: str = ""

@@ -5,20 +5,16 @@ from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
 import platformdirs
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from control.frozen_model import FrozenModel
 from drivers.files.config import ConfigError, Kind, load, save
 
 MOST_RATE_KG_HA = 2000.0
 
 Keys = Annotated[str, Field(min_length=1, max_length=80, description="keys, with commas between them")]
 
-
-class Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class ManualRate(Part):
+class ManualRate(FrozenModel):
     """What may be typed as a manual rate; never beyond the crop's own limit."""
 
     low_kg_ha: Annotated[float, Field(ge=0.0, le=MOST_RATE_KG_HA)] = 0.0
@@ -31,7 +27,7 @@ class ManualRate(Part):
         return self
 
 
-class Presets(Part):
+class Presets(FrozenModel):
     """Rates on keys of their own. Defaults: a light, a middle and a full top dressing of urea for winter wheat, of the
     order of the grades in the decision paper's table (0 to 300 kg/ha)."""
 
@@ -40,7 +36,7 @@ class Presets(Part):
     third_kg_ha: Annotated[float, Field(ge=0.0, le=MOST_RATE_KG_HA)] = 200.0
 
 
-class Rates(Part):
+class Rates(FrozenModel):
     """How often the console looks at each kind of panel; slower ones spare a weak computer."""
 
     numbers_hz: Annotated[float, Field(ge=1.0, le=5.0)] = 5.0
@@ -51,14 +47,14 @@ class Rates(Part):
 Command = Annotated[str, Field(max_length=500, description="command that plays it; empty: the terminal's bell")]
 
 
-class Sounds(Part):
+class Sounds(FrozenModel):
     """What is heard in place of the terminal's bell, where `sound` is on."""
 
     alarm: Command = ""         # flow is stopped or about to be
     caution: Command = ""       # work goes on
 
 
-class Settings(Part):
+class Settings(FrozenModel):
     """Settings file "topdress-settings/1"; every key may be left out."""
 
     units: Literal["metric", "imperial"] = "metric"

@@ -4,8 +4,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from control.frozen_model import FrozenModel
 from drivers.files.config import ConfigError, Kind, load
 
 Colour = Annotated[str, Field(pattern=r"^#[0-9a-fA-F]{6}$", description="a colour such as #00518f")]
@@ -14,10 +15,8 @@ COLOURS = ("background", "surface", "panel", "foreground", "primary", "stale", "
            "amber", "on-amber", "keybar", "on-keybar", "keybar-key")
 
 
-class ThemeData(BaseModel):
+class ThemeData(FrozenModel):
     """Theme file "topdress-theme/1"."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_-]{0,30}$")]
     like: Literal["day", "night", "contrast"]

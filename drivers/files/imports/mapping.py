@@ -7,7 +7,7 @@ from zoneinfo import ZoneInfo, available_timezones
 
 from pydantic import Field, model_validator
 
-from control.field.job import FrozenModel
+from control.frozen_model import FrozenModel
 from control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS
 from drivers.files.config import Kind
 from drivers.files.config_words import nearest
