@@ -28,6 +28,8 @@ LIGHT = ("console.worker.__main__", "console.link", "console.frame", "control.lo
 OF_FILES = {"numpy", "pydantic", "yaml", "serial"}
 DIAGNOSE = ("console.cli.diagnose, console.reports.diagnosis_text, control.diagnosis.runs.diagnose, "
             "control.diagnosis.runs.several, control.diagnosis.tables.diagnose, drivers.files.opened")
+FIRST_PICTURE = ("console.app.app, console.app.pages.run.page, console.services.at_work, console.services.field, "
+                 "console.services.line_files, console.services.live_checker, console.services.settings")
 FLEET = "console.cli.fleet, console.services.fleet, console.services.fleet_tables, console.reports.html"
 
 
@@ -39,6 +41,9 @@ FLEET = "console.cli.fleet, console.services.fleet, console.services.fleet_table
     *((start, {*HEAVY, *OF_FILES, "shapely", "shapefile"})
       for start in ("console.cli", "console.cli.screens", "console.services.launcher")),
     ("console.worker.__main__", {"shapefile", "http"}),             # before a job names shapes
+    # of the machine's model and files the first picture shows nothing: they are read once it is seen
+    pytest.param(FIRST_PICTURE, {"control.machine.machine", "control.field.job", "control.diagnosis.result", "shapely",
+                                 "drivers.files.kinds"}, id="first picture"),
     # the workers begin a second earlier: this process reads the judgement while they are at their logs
     pytest.param(FLEET, {"scipy", "numba", "polars"}, id="fleet"),
     pytest.param(DIAGNOSE, {"textual", "matplotlib", "scipy.stats", "scipy.optimize"}, id="diagnose")])

@@ -58,7 +58,6 @@ from console.locale import _, use
 from console.running import WorkerFailed
 from console.sweeps import Sweeps
 from console.worker.resume_alarms import AlarmBook
-from control.machine.machine import Machine
 from control.orders import Answer, Do, Order, State
 from drivers import day_clock
 from drivers.files.settings import Rates
@@ -68,6 +67,7 @@ if TYPE_CHECKING:
     from console.app.pages.job.service import AtWork, JobService, Offer
     from console.app.pages.map.page import MapScreen
     from console.app.pages.replay.page import ReplayScreen
+    from control.machine.machine import Machine
 
 LEADS_TO = {Do.START: State.WORKING, Do.CALIBRATE: State.CALIBRATING, Do.READY: State.READY}
 NOTES = (TextDialog, HelpScreen, AlarmList)     # nothing is asked in them
@@ -329,6 +329,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             await asyncio.to_thread(self.pages.read, where)
             self.pages[where]
             await asyncio.sleep(BREATHER_S)
+        await asyncio.to_thread(self.services.make)
         for module in LATE_MODULES:
             await asyncio.to_thread(import_module, module)
         await asyncio.to_thread(cell_len, WIDE)

@@ -23,7 +23,7 @@ def ask_first(app: TopdressApp, service: JobService) -> None:
         if found and app.screen is app.page and (frame is None or frame.row.state in MAY_CHANGE):
             app.ask(_question(app, found), lambda number: start_with(app, service, found[int(number)]))
 
-    app.list_files(service.recent, listed)
+    app.list_files(lambda: service.recent(), listed)      # made in the thread
 
 
 def start_with(app: TopdressApp, service: JobService, files: Recent) -> None:

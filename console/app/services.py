@@ -2,17 +2,41 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cache
+from threading import Lock
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-from console.app.field_picture import FieldPicture
-from console.app.pages.calibrate.service import CalibrateService
-from console.app.pages.diagnosis.service import DiagnosisService
-from console.app.pages.job.service import AtWork, Earlier, JobService
-from console.app.pages.map.service import LayerFiles, LineFiles
-from console.app.pages.replay.service import LogFiles
-from console.app.pages.settings.service import SettingsStore
-from console.frame import Frame
-from control.diagnosis.result import Departure
+if TYPE_CHECKING:
+    from console.app.field_picture import FieldPicture
+    from console.app.pages.calibrate.service import CalibrateService
+    from console.app.pages.diagnosis.service import DiagnosisService
+    from console.app.pages.job.service import AtWork, Earlier, JobService
+    from console.app.pages.map.service import LayerFiles, LineFiles
+    from console.app.pages.replay.service import LogFiles
+    from console.app.pages.settings.service import SettingsStore
+    from console.frame import Frame
+    from control.diagnosis.result import Departure
+
+T = TypeVar("T")
+
+
+class _Late:
+    def __init__(self, make: Callable[[], object]) -> None:
+        self._made, self._lock = cache(make), Lock()
+
+    def made(self) -> object:
+        with self._lock:
+            return self._made()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.made(), name)
+
+
+def late(make: Callable[[], T]) -> T:
+    """A service that is made, and what it needs imported, when something of it is first asked for: the first picture
+    does without."""
+    return cast(T, _Late(make))
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,3 +68,9 @@ class Services:
     missing: str = ""                   # a sentence for the start: what this console does without
 
     play: Callable[[str], str] | None = None      # begins a command that plays a sound; why it did not, empty: it did
+
+    def make(self) -> None:
+        """Those that are `late`, in a thread: each imports much."""
+        for one in fields(self):
+            if isinstance(found := getattr(self, one.name), _Late):
+                found.made()

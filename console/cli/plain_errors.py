@@ -16,7 +16,6 @@ import typer
 
 from console.running import WorkerFailed
 from drivers.files.config_error import ConfigError
-from drivers.files.extras import extra_line, extra_of
 from drivers.files.imports.trouble import TableError
 from drivers.plain_text import one_line
 
@@ -67,6 +66,7 @@ def guarded(command: F) -> F:
 def _unforeseen(error: Exception) -> tuple[str, int]:
     """Of what nobody foresaw the trace is for us, the line for the user; of a part that is not installed, what installs
     it."""
+    from drivers.files.extras import extra_line, extra_of
     if isinstance(error, ModuleNotFoundError) and (extra := extra_of(error.name or "")) is not None:
         return f"this needs the extra {extra}, not installed: {extra_line(extra)}", WRONG
     said = one_line(str(error))[:200]

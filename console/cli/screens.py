@@ -1,8 +1,9 @@
 """From the command line to the screens: start or attach to a worker, open a log."""
 from __future__ import annotations
 
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,12 +20,19 @@ if TYPE_CHECKING:
     from pydantic import BaseModel
 
     from console.app.joined import Joined
+    from console.app.pages.calibrate.service import CalibrateService
+    from console.app.pages.job.service import AtWork, JobService
+    from console.app.pages.map.service import LayerFiles
+    from console.app.pages.replay.service import LogFiles
     from console.app.services import Services
     from console.running import WorkerAddress
+    from console.services.diagnosis import DiagnosisFiles
     from console.services.launcher import Launcher
     from drivers.files.config import Loaded
     from drivers.files.read_log import RunLog
     from drivers.files.setup import Setup
+
+    Files = tuple[Setup, Mapping[str, Loaded[BaseModel]]]      # the setup, and its configuration files by kind
 
 
 def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: float, log: str | None,
@@ -35,17 +43,17 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
     from console.services.launcher import Launcher
     launcher = Launcher(config, effects, seed, hz, log, trouble_path(), name)
     coming: Future[WorkerAddress] | None = None
-    running: WorkerAddress | None = None
-    if has_terminal():
-        running = find_running()
-        if running is None and not launcher.may_go_on():
-            coming = _started(launcher.start)
+    running = find_running() if has_terminal() else None
+    if running is None:
+        if has_terminal() and not launcher.may_go_on():
+            coming = _started(launcher.start)               # it reads the files, and refuses wrong ones
+        else:
+            _setup(config)
     joined = None if running is None else _join(launcher, running)
-    setup, found = _setup(config, coming) if joined is None else _setup_of_running(launcher.config, config)
     need_terminal("topdress run", "topdress simulate runs the loop, topdress serve shows the console in a browser")
     from console.app.app import TopdressApp
+    from console.app.services import late
     from console.link import ComingLink, Link
-    from console.services.job import JobFiles
     from console.services.line_files import KeptLineFiles
     from console.services.live_checker import LiveChecker
     from console.services.settings import settings_store
@@ -60,7 +68,11 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
         await asyncio.to_thread(launcher.adopt, where.log_path)
         return Link(where, name)
 
-    job, lines = JobFiles(launcher), KeptLineFiles()
+    def job_files() -> JobService:
+        from console.services.job import JobFiles
+        return JobFiles(launcher)
+
+    job, lines = late(job_files), KeptLineFiles()
     checked = model_check and is_there("diagnosis")
     source: Link | None = None
     if running is not None:
@@ -68,17 +80,17 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
     elif coming is not None or job.offer() is None:           # else the console asks whether to go on with it
         source = ComingLink(coming or _started(launcher.start), name)
     tour = not config and first_time()
-    app = TopdressApp(source, start=launcher.link, attach=attach, limits_kg_ha=(0.0, setup.crop.max_rate_kg_ha),
-                      hopper_kg=setup.machine.flow.full_kg, tour=tour, joined=joined,
+    services = run_services(cache(lambda: _setup_of_running(launcher.config, config)), effects)
+    app = TopdressApp(source, start=launcher.link, attach=attach, tour=tour, joined=joined,
                       ask_job=not config and not tour and running is None and source is not None,
-                      services=replace(run_services(setup, found, effects), job=job, settings=settings_store(),
-                                       lines=lines, play=Player(),
+                      services=replace(services, job=job, settings=settings_store(), lines=lines, play=Player(),
                                        model_check=LiveChecker().latest if checked else None,
                                        missing=_("The model check is off: the extra diagnosis is not installed "
                                                  "(topdress extras)") if model_check and not checked else ""))
     app.run()
     lines.close()
     if app.not_started:
+        _setup(config)                                      # all that is wrong with a file, where that was why
         raise CommandError(app.not_started)
 
 
@@ -99,15 +111,13 @@ def _join(launcher: Launcher, running: WorkerAddress) -> Joined:
     return Joined(running.started, running.log_path, launcher.config, unused, named=named)
 
 
-def _setup_of_running(theirs: tuple[str, ...], ours: tuple[str, ...]) -> tuple[Setup, dict[str, Loaded[BaseModel]]]:
+def _setup_of_running(theirs: tuple[str, ...], ours: tuple[str, ...]) -> Files:
     """The files of the machine that runs, as far as they can still be read: a console that could not open for them
     could not stop it. Raises ConfigError."""
     from drivers.files.config_error import ConfigError
-    from drivers.files.setup import by_kind, setup_of
     for config in (theirs, ours, ()):
         try:
-            found = by_kind(config)
-            return setup_of(found, day_clock.today()), found
+            return _setup(config)
         except ConfigError:
             if not config:
                 raise
@@ -122,45 +132,54 @@ def _started(start: Callable[[], WorkerAddress]) -> Future[WorkerAddress]:
     return coming
 
 
-def _setup(config: tuple[str, ...], coming: Future[WorkerAddress] | None) -> tuple[Setup, dict[str, Loaded[BaseModel]]]:
-    """The files as the console needs them. Raises ConfigError; the worker that comes up refuses such files too, and is
-    waited for: its last words are no concern of whoever reads the line about the file."""
-    from drivers.files.config_error import ConfigError
+def _setup(config: tuple[str, ...]) -> Files:
+    """Raises ConfigError."""
     from drivers.files.setup import by_kind, setup_of
-    try:
-        found = by_kind(config)
-        return setup_of(found, day_clock.today()), found
-    except ConfigError:
-        if coming is not None:
-            wait((coming,))
-        raise
+    found = by_kind(config)
+    return setup_of(found, day_clock.today()), found
 
 
-def run_services(setup: Setup, found: Mapping[str, Loaded[BaseModel]], effects: tuple[str, ...] = ()) -> Services:
-    """What the screens of a run can have done.
+def run_services(files: Callable[[], Files], effects: tuple[str, ...] = ()) -> Services:
+    """What the screens of a run can have done. Made, and `files` asked for, when it is first asked for.
 
-    found: the configuration files by kind. effects: of the simulated machine.
+    effects: of the simulated machine.
     """
-    from console.app.services import Services
-    from console.services.at_work import at_work, earlier
-    from console.services.calibrate import calibrate_job
-    from console.services.diagnosis import diagnosis_files
+    from console.app.services import Services, late
+    from console.services.at_work import earlier
     from console.services.field import field_picture
-    from console.services.layers import MapLayers
-    from console.services.logs import RunLogs
-    from drivers.files.kinds import CAB
-    cab = found.get(CAB.format)
-    board = cab.model.board if cab is not None and isinstance(cab.model, CAB.model) else None
-    files = diagnosis_files(found, effects)
-    return Services(
-        diagnosis=files,
-        earlier=earlier,
-        at_work=at_work,
-        field=field_picture,
-        logs=RunLogs(),
-        layers=MapLayers(files),
-        calibrate=calibrate_job(setup.machine, board.wheel_circumference_m if board else None),
-    )
+
+    def calibrate() -> CalibrateService:
+        from console.services.calibrate import calibrate_job
+        from drivers.files.kinds import CAB
+        setup, found = files()
+        cab = found.get(CAB.format)
+        board = cab.model.board if cab is not None and isinstance(cab.model, CAB.model) else None
+        return calibrate_job(setup.machine, board.wheel_circumference_m if board else None)
+
+    def diagnosis() -> DiagnosisFiles:
+        from console.services.diagnosis import diagnosis_files
+        return diagnosis_files(files()[1], effects)
+
+    def logs() -> LogFiles:
+        from console.services.logs import RunLogs
+        return RunLogs()
+
+    def layers() -> LayerFiles:
+        from console.services.layers import MapLayers
+        return MapLayers(diagnosed)
+
+    def limits(log_path: str) -> AtWork:
+        from console.app.pages.job.service import AtWork
+        from console.services.at_work import at_work
+        found = at_work(log_path)
+        if found is not None:
+            return found
+        setup = files()[0]
+        return AtWork(setup.crop.max_rate_kg_ha, setup.machine.flow.full_kg)
+
+    diagnosed = late(diagnosis)
+    return Services(diagnosis=diagnosed, earlier=earlier, at_work=limits, field=field_picture, logs=late(logs),
+                    layers=late(layers), calibrate=late(calibrate))
 
 
 def first_time() -> bool:

@@ -5,9 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from console.app.kept_lines import KeptLines, kept_lines
-from console.worker import resume
 from console.worker.side_files import SideFiles
-from drivers.files.run_meta import sidecar_meta
 
 ENDING = ".lines.jsonl"
 
@@ -67,6 +65,7 @@ class _SharedField(NamedTuple):
 
 def _field_of(log: Path) -> _SharedField | None:
     """None: its job has no field, or cannot be read."""
+    from drivers.files.run_meta import sidecar_meta
     meta = sidecar_meta(log)
     field = None if meta is None else (meta.job or {}).get("field")
     if meta is None or not isinstance(field, dict) or not field.get("boundary_m"):
@@ -95,6 +94,7 @@ def _text(path: Path) -> str:
 
 
 def _parts_before(log_path: str) -> tuple[Path, ...]:
+    from console.worker import resume
     try:
         return tuple(map(Path, resume.read(resume.snapshot_path(log_path)).logs_before))
     except (OSError, ValueError):

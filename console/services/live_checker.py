@@ -12,9 +12,12 @@ import subprocess
 import sys
 import threading
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from console.threads import ONE_THREAD
-from control.diagnosis.result import Departure
+
+if TYPE_CHECKING:
+    from control.diagnosis.result import Departure
 
 PROGRAM = (sys.executable, "-P", "-m", "console.services.live_check")
 AGAIN_S = 120.0                 # after its death
@@ -74,6 +77,7 @@ class _Run:
 
     def _listen(self) -> None:
         """Until the process ends. Its stdin stays open: it ends with this console."""
+        from control.diagnosis.result import Departure
         with subprocess.Popen([*self._program, self.log], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
                               stderr=subprocess.DEVNULL, env=os.environ | ONE_THREAD | GIVEN_BACK,
                               start_new_session=True, text=True) as child:

@@ -69,7 +69,7 @@ def app(source, clock, tmp_path, monkeypatch):
     launcher = Launcher((), (), 1, 20.0, None, tmp_path / "trouble.log")
     found = by_kind(())
     setup = setup_of(found, dt.date(2026, 3, 18))
-    services = replace(run_services(setup, found), job=JobFiles(launcher), settings=settings_store())
+    services = replace(run_services(lambda: (setup, found)), job=JobFiles(launcher), settings=settings_store())
     source.newest = replace(source.newest, log_path=str(log))
     return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=services)
 

@@ -17,7 +17,7 @@ from console.app.app import TopdressApp
 from console.cli import app, screens
 from console.cli.plain_errors import CommandError
 from console.cli.screens import first_time
-from console.running import WorkerAddress, WorkerFailed
+from console.running import WorkerAddress
 from console.services.launcher import Launcher
 from control.log_row import COLUMNS
 from control.machine.fall import drop_s as drop_time_s
@@ -339,22 +339,21 @@ def steps(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
     return done
 
 
-def test_the_worker_comes_up_before_the_files_are_read(steps: list[str], tmp_path: Path) -> None:
+def test_the_worker_comes_up_first_and_no_picture_waits_for_the_files(steps: list[str], tmp_path: Path) -> None:
     screens.show_run((), (), 1, 20.0, str(tmp_path / "run.csv"))
-    assert sorted(steps) == ["files", "screen", "worker"] and steps[-1] == "screen"
-    assert steps[0] == "worker"
+    assert sorted(steps) == ["screen", "worker"]
 
 
 def test_a_wrong_file_is_told_as_a_file(steps: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def start(self: Launcher, resumed: Path | None = None) -> WorkerAddress:
-        raise WorkerFailed("the machine did not start: something else")
+    """All that is wrong with it, where the worker's last words are one line."""
+    def run(self: TopdressApp) -> None:
+        self.not_started = "the machine did not start: something else"
 
-    monkeypatch.setattr(Launcher, "start", start)
+    monkeypatch.setattr(TopdressApp, "run", run)
     wrong = tmp_path / "job.yaml"
     wrong.write_text("format: topdress-job/1\ncolour: red\n")
     with pytest.raises(ConfigError, match="colour"):
         screens.show_run((str(wrong),), (), 1, 20.0, str(tmp_path / "run.csv"))
-    assert "screen" not in steps
 
 
 def test_a_worker_that_did_not_come_up_is_one_line(steps: list[str], tmp_path: Path,

@@ -9,16 +9,12 @@ from typing import TYPE_CHECKING
 from console.app.action import DIAGNOSIS, Action
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
 from console.app.name_dialog import NameDialog
-from console.app.pages.diagnosis import words
-from console.app.pages.diagnosis.adoption import offer_of, undecided, with_picked
-from console.app.pages.diagnosis.service import Adoption, DiagnosisView
 from console.locale import N_, _
-from console.reports.numbers import percent
-from console.reports.said import others, title, title_of, to_do
-from control.diagnosis.result import Cause
 
 if TYPE_CHECKING:
     from console.app.pages.diagnosis.page import DiagnosisScreen
+    from console.app.pages.diagnosis.service import Adoption, DiagnosisView
+    from control.diagnosis.result import Cause
 
 
 TYPED = "typed"
@@ -102,6 +98,7 @@ def adopt(page: DiagnosisScreen, found: DiagnosisView) -> None:
         why = "\n".join(found.refused) or _("nothing was found that can go into a machine file")
         page.app.push_screen(TextDialog(_("Not adopted"), why))
         return
+    from console.app.pages.diagnosis.adoption import undecided
     _ask_next(page, found, undecided(found), ())
 
 
@@ -114,6 +111,8 @@ def _ask_next(page: DiagnosisScreen, found: DiagnosisView, open_: tuple[Cause, .
     if not open_:
         _ask_why(page, found, picked)
         return
+    from console.reports.numbers import percent
+    from console.reports.said import others, title, title_of
     cause, rest = open_[0], open_[1:]
     unsized = _("its size is not known before the separating run")
     choices = (Choice(NONE, _("none of these: the next test is driven first")),
@@ -133,6 +132,8 @@ def _ask_next(page: DiagnosisScreen, found: DiagnosisView, open_: tuple[Cause, .
 
 def _ask_why(page: DiagnosisScreen, found: DiagnosisView, picked: tuple[str, ...]) -> None:
     """What was picked against the data's silence is written with its reason."""
+    from console.app.pages.diagnosis.adoption import with_picked
+    from console.app.pages.diagnosis.service import Adoption
     ids = with_picked(found, picked)
     if not ids:
         page.app.notice(_("nothing is adopted: the next test decides"))
@@ -148,6 +149,9 @@ def _ask_why(page: DiagnosisScreen, found: DiagnosisView, picked: tuple[str, ...
 
 
 def _ask_to_write(page: DiagnosisScreen, found: DiagnosisView, chosen: Adoption) -> None:
+    from console.app.pages.diagnosis import words
+    from console.app.pages.diagnosis.adoption import offer_of, undecided
+    from console.reports.said import title
     offer = offer_of(found, chosen.ids)
     left = [title(one) for one in undecided(found) if one.id not in chosen.ids]
     lines = [_("Adopted: {what}").format(what=", ".join(words.adopted_title(found, one) for one in chosen.ids))]
@@ -233,6 +237,7 @@ def job_file(page: DiagnosisScreen, found: DiagnosisView) -> None:
 
 @_of_found
 def drive(page: DiagnosisScreen, found: DiagnosisView) -> None:
+    from console.reports.said import to_do
     text = _("{minutes} minutes of simulated time, in seconds. Only a simulated machine moves; the real one and "
              "its job are left alone.").format(minutes=f"{found.minutes:g}")
 

@@ -1,9 +1,13 @@
 """What is to be said of a job's map before it is worked: what of it will not be applied as it stands. Pure."""
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from console.app.units import Units
 from console.locale import _
-from control.targets.map_check import MapCheck
+
+if TYPE_CHECKING:
+    from control.targets.map_check import MapCheck
 
 MUCH = 0.1              # of map or field: beyond it the map may be the wrong one
 LEAST_HA = 0.0001       # less is the rounding of corners

@@ -11,10 +11,10 @@ from console.locale import N_
 from console.worker.resume_alarms import AlarmRecord
 from control.agronomy.strips import StripValue
 from control.field.job_names import JobNames as JobNames
-from control.machine.machine import Machine
-from control.targets.map_check import MapCheck
 
 if TYPE_CHECKING:
+    from control.machine.machine import Machine
+    from control.targets.map_check import MapCheck
     from drivers.files.setup import Setup
 
 READING, GATHERING, WRITING = N_("reading the log"), N_("gathering"), N_("writing")     # steps of an export

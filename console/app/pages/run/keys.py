@@ -14,10 +14,8 @@ from console.app.typed_number import in_words, inside
 from console.app.undo import ordered_source
 from console.frame import Frame
 from console.locale import N_, _
-from control.metering.strategies import reach
 from control.orders import BY_MAP, STRATEGIES, Do, Order, Strategy, TargetSource
 from control.safety import Allowances
-from control.targets.point_source import FARTHEST_DOSE_M
 
 # What the operator may allow, with what is allowed now: each line of the dialog turns one into its opposite.
 SECTIONS = "sections"       # not an order: asks which section
@@ -88,6 +86,7 @@ def _reach_text(page: RunScreen, by: Strategy) -> str:
     frame, machine, units = page.app.arrival.frame, page.app.machine, page.app.units
     if frame is None or machine is None:
         return ""
+    from control.metering.strategies import reach
     rate_kg_ha = frame.row.target_rate_kg_ha or frame.manual_rate_kg_ha or 0.0
     mps = max(frame.row.speed_used_mps or 0.0, SLOWEST_WORK_MPS)
     of = reach(machine, by, rate_kg_ha, mps)
@@ -200,6 +199,8 @@ def allow(page: RunScreen) -> None:
 
 def dose_error(page: RunScreen) -> None:
     """Of the newest dose that has landed, as somebody measured it behind the machine."""
+    from control.targets.point_source import FARTHEST_DOSE_M
+
     def ask(side: str) -> None:
         unit, sign = page.app.units.fine_distance, 1.0 if side == "late" else -1.0
         page.app.ask(NumberDialog(_("How far from its plant?"), unit.name, 0.0, FARTHEST_DOSE_M * unit.per_si,

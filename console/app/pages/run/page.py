@@ -1,7 +1,7 @@
 """The Run screen: the machine at work."""
 from __future__ import annotations
 
-from typing import ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from rich.cells import cell_len
 from textual.app import ComposeResult
@@ -18,9 +18,10 @@ from console.app.view import AlarmsView, RunView, Shown, duration, wall_clock
 from console.app.widgets.panel import Panel, Part, fit, fullest, line
 from console.frame import Frame
 from console.locale import _
-from console.reports.live_words import departure_line, offer, todo
-from control.diagnosis.result import Departure
 from control.orders import State
+
+if TYPE_CHECKING:
+    from control.diagnosis.result import Departure
 
 
 # One line on the Run page: how the machine departs from its model, since when, probably why.
@@ -41,6 +42,7 @@ def model_check_texts(found: Departure, frame: Frame, utc_offset_s: float) -> tu
     """
     if turns(frame):
         return ()
+    from console.reports.live_words import departure_line, offer, todo
     since = ""
     if found.since_s is not None:
         since = wall_clock(frame.row.utc, utc_offset_s, frame.row.time_s - found.since_s)[:5] or duration(found.since_s)
