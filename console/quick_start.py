@@ -5,6 +5,7 @@ nothing. Pydantic looks through all installed packages for plugins of its own, o
 """
 from __future__ import annotations
 
+import atexit
 import ctypes
 import gc
 import os
@@ -34,8 +35,11 @@ def seldom() -> None:
 
     And what arrays leave stays for the arrays that follow: glibc gives 0.2 MB back each time, and the kernel clears it
     anew: half of all page faults of a diagnosis of 24,000 rows, 8 % of its time. Other C libraries have no `mallopt`.
+
+    At the end nothing is swept: what a process leaves ends with it (0.15 s of a diagnosis).
     """
     gc.freeze()
+    atexit.register(gc.freeze)
     gc.set_threshold(70_000, 10, 10)
     with suppress(AttributeError, OSError, TypeError):
         mallopt = ctypes.CDLL(None).mallopt

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from control.diagnosis.effects import ROWS
 from control.diagnosis.judgement.evidence import Column, adapted, best_fitted, calm, fitted, problem
-from control.diagnosis.judgement.noise import Noise
+from control.diagnosis.judgement.noise import Noise, coefficients
 from control.machine.machine import CATALOGUE
 
 from .channels import ChannelSeries
@@ -101,23 +101,22 @@ def best_begins(channels: Sequence[ChannelSeries], banded: dict[str, Array], bas
     much. matters : gain from which on more times are tried. end_s : from either end, where nothing is looked for.
     """
     best: dict[tuple[str, int | None, bool, bool], ScoreTest] = {}
-    for noise, less in zip(under, behind, strict=False):
-        residual = WhitenedResidual(channels, banded, base, noise)
-        for group in _alike(channels, begins, traces):
-            time_s, score = _scores(residual, group, grows=False)
-            within = (float(time_s[0]) + end_s, float(time_s[-1]) - end_s)
-            linear = group.linear
-            found = _begins(residual, group, time_s, score, within, matters, grows=False)
-            if temporary and linear:
-                found += _spans(residual, group.only(linear), time_s, score[linear], within, matters)
-            if linear:
-                group = group.only(linear)
-                found += _begins(residual, group, *_scores(residual, group, grows=True), within, matters, grows=True)
-            for one in found:
-                one = one._replace(evidence=one.evidence - less, gain=one.gain - 2.0 * less)
-                name = (one.part.id, one.part.member, one.part.grows, one.part.until_s is not None)
-                if name not in best or one.evidence > best[name].evidence:
-                    best[name] = one
+    residuals = [WhitenedResidual(channels, banded, base, noise) for noise in under]
+    for group in _alike(channels, begins, traces):
+        time_s, scores = _scores(residuals, group, grows=False)
+        within = (float(time_s[0]) + end_s, float(time_s[-1]) - end_s)
+        linear = group.linear
+        found = _begins(residuals, group, time_s, scores, within, matters, grows=False)
+        if temporary and linear:
+            found += _spans(residuals, group.only(linear), time_s, scores[:, linear], within, matters)
+        if linear:
+            group = group.only(linear)
+            found += _begins(residuals, group, *_scores(residuals, group, grows=True), within, matters, grows=True)
+        for at, one in found:
+            one = one._replace(evidence=one.evidence - behind[at], gain=one.gain - 2.0 * behind[at])
+            name = (one.part.id, one.part.member, one.part.grows, one.part.until_s is not None)
+            if name not in best or one.evidence > best[name].evidence:
+                best[name] = one
     return sorted(best.values(), key=lambda one: -one.evidence)
 
 
@@ -158,83 +157,101 @@ def _likeliest(candidate: Candidate, score: Array, information: Array, places: i
                      float(log_odds[best]) - evidence)
 
 
-def _begins(residual: WhitenedResidual, group: Alike, time_s: Array, score: Array, within: tuple[float, float],
-            matters: float, grows: bool) -> list[ScoreTest]:
-    """The best time to begin of each, at once or growing. score : of each, were it to begin at each time (k, m)."""
+def _begins(residuals: Sequence[WhitenedResidual], group: Alike, time_s: Array, scores: Array,
+            within: tuple[float, float], matters: float, grows: bool) -> list[tuple[int, ScoreTest]]:
+    """The best time to begin of each candidate under each noise, at once or growing, with the noise's place.
+
+    scores : of each, were it to begin at each time (noises, k, m).
+    """
     inside = np.flatnonzero((time_s > within[0]) & (time_s < within[1]))
     if not len(inside):
         return []
-    left = list(range(len(group.ones)))
-    found: dict[int, ScoreTest] = {}
+    left = [(at, k) for at in range(len(residuals)) for k in range(len(group.ones))]
+    found: dict[tuple[int, int], ScoreTest] = {}
     for count in TIMES:
         exact_s = np.linspace(*within, count)
-        for k, (rows, taken) in zip(left, _rows(residual, group.only(left), exact_s, grows), strict=True):
-            exact = sum(np.einsum("ij,ij->i", whole, whole) for whole in rows) - np.sum(taken ** 2, axis=1)
-            information = np.interp(time_s[inside], exact_s, exact)
-            found[k] = _likeliest(group.ones[k], score[k, inside], information, len(time_s),
-                                  lambda best: {"onset_s": float(time_s[inside[best]]), "grows": grows})
-        left = [k for k in left if found[k].gain >= matters]
+        ones = sorted({k for _, k in left})
+        for k, traces in zip(ones, _traces(group.only(ones), exact_s, grows), strict=True):
+            for at in (at for at, one in left if one == k):
+                rows, taken = _whitened(residuals[at], group, traces)
+                exact = sum(np.einsum("ij,ij->i", whole, whole) for whole in rows) - np.sum(taken ** 2, axis=1)
+                information = np.interp(time_s[inside], exact_s, exact)
+                found[at, k] = _likeliest(group.ones[k], scores[at, k, inside], information, len(time_s),
+                                          lambda best: {"onset_s": float(time_s[inside[best]]), "grows": grows})
+        left = [one for one in left if found[one].gain >= matters]
         if not left:
             break
-    return [found[k] for k in range(len(group.ones))]
+    return [(at, one) for (at, _), one in found.items()]
 
 
-def _spans(residual: WhitenedResidual, group: Alike, time_s: Array, score: Array, within: tuple[float, float],
-           matters: float) -> list[ScoreTest]:
-    """The best times to begin and to end of those that gain something by coming and going."""
+def _spans(residuals: Sequence[WhitenedResidual], group: Alike, time_s: Array, scores: Array,
+           within: tuple[float, float], matters: float) -> list[tuple[int, ScoreTest]]:
+    """The best times to begin and to end of those that gain something by coming and going, as `_begins` has them."""
     if within[1] - within[0] < 2.0 * MIN_SPAN_S:
         return []
     edges_s = np.linspace(*within, EDGES)
-    found = _best_spans(residual, group, time_s, score, edges_s, BETWEEN)
-    for k in np.argsort([-one.gain for one in found])[:FEW].tolist():
-        one = found[k]
-        if one.gain < matters:
-            break
-        apart_s = float(edges_s[1] - edges_s[0]) / BETWEEN
-        for _ in range(2):
-            assert one.part.onset_s is not None and one.part.until_s is not None
-            apart_s /= FINER
-            about_s = apart_s * np.arange(-FINER + 1, FINER)
-            about_s = np.clip(np.concatenate([one.part.onset_s + about_s, one.part.until_s + about_s]), *within)
-            [finer] = _best_spans(residual, group.only([k]), time_s, score[[k]], np.unique(about_s)) or [one]
-            if finer is one:                        # the log is too short for two times so near
+    under = _best_spans(residuals, group, time_s, scores, edges_s, BETWEEN)
+    for at, found in enumerate(under):
+        for k in np.argsort([-one.gain for one in found])[:FEW].tolist():
+            one = found[k]
+            if one.gain < matters:
                 break
-            spent = max(finer.spent + 2.0 * np.log(FINER), one.spent)
-            one = found[k] = finer._replace(spent=spent, evidence=finer.evidence + finer.spent - spent)
-    return [one for one in found if one.gain >= matters]
+            apart_s = float(edges_s[1] - edges_s[0]) / BETWEEN
+            for _ in range(2):
+                assert one.part.onset_s is not None and one.part.until_s is not None
+                apart_s /= FINER
+                about_s = apart_s * np.arange(-FINER + 1, FINER)
+                about_s = np.clip(np.concatenate([one.part.onset_s + about_s, one.part.until_s + about_s]), *within)
+                [[finer]] = _best_spans(residuals[at:at + 1], group.only([k]), time_s, scores[at:at + 1, [k]],
+                                        np.unique(about_s)) or [[one]]
+                if finer is one:                    # the log is too short for two times so near
+                    break
+                spent = max(finer.spent + 2.0 * np.log(FINER), one.spent)
+                one = found[k] = finer._replace(spent=spent, evidence=finer.evidence + finer.spent - spent)
+    return [(at, one) for at, found in enumerate(under) for one in found if one.gain >= matters]
 
 
-def _best_spans(residual: WhitenedResidual, group: Alike, time_s: Array, score: Array, exact_s: Array,
-                between: int = 1) -> list[ScoreTest]:
-    """Each candidate at the best of all pairs of times; none where no two are far enough apart. exact_s : at which
-    inner products are had (edges,); between : so many times for each of these are tried, the products interpolated."""
+def _best_spans(residuals: Sequence[WhitenedResidual], group: Alike, time_s: Array, scores: Array, exact_s: Array,
+                between: int = 1) -> list[list[ScoreTest]]:
+    """Each candidate at the best of all pairs of times, by noise; nothing where no two are far enough apart.
+
+    exact_s : at which inner products are had (edges,); between : so many times for each of these are tried, the
+    products interpolated.
+    """
     edges_s = np.interp(np.arange((len(exact_s) - 1) * between + 1) / between, np.arange(len(exact_s)), exact_s)
     shortest_s = MIN_SPAN_S if between == 1 else float(exact_s[1] - exact_s[0])     # interpolation is too coarse below
     begin, end = np.nonzero(edges_s[None, :] - edges_s[:, None] >= shortest_s)
     if not len(begin):
         return []
-    found = []
-    for k, (rows, taken) in enumerate(_rows(residual, group, exact_s, grows=False)):
-        exact = sum(whole @ whole.T for whole in rows) - taken @ taken.T
-        own = np.interp(edges_s, exact_s, np.diag(exact))
-        half = np.array([np.interp(edges_s, exact_s, row) for row in exact])        # both ways: straight between times
-        across = np.array([np.interp(edges_s, exact_s, row) for row in half.T])[end, begin]
-        at_edges = np.interp(edges_s, time_s, score[k])
-        information = own[begin] + own[end] - 2.0 * across
-        found.append(_likeliest(group.ones[k], at_edges[begin] - at_edges[end], information, len(begin), lambda best: {
-            "onset_s": float(edges_s[begin[best]]), "until_s": float(edges_s[end[best]])}))
+    found: list[list[ScoreTest]] = [[] for _ in residuals]
+    for k, traces in enumerate(_traces(group, exact_s, grows=False)):
+        for residual, score, tests in zip(residuals, scores[:, k], found, strict=True):
+            rows, taken = _whitened(residual, group, traces)
+            exact = sum(whole @ whole.T for whole in rows) - taken @ taken.T
+            own = np.interp(edges_s, exact_s, np.diag(exact))
+            half = np.array([np.interp(edges_s, exact_s, row) for row in exact])    # both ways: straight between times
+            across = np.array([np.interp(edges_s, exact_s, row) for row in half.T])[end, begin]
+            at_edges = np.interp(edges_s, time_s, score)
+            information = own[begin] + own[end] - 2.0 * across
+            tests.append(_likeliest(group.ones[k], at_edges[begin] - at_edges[end], information, len(begin),
+                                    lambda best: {"onset_s": float(edges_s[begin[best]]),
+                                                  "until_s": float(edges_s[end[best]])}))
     return found
 
 
-def _scores(residual: WhitenedResidual, group: Alike, grows: bool) -> tuple[Array, Array]:
-    """Times of the finest channel (m,), and the sum of weighted residual x trace, were each to begin then: (k, m)."""
+def _scores(residuals: Sequence[WhitenedResidual], group: Alike, grows: bool) -> tuple[Array, Array]:
+    """Times of the finest channel (m,), and by noise the sum of weighted residual x trace, were each to begin then:
+    (noises, k, m)."""
     finest = max(group.channels, key=lambda c: len(c.grid.even_s))
     time_s = finest.grid.even_s
-    score = np.zeros((len(group.ones), len(time_s)))
-    for channel, unit, adds in zip(group.channels, group.units, group.summed, strict=True):
-        sums = _sums_from(residual.weighted(channel), channel, unit.reshape(len(unit), channel.copies, -1), adds, grows)
-        score += sums if channel is finest else np.array([np.interp(time_s, channel.grid.even_s, row) for row in sums])
-    return time_s, score
+    scores = np.zeros((len(residuals), len(group.ones), len(time_s)))
+    for residual, score in zip(residuals, scores, strict=True):
+        for channel, unit, adds in zip(group.channels, group.units, group.summed, strict=True):
+            sums = _sums_from(residual.weighted(channel), channel, unit.reshape(len(unit), channel.copies, -1), adds,
+                              grows)
+            score += sums if channel is finest else np.array([np.interp(time_s, channel.grid.even_s, row)
+                                                              for row in sums])
+    return time_s, scores
 
 
 def _sums_from(weighted: Array, channel: ChannelSeries, trace: Array, summed: bool, grows: bool) -> Array:
@@ -258,13 +275,18 @@ def _ahead(values: Array) -> Array:
     return np.asarray(np.cumsum(values[..., ::-1].sum(axis=-2), axis=-1)[..., ::-1])
 
 
-def _rows(residual: WhitenedResidual, group: Alike, onsets_s: Array, grows: bool
-          ) -> Iterator[tuple[list[Array], Array]]:
-    """Of each candidate in turn, what one unit of it does that begins at each time, whitened: (onsets, coefficients) by
-    channel, and what the hypothesis takes up of it, in its basis (onsets, columns)."""
+def _traces(group: Alike, onsets_s: Array, grows: bool) -> Iterator[list[Array]]:
+    """Of each candidate in turn, what one unit of it does that begins at each time, the same under every noise: cosine
+    coefficients (onsets, m) by channel."""
     weights = [np.array([course(channel, EffectInstance("", 1.0, float(at), grows=grows)) for at in onsets_s])
                for channel in group.channels]
     for k in range(len(group.ones)):
-        found = [residual.white(channel, with_course(unit[k], weight, channel.copies, adds)) for
-                 channel, unit, weight, adds in zip(group.channels, group.units, weights, group.summed, strict=True)]
-        yield [white for white, _ in found], np.sum([own for _, own in found], axis=0)
+        yield [coefficients(with_course(unit[k], weight, channel.copies, adds), channel.cut) for
+               channel, unit, weight, adds in zip(group.channels, group.units, weights, group.summed, strict=True)]
+
+
+def _whitened(residual: WhitenedResidual, group: Alike, traces: Sequence[Array]) -> tuple[list[Array], Array]:
+    """Traces of a candidate whitened (onsets, m) by channel, and what the hypothesis takes up of them, in its basis
+    (onsets, columns)."""
+    found = [residual.white(channel, trace) for channel, trace in zip(group.channels, traces, strict=True)]
+    return [white for white, _ in found], np.sum([own for _, own in found], axis=0)

@@ -305,4 +305,6 @@ def _judged(seen: Mapping[str, ChannelSeries], machine: Machine, data: RunData,
         what = named(one.name for one in groups[word])
         return attempt(what, lambda: judge_group(Search(groups[word], machine, data, ask, curves)), findings)
 
-    return [one for one in each(judge, words) if one is not None]
+    longest = sorted(words, key=lambda word: -sum(len(one.measured) for one in groups[word]))
+    judged = dict(zip(longest, each(judge, longest), strict=True))      # side by side, so that none is waited for alone
+    return [one for word in words if (one := judged[word]) is not None]

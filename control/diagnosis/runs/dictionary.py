@@ -6,6 +6,7 @@ for each of the few series that all shapes of all forms share, and does not depe
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -65,6 +66,7 @@ class ActedOn:
         unit = UNIT_EFFECT.get(acts)
         self._unit = np.ones(1) if unit is None else model.difference(parts, unit)[self.channel.name]
 
+    @cached_property
     def constant(self) -> Array:
         """Change of the channel by a constant (1, m)."""
         return self.of(np.ones((1, len(self._model.data.row_s))))
@@ -81,7 +83,7 @@ class ActedOn:
         if self.acts is Acts.SCALE_KG:
             return channel.grid.of(np.array([bin_mean(one, data.row_s, hopper.time_s)[:-1] for one in rows]))
         metered = data.inputs["shaft_rpm"] * data.inputs["opening_mm"]
-        share = channel.grid.of(np.array([metered_mean(one, metered, data.row_s, hopper.time_s)[:-1] for one in rows]))
+        share = channel.grid.of(metered_mean(rows, metered, data.row_s, hopper.time_s)[:, :-1])
         share = 0.5 * (share + np.concatenate((share[:, :1], share[:, :-1]), axis=1))
         return np.asarray(np.cumsum(np.diff(self._unit, prepend=self._unit[0]) * share, axis=1))
 
@@ -267,7 +269,7 @@ def _entry(forms: Sequence[TriedForm], acted: ActedOn, variables: Variables) -> 
                 mix[places[series], k] = weight
         mixes.append(mix)
     rows = np.array([series.rows(variables.by_name) for series in places])
-    every = coefficients(np.concatenate((acted.of(rows), acted.constant())).astype(np.float32), acted.channel.cut)
+    every = coefficients(np.concatenate((acted.of(rows), acted.constant)).astype(np.float32), acted.channel.cut)
     slow = 2.0 * SLOWER_THAN_HZ * acted.channel.grid.step_s if SHAFT_ANGLE not in forms[0].over else 1.0
     count = max(LEAST_KEPT, int(min(1.0, slow) * every.shape[1]))
     return FormGroup(tuple(forms), tuple(mixes), np.ascontiguousarray(every[:, :count], dtype=np.float32),

@@ -90,7 +90,7 @@ def of_terms(every: LogRows, edges: Array) -> tuple[Array | float, Array | float
     kg_s: Array | float = 0.0
     kg: Array | float = 0.0
     if "flow_percent" in more:
-        percent = metered_mean(more["flow_percent"], every.shaft_rpm * every.opening_mm, time, edges)
+        [percent] = metered_mean(more["flow_percent"][None, :], every.shaft_rpm * every.opening_mm, time, edges)
     if "flow_kg_min" in more:
         kg_s = bin_mean(np.where(every.shaft_rpm > 0.0, more["flow_kg_min"], 0.0) / 60.0, time, edges)
     if "scale_kg" in more:
@@ -108,10 +108,12 @@ def bin_mean(series: Array, time: Array, edges: Array) -> Array:
 
 
 def metered_mean(series: Array, metered: Array, time: Array, edges: Array) -> Array:
-    """The same weighted with what was metered meanwhile; plain where nothing was."""
-    weight = bin_mean(np.maximum(metered, 0.0), time, edges)
-    weighted = bin_mean(np.maximum(metered, 0.0) * series, time, edges)
-    return np.where(weight > 0.0, weighted / np.where(weight > 0.0, weight, 1.0), bin_mean(series, time, edges))
+    """The same of several series (k, rows), weighted with what was metered meanwhile; plain where nothing was."""
+    metered = np.maximum(metered, 0.0)
+    weight = bin_mean(metered, time, edges)
+    flows = weight > 0.0
+    found = np.array([bin_mean(metered * one, time, edges) for one in series]) / np.where(flows, weight, 1.0)
+    return found if flows.all() else np.where(flows, found, [bin_mean(one, time, edges) for one in series])
 
 
 def _unseen(every: LogRows, edges: Array, stopped_rpm: float) -> tuple[float, tuple[tuple[int, float], ...]]:

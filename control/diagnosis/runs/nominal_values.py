@@ -1,6 +1,8 @@
 """Nominal values moved, within their tolerances, to where they fit best: slopes are then taken there."""
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from control.diagnosis.effects import ROWS, reach
@@ -92,6 +94,7 @@ def _move_time(columns: Columns, parts: Hypothesis, channel: ChannelSeries, n: N
             and not (c.label.role is Role.TOLERANCE and c.label.name == n.key)]
     places = np.arange(len(kept))
 
+    @cache
     def value(off: float) -> float:
         base = model.base.put(n.stage, **{n.field: float(model.nominal(n) + off)})
         left = channel.measured - model.drawn_in[name] - model.run(parts, base, (name,))[name]

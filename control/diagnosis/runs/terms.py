@@ -197,7 +197,7 @@ def _settled(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> Tri
     if not kind.movable:
         return form
     residual = given.whitened(noise)
-    constant = acted.constant()[:variables.has_level(form)]
+    constant = acted.constant[:variables.has_level(form)]
 
     def gain(form: TriedForm) -> float:
         series = np.concatenate((acted.of(form.rows(variables.by_name)), constant))
@@ -220,7 +220,7 @@ def _verified(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> Fi
     form = _settled(given, one, quiet)
     name, cut = acted.channel.name, acted.channel.cut
     rows = form.rows(variables.by_name)
-    series = np.concatenate((acted.constant()[:variables.has_level(form)], acted.of(rows)))
+    series = np.concatenate((acted.constant[:variables.has_level(form)], acted.of(rows)))
     levels, usual = len(series) - len(rows), prior.USUAL_OF_TERM[one.acts]
     columns = tuple(Column(Label(Role.FORM, "term"), {name: coefficients(row, cut)}, usual) for row in series)
     p = given.problem(columns)

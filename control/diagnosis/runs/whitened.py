@@ -85,14 +85,14 @@ class WhitenedResidual:
         name = channel.name
         return series_of(self.left[self._place[name]] * self._scale[name], channel.cut).reshape(channel.copies, -1)
 
-    def white(self, channel: ChannelSeries, series: Array) -> tuple[Array, Array]:
-        """Series (k, m) of a channel whitened, and what the hypothesis takes up of them, in its basis."""
-        white = coefficients(series, channel.cut) * self._scale[channel.name]
+    def white(self, channel: ChannelSeries, banded: Array) -> tuple[Array, Array]:
+        """Cosine coefficients (k, m) of a channel whitened, and what the hypothesis takes up of them, in its basis."""
+        white = banded * self._scale[channel.name]
         return white, white @ self._basis[self._place[channel.name]]
 
     def beyond(self, channel: ChannelSeries, series: Array) -> Gaussian:
         """Series (k, m) of one channel once the hypothesis is fitted."""
-        white, taken = self.white(channel, series)
+        white, taken = self.white(channel, coefficients(series, channel.cut))
         return Gaussian(white @ white.T - taken @ taken.T, white @ self.left[self._place[channel.name]])
 
     def kept_beyond(self, channel: ChannelSeries, kept: npt.NDArray[np.float32]) -> Gaussian:
