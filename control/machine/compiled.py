@@ -41,7 +41,8 @@ def jitable(piece: F) -> F:
 
 for _piece in (elements.line_put, elements.line_mean, elements.line_held, elements.table_at, elements.stepped,
                flow.bridged, flow.grams_per_rev, flow.common_factor, flow.in_flutes,
-               effort.of_drive, effort.shaft_effort, effort.gate_effort, fall.start_drop_s, fall.drop_s,
+               effort.of_drive, effort.shaft_parts, effort.supply_factor, effort.shaft_effort, effort.gate_effort,
+               fall.start_drop_s, fall.drop_s,
                shaft.approach, shaft.free_swing, shaft.passes_s, shaft.free_for_s, shaft.swung, shaft.lag_s,
                shaft.fastest_rpm_s, shaft.follows, shaft.beyond_rpm, shaft.asked_rpm, shaft.dead_s, shaft.shaft_step,
                gate.gate_step, flow.flow_step, speed.speed_step, fall.fall_step,

@@ -21,7 +21,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import logsumexp
 
 from control.diagnosis.effects import ROWS, FoundBy
 from control.diagnosis.judgement.evidence import Column, Role, best_fitted, problem
@@ -165,7 +164,7 @@ class Rolling:
         times = sum(len(one.at_s) for one in members)
         odds = [one.evidence + log(COURSE[course_of(one.part.onset_s, None, one.part.grows)]) for one in found]
         prior = log(sum(COURSE[word] for word in ("begins", "grows")) * len(tried))
-        return ChangePoint(group, found[0].part, float(logsumexp(odds)) - prior + log(times))
+        return ChangePoint(group, found[0].part, float(np.logaddexp.reduce(odds)) - prior + log(times))
 
     def _usual(self, name: str, now: Noise) -> Noise:
         """The noise of a channel with the drift that the last hour had: what begins now is in its own noise too.

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import binary_dilation, binary_opening, median_filter
-from scipy.special import betainc, betaln, expit, gammaln, logsumexp
+from scipy.special import betainc, betaln, expit, gammaln
 
 from control.diagnosis import effects
 from control.diagnosis.effects import ROWS
@@ -175,7 +175,7 @@ def _without_dips(s: TwoSpeeds, where: Sequence[Array]) -> tuple[TwoSpeeds, Read
         steady = COURSE["steady"]
         for_a_while = np.log(1.0 - steady) + _follows(dips[moving], np.arange(float(moving.sum())), pulse_rows)
         alone = prior_odds(missed) + float(np.logaddexp(np.log(steady), for_a_while))
-        odds = min(odds, alone - float(logsumexp(followed)) - float(np.log(UNKNOWN / len(followed))))
+        odds = min(odds, alone - float(np.logaddexp.reduce(followed)) - float(np.log(UNKNOWN / len(followed))))
     if odds <= SAID:
         return s, None
     wheel = np.where(dips, s.wheel_mps * usual / np.maximum(ratio, 0.05), s.wheel_mps)
@@ -214,7 +214,7 @@ def _follows(on: BoolArray, values: Array, rows: float) -> float:
         prior = samples * expected
         return float(gammaln(samples) - gammaln(samples + inside.sum())
                      + np.sum(gammaln(prior + inside) - gammaln(prior)))
-    return float(logsumexp([evidence(1.0), evidence(len(expected))])) - float(np.log(2.0)) - evidence(
+    return float(np.logaddexp(evidence(1.0), evidence(len(expected)))) - float(np.log(2.0)) - evidence(
         ALIKE * len(expected))
 
 
@@ -387,4 +387,4 @@ def _spells(score: Array) -> tuple[BoolArray, float]:
     total = np.logaddexp(*ahead[-1])
     best = int(np.argmax(total))
     both = (ahead + behind)[:, :, best]
-    return expit(both[:, 1] - both[:, 0]) > 0.5, float(logsumexp(total)) - float(np.log(len(total)))
+    return expit(both[:, 1] - both[:, 0]) > 0.5, float(np.logaddexp.reduce(total)) - float(np.log(len(total)))

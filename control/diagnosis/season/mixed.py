@@ -37,7 +37,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_array
-from scipy.special import expit, logsumexp
+from scipy.special import expit
 
 from control.diagnosis.effects import ROWS, EffectRow
 from control.diagnosis.judgement.gaussian import Array, Gaussian, Indices, Sizes, gain
@@ -399,7 +399,7 @@ def _odds(season: Season, score: Array, information: Array, doubts: dict[tuple[i
         tau[of] = np.take_along_axis(slab(season.logs), best[None], axis=0)
         odds[of] = np.take_along_axis(each[:, of], best[None, None], axis=0)[0] + names[of]
     shapes = np.stack([odds[:count], odds[rows:rows + count], odds[rows + count:]])
-    odds[:count] = logsumexp(shapes, axis=0) - np.log(len(shapes))
+    odds[:count] = np.logaddexp.reduce(shapes, axis=0) - np.log(len(shapes))
     return tau, odds[:rows] - doubt(season, doubts, odds[:rows] - np.where(
         np.isfinite(names[:rows]), names[:rows], 0.0))
 
