@@ -97,7 +97,7 @@ def test_a_load_that_goes_in_the_middle_is_dated_and_adopted_it_is_known() -> No
 def simulated(topdress: Callable[..., Result], folder: Path, effect: str) -> Columns:
     """A log in closed loop, the scale correcting the flow, in which something begins."""
     run = folder / f"{effect[:8]}.csv"
-    assert topdress("simulate", "--seconds", "600", "--seed", "3", "--effect", effect, "--out", run).exit_code == 0
+    assert topdress("simulate", "--seconds", "400", "--seed", "3", "--effect", effect, "--out", run).exit_code == 0
     return dict(read_log(run).columns)
 
 

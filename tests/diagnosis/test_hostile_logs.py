@@ -103,7 +103,7 @@ def test_a_term_over_a_column_of_any_name(name: str) -> None:
     load = np.sin(np.arange(ROWS) / 40.0)
     columns = {key: values for key, values in speeds().items() if "speed" not in key} | {name: 40.0 + 10.0 * load}
     columns["shaft_rpm"] = columns["shaft_rpm"] * (1.0 + 0.05 * load)
-    found = diagnose_run(columns, Machine())
+    found = diagnose_run({key: values[:ROWS // 2] for key, values in columns.items()}, Machine())
     terms = [Term.model_validate(one.term) for one in found.terms]
     assert terms[0].over[0].name == name, found.findings
     assert len(terms[0].id) <= 80 and len(_id("flow.slope_" + "x" * 300)) <= 80
