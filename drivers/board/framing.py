@@ -100,13 +100,9 @@ def hexadecimal(text: bytes) -> int:
 
 def whole(text: bytes, high: int) -> int:
     """A number of 1 to 10 digits up to `high`. Raises ValueError with the kind of what is wrong."""
-    if not 1 <= len(text) <= 10:
+    if len(text) > 10 or not text.isdigit():
         raise ValueError("not_a_number")
-    value = 0
-    for byte in text:
-        if not 48 <= byte <= 57:
-            raise ValueError("not_a_number")
-        value = value * 10 + byte - 48
+    value = int(text)
     if value > high:
         raise ValueError("out_of_range")
     return value
