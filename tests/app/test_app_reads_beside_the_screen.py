@@ -34,12 +34,12 @@ SIZE = (120, 40)
 
 
 class Looks:
-    """What was looked at in the thread that draws, while `on`. A hook cannot be taken away again: one for all tests."""
+    """What was looked at in the thread that draws, while `on`. A hook cannot be taken away again, and each `id()` costs
+    its process a call from then on: one for all tests, when the first of them begins."""
 
     def __init__(self) -> None:
-        self.on, self.thread = False, 0
+        self.on, self.thread, self.hooked = False, 0, False
         self.seen: list[str] = []
-        sys.addaudithook(self._heard)
 
     def _heard(self, event: str, what: tuple[object, ...]) -> None:
         if (self.on and event in WATCHED and threading.get_ident() == self.thread
@@ -47,6 +47,9 @@ class Looks:
             self.seen.append(f"{event} {what[0]}")
 
     def begin(self) -> None:
+        if not self.hooked:
+            sys.addaudithook(self._heard)
+            self.hooked = True
         self.seen.clear()
         self.on, self.thread = True, threading.get_ident()
 
