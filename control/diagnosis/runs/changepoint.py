@@ -11,7 +11,7 @@ inner products of what begins at a with what begins at b: first on a grid of tim
 """
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,29 +38,23 @@ EDGES = 13                  # times of a log at which an effect that comes and g
 BETWEEN = 12                # ... times tried for each of these ...
 FINER = 4                   # ... and how much finer they are then, twice
 FEW = 4                     # best of those that touch the same channels, that are tried at finer times
-MOST_CELLS = 1_000_000      # of one sample each: candidates are looked at side by side
 
 END_S = 8.0                 # from either end of the log: no change point is looked for there
 MIN_SPAN_S = 20.0           # of an effect that ends again: less is one stretch of the log, which is no evidence
 
 
-class Alike(NamedTuple):
-    """Candidates that touch the same channels in the same way, looked at side by side."""
+class Tried(NamedTuple):
+    """A candidate with what one unit of it does all along."""
 
-    channels: tuple[ChannelSeries, ...]
-    summed: tuple[bool, ...]            # whether each channel adds up what they do
-    ones: tuple[Candidate, ...]
-    units: tuple[Array, ...]            # what one unit of each does all along, (k, copies x m) by channel
-
-    def only(self, which: Sequence[int]) -> Alike:
-        """Those of them that are chosen."""
-        return self._replace(ones=tuple(self.ones[k] for k in which),
-                             units=tuple(unit[list(which)] for unit in self.units))
+    candidate: Candidate
+    channels: tuple[ChannelSeries, ...]     # that it touches
+    summed: tuple[bool, ...]                # whether each channel adds up what it does
+    units: tuple[Array, ...]                # (copies, m) by channel
 
     @property
-    def linear(self) -> list[int]:
-        """Places of those of which half the size does half as much."""
-        return [k for k, one in enumerate(self.ones) if not ROWS[one.part.id].threshold]
+    def time_s(self) -> Array:
+        """Of the finest channel (m,)."""
+        return max((c.grid.even_s for c in self.channels), key=len)
 
 
 def changes(columns: Columns, parts: Hypothesis, noise: dict[str, Noise], tried: Sequence[Candidate],
@@ -100,42 +94,36 @@ def best_begins(channels: Sequence[ChannelSeries], banded: dict[str, Array], bas
     which each candidate has the one that speaks most for it; behind : their log evidence, less than the best's by so
     much. matters : gain from which on more times are tried. end_s : from either end, where nothing is looked for.
     """
-    best: dict[tuple[str, int | None, bool, bool], ScoreTest] = {}
     residuals = [WhitenedResidual(channels, banded, base, noise) for noise in under]
-    for group in _alike(channels, begins, traces):
-        time_s, scores = _scores(residuals, group, grows=False)
-        within = (float(time_s[0]) + end_s, float(time_s[-1]) - end_s)
-        linear = group.linear
-        found = _begins(residuals, group, time_s, scores, within, matters, grows=False)
-        if temporary and linear:
-            found += _spans(residuals, group.only(linear), time_s, scores[:, linear], within, matters)
-        if linear:
-            group = group.only(linear)
-            found += _begins(residuals, group, *_scores(residuals, group, grows=True), within, matters, grows=True)
-        for at, one in found:
-            one = one._replace(evidence=one.evidence - behind[at], gain=one.gain - 2.0 * behind[at])
-            name = (one.part.id, one.part.member, one.part.grows, one.part.until_s is not None)
-            if name not in best or one.evidence > best[name].evidence:
-                best[name] = one
-    return sorted(best.values(), key=lambda one: -one.evidence)
-
-
-def _alike(channels: Sequence[ChannelSeries], tried: Sequence[Candidate],
-           traces: Sequence[dict[str, Array]]) -> Iterator[Alike]:
-    """Candidates gathered by the channels that they touch."""
-    found: dict[tuple[tuple[int, ...], tuple[bool, ...]], list[int]] = {}
-    touched = [tuple(k for k, c in enumerate(channels) if c.name in trace) for trace in traces]
-    for k, (candidate, places) in enumerate(zip(tried, touched, strict=True)):
-        if places:
-            summed = tuple(adds_up(candidate.part, channels[place].name) for place in places)
-            found.setdefault((places, summed), []).append(k)
-    for (places, summed), ones in found.items():
-        there = tuple(channels[place] for place in places)
-        each = max(1, MOST_CELLS // sum(len(one.measured) for one in there))
-        for begin in range(0, len(ones), each):
-            some = ones[begin:begin + each]
-            yield Alike(there, summed, tuple(tried[k] for k in some), tuple(
-                np.array([traces[k][one.name] / tried[k].part.size for k in some]) for one in there))
+    weighted = [{c.name: residual.weighted(c) for c in channels} for residual in residuals]
+    found, spans = list[tuple[int, ScoreTest]](), dict[tuple[Any, ...], list[tuple[ScoreTest, Tried, Array]]]()
+    for candidate, trace in zip(begins, traces, strict=True):
+        there = tuple(c for c in channels if c.name in trace)
+        if not there:
+            continue
+        one = Tried(candidate, there, tuple(adds_up(candidate.part, c.name) for c in there), tuple(
+            (trace[c.name] / candidate.part.size).reshape(c.copies, -1) for c in there))
+        within = (float(one.time_s[0]) + end_s, float(one.time_s[-1]) - end_s)
+        scores = _scores(weighted, one, grows=False)
+        found += _begins(residuals, one, scores, within, matters, grows=False)
+        if ROWS[candidate.part.id].threshold:       # half the size does not do half as much
+            continue
+        found += _begins(residuals, one, _scores(weighted, one, grows=True), within, matters, grows=True)
+        if temporary and within[1] - within[0] >= 2.0 * MIN_SPAN_S:
+            for at, span in enumerate(_best_spans(residuals, one, scores, np.linspace(*within, EDGES), BETWEEN)):
+                if span.gain >= matters:
+                    spans.setdefault((at, *(c.name for c in there), *one.summed), []).append((span, one, scores[at]))
+    for (at, *_), alike in spans.items():
+        alike.sort(key=lambda each: -each[0].gain)
+        found += [(at, _finer(residuals[at], one, score, span, end_s)) for span, one, score in alike[:FEW]]
+        found += [(at, span) for span, _, _ in alike[FEW:]]
+    best: dict[tuple[str, int | None, bool, bool], ScoreTest] = {}
+    for at, test in found:
+        test = test._replace(evidence=test.evidence - behind[at], gain=test.gain - 2.0 * behind[at])
+        name = (test.part.id, test.part.member, test.part.grows, test.part.until_s is not None)
+        if name not in best or test.evidence > best[name].evidence:
+            best[name] = test
+    return sorted(best.values(), key=lambda test: -test.evidence)
 
 
 def _likeliest(candidate: Candidate, score: Array, information: Array, places: int,
@@ -157,136 +145,111 @@ def _likeliest(candidate: Candidate, score: Array, information: Array, places: i
                      float(log_odds[best]) - evidence)
 
 
-def _begins(residuals: Sequence[WhitenedResidual], group: Alike, time_s: Array, scores: Array,
-            within: tuple[float, float], matters: float, grows: bool) -> list[tuple[int, ScoreTest]]:
-    """The best time to begin of each candidate under each noise, at once or growing, with the noise's place.
-
-    scores : of each, were it to begin at each time (noises, k, m).
-    """
-    inside = np.flatnonzero((time_s > within[0]) & (time_s < within[1]))
+def _begins(residuals: Sequence[WhitenedResidual], one: Tried, scores: Array, within: tuple[float, float],
+            matters: float, grows: bool) -> list[tuple[int, ScoreTest]]:
+    """The best time to begin under each noise, with the noise's place. scores : were it to begin at each time (noises,
+    m)."""
+    inside = np.flatnonzero((one.time_s > within[0]) & (one.time_s < within[1]))
     if not len(inside):
         return []
-    left = [(at, k) for at in range(len(residuals)) for k in range(len(group.ones))]
-    found: dict[tuple[int, int], ScoreTest] = {}
+    left, found = list(range(len(residuals))), dict[int, ScoreTest]()
     for count in TIMES:
         exact_s = np.linspace(*within, count)
-        ones = sorted({k for _, k in left})
-        for k, traces in zip(ones, _traces(group.only(ones), exact_s, grows), strict=True):
-            for at in (at for at, one in left if one == k):
-                rows, taken = _whitened(residuals[at], group, traces)
-                exact = sum(np.einsum("ij,ij->i", whole, whole) for whole in rows) - np.sum(taken ** 2, axis=1)
-                information = np.interp(time_s[inside], exact_s, exact)
-                found[at, k] = _likeliest(group.ones[k], scores[at, k, inside], information, len(time_s),
-                                          lambda best: {"onset_s": float(time_s[inside[best]]), "grows": grows})
-        left = [one for one in left if found[one].gain >= matters]
+        traces = _traces(one, exact_s, grows)
+        for at in left:
+            rows, taken = _whitened(residuals[at], one, traces)
+            exact = sum(np.einsum("ij,ij->i", whole, whole) for whole in rows) - np.sum(taken ** 2, axis=1)
+            information = np.interp(one.time_s[inside], exact_s, exact)
+            found[at] = _likeliest(one.candidate, scores[at, inside], information, len(one.time_s),
+                                   lambda best: {"onset_s": float(one.time_s[inside[best]]), "grows": grows})
+        left = [at for at in left if found[at].gain >= matters]
         if not left:
             break
-    return [(at, one) for (at, _), one in found.items()]
+    return list(found.items())
 
 
-def _spans(residuals: Sequence[WhitenedResidual], group: Alike, time_s: Array, scores: Array,
-           within: tuple[float, float], matters: float) -> list[tuple[int, ScoreTest]]:
-    """The best times to begin and to end of those that gain something by coming and going, as `_begins` has them."""
-    if within[1] - within[0] < 2.0 * MIN_SPAN_S:
-        return []
-    edges_s = np.linspace(*within, EDGES)
-    under = _best_spans(residuals, group, time_s, scores, edges_s, BETWEEN)
-    for at, found in enumerate(under):
-        for k in np.argsort([-one.gain for one in found])[:FEW].tolist():
-            one = found[k]
-            if one.gain < matters:
-                break
-            apart_s = float(edges_s[1] - edges_s[0]) / BETWEEN
-            for _ in range(2):
-                assert one.part.onset_s is not None and one.part.until_s is not None
-                apart_s /= FINER
-                about_s = apart_s * np.arange(-FINER + 1, FINER)
-                about_s = np.clip(np.concatenate([one.part.onset_s + about_s, one.part.until_s + about_s]), *within)
-                [[finer]] = _best_spans(residuals[at:at + 1], group.only([k]), time_s, scores[at:at + 1, [k]],
-                                        np.unique(about_s)) or [[one]]
-                if finer is one:                    # the log is too short for two times so near
-                    break
-                spent = max(finer.spent + 2.0 * np.log(FINER), one.spent)
-                one = found[k] = finer._replace(spent=spent, evidence=finer.evidence + finer.spent - spent)
-    return [(at, one) for at, found in enumerate(under) for one in found if one.gain >= matters]
+def _finer(residual: WhitenedResidual, one: Tried, score: Array, span: ScoreTest, end_s: float) -> ScoreTest:
+    """The best times to begin and to end about those of `span`."""
+    first_s, last_s = float(one.time_s[0]) + end_s, float(one.time_s[-1]) - end_s
+    apart_s = (last_s - first_s) / (EDGES - 1) / BETWEEN
+    for _ in range(2):
+        assert span.part.onset_s is not None and span.part.until_s is not None
+        apart_s /= FINER
+        about_s = apart_s * np.arange(-FINER + 1, FINER)
+        about_s = np.clip(np.concatenate([span.part.onset_s + about_s, span.part.until_s + about_s]), first_s, last_s)
+        finer = _best_spans([residual], one, score[None], np.unique(about_s))
+        if not finer:                           # the log is too short for two times so near
+            break
+        spent = max(finer[0].spent + 2.0 * np.log(FINER), span.spent)
+        span = finer[0]._replace(spent=spent, evidence=finer[0].evidence + finer[0].spent - spent)
+    return span
 
 
-def _best_spans(residuals: Sequence[WhitenedResidual], group: Alike, time_s: Array, scores: Array, exact_s: Array,
-                between: int = 1) -> list[list[ScoreTest]]:
-    """Each candidate at the best of all pairs of times, by noise; nothing where no two are far enough apart.
-
-    exact_s : at which inner products are had (edges,); between : so many times for each of these are tried, the
-    products interpolated.
-    """
+def _best_spans(residuals: Sequence[WhitenedResidual], one: Tried, scores: Array, exact_s: Array,
+                between: int = 1) -> list[ScoreTest]:
+    """The best of all pairs of times under each noise; nothing where no two are far enough apart. exact_s : at which
+    inner products are had (edges,); between : so many times for each of these are tried, the products interpolated."""
     edges_s = np.interp(np.arange((len(exact_s) - 1) * between + 1) / between, np.arange(len(exact_s)), exact_s)
     shortest_s = MIN_SPAN_S if between == 1 else float(exact_s[1] - exact_s[0])     # interpolation is too coarse below
     begin, end = np.nonzero(edges_s[None, :] - edges_s[:, None] >= shortest_s)
     if not len(begin):
         return []
-    found: list[list[ScoreTest]] = [[] for _ in residuals]
-    for k, traces in enumerate(_traces(group, exact_s, grows=False)):
-        for residual, score, tests in zip(residuals, scores[:, k], found, strict=True):
-            rows, taken = _whitened(residual, group, traces)
-            exact = sum(whole @ whole.T for whole in rows) - taken @ taken.T
-            own = np.interp(edges_s, exact_s, np.diag(exact))
-            half = np.array([np.interp(edges_s, exact_s, row) for row in exact])    # both ways: straight between times
-            across = np.array([np.interp(edges_s, exact_s, row) for row in half.T])[end, begin]
-            at_edges = np.interp(edges_s, time_s, score)
-            information = own[begin] + own[end] - 2.0 * across
-            tests.append(_likeliest(group.ones[k], at_edges[begin] - at_edges[end], information, len(begin),
-                                    lambda best: {"onset_s": float(edges_s[begin[best]]),
-                                                  "until_s": float(edges_s[end[best]])}))
+    found, traces = list[ScoreTest](), _traces(one, exact_s, grows=False)
+    for residual, score in zip(residuals, scores, strict=True):
+        rows, taken = _whitened(residual, one, traces)
+        exact = sum(whole @ whole.T for whole in rows) - taken @ taken.T
+        own = np.interp(edges_s, exact_s, np.diag(exact))
+        half = np.array([np.interp(edges_s, exact_s, row) for row in exact])        # both ways: straight between times
+        across = np.array([np.interp(edges_s, exact_s, row) for row in half.T])[end, begin]
+        at_edges = np.interp(edges_s, one.time_s, score)
+        information = own[begin] + own[end] - 2.0 * across
+        found.append(_likeliest(one.candidate, at_edges[begin] - at_edges[end], information, len(begin), lambda best: {
+            "onset_s": float(edges_s[begin[best]]), "until_s": float(edges_s[end[best]])}))
     return found
 
 
-def _scores(residuals: Sequence[WhitenedResidual], group: Alike, grows: bool) -> tuple[Array, Array]:
-    """Times of the finest channel (m,), and by noise the sum of weighted residual x trace, were each to begin then:
-    (noises, k, m)."""
-    finest = max(group.channels, key=lambda c: len(c.grid.even_s))
-    time_s = finest.grid.even_s
-    scores = np.zeros((len(residuals), len(group.ones), len(time_s)))
-    for residual, score in zip(residuals, scores, strict=True):
-        for channel, unit, adds in zip(group.channels, group.units, group.summed, strict=True):
-            sums = _sums_from(residual.weighted(channel), channel, unit.reshape(len(unit), channel.copies, -1), adds,
-                              grows)
-            score += sums if channel is finest else np.array([np.interp(time_s, channel.grid.even_s, row)
-                                                              for row in sums])
-    return time_s, scores
+def _scores(weighted: Sequence[Mapping[str, Array]], one: Tried, grows: bool) -> Array:
+    """By noise the sum of weighted residual x trace, were it to begin at each time of the finest channel: (noises,
+    m)."""
+    scores = np.zeros((len(weighted), len(one.time_s)))
+    for score, left in zip(scores, weighted, strict=True):
+        for channel, unit, adds in zip(one.channels, one.units, one.summed, strict=True):
+            time_s = channel.grid.even_s
+            sums = _sums_from(left[channel.name], time_s, unit, adds, grows)
+            score += sums if time_s is one.time_s else np.interp(one.time_s, time_s, sums)
+    return scores
 
 
-def _sums_from(weighted: Array, channel: ChannelSeries, trace: Array, summed: bool, grows: bool) -> Array:
-    """Sum of weighted residual x trace, were it to begin at each sample: (k, m). trace : (k, copies, m)."""
-    time_s = channel.grid.even_s
+def _sums_from(weighted: Array, time_s: Array, trace: Array, summed: bool, grows: bool) -> Array:
+    """Sum of weighted residual x trace, were it to begin at each sample: (m,). weighted, trace : (copies, m)."""
     if not grows:
-        level = trace.sum(axis=1) * _ahead(weighted) if summed else 0.0
+        level = trace.sum(axis=0) * _ahead(weighted) if summed else 0.0
         return np.asarray(_ahead(weighted * trace) - level)
     if not summed:
         sums = _ahead(weighted * trace * time_s) - time_s * _ahead(weighted * trace)
     else:
-        rate = np.diff(trace, prepend=trace[..., :1])
+        rate = np.diff(trace, prepend=trace[:, :1])
         moment, level = np.cumsum(rate * time_s, axis=-1), np.cumsum(rate, axis=-1)
-        sums = _ahead(weighted * moment) - moment[:, 0] * _ahead(weighted)
-        sums = sums - time_s * (_ahead(weighted * level) - level[:, 0] * _ahead(weighted))
+        sums = _ahead(weighted * moment) - moment[0] * _ahead(weighted)
+        sums = sums - time_s * (_ahead(weighted * level) - level[0] * _ahead(weighted))
     return np.asarray(sums / np.maximum(time_s[-1] - time_s, 1.0))
 
 
 def _ahead(values: Array) -> Array:
-    """Sum over copies of all samples from each one on: (..., m) of (..., copies, m)."""
-    return np.asarray(np.cumsum(values[..., ::-1].sum(axis=-2), axis=-1)[..., ::-1])
+    """Sum over copies of all samples from each one on: (m,) of (copies, m)."""
+    return np.asarray(np.cumsum(values[:, ::-1].sum(axis=0))[::-1])
 
 
-def _traces(group: Alike, onsets_s: Array, grows: bool) -> Iterator[list[Array]]:
-    """Of each candidate in turn, what one unit of it does that begins at each time, the same under every noise: cosine
-    coefficients (onsets, m) by channel."""
-    weights = [np.array([course(channel, EffectInstance("", 1.0, float(at), grows=grows)) for at in onsets_s])
-               for channel in group.channels]
-    for k in range(len(group.ones)):
-        yield [coefficients(with_course(unit[k], weight, channel.copies, adds), channel.cut) for
-               channel, unit, weight, adds in zip(group.channels, group.units, weights, group.summed, strict=True)]
+def _traces(one: Tried, onsets_s: Array, grows: bool) -> list[Array]:
+    """What one unit does that begins at each time, the same under every noise: cosine coefficients (onsets, m) by
+    channel."""
+    return [coefficients(with_course(unit.ravel(), np.array([
+        course(channel, EffectInstance("", 1.0, float(at), grows=grows)) for at in onsets_s]), channel.copies, adds),
+        channel.cut) for channel, unit, adds in zip(one.channels, one.units, one.summed, strict=True)]
 
 
-def _whitened(residual: WhitenedResidual, group: Alike, traces: Sequence[Array]) -> tuple[list[Array], Array]:
-    """Traces of a candidate whitened (onsets, m) by channel, and what the hypothesis takes up of them, in its basis
-    (onsets, columns)."""
-    found = [residual.white(channel, trace) for channel, trace in zip(group.channels, traces, strict=True)]
+def _whitened(residual: WhitenedResidual, one: Tried, traces: Sequence[Array]) -> tuple[list[Array], Array]:
+    """Traces whitened (onsets, m) by channel, and what the hypothesis takes up of them, in its basis (onsets,
+    columns)."""
+    found = [residual.white(channel, trace) for channel, trace in zip(one.channels, traces, strict=True)]
     return [white for white, _ in found], np.sum([own for _, own in found], axis=0)
