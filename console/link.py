@@ -20,7 +20,7 @@ from console.locale import _
 from console.running import WorkerAddress
 from control.orders import Answer, Order
 
-KEEP_ALIVE_S = 0.1            # the worker holds after 2 s of silence: the console may draw for nearly all of them
+KEEP_ALIVE_S = 0.2            # the worker holds after 2 s of silence: the console may draw for nearly all of them
 ANSWER_S = 0.5                # the loop answers with its next tick
 
 

@@ -211,7 +211,9 @@ class TopdressApp(App[None], inherit_bindings=False):
             if page is not self.screen and not self.is_screen_installed(page):
                 self.install_screen(page, where)
         self._supervise()
-        self._say_trouble()
+        store = self.services.settings
+        if said := store.trouble if store is not None and store.trouble else self.services.missing:
+            self.call_after_refresh(self.notice, said)
         if self.source is None and self.services.job is not None and self.replay_page.job is None:
             self.ask_to_go_on(self.services.job)
         if self.live:
@@ -325,11 +327,11 @@ class TopdressApp(App[None], inherit_bindings=False):
 
     async def _make_pages(self) -> None:
         """The other pages come up once the first one is seen; their modules are read by a thread."""
+        await asyncio.to_thread(self.services.make)
         for where in self.pages:
             await asyncio.to_thread(self.pages.read, where)
             self.pages[where]
             await asyncio.sleep(BREATHER_S)
-        await asyncio.to_thread(self.services.make)
         for module in LATE_MODULES:
             await asyncio.to_thread(import_module, module)
         await asyncio.to_thread(cell_len, WIDE)
@@ -398,14 +400,10 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.run_worker(self._learn_earlier(frame.log_path), group="earlier", exit_on_error=False)
         self.alarm_book.see(frame.row.time_s, frame.row.utc, frame.alarms)
         strokes = self.ring.due(now_s, frame.alarms)
-        if strokes and self.sound:
-            self._be_heard(strokes)
-
-    def _be_heard(self, strokes: int) -> None:
         command, play = self.sounds.get(strokes, ""), self.services.play
-        if command and play is not None:
+        if strokes and self.sound and command and play is not None:
             self.run_worker(self._played(play, command, strokes), group="sound", exit_on_error=False)
-        else:
+        elif strokes and self.sound:
             self._strike(strokes)
 
     async def _played(self, play: Callable[[str], str], command: str, strokes: int) -> None:
@@ -546,12 +544,6 @@ class TopdressApp(App[None], inherit_bindings=False):
         except Exception as error:      # a link that fails in any other way is as useless as one that is gone
             self._say_gone(f"{type(error).__name__}: {error}")
 
-    def _say_trouble(self) -> None:
-        store = self.services.settings
-        said = store.trouble if store is not None and store.trouble else self.services.missing
-        if said:
-            self.call_after_refresh(self.notice, said)
-
     def _say_gone(self, why: str) -> None:
         if self.gone or self._restarting:
             return
@@ -669,11 +661,11 @@ class TopdressApp(App[None], inherit_bindings=False):
             followed.append(order)
         back = orders_back(followed, before)
         if back:
-            self.undo.add(back_words(back, self.units), lambda: self._take_back(back, also_back))
+            def take_back() -> None:
+                self.run_worker(self._give(back, None, also_back), group="orders", exit_on_error=False)
+                also_back()
 
-    def _take_back(self, back: tuple[Order, ...], also_back: Callable[[], None]) -> None:
-        self.run_worker(self._give(back, None, also_back), group="orders", exit_on_error=False)
-        also_back()
+            self.undo.add(back_words(back, self.units), take_back)
 
     async def asked(self, ask: Callable[[FrameSource], Awaitable[Answer]], quiet: bool = False,
                     do: Do | None = None) -> Answer:

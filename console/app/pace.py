@@ -9,13 +9,13 @@ class Pace:
 
     def __init__(self, every_s: float) -> None:
         self.every_s = every_s
-        self._last_s: float | None = None
+        self.last_s: float | None = None
 
     def due(self, now_s: float) -> bool:
-        if self._last_s is not None and 0.0 <= now_s - self._last_s < self.every_s - 1e-3:
+        if self.last_s is not None and 0.0 <= now_s - self.last_s < self.every_s - 1e-3:
             return False
-        self._last_s = now_s
+        self.last_s = now_s
         return True
 
     def hurry(self) -> None:
-        self._last_s = None
+        self.last_s = None

@@ -208,14 +208,11 @@ def alarms(frame: Frame, utc_offset_s: float, units: Units, old: bool = False) -
                                _(words.SEVERITIES[alarm.severity]), said.text, said.place, said.todo, since,
                                duration(lasted_s), _gone(alarm, frame, utc_offset_s)))
     fault = frame.why_state or "fault" if frame.row.state == "fault" else ""
-    calm = _("no values: alarms are not known") if old else _fault_left(fault) if fault else _("no alarms")
+    calm = _("no values: alarms are not known") if old else _("no alarms")
+    if fault and not old:               # its alarm has gone: what is next, then what it was
+        was = words.alarm_words(Alarm(fault, Severity.RED, 0.0)).text if fault in ALARMS else ""
+        calm = f"{_('FAULT, its cause is gone: R on the Run page makes the machine ready.')}   {was}".rstrip()
     return AlarmsView(tuple(lines), calm, fault, old or bool(fault))
-
-
-def _fault_left(fault: str) -> str:
-    """Of a machine in FAULT whose alarm has gone: what is next, then what it was."""
-    said = words.alarm_words(Alarm(fault, Severity.RED, 0.0)).text if fault in ALARMS else ""
-    return f"{_('FAULT, its cause is gone: R on the Run page makes the machine ready.')}   {said}".rstrip()
 
 
 def without_worker(view: RunView) -> RunView:

@@ -15,7 +15,6 @@ import numpy as np
 import numpy.typing as npt
 
 from console.frame import Frame
-from control.log_row import LogRow
 
 Floats = npt.NDArray[np.float64]
 Window = npt.NDArray[np.float32]       # (2 x kinds + 1, rows, columns): sums, counts, passages
@@ -58,7 +57,10 @@ def spot_of(frame: Frame) -> Spot | None:
         return None
     row = frame.row
     at_work = row.state in (None, "working")           # None: a foreign log
-    lands = at_work or _turns_though_stopped(row)
+    # Out of work, commanded to stop, and the shaft turns: what it gives lies there all the same. What a calibrating run
+    # gives lies in a tray.
+    lands = at_work or (row.state != "calibrating" and row.shaft_rpm_cmd == 0.0
+                        and (row.shaft_rpm or 0.0) > TURNING_RPM)
 
     def known(value: float | None) -> float:
         return float("nan") if value is None else value
@@ -66,13 +68,6 @@ def spot_of(frame: Frame) -> Spot | None:
     return Spot(frame.place_m[0], frame.place_m[1], known(row.heading_deg),
                 known(row.applied_rate_kg_ha) if lands else float("nan"),
                 known(row.target_rate_kg_ha) if at_work else float("nan"), known(row.ndvi), open_bits(row.sections_cmd))
-
-
-def _turns_though_stopped(row: LogRow) -> bool:
-    """Out of work, commanded to stop, and the shaft turns: what it gives lies there all the same. What a calibrating
-    run gives lies in a tray."""
-    return (row.state != "calibrating" and row.shaft_rpm_cmd == 0.0 and row.shaft_rpm is not None
-            and row.shaft_rpm > TURNING_RPM)
 
 
 def open_bits(sections_cmd: str | None) -> float:

@@ -51,6 +51,7 @@ def adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path, picke
     Raises ValueError for what holds in a part of the data only, CommandError for a name that cannot be picked,
     typer.Exit where nothing is left to adopt.
     """
+    from console.reports.said import whole, whole_gain
     from console.reports.term_words import side_by_side
     from control.diagnosis.extend import extend, refuse_to_adopt
     from control.diagnosis.runs.adoption import adoptable_of
@@ -68,7 +69,8 @@ def adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path, picke
     for name, why in taken.refused:
         typer.echo(f"note: {name} is not adopted: {why}", err=True)
     kept = taken.found.causes
-    _say_whole(taken.found)
+    if taken.found.fitted is not None:
+        say_notes([whole(taken.found.fitted), whole_gain(taken.found.fitted)])
     _say_terms(found)
     if not kept and not taken.found.terms and taken.found.fitted is None:
         raise _nothing(found, out, bool(taken.refused))
@@ -127,12 +129,6 @@ def _say_terms(found: Diagnosis) -> None:
         why = term_not_adoptable(one)
         word = f"is not adopted: {why}" if why else f"is adopted. {compensation(one.term)}"
         typer.echo(f"note: term {one.term['id']} {word}", err=True)
-
-
-def _say_whole(found: Diagnosis) -> None:
-    from console.reports.said import whole, whole_gain
-    if found.fitted is not None:
-        say_notes([whole(found.fitted), whole_gain(found.fitted)])
 
 
 def _nothing(found: Diagnosis, out: Path, refused: bool) -> typer.Exit:

@@ -26,8 +26,13 @@ def extras(as_json: AsJson = False) -> None:
 
 def info(as_json: AsJson = False) -> None:
     """Say versions, folders, ports and screen of this installation, for a report of trouble. Nothing is opened."""
+    from serial.tools.list_ports import comports
     found: dict[str, dict[str, Any]] = {
-        "topdress": _versions(), "computer": _computer(), "folders": _folders(), "ports": _ports(), "screen": _screen(),
+        "topdress": _versions(),
+        "computer": {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count() or 0,
+                     "interpreter": sys.executable},
+        "folders": _folders(), "ports": {one.device: one.description or "" for one in sorted(comports())},
+        "screen": _screen(),
         "extras": {one["extra"]: "installed" if one["installed"] else one["line"] for one in _extras()}}
     if as_json:
         say_json(found)
@@ -47,11 +52,6 @@ def _versions() -> dict[str, str]:
             **{name: version_of(name) or "not there" for name in names}}
 
 
-def _computer() -> dict[str, Any]:
-    return {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count() or 0,
-            "interpreter": sys.executable}
-
-
 def _folders() -> dict[str, str]:
     from pathlib import Path
 
@@ -59,11 +59,6 @@ def _folders() -> dict[str, str]:
     from drivers.files.settings import settings_path
     return {"sources": str(Path(__file__).resolve().parents[2]), "settings": str(settings_path()),
             "data": str(data_folder())}
-
-
-def _ports() -> dict[str, str]:
-    from serial.tools.list_ports import comports
-    return {one.device: one.description or "" for one in sorted(comports())}
 
 
 def _screen() -> dict[str, Any]:

@@ -57,7 +57,8 @@ def svg(figure: Figure, name: str, said: str) -> str:
     text = text[text.index("<svg"):]
     text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
     text = re.sub(r' xmlns(:xlink)?="[^"]*"', "", text)
-    text = _without_loose_ids(text)
+    used = set(re.findall(r"url\(#([^)]+)\)", text)) | set(re.findall(r'href="#([^"]+)"', text))
+    text = re.sub(r' id="([^"]*)"', lambda m: m[0] if m[1] in used else "", text)
     text = re.sub(r"font: ([0-9.]+)px [^;\"]*", r"font-size: \1px", text)
     for stand_in, variable in VARIABLES.items():
         text = text.replace(stand_in, f"var(--{variable})")
@@ -68,8 +69,3 @@ def svg(figure: Figure, name: str, said: str) -> str:
     text = re.sub(r' (width|height)="[0-9.]+pt"', "", text, count=2)
     text = text.replace("<svg ", f'<svg class="picture" style="max-width:{wide}pt" role="img" aria-label="{said}" ', 1)
     return re.sub(r"\n\s*", "\n", text).strip()
-
-
-def _without_loose_ids(text: str) -> str:
-    used = set(re.findall(r"url\(#([^)]+)\)", text)) | set(re.findall(r'href="#([^"]+)"', text))
-    return re.sub(r' id="([^"]*)"', lambda m: m[0] if m[1] in used else "", text)

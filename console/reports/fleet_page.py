@@ -39,6 +39,8 @@ def fleet_page(machines: Sequence[MachineSeason], fit: SeasonFit, *, low: Sequen
              _about(one.now_percent, one.now_least, one.now_most, 1, "+z"), f"{one.others_percent:+z.1f}",
              costliest(one)] for one in machines]
     numbers = frozenset(range(1, len(head) - 1))
+    by_file = [_("{logs} logs tell no time: that of their files counts, which a copy may have changed").format(
+        logs=by_file_date)] if by_file_date else []
     parts = [
         section(_("Machines, worst first"), table(head, rows, numbers), paragraph(_(
             "In brackets: between what it lies where logs cannot tell which of several causes it is. What causes "
@@ -50,7 +52,7 @@ def fleet_page(machines: Sequence[MachineSeason], fit: SeasonFit, *, low: Sequen
         *_level_tables(fit, units),
         *(_of_machine(one, units, number) for number, one in enumerate(machines[:SHOWN])
           if any(cost.cause.pieces for cost in one.costs)),
-        section(_("Logs without a time"), items([*map(aside_words, aside), *by_file_words(by_file_date)])),
+        section(_("Logs without a time"), items([*map(aside_words, aside), *by_file])),
         section(_("Logs that could not be read"),
                 items(why if path in why else f"{path}: {why}" for path, why in broken)),
     ]
@@ -189,12 +191,6 @@ def aside_words(one: tuple[str, str]) -> str:
     path, date = one
     return _("{path}: its clock said {date}: left out of the courses and sums; its true time may be given "
              "(--about, column time)").format(path=path, date=date)
-
-
-def by_file_words(logs: int) -> list[str]:
-    """Nothing where all logs tell their time."""
-    return [_("{logs} logs tell no time: that of their files counts, which a copy may have changed").format(logs=logs)
-            ] if logs else []
 
 
 def _of_machine(one: MachineSeason, units: Mapping[str, str], number: int) -> str:

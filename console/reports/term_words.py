@@ -7,7 +7,7 @@ from typing import Any
 
 from console.locale import N_, _
 from console.reports.numbers import short
-from control.machine.form import FORMS, SaidNumbers
+from control.machine.form import FORMS
 from control.machine.machine import CATALOGUE, Change
 from control.machine.term_sums import not_compensated, partly_compensated
 from control.machine.terms import STAGE_OF, VARIABLES, Acts, Term, parse_term
@@ -66,7 +66,9 @@ def variable_name(name: str) -> str:
 def _said(term: Term) -> str:
     form, first, last = FORMS[term.form], term.over[0], term.over[-1]
     words = form.said(term)
-    of = _units_of(words) if form.each_unit else 1.0
+    # A change is given for so many units of its variable that it is no nought: a load in grams moves little each.
+    sizes = [abs(value) for value in (*words.changes.values(), words.numbers.get("size", 0.0)) if value != 0.0]
+    of = 10.0 ** max(0.0, math.ceil(math.log10(LEAST_SHOWN / max(sizes)))) if sizes and form.each_unit else 1.0
     per = first.unit_shown or _("unit")
     what = N_("Scale drift") if term.acts_on is Acts.SCALE_KG_MIN else WHAT[STAGE_OF[term.acts_on]]
     return _(form.sentences[words.which]).format(
@@ -75,12 +77,6 @@ def _said(term: Term) -> str:
         **{name: _signed(of * value, term.unit) for name, value in words.changes.items()},
         **{name: short(of * value if name == "size" else value, 2) for name, value in words.numbers.items()},
         **{name: short(value, 4) for name, value in words.times_s.items()})
-
-
-def _units_of(words: SaidNumbers) -> float:
-    """A change is given for so many units of its variable that it is no nought: a load in grams moves little each."""
-    sizes = [abs(value) for value in (*words.changes.values(), words.numbers.get("size", 0.0)) if value != 0.0]
-    return 10.0 ** max(0.0, math.ceil(math.log10(LEAST_SHOWN / max(sizes)))) if sizes else 1.0
 
 
 def _signed(value: float, unit: str) -> str:

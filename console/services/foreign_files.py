@@ -47,6 +47,7 @@ def brought_in(path: Path, folder: Path) -> tuple[Path, tuple[str, ...]]:
     The import file next to it is used where there is one, else a guess of which nothing is unsure. Raises OpenQuestions
     where something is, once the guess is written next to the file; ImportTrouble, ConfigError and OSError.
     """
+    from drivers.files.atomic import write_atomically
     from drivers.files.config import load
     from drivers.files.imports.convert import convert
     from drivers.files.imports.guess import guess
@@ -61,7 +62,8 @@ def brought_in(path: Path, folder: Path) -> tuple[Path, tuple[str, ...]]:
     mapping, mapping_file = found.mapping, place if place.exists() else None
     first = first_import_file(found, [data], place)
     if not found.sure and (mapping_file is None or place.read_text(encoding="utf-8") == first):
-        _write_first(place, first)
+        if not place.exists():
+            write_atomically(place, first)
         raise OpenQuestions(found.questions, str(place))
     if mapping_file is not None:
         mapping = load(mapping_file, IMPORT).model
@@ -70,12 +72,6 @@ def brought_in(path: Path, folder: Path) -> tuple[Path, tuple[str, ...]]:
     out = free_path(folder, data.stem, ".csv", ".yaml")
     write_imported(out, log, mapping, mapping_file)
     return out, tuple(map(str, (*(one for part in log.parts for one in part.findings), *log.findings)))
-
-
-def _write_first(place: Path, text: str) -> None:
-    from drivers.files.atomic import write_atomically
-    if not place.exists():
-        write_atomically(place, text)
 
 
 def _is_import_file(path: Path) -> bool:

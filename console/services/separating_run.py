@@ -55,16 +55,6 @@ def _standing(job: Job) -> Job:
     return _with(job, speed_changes=(SpeedChange(at_s=0.0, speed_kmh=0.0),), refill_at_kg=0.0)
 
 
-def _stairs(job: Job, machine: Machine) -> SeparatingDrive:
-    shafts = shaft_levels(machine) * 2
-    return SeparatingDrive(_standing(job), 500.0, _bench([(rpm, machine.set_points.opening_mm) for rpm in shafts]))
-
-
-def _openings(job: Job, machine: Machine) -> SeparatingDrive:
-    openings = opening_levels(machine) * 2
-    return SeparatingDrive(_standing(job), 500.0, _bench([(machine.set_points.shaft_rpm, mm) for mm in openings]))
-
-
 def _bench(settings: list[tuple[float, float]]) -> Orders:
     """Calibrating runs of two settings, a minute each: as long as safety lets one last."""
     orders: list[tuple[float, Order]] = [(1.0, Order(Do.READY))]
@@ -79,10 +69,6 @@ def _bench(settings: list[tuple[float, float]]) -> Orders:
     return tuple(sorted(orders, key=lambda one: one[0]))
 
 
-def _slope(job: Job, machine: Machine) -> SeparatingDrive:
-    return SeparatingDrive(_with(job, slope_deg=4.0, pass_length_m=140.0, passes=24, refill_at_kg=0.0), 660.0, None)
-
-
 def _two_speeds(job: Job, machine: Machine) -> SeparatingDrive:
     changes = tuple(SpeedChange(at_s=120.0 * k, speed_kmh=3.0 if k % 2 == 0 else 6.0) for k in range(5))
     return SeparatingDrive(_with(job, speed_changes=changes, refill_at_kg=0.0), 600.0, None)
@@ -95,10 +81,6 @@ def _out_of_work(job: Job, machine: Machine) -> SeparatingDrive:
     return SeparatingDrive(_with(job, refill_at_kg=0.0), 600.0, tuple(orders))
 
 
-def _still(job: Job, machine: Machine) -> SeparatingDrive:
-    return SeparatingDrive(_standing(job), 600.0, ((1.0, Order(Do.READY)),))
-
-
 def _refill(job: Job, machine: Machine) -> SeparatingDrive:
     empty_kg = machine.flow.full_kg / 3.0
     begin_kg = empty_kg + 600.0 * FLOW_KG_S
@@ -106,5 +88,12 @@ def _refill(job: Job, machine: Machine) -> SeparatingDrive:
 
 
 _DRIVES: dict[str, Callable[[Job, Machine], SeparatingDrive]] = {
-    "stairs": _stairs, "openings": _openings, "slope": _slope, "two_speeds": _two_speeds, "out_of_work": _out_of_work,
-    "standing": _still, "refill": _refill}
+    "stairs": lambda job, machine: SeparatingDrive(_standing(job), 500.0, _bench(
+        [(rpm, machine.set_points.opening_mm) for rpm in shaft_levels(machine) * 2])),
+    "openings": lambda job, machine: SeparatingDrive(_standing(job), 500.0, _bench(
+        [(machine.set_points.shaft_rpm, mm) for mm in opening_levels(machine) * 2])),
+    "slope": lambda job, _machine: SeparatingDrive(
+        _with(job, slope_deg=4.0, pass_length_m=140.0, passes=24, refill_at_kg=0.0), 660.0, None),
+    "two_speeds": _two_speeds, "out_of_work": _out_of_work,
+    "standing": lambda job, _machine: SeparatingDrive(_standing(job), 600.0, ((1.0, Order(Do.READY)),)),
+    "refill": _refill}

@@ -39,7 +39,8 @@ NO_TEXTS = ("zip", "kmz", "excel", "office", "parquet", "gzip")
 def open_log(path: Path, without: Collection[str] = ()) -> RunLog:
     """`without`: columns that need not be read. Raises TableError (the open questions too, where the import is not
     sure of all), OSError."""
-    _not_by_another_name(path)
+    if path.is_file() and path.suffix.lower() in TEXTS and (kind := what_is(path)).id in NO_TEXTS:
+        raise TableError(path, f"{kind.words} by another name: allowed is its own suffix")
     file = Opened(path)
     if not file.foreign:
         try:
@@ -88,9 +89,3 @@ def raw_and_mapping(path: Path, data: bytes | None = None) -> tuple[RawTable, Im
         raise Unsure(path, *found.questions, f"not opened: topdress import {shlex.quote(str(path))} --guess writes "
                      "an import file in which these lines can be put right")
     return raw, found.mapping, None
-
-
-def _not_by_another_name(path: Path) -> None:
-    """Raises TableError where a text's suffix stands on what is none."""
-    if path.is_file() and path.suffix.lower() in TEXTS and (kind := what_is(path)).id in NO_TEXTS:
-        raise TableError(path, f"{kind.words} by another name: allowed is its own suffix")

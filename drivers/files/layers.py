@@ -196,12 +196,9 @@ def turned(shapes: Any, projection: Projection | None) -> tuple[Any, tuple[Findi
     """Shapes in longitude and latitude, and what was done."""
     if projection is None:
         return shapes, ()
-
-    def to_degrees(places: Floats) -> Floats:
-        lat, lon = projection.to_deg(places[:, 0], places[:, 1])
-        return np.column_stack((lon, lat))
     said = Finding("projected", f"coordinates in {projection.name} taken to degrees{projection.how}")
-    return shapely.transform(shapes, to_degrees), (said,)
+    return shapely.transform(shapes, lambda places: np.column_stack(
+        projection.to_deg(places[:, 0], places[:, 1])[::-1])), (said,)
 
 
 def stated(row: Mapping[str, Any]) -> dict[str, Any]:

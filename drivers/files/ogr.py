@@ -29,8 +29,10 @@ def write_layer(path: Path, layer: str, shapes: Sequence[shapely.Geometry], colu
         if append and path.exists():
             place.write_bytes(path.read_bytes())
         fields = [_array(values) for values in columns.values()]
+        kinds = {shape.geom_type for shape in shapes}
         pyogrio.raw.write(place, shapely.to_wkb(np.asarray(shapes, dtype=object)), fields, list(columns), layer=layer,
-                          driver=FORMATS[suffix], geometry_type=_type_of(shapes), crs="EPSG:4326", append=append)
+                          driver=FORMATS[suffix], geometry_type=kinds.pop() if len(kinds) == 1 else "Unknown",
+                          crs="EPSG:4326", append=append)
         from drivers.files.atomic import write_atomically
         if suffix == ".kmz":
             packed = Path(folder) / "out.kmz"
@@ -38,11 +40,6 @@ def write_layer(path: Path, layer: str, shapes: Sequence[shapely.Geometry], colu
                 archive.write(place, "doc.kml")
             place = packed
         write_atomically(path, place.read_bytes())
-
-
-def _type_of(shapes: Sequence[shapely.Geometry]) -> str:
-    kinds = {shape.geom_type for shape in shapes}
-    return kinds.pop() if len(kinds) == 1 else "Unknown"
 
 
 def _array(values: Sequence[Any]) -> Any:

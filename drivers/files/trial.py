@@ -102,7 +102,8 @@ def read_trial(plots: Path, log: Path, weights: Path | None, after: Path | None 
     later = None
     if after is not None:
         seen = open_log(after)
-        later, _ = _readings(seen, _machine_of(seen, applied.machine))
+        own = None if seen.meta is None else seen.meta.machine
+        later, _ = _readings(seen, applied.machine if own is None else Machine.model_validate(own))
     s = applied.stretches
     at = np.column_stack((s.lon_deg, s.lat_deg))
     found = []
@@ -152,13 +153,6 @@ def _readings(log: RunLog, machine: Machine) -> tuple[_Readings, float]:
     hz = 1.0 / float(np.median(np.diff(log.time_s[new])))
     at = np.array([plane.to_deg(east, north)[::-1] for east, north in places[new].tolist()])
     return _Readings(np.nanmean(heads[new], axis=1), at), hz
-
-
-def _machine_of(log: RunLog, other: Machine) -> Machine:
-    """Its sidecar's; that of the first log where it names none."""
-    if log.meta is None or log.meta.machine is None:
-        return other
-    return Machine.model_validate(log.meta.machine)
 
 
 def _area_m2(outline: Any) -> float:

@@ -50,11 +50,7 @@ _Loader.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+0123456
 _Loader.add_implicit_resolver("tag:yaml.org,2002:merge", re.compile(r"^<<$"), ["<"])
 
 
-def _decimal_int(loader: _Loader, node: yaml.ScalarNode) -> int:
-    return int(str(loader.construct_scalar(node)))
-
-
-_Loader.add_constructor("tag:yaml.org,2002:int", _decimal_int)
+_Loader.add_constructor("tag:yaml.org,2002:int", lambda _loader, node: int(node.value))
 
 
 def parse_yaml(text: str) -> tuple[Any, dict[KeyPath, int]]:
@@ -125,17 +121,11 @@ class _Dumper(yaml.SafeDumper):
         return True
 
 
-def _list_of_numbers_in_a_line(dumper: _Dumper, data: list[Any]) -> yaml.Node:
-    plain = all(isinstance(item, int | float) for item in data)
-    return dumper.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=plain)
-
-
-def _text_with_escapes_where_needed(dumper: _Dumper, data: str) -> yaml.Node:
-    return dumper.represent_scalar("tag:yaml.org,2002:str", data, style=None if data.isprintable() else '"')
-
-
-_Dumper.add_representer(list, _list_of_numbers_in_a_line)
-_Dumper.add_representer(str, _text_with_escapes_where_needed)
+# A list of numbers in one line; a text with escapes where it needs them.
+_Dumper.add_representer(list, lambda dumper, data: dumper.represent_sequence(
+    "tag:yaml.org,2002:seq", data, flow_style=all(isinstance(item, int | float) for item in data)))
+_Dumper.add_representer(str, lambda dumper, data: dumper.represent_scalar(
+    "tag:yaml.org,2002:str", data, style=None if data.isprintable() else '"'))
 _Dumper.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+0123456789."))
 
 

@@ -80,6 +80,7 @@ def app(source, clock, tmp_path, monkeypatch):
 async def ready(app, pilot, *wanted):
     """As some seconds after the start: the modules of all pages are read, the pages are made. wanted: were seen."""
     await pilot.pause()
+    app.services.make()
     for where in app.pages:
         app.pages.read(where)
         app.pages[where]

@@ -54,6 +54,23 @@ async def test_values_older_than_a_second_are_grey_and_said(app, source, clock, 
     assert "NO DATA" not in shown(app)[0]
 
 
+async def test_between_two_frames_nothing_is_looked_at_but_what_was_asked_for(
+        app, source, clock, frames, pilot, monkeypatch):
+    looked = []
+    show = app.page.show_numbers
+    monkeypatch.setattr(app.page, "show_numbers", lambda view: (
+        looked.append(round(clock.now_s - start_s, 1)), show(view)))
+    source.newest, start_s = replace(frames[-1], seq=frames[-1].seq + 1), clock.now_s
+    for _tick in range(5):
+        clock.now_s += 0.2
+        app.tick()
+    assert looked == [0.2, 0.8]         # at once, then twice a second
+    app.page.hurry()
+    clock.now_s += 0.1
+    app.tick()
+    assert looked[-1] == 1.1
+
+
 async def test_a_frame_of_the_same_number_is_not_a_new_one(app, source, clock, frames, pilot):
     clock.now_s += 2.0
     source.newest = replace(frames[-1])

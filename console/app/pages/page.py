@@ -168,7 +168,9 @@ class Page(Screen[None]):
                 (_(one.label) for one in self.app.page_actions if one.id == f"{self.where}_screen"), "")
             small.show(SmallView(view.rates, view.tiles, _("{columns} x {rows} shows the whole page").format(
                 columns=LEAST_COLUMNS, rows=LEAST_ROWS), page))
-        self.show_company()
+        company, others = self.query_one("#company", CompanyBar), self.app.company_view()
+        company.display = others is not None
+        company.show(others)
         self.show_tour()
         self.show_keys()
 
@@ -182,12 +184,6 @@ class Page(Screen[None]):
         height = min(need, MOST_ALARM_ROWS) if need > least and not self.has_class("-fault") else None
         if bar.styles.inline.height != (None if height is None else Scalar.from_number(height)):
             bar.styles.height = height
-
-    def show_company(self) -> None:
-        """Others at the machine and the latest order, while there are others."""
-        bar, view = self.query_one("#company", CompanyBar), self.app.company_view()
-        bar.display = view is not None
-        bar.show(view)
 
     def show_tour(self) -> None:
         """The guided tour's rows, while there is one."""

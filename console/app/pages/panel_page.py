@@ -35,6 +35,7 @@ class MapTitle(Panel[str]):
 
 COARSEST_M = 3.0          # of a pixel: a larger field is not shown whole, the map follows the machine
 GAP_S = 2.5               # a longer time without a row is a gap
+AGAIN_S = 0.5             # without a new frame: as often as a machine that stands tells one
 GRAPH_POINTS = 60         # of the small graph under a tile
 
 
@@ -42,6 +43,10 @@ class PanelScreen(LogPage):
     """Trends go below 36 rows, then the map below 100 columns. cursor_s: where the trend is read off, s of the run."""
 
     cursor_s: float | None = None
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._looked_at: Frame | None = None
 
     def body(self) -> ComposeResult:
         view = look(None, 0.0, self.app.units)
@@ -59,8 +64,15 @@ class PanelScreen(LogPage):
             yield Items(view.items, id="items-side")
 
     def tick(self, now_s: float) -> None:
-        super().tick(now_s)
+        """Between two frames next to nothing changes; all that does is drawn at once, for each drawing costs."""
         frame, age_s = self.seen(now_s)
+        looked_s, hurried = self.numbers.last_s, None in (self.plots.last_s, self.maps.last_s)
+        soon = looked_s is not None and 0.0 <= now_s - looked_s < AGAIN_S and age_s <= STALE_S
+        if frame is self._looked_at and soon and not hurried:
+            return
+        super().tick(now_s)
+        if self.numbers.last_s == now_s:
+            self._looked_at = frame
         if self.plots.due(now_s):
             self._show_trend(frame, age_s > STALE_S)
         if self.maps.due(now_s) and self.query_one("#right").display:

@@ -35,7 +35,8 @@ def write_isoxml(applied: AsApplied, path: Path) -> None:
 
 def as_applied_task(applied: AsApplied) -> tuple[Element, dict[str, bytes]]:
     """The task file's tree and the files next to it. Raises ExportError."""
-    begin, end = (applied.utc(float(time)) for time in _span_s(applied))
+    s = applied.stretches
+    begin, end = (applied.utc(float(s.time_s[at] + sign * 0.5 * s.duration_s[at])) for at, sign in ((0, -1), (-1, 1)))
     if begin is None or end is None:
         raise ExportError(f"{applied.title}: no UTC in the log: allowed for ISOXML is a log with a column utc or "
                           "started_utc next to it")
@@ -109,11 +110,6 @@ def _device(root: Element, applied: AsApplied) -> None:
         SubElement(element, "DOR", A=str(number))
     for number, ddi in enumerate(described, start=2):
         SubElement(device, "DPD", A=str(number), B=f"{ddi:04X}", C="0", D="16" if ddi in TOTALS else "1", E=NAMES[ddi])
-
-
-def _span_s(applied: AsApplied) -> tuple[float, float]:
-    s = applied.stretches
-    return float(s.time_s[0] - 0.5 * s.duration_s[0]), float(s.time_s[-1] + 0.5 * s.duration_s[-1])
 
 
 def _stamp(moment: dt.datetime) -> str:

@@ -23,8 +23,11 @@ INSIDE = 0.999              # of its area, that a polygon lies in another one
 def read_shapes(path: Path, name: str | None = None) -> FieldData:
     """name: of the polygon, where there are several fields. Raises FieldError, OSError."""
     named = named_shapes(path)
-    polygons = _each_named([(title, part) for title, shape in named for part in shapely.get_parts(shape)
-                            if part.geom_type == "Polygon" and not part.is_empty])
+    polygons = [(title, part) for title, shape in named for part in shapely.get_parts(shape)
+                if part.geom_type == "Polygon" and not part.is_empty]
+    count = Counter(title for title, _ in polygons)
+    polygons = [(title if (title and count[title] == 1) or len(polygons) == 1 else f"{title or 'polygon'} {k}", shape)
+                for k, (title, shape) in enumerate(polygons, start=1)]
     lines = [(title, part) for title, shape in named for part in shapely.get_parts(shape)
              if part.geom_type == "LineString" and not part.is_empty]
     if not polygons and not lines:
@@ -52,13 +55,6 @@ def named_shapes(path: Path) -> list[tuple[str, Any]]:
             raise FieldError(f"{where}: coordinates up to {highest:.0f}{said[0]}: allowed are degrees (WGS84){said[1]}")
     return [(name_of(row) or layer.name, shape) for layer in layers
             for row, shape in zip(layer.rows, layer.shapes, strict=True) if shape is not None]
-
-
-def _each_named(polygons: Sequence[tuple[str, Any]]) -> list[tuple[str, Any]]:
-    """Those of one name, or without one, by their number in the file."""
-    count = Counter(title for title, _ in polygons)
-    return [(title if (title and count[title] == 1) or len(polygons) == 1 else f"{title or 'polygon'} {k}", shape)
-            for k, (title, shape) in enumerate(polygons, start=1)]
 
 
 def _field(path: Path, polygons: Sequence[tuple[str, Any]],

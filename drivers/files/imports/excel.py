@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +24,8 @@ def read_excel(path: Path, said: Source) -> RawTable:
     found = {name: (rows, layout) for name, rows in tables.items() if (layout := _layout(rows, said)) is not None}
     if not found:
         raise ImportTrouble(path, f"no sheet holds a table of numbers below a header (sheets: {listed(tables)})")
-    left = _log_among(found)
+    long = [name for name, (rows, layout) in found.items() if len(rows) - layout.body >= LEAST_ROWS]
+    left = long if len(long) == 1 else list(found)
     findings = tuple(Finding("other_sheets", f"sheet {name} left out: {many(len(found[name][0]), 'row')} next to a log")
                      for name in found if name not in left)
     found = {name: found[name] for name in left}
@@ -34,12 +34,6 @@ def read_excel(path: Path, said: Source) -> RawTable:
                             f"{listed(found)}")
     [(sheet, (rows, layout))] = found.items()
     return _table(path, said, sheet, rows, layout, findings)
-
-
-def _log_among(found: Mapping[str, tuple[list[list[Any]], Layout]]) -> list[str]:
-    """The one long sheet next to notes of a few rows; all where it is not so plain."""
-    long = [name for name, (rows, layout) in found.items() if len(rows) - layout.body >= LEAST_ROWS]
-    return long if len(long) == 1 else list(found)
 
 
 def _layout(rows: list[list[Any]], said: Source) -> Layout | None:

@@ -92,7 +92,9 @@ def _candidate(raw: RawTable, name: str) -> ColumnCandidate | None:
         return None
     implied = quantity_of(target) is None or subject.id in DEGREES or (
         subject.id == "shaft" and says(plain, IN_RPM))
-    if subject.id == "speed" and unit is None and _too_fast(values):
+    moving = np.abs(values[np.isfinite(values)])
+    moving = moving[moving > MOVING_MPS]
+    if subject.id == "speed" and unit is None and moving.size and np.median(moving) > TOO_FAST:
         target = "shaft_rpm_cmd" if role == "command" else "shaft_rpm"
     elif subject.id == "speed" and role == "command":
         return None                     # a wanted ground speed is no reading
@@ -117,12 +119,6 @@ def _target(subject: Subject, plain: str, role: str) -> str:
 def _values(raw: RawTable, name: str) -> NDArray[np.float64]:
     found = numbers(raw.frame[name], raw.decimal_comma)
     return found.values.to_numpy() if found.bad <= 0.5 * max(1, found.values.len()) else np.empty(0)
-
-
-def _too_fast(values: NDArray[np.float64]) -> bool:
-    moving = np.abs(values[np.isfinite(values)])
-    moving = moving[moving > MOVING_MPS]
-    return bool(moving.size and np.median(moving) > TOO_FAST)
 
 
 def _tell_roles(candidates: list[ColumnCandidate]) -> None:
@@ -150,19 +146,15 @@ def chosen_of(candidates: list[ColumnCandidate], out: Guess) -> dict[str, Column
                   or one.source.startswith(f"{best.source} (")]         # of the same name
         if rivals:
             out.doubts.append(Doubt(("columns", target), f"{' and '.join(rivals)} would fit as well as {best.source}"))
-        if _either_rate(best) and "target_rate_kg_ha" not in by_target:
+        flow = best.unit is not None and best.unit.quantity == "flow"       # is measured, whatever its name says
+        if target == "applied_rate_kg_ha" and "target_rate_kg_ha" not in by_target and not (
+                best.role or best.exact or flow):
             out.doubts.append(Doubt(("columns", target), f"no word says whether {best.source} is what was wanted or "
                                     "what was applied: taken for applied"))
         if best.role == "by physics":
             out.doubts.append(Doubt(("columns", target), f"no word says that {best.source} is the command: the other "
                                     "column follows it"))
     return chosen
-
-
-def _either_rate(one: ColumnCandidate) -> bool:
-    """Whether a rate may be the wanted one or the applied one, for all that its name says; a flow is measured."""
-    flow = one.unit is not None and one.unit.quantity == "flow"
-    return one.target == "applied_rate_kg_ha" and not (one.role or one.exact or flow)
 
 
 def column_of(one: ColumnCandidate, out: Guess) -> Column | None:

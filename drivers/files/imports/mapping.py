@@ -182,13 +182,6 @@ def _check_name(name: str) -> None:
 BY_ANOTHER = ("flow", "volume")       # quantities of which a rate is made with another figure
 
 
-def _check_rate(where: str, column: Column, quantity: str, width_m: float | None, density_kg_l: float | None) -> None:
-    if quantity == "flow" and width_m is None:
-        raise ValueError(f"{where}.unit {column.unit}: a flow: allowed with width_m, the working width")
-    if quantity == "volume" and density_kg_l is None:
-        raise ValueError(f"{where}.unit {column.unit}: a volume: allowed with density_kg_l, the product's density")
-
-
 def _check_unit(name: str, column: Column, width_m: float | None, density_kg_l: float | None) -> None:
     where = f"columns.{name}"
     if name in TEXT_COLUMNS and (column.constant is not None or column.unit is not None):
@@ -205,7 +198,10 @@ def _check_unit(name: str, column: Column, width_m: float | None, density_kg_l: 
                              + (" (of a slope: unit slope %)" if quantity == "angle" else ""))
         return
     if quantity == "rate" and unit.quantity in BY_ANOTHER:
-        _check_rate(where, column, unit.quantity, width_m, density_kg_l)
+        if unit.quantity == "flow" and width_m is None:
+            raise ValueError(f"{where}.unit {column.unit}: a flow: allowed with width_m, the working width")
+        if unit.quantity == "volume" and density_kg_l is None:
+            raise ValueError(f"{where}.unit {column.unit}: a volume: allowed with density_kg_l, the product's density")
         return
     if unit.quantity != quantity:
         allowed = ", ".join(one.name for one in UNITS if one.quantity == quantity) or "none"

@@ -65,7 +65,9 @@ def read_texts(texts: pl.Series, form: str | None, zone: str | None) -> FileCloc
         base = base.str.replace("T", " ", literal=True).str.replace_all("/", "-", literal=True)
         base = base.str.replace(r"^(\S+ \d{1,2}:\d{2})$", "${1}:00")
     if not re.search(r"%[djyYF]", form or ISO):
-        return FileClock(_over_midnight(_parsed("1970-01-01 " + base, f"%Y-%m-%d {form}")), "relative")
+        us = _parsed("1970-01-01 " + base, f"%Y-%m-%d {form}")
+        days = (us.forward_fill().diff().fill_null(0) < -_DAY_US // 2).cast(pl.Int64).cum_sum()
+        return FileClock(us + days * _DAY_US, "relative")           # times of day go on past midnight
     us = _parsed(base, form or ISO)
     if frame["offset"].is_not_null().any():
         return FileClock(us - _offset_us(frame["offset"]), "utc")
@@ -86,7 +88,8 @@ def with_day(day: pl.Series, time: pl.Series, day_form: str) -> pl.Series:
     if day.dtype.is_temporal():
         texts = day.dt.strftime("%Y-%m-%d")
     else:
-        texts = texts_for(day, day_form) if not _is_spreadsheet_day(day, day_form) else _of_spreadsheet(day)
+        whole = _whole(day) if _PARTS.sub("", day_form) else None
+        texts = texts_for(day, day_form) if whole is None else _of_spreadsheet(whole)
     both = pl.DataFrame({"day": texts.str.strip_chars(), "time": time.str.strip_chars()})
     return both.select((pl.col("day") + " " + pl.col("time")).alias(time.name)).to_series()
 
@@ -116,14 +119,8 @@ def _whole(series: pl.Series) -> pl.Series | None:
     return series.cast(pl.Int64, strict=False)
 
 
-def _is_spreadsheet_day(series: pl.Series, form: str) -> bool:
+def _of_spreadsheet(whole: pl.Series) -> pl.Series:
     """Numbers where the form has a day with signs between: days as spreadsheets count them."""
-    return bool(_PARTS.sub("", form)) and _whole(series) is not None
-
-
-def _of_spreadsheet(day: pl.Series) -> pl.Series:
-    whole = _whole(day)
-    assert whole is not None
     whole = whole.set(~whole.is_between(*SPREADSHEET_DAYS).fill_null(True), None)
     return (whole - SPREADSHEET_EPOCH_DAYS).cast(pl.Int32, strict=False).cast(pl.Date).dt.strftime("%Y-%m-%d")
 
@@ -133,12 +130,6 @@ def _parsed(texts: pl.Series, form: str) -> pl.Series:
         return texts.str.to_datetime(form, time_unit="us", strict=False).cast(pl.Int64)
     except pl.exceptions.PolarsError:
         raise ImportTrouble("", f"time.format {form}: not a format; allowed e.g. %d.%m.%Y %H:%M:%S") from None
-
-
-def _over_midnight(us: pl.Series) -> pl.Series:
-    """Times of day go on past midnight."""
-    days = (us.forward_fill().diff().fill_null(0) < -_DAY_US // 2).cast(pl.Int64).cum_sum()
-    return us + days * _DAY_US
 
 
 def _offset_us(offsets: pl.Series) -> pl.Series:

@@ -53,7 +53,9 @@ def _read(path: Path, file: Any, choice: RateChoice) -> Imported:
     if not len(rows):
         raise PrescriptionError(path, "no cell has a value")
     if len(rows) > MOST_CELLS:
-        raise _too_fine(path, len(rows))
+        raise PrescriptionError(
+            path, "{cells} cells: allowed up to {most}: resample it to cells of the working width first",
+            " (in QGIS: Warp, average)", cells=len(rows), most=MOST_CELLS)
     corners = _corners(file.transform, rows, columns, projection)
     features = [Feature(k + 1, {name: float(band[row, column]) for name, band in zip(names, bands, strict=True)},
                         [(corners[k],)]) for k, (row, column) in enumerate(zip(rows.tolist(), columns.tolist(),
@@ -80,12 +82,6 @@ def _units(path: Path, file: Any, names: list[str]) -> Mapping[str, StatedUnit]:
         found.append({name.casefold(): StatedUnit(unit, path.name)} if (unit := file.units[k - 1]) else {})
         found.append(of_json({"name": name, **file.tags(k)}, [name], path.name))
     return together(*found)
-
-
-def _too_fine(path: Path, cells: int) -> PrescriptionError:
-    return PrescriptionError(
-        path, "{cells} cells: allowed up to {most}: resample it to cells of the working width first",
-        " (in QGIS: Warp, average)", cells=cells, most=MOST_CELLS)
 
 
 def _projection(path: Path, file: Any) -> Projection | None:

@@ -74,7 +74,9 @@ def prescription_task(data: MapData) -> tuple[Element, dict[str, bytes]]:
         SubElement(root, "PDT", A="PDT1", B=name_of(data.product))
     task = Element("TSK", A="TSK1", B=name_of(data.title) or "prescription", G="1", H=DEFAULT, I=LOST, J=OUTSIDE)
     if data.fields_deg:
-        field = SubElement(root, "PFD", A="PFD1", C=name_of(data.title) or "field", D=str(round(_field_area_m2(data))))
+        alone = MapData(zones=tuple(Zone(0.0, rings) for rings in data.fields_deg))
+        area_m2 = 10_000.0 * sum(share.area_ha for share in statistics(alone))
+        field = SubElement(root, "PFD", A="PFD1", C=name_of(data.title) or "field", D=str(round(area_m2)))
         for rings in data.fields_deg:
             outline(field, rings, "1")
         task.set("E", "PFD1")
@@ -140,11 +142,6 @@ def _variable(zone: Element, rate_kg_ha: float, data: MapData) -> None:
     variable = SubElement(zone, "PDV", A="0006", B=str(round(rate_kg_ha * MG_M2_PER_KG_HA)), E="VPN1")
     if data.product:
         variable.set("C", "PDT1")
-
-
-def _field_area_m2(data: MapData) -> float:
-    alone = MapData(zones=tuple(Zone(0.0, rings) for rings in data.fields_deg))
-    return 10_000.0 * sum(share.area_ha for share in statistics(alone))
 
 
 def _write_geojson(data: MapData, path: Path) -> None:

@@ -247,7 +247,10 @@ class DiagnosisScreen(Page):
             said.update(f" ! {self.said}")
         work = self.query_one("#dia-work", WorkBar)
         work.display = self.busy
-        work.show(self._work_view(self.app.clock()) if self.busy else None)
+        if self.busy:
+            share, left_s = self._expected.at(self.app.clock() - self._started_s, self._share)
+            work.show(WorkView(self._title, _(words.STAGES.get(self._stage, self._stage)), int(100 * share),
+                               None if left_s is None else max(1, round(left_s))))
         self.query_one("#dia-sources", SourceList).show(
             SourcesView(self.sources or (), self.at, self.sources is None and self.service is not None, in_use()))
         self.query_one("#dia-chips", Chips).show(self._chips())
@@ -268,11 +271,6 @@ class DiagnosisScreen(Page):
         if found is not None and self.plots.due(now_s):
             self.query_one("#dia-over", ResidualPlot).show(shown.over(found, self.cause))
             self.query_one("#dia-time", ResidualPlot).show(shown.time(found, self.cause))
-
-    def _work_view(self, now_s: float) -> WorkView:
-        share, left_s = self._expected.at(now_s - self._started_s, self._share)
-        return WorkView(self._title, _(words.STAGES.get(self._stage, self._stage)), int(100 * share),
-                        None if left_s is None else max(1, round(left_s)))
 
     def views(self) -> tuple[View, ...]:
         """Those that one key goes through at this size; the others are shown with it."""
@@ -426,7 +424,9 @@ class DiagnosisScreen(Page):
 
     def _worked(self, worker: Worker[DiagnosisView | ComparedShown], state: WorkerState) -> None:
         if state is WorkerState.SUCCESS and isinstance(worker.result, ComparedShown):
-            self._show_compared(worker.result)
+            where = [_("Pictures: {path}").format(path=worker.result.report)] if worker.result.report else []
+            self.app.push_screen(TextDialog(_("Before and after, on a log that it was not made from"),
+                                            "\n".join([*words.compared(worker.result), *where])))
         elif state is WorkerState.SUCCESS and isinstance(worker.result, DiagnosisView):
             drove = bool(self.found) and bool(worker.result.planted)
             self.found = (*self.found[:1], worker.result) if drove else (worker.result,)
@@ -442,11 +442,6 @@ class DiagnosisScreen(Page):
             if self._brings_in:
                 self.sources, self._brings_in = None, False
             self.look()
-
-    def _show_compared(self, found: ComparedShown) -> None:
-        where = [_("Pictures: {path}").format(path=found.report)] if found.report else []
-        self.app.push_screen(TextDialog(_("Before and after, on a log that it was not made from"),
-                                        "\n".join([*words.compared(found), *where])))
 
     def ask(self, open_: OpenQuestions) -> None:
         """What is unsure about a file of another machine, and where it can be put right."""

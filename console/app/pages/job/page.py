@@ -171,7 +171,9 @@ class JobScreen(Page):
         if tally is not None and tally.log_before:
             notes.append(JobNote(_("goes on from {log}").format(log=file_name(tally.log_before))))
         if tally is not None and tally.after_cut_kg is not None:
-            notes.append(JobNote(_after_cut(tally.after_cut_kg, tally.after_cut_scale_kg)))
+            scale_kg = tally.after_cut_scale_kg
+            notes.append(JobNote(_("released after the cut, and counted: about {kg} kg (by the scale {scale})").format(
+                kg=f"{tally.after_cut_kg:.2f}", scale="--" if scale_kg is None else f"{scale_kg:.2f}")))
         if tally is not None and tally.finished:
             notes.append(JobNote(_("this job was ended; what you spread from now on is still added to it")))
         if self.pending:
@@ -475,9 +477,3 @@ class JobScreen(Page):
 
         self.progress = _("{name}: begins").format(name=name)
         self._work = self.app.with_files(run, written, failed, group="job-work")
-
-
-def _after_cut(model_kg: float, scale_kg: float | None) -> str:
-    scale = "--" if scale_kg is None else f"{scale_kg:.2f}"
-    return _("released after the cut, and counted: about {kg} kg (by the scale {scale})").format(
-        kg=f"{model_kg:.2f}", scale=scale)

@@ -43,7 +43,9 @@ def reading(where: str, place: tuple[float, float] | None, metres: float, worked
     error = rate_error(target, applied)
     parts = [ReadingPart(_("applied"), units.rate.full(applied)), ReadingPart(_("target"), units.rate.full(target))]
     if laid is not None:
-        parts.append(ReadingPart(_("file"), _of_file(Ground(laid.worked, pixel), laid)))
+        value = float(Ground(laid.worked, pixel).layer(laid.scale.layer)[0, 0])
+        said = laid.scale.text(None if value != value else value)
+        parts.append(ReadingPart(_("file"), f"{said} {laid.scale.unit}".rstrip()))
     if picture is not None and picture.planned is not None:
         parts.append(ReadingPart(_("planned"), units.rate.full(planned)))
     parts += [ReadingPart(_("error"), "--" if error is None else signed_percent(100.0 * error)),
@@ -52,11 +54,6 @@ def reading(where: str, place: tuple[float, float] | None, metres: float, worked
               ReadingPart(_("east"), units.distance.full(place[0])),
               ReadingPart(_("north"), units.distance.full(place[1]))]
     return PlaceReading(where, tuple(parts))
-
-
-def _of_file(here: Ground, laid: LaidView) -> str:
-    value = float(here.layer(laid.scale.layer)[0, 0])
-    return f"{laid.scale.text(None if value != value else value)} {laid.scale.unit}".rstrip()
 
 
 def job_items(frame: Frame | None, picture: FieldPicture | None, units: Units, stale: bool) -> tuple[Item, ...]:

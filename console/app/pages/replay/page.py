@@ -132,18 +132,17 @@ def changed_words(before: Sequence[Frame], after: Sequence[Frame], units: Units)
     sign = "+" if kg >= was_kg else "-"
     said = _("{more} ({kg} instead of {before})").format(
         more=sign + units.mass.full(abs(kg - was_kg)), kg=units.mass.full(kg), before=units.mass.full(was_kg))
-    now, was = (_mean_error(frames) for frames in (after, before))
+
+    def mean_error(frames: Sequence[Frame]) -> float | None:
+        found = [abs(error) for frame in frames if frame.row.state in (None, "working")
+                 and (error := rate_error(frame.row.target_rate_kg_ha, frame.row.applied_rate_kg_ha)) is not None]
+        return 100.0 * sum(found) / len(found) if found else None
+
+    now, was = mean_error(after), mean_error(before)
     if now is None or was is None:
         return said
     off = _("off the target by {now} % instead of {before} %").format(now=f"{now:.1f}", before=f"{was:.1f}")
     return f"{said}, {off}"
-
-
-def _mean_error(frames: Sequence[Frame]) -> float | None:
-    """Percent, of the rows of work."""
-    found = [abs(error) for frame in frames if frame.row.state in (None, "working")
-             and (error := rate_error(frame.row.target_rate_kg_ha, frame.row.applied_rate_kg_ha)) is not None]
-    return 100.0 * sum(found) / len(found) if found else None
 
 
 class ReplayScreen(PanelScreen):

@@ -1,21 +1,11 @@
 """Keys of the Settings page and what they do."""
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from console.app.action import SETTINGS, Action, on
 from console.locale import N_, _
 from drivers.files.settings import Settings
 
-if TYPE_CHECKING:
-    from console.app.pages.settings.page import SettingsScreen
-
 PAGE_STEP = 10
-
-
-def all_defaults(page: SettingsScreen) -> None:
-    page.app.confirm(_("Reset all settings?"), _("Units, language, look, keys: everything."),
-                     lambda: page.take(Settings()))
 
 
 ACTIONS = on(
@@ -35,5 +25,7 @@ ACTIONS = on(
            lambda page: page.change(), bar=3, asks="text"),
     Action("setting_default", "delete,backspace", "Del", N_("default"), N_("Resets the selected setting."),
            lambda page: page.put_back(), bar=5),
-    Action("settings_defaults", "q_1", "Q1", N_("all defaults"), N_("Resets every setting; asks first."), all_defaults),
+    Action("settings_defaults", "q_1", "Q1", N_("all defaults"), N_("Resets every setting; asks first."),
+           lambda page: page.app.confirm(_("Reset all settings?"), _("Units, language, look, keys: everything."),
+                                         lambda: page.take(Settings()))),
 )
