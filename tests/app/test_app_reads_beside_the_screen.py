@@ -84,6 +84,7 @@ async def ready(app, pilot, *wanted):
     for where in app.pages:
         app.pages.read(where)
         app.pages[where]
+    app.services.make()
     for module in LATE_MODULES:
         import_module(module)
     cell_len(WIDE)
