@@ -247,8 +247,8 @@ def _followed(commanded: Array, time_s: Array, tau_s: float) -> Array:
     """First order behind a held signal: (n,)."""
     if tau_s <= 0.0:
         return commanded
-    keep, found = np.exp(-np.diff(time_s, prepend=time_s[0]) / tau_s), np.empty(len(commanded))
-    found[0] = commanded[0]
-    for row in range(1, len(commanded)):
-        found[row] = commanded[row - 1] + (found[row - 1] - commanded[row - 1]) * keep[row]
-    return found
+    keep = np.exp(-np.diff(time_s) / tau_s).tolist()
+    found = commanded[:1].tolist()
+    for told, kept in zip(commanded.tolist(), keep, strict=False):
+        found.append(told + (found[-1] - told) * kept)
+    return np.array(found)
