@@ -20,8 +20,8 @@ from drivers.files.prescriptions.for_job import placed_of_job
 from drivers.files.setup import load_setup
 
 TODAY = dt.date(2026, 4, 1)
-EFFECTS = ("flow.gain=8", "gate.backlash=1@30", "shaft.dead_time=0.1", "flow.pulsation=5", "shaft.coarse_encoder=1",
-           "flow.bridging=5", "shaft.stall=1@50", "gate.stuck=1@60")
+EFFECTS = ("flow.gain=8", "gate.backlash=1@15", "shaft.dead_time=0.1", "flow.pulsation=5", "shaft.coarse_encoder=1",
+           "flow.bridging=5", "shaft.stall=1@30", "gate.stuck=1@38")
 TERM = "flow_percent bend speed_mps bend=-4.4 at=1.2"
 
 
@@ -42,7 +42,7 @@ def steps(machine: str, job: str, seconds: float, compiled: bool, effects: tuple
     ("huanghai", "map_demo", (), ()), ("planter", "points_demo", (), ()),
     ("huanghai_sections", "sections_demo", (), ()), ("spreader", "spreader_demo", ("flow.gain=5",), ())])
 def test_rows_and_truth_are_the_same(machine: str, job: str, effects: tuple[str, ...], terms: tuple[str, ...]) -> None:
-    plain, quick = (steps(machine, job, 80.0, compiled, effects, terms) for compiled in (False, True))
+    plain, quick = (steps(machine, job, 50.0, compiled, effects, terms) for compiled in (False, True))
     assert [one.tick.row for one in quick] == [one.tick.row for one in plain]
     assert [one.truth for one in quick] == [one.truth for one in plain]
     assert any(one.truth.flow_kg_s > 0.0 for one in plain)
