@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -81,6 +82,12 @@ def switches(plan: Schedule, stage: str, time_s: Array) -> tuple[tuple[Any, ...]
     return tuple(sets), np.array(rows, np.int64)
 
 
+def in_force(rows: npt.NDArray[np.int64], count: int) -> list[tuple[int, slice]]:
+    """The sets of `switches` that hold in some of `count` rows, by their place, with those rows."""
+    edges = np.clip(np.concatenate(([0], rows, [count])), 0, count).tolist()
+    return [(k, slice(begin, end)) for k, (begin, end) in enumerate(pairwise(edges)) if begin < end]
+
+
 _STAGE: dict[str, tuple[Any, Any, Any]] = {        # the start is made anew for each run, which writes into it
     "shaft": (shaft_run, shaft_start, ShaftOutput), "gate": (gate_run, gate_start, GateOutput)}
 
@@ -127,13 +134,9 @@ def hopper_channel(h: Hopper, machine: Machine) -> ChannelSeries:
 
     def predict(plan: Schedule, step_s: float) -> Array:
         scales, rows = switches(plan, "scale", h.time_s)
-        at = np.searchsorted(rows, np.arange(count), side="right")
         seen = input_rows(ScaleInput, count, hopper_kg=levels(plan), time_s=read_s, pitch_deg=h.pitch_deg[:-1],
                           more_kg=h.more_kg)
-        reads = np.empty(count)
-        for k in sorted(set(at.tolist())):
-            reads = np.where(at == k, scale_run(scales[k], seen), reads)
-        return h.grid.of(reads)
+        return h.grid.of(np.concatenate([scale_run(scales[k], seen[now]) for k, now in in_force(rows, count)]))
     noise = machine.noise
     per_bin = max(1.0, h.grid.step_s / 0.05)
     return _channel("scale", "kg", h.grid, h.reading_kg, predict,
@@ -230,15 +233,12 @@ def heads_channel(h: HeadContrasts, machine: Machine) -> ChannelSeries:
     """Each head less the mean of all, one after the other."""
     used = np.flatnonzero(np.isfinite(h.ndvi).any(axis=1))
     measured = (h.ndvi[used] - h.mean)
+    seen = [input_rows(HeadInput, len(h.time_s), ndvi=h.mean, head=float(head + 1), on_s=h.time_s) for head in used]
 
     def predict(plan: Schedule, step_s: float) -> Array:
         sets, rows = switches(plan, "heads", h.time_s)
-        at = np.searchsorted(np.asarray(rows), np.arange(len(h.time_s)), side="right")
-        reads = np.empty((len(used), len(h.time_s)))
-        for k in sorted(set(at.tolist())):
-            for line, head in enumerate(used):
-                seen = input_rows(HeadInput, len(h.time_s), ndvi=h.mean, head=float(head + 1), on_s=h.time_s)
-                reads[line] = np.where(at == k, heads_run(sets[k], seen), reads[line])
+        there = in_force(rows, len(h.time_s))
+        reads = np.array([np.concatenate([heads_run(sets[k], one[now]) for k, now in there]) for one in seen])
         return h.grid.of(reads - reads.mean(axis=0)).ravel()
     length = len(h.grid.even_s)
     bounds = tuple((k * length, (k + 1) * length) for k in range(len(used)))
@@ -255,17 +255,15 @@ def effort_bins(e: DriveEffort) -> Callable[[Schedule], Array]:
         efforts, rows = switches(plan, "effort", e.time_s)
         flows, _ = switches(plan, "flow", e.time_s)
         gates, _ = switches(plan, "gate", e.time_s)
-        at = np.searchsorted(rows, np.arange(len(e.time_s)), side="right")
-        reads = np.empty(len(e.time_s))
-        for k in sorted(set(at.tolist())):
-            now = at == k
+        reads = []
+        for k, now in in_force(rows, len(e.time_s)):
             opening = np.maximum(0.0, e.opening_mm[now] - gates[k].offset_mm)
             flutes = flutes_run(flows[k], e.speed[now], opening, e.pitch_deg[now], e.share_full[now],
-                                e.time_s[now], e.refilled) if e.name == "effort" else np.zeros((int(now.sum()), 2))
-            reads[now] = ways(efforts[k], input_rows(
-                EffortInput, int(now.sum()), speed=e.speed[now], speed_per_s=e.speed_per_s[now],
-                supply_share=e.supply_share[now], grams_rev=flutes[:, 0], packed_g_rev=flutes[:, 1]))
-        return e.binned(reads)
+                                e.time_s[now], e.refilled) if e.name == "effort" else np.zeros((len(opening), 2))
+            reads.append(ways(efforts[k], input_rows(
+                EffortInput, len(opening), speed=e.speed[now], speed_per_s=e.speed_per_s[now],
+                supply_share=e.supply_share[now], grams_rev=flutes[:, 0], packed_g_rev=flutes[:, 1])))
+        return e.binned(np.concatenate(reads))
     return predict
 
 

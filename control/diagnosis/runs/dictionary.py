@@ -177,7 +177,7 @@ def scan(residual: WhitenedResidual, acted: ActedOn, entries: Sequence[FormGroup
     is."""
     found: list[FormCandidate] = []
     for entry in entries:
-        left = residual.kept_beyond(acted.channel, entry.kept)
+        left = residual.beyond(acted.channel, entry.kept)
         if entry.level and left.A[-1, -1] > LEAST_LEVEL:
             left = left.beyond(left.A[:, -1:], left.of(np.array([-1])).fit(np.array([np.inf])))
         left = left.of(np.arange(len(left.s) - 1))

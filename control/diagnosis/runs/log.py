@@ -202,7 +202,7 @@ def gate(columns: Mapping[str, npt.NDArray[Any]], has: Callable[[str], bool] = l
     read, odd = mended({**{name: np.asarray(columns[name], np.float64) for name in (*EVIDENCE, *NUMBERS)
                            if name in columns}, **_texts_and_further(columns)})
     time = read["time_s"] - read["time_s"][0]
-    held = any(COMMANDS_HELD in str(text).split(";") for text in read["events"])
+    held = any(COMMANDS_HELD in str(text).split(";") for text in set(read["events"].tolist()))
     least = MIN_SETTLED if held else MIN_ROWS
     step = _checked_step(time, least, odd)
     found = {name: readable(as_printed(read[name])) if name in read else np.full(len(time), np.nan) for name in NUMBERS}

@@ -201,7 +201,7 @@ def _settled(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> Tri
 
     def gain(form: TriedForm) -> float:
         series = np.concatenate((acted.of(form.rows(variables.by_name)), constant))
-        return residual.beyond(acted.channel, series).gain_of(np.eye(len(series)))
+        return residual.beyond(acted.channel, coefficients(series, acted.channel.cut)).gain_of(np.eye(len(series)))
 
     def near(form: TriedForm, fineness: float) -> Iterator[TriedForm]:
         for name in kind.movable:

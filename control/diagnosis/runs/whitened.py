@@ -21,13 +21,14 @@ better of the two is what it is held against.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.judgement.evidence import Column
 from control.diagnosis.judgement.gaussian import Array, Gaussian
-from control.diagnosis.judgement.noise import Noise, coefficients, series_of, strengths
+from control.diagnosis.judgement.noise import Noise, series_of, strengths
 
 from .channels import ChannelSeries
 from .hypothesis import Hypothesis
@@ -85,23 +86,18 @@ class WhitenedResidual:
         name = channel.name
         return series_of(self.left[self._place[name]] * self._scale[name], channel.cut).reshape(channel.copies, -1)
 
-    def white(self, channel: ChannelSeries, banded: Array) -> tuple[Array, Array]:
-        """Cosine coefficients (k, m) of a channel whitened, and what the hypothesis takes up of them, in its basis."""
-        white = banded * self._scale[channel.name]
-        return white, white @ self._basis[self._place[channel.name]]
+    def white(self, channel: ChannelSeries, banded: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+        """Cosine coefficients (k, m) of a channel, all or its slowest, whitened, and what the hypothesis takes up of
+        them, in its basis; in their own precision: single is good enough to choose by."""
+        begin, count = self._place[channel.name].start, banded.shape[1]
+        white = banded * self._scale[channel.name][:count].astype(banded.dtype, copy=False)
+        return white, white @ self._basis[begin:begin + count].astype(banded.dtype, copy=False)
 
-    def beyond(self, channel: ChannelSeries, series: Array) -> Gaussian:
-        """Series (k, m) of one channel once the hypothesis is fitted."""
-        white, taken = self.white(channel, coefficients(series, channel.cut))
-        return Gaussian(white @ white.T - taken @ taken.T, white @ self.left[self._place[channel.name]])
-
-    def kept_beyond(self, channel: ChannelSeries, kept: npt.NDArray[np.float32]) -> Gaussian:
-        """The same of the slowest cosine coefficients (k, kept), in single precision: good enough to choose by."""
-        count = kept.shape[1]
-        place = slice(self._place[channel.name].start, self._place[channel.name].start + count)
-        white = kept * self._scale[channel.name][:count].astype(np.float32)
-        taken = white @ self._basis[place].astype(np.float32)
-        a, s = white @ white.T - taken @ taken.T, white @ self.left[place].astype(np.float32)
+    def beyond(self, channel: ChannelSeries, banded: npt.NDArray[Any]) -> Gaussian:
+        """The same coefficients once the hypothesis is fitted."""
+        white, taken = self.white(channel, banded)
+        left = self.left[self._place[channel.name]][:banded.shape[1]].astype(banded.dtype, copy=False)
+        a, s = white @ white.T - taken @ taken.T, white @ left
         return Gaussian(a.astype(np.float64), s.astype(np.float64))
 
 
