@@ -250,6 +250,8 @@ def heads_channel(h: HeadContrasts, machine: Machine) -> ChannelSeries:
 def effort_bins(e: DriveEffort) -> Callable[[Schedule], Array]:
     """How hard a drive works in the mean of each bin, in the machine file's unit, NaN of one that is left out: (m,)."""
     ways = _EFFORT[e.name]
+    inputs = input_rows(EffortInput, len(e.time_s), speed=e.speed, speed_per_s=e.speed_per_s,
+                        supply_share=e.supply_share)
 
     def predict(plan: Schedule) -> Array:
         efforts, rows = switches(plan, "effort", e.time_s)
@@ -257,12 +259,12 @@ def effort_bins(e: DriveEffort) -> Callable[[Schedule], Array]:
         gates, _ = switches(plan, "gate", e.time_s)
         reads = []
         for k, now in in_force(rows, len(e.time_s)):
-            opening = np.maximum(0.0, e.opening_mm[now] - gates[k].offset_mm)
-            flutes = flutes_run(flows[k], e.speed[now], opening, e.pitch_deg[now], e.share_full[now],
-                                e.time_s[now], e.refilled) if e.name == "effort" else np.zeros((len(opening), 2))
-            reads.append(ways(efforts[k], input_rows(
-                EffortInput, len(opening), speed=e.speed[now], speed_per_s=e.speed_per_s[now],
-                supply_share=e.supply_share[now], grams_rev=flutes[:, 0], packed_g_rev=flutes[:, 1])))
+            seen = inputs[now].copy()
+            if e.name == "effort":          # the gate moves no material
+                opening = np.maximum(0.0, e.opening_mm[now] - gates[k].offset_mm)
+                seen["grams_rev"], seen["packed_g_rev"] = flutes_run(
+                    flows[k], e.speed[now], opening, e.pitch_deg[now], e.share_full[now], e.time_s[now], e.refilled).T
+            reads.append(ways(efforts[k], seen))
         return e.binned(np.concatenate(reads))
     return predict
 
