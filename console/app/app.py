@@ -397,7 +397,8 @@ class TopdressApp(App[None], inherit_bindings=False):
     def _note_alarms(self, frame: Frame, now_s: float) -> None:
         if frame.log_path != self._earlier_of:
             self._earlier_of = frame.log_path
-            self.run_worker(self._learn_earlier(frame.log_path), group="earlier", exit_on_error=False)
+            self.call_after_refresh(lambda: self.run_worker(self._learn_earlier(frame.log_path), group="earlier",
+                                                            exit_on_error=False))     # once the numbers are seen
         self.alarm_book.see(frame.row.time_s, frame.row.utc, frame.alarms)
         strokes = self.ring.due(now_s, frame.alarms)
         command, play = self.sounds.get(strokes, ""), self.services.play

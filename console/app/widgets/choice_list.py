@@ -2,6 +2,7 @@
 where there are more. A click marks."""
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import zip_longest
 from typing import NamedTuple
 
@@ -13,7 +14,7 @@ from textual.message import Message
 
 from console.app.field_picture import FieldPicture
 from console.app.map_ink import small_map
-from console.app.widgets.panel import Panel, Picked, fit, line, right, wrapped
+from console.app.widgets.panel import PickList, fit, line, right, wrapped
 from console.locale import _
 
 THUMB, THUMB_GAP = (9, 4), 2        # columns and rows of a field's picture, and blanks between it and a label
@@ -46,8 +47,8 @@ class ChoicesView(NamedTuple):
     wrong: str = ""
 
 
-class ChoiceList(Panel[ChoicesView]):
-    """Off lines, which cannot be taken, are muted. Posts Picked."""
+class ChoiceList(PickList[ChoicesView]):
+    """Off lines, which cannot be taken, are muted."""
 
     def __init__(self, view: ChoicesView, *, id: str | None = None) -> None:
         super().__init__(view, id=id)
@@ -114,19 +115,9 @@ class ChoiceList(Panel[ChoicesView]):
         middle = (marked[0] + marked[-1]) // 2 if marked else 0
         return rows, max(0, min(middle - room // 2, len(rows) - room)), room
 
-    def _shown(self) -> list[_Row]:
+    def things(self) -> Sequence[int | None]:
         rows, first, room = self._window(self.view, *self.content_size)
-        return rows[first:first + room]
-
-    def places(self) -> tuple[tuple[int, int], ...]:
-        shown = [row.choice for row in self._shown()]
-        return tuple((0, shown.index(index)) for index in dict.fromkeys(shown))
-
-    def on_click(self, event: events.Click) -> None:
-        event.stop()
-        shown = self._shown()
-        if 0 <= event.y < len(shown):
-            self.post_message(Picked(shown[event.y].choice))
+        return [row.choice for row in rows[first:first + room]]
 
     def on_mouse_scroll_down(self, event: events.MouseScrollDown) -> None:
         event.stop()

@@ -7,6 +7,7 @@ from itertools import zip_longest
 from typing import Generic, Self, TypeVar
 
 from rich.cells import cell_len, chop_cells, set_cell_size
+from textual import events
 from textual.content import Content
 from textual.geometry import Region
 from textual.message import Message
@@ -99,6 +100,24 @@ class Panel(Drawn[V, Content]):
         rows = self.drawn()
         laid = Visual.to_strips(self, rows[y], self.size.width, 1, self.visual_style) if y < len(rows) else []
         return laid[0] if laid else Strip.blank(self.size.width, self.visual_style.rich_style)
+
+
+class PickList(Panel[V]):
+    """Rows that stand for things: a click on one posts Picked with the number of its thing."""
+
+    def things(self) -> Sequence[int | None]:
+        """What each row stands for; None: a heading."""
+        raise NotImplementedError
+
+    def places(self) -> tuple[tuple[int, int], ...]:
+        things = self.things()
+        return tuple((0, things.index(one)) for one in dict.fromkeys(things) if one is not None)
+
+    def on_click(self, event: events.Click) -> None:
+        event.stop()
+        things = self.things()
+        if 0 <= event.y < len(things) and (picked := things[event.y]) is not None:
+            self.post_message(Picked(picked))
 
 
 def line(*parts: Part) -> Content:

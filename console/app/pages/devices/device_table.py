@@ -1,13 +1,13 @@
 """One row a device: symbol and word, rate, age, accepted, rejected, protocol, port. A click picks."""
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from rich.cells import cell_len
-from textual import events
 from textual.content import Content
 
-from console.app.widgets.panel import Panel, Part, Picked, fit, fullest, line, right
+from console.app.widgets.panel import Part, PickList, fit, fullest, line, right
 from console.locale import _
 
 
@@ -33,9 +33,7 @@ class TableView(NamedTuple):
     picked: int
 
 
-class DeviceTable(Panel[TableView]):
-    """Posts Picked."""
-
+class DeviceTable(PickList[TableView]):
     def first_shown(self) -> int:
         """Index of the device in the row below the heading: the picked one is always in sight."""
         room = max(1, self.content_size.height - 1)
@@ -73,12 +71,6 @@ class DeviceTable(Panel[TableView]):
             (fit(f"  {rest}", width - used), "$muted" if not one.marks else "bold")]
         return line(*cells)
 
-    def places(self) -> tuple[tuple[int, int], ...]:
-        shown = min(len(self.view.lines), max(1, self.content_size.height - 1))
-        return tuple((0, 1 + row) for row in range(shown))
-
-    def on_click(self, event: events.Click) -> None:
-        event.stop()
-        index = self.first_shown() + event.y - 1
-        if event.y >= 1 and index < len(self.view.lines):
-            self.post_message(Picked(index))
+    def things(self) -> Sequence[int | None]:
+        first, room = self.first_shown(), max(1, self.content_size.height - 1)
+        return [None, *range(first, min(first + room, len(self.view.lines)))]

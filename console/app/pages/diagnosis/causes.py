@@ -1,14 +1,13 @@
 """Every cause: what, how big, how sure, what else it could be, what it costs. One of them is chosen."""
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from rich.cells import cell_len
-from textual import events
 from textual.content import Content
-from textual.message import Message
 
-from console.app.widgets.panel import Panel, fit, line, wrapped
+from console.app.widgets.panel import PickList, fit, line, wrapped
 from console.locale import _
 
 
@@ -47,19 +46,14 @@ def interval_bar(interval: tuple[float, float, float]) -> str:
     return "".join(marks)
 
 
-class Causes(Panel[CausesView]):
-    class Picked(Message):
-        def __init__(self, index: int) -> None:
-            super().__init__()
-            self.index = index
-
+class Causes(PickList[CausesView]):
     def __init__(self, view: CausesView, *, id: str | None = None) -> None:
         super().__init__(view, id=id)
-        self._row_of: list[int] = []
+        self._row_of: list[int | None] = []
 
     def lines(self, view: CausesView, width: int, height: int) -> list[Content]:
         rows = [line((fit(f" {_('causes')}", width), "bold $primary"))]
-        self._row_of = [-1]
+        self._row_of = [None]
         if not view.causes:
             return [*rows, *(line(f" {row}") for text in view.calm for row in wrapped(text, width - 2))]
         blocks = [self._block(cause, index == view.at, width) for index, cause in enumerate(view.causes)]
@@ -102,11 +96,5 @@ class Causes(Panel[CausesView]):
         row(_("do"), cause.advice)
         return block
 
-    def places(self) -> tuple[tuple[int, int], ...]:
-        first = {index: row for row, index in reversed(list(enumerate(self._row_of))) if index >= 0}
-        return tuple((0, row) for row in first.values())
-
-    def on_click(self, event: events.Click) -> None:
-        event.stop()
-        if event.y < len(self._row_of) and self._row_of[event.y] >= 0:
-            self.post_message(self.Picked(self._row_of[event.y]))
+    def things(self) -> Sequence[int | None]:
+        return self._row_of

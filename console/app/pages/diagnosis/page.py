@@ -2,16 +2,14 @@
 apart. The work itself is done by a process that the service starts."""
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import ClassVar, Literal, NamedTuple
 
-from textual import events
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 from textual.content import Content
-from textual.message import Message
 from textual.widgets import Static
 from textual.worker import Worker, WorkerState
 
@@ -39,7 +37,7 @@ from console.app.pages.diagnosis.words import KINDS
 from console.app.pages.page import Page
 from console.app.view import RunView, duration
 from console.app.widgets.chips import Chip, Chips
-from console.app.widgets.panel import Panel, fit, line, right, solid
+from console.app.widgets.panel import Panel, Picked, PickList, fit, line, right, solid
 from console.frame import Frame
 from console.locale import _, in_use
 
@@ -59,12 +57,7 @@ def first_row(at: int, count: int, room: int) -> int:
     return max(0, min(at - room // 2, count - room))
 
 
-class SourceList(Panel[SourcesView]):
-    class Picked(Message):
-        def __init__(self, index: int) -> None:
-            super().__init__()
-            self.index = index
-
+class SourceList(PickList[SourcesView]):
     def lines(self, view: SourcesView, width: int, height: int) -> list[Content]:
         rows = [line((fit(f" {_('Which data is to be checked?')}", width), "bold $primary"))]
         if not view.sources:
@@ -84,16 +77,10 @@ class SourceList(Panel[SourcesView]):
     def _row(changed: str, kind: str, size: str, name: str, width: int, mark: str = " ") -> str:
         return fit(f"{mark}{fit(changed, 17)} {fit(kind, 13)} {right(size, 9)}  {name}", width)
 
-    def places(self) -> tuple[tuple[int, int], ...]:
-        shown = min(len(self.view.sources), max(1, self.content_size.height - HEAD_ROWS))
-        return tuple((0, HEAD_ROWS + row) for row in range(shown))
-
-    def on_click(self, event: events.Click) -> None:
-        event.stop()
-        room = max(1, self.content_size.height - HEAD_ROWS)
-        index = first_row(self.view.at, len(self.view.sources), room) + event.y - HEAD_ROWS
-        if event.y >= HEAD_ROWS and index < len(self.view.sources):
-            self.post_message(self.Picked(index))
+    def things(self) -> Sequence[int | None]:
+        count, room = len(self.view.sources), max(1, self.content_size.height - HEAD_ROWS)
+        first = first_row(self.view.at, count, room)
+        return [*[None] * HEAD_ROWS, *range(first, min(first + room, count))]
 
 
 # How far long work is: stage, bar, share, time left, how to cancel it.
@@ -453,13 +440,14 @@ class DiagnosisScreen(Page):
 
     # --- mouse -----------------------------------------------------------------------------------------------------
 
-    def on_source_list_picked(self, event: SourceList.Picked) -> None:
+    def on_picked(self, event: Picked) -> None:
+        """A cause of what was found; before, a file: the second click on it begins."""
+        if self.shown is not None:
+            self.cause = event.index
+            self.look()
+            return
         again = event.index == self.at
         self.at = event.index
         if again and not self.busy and not self.app.locked:
             self.perform(BEGIN)
-        self.look()
-
-    def on_causes_picked(self, event: Causes.Picked) -> None:
-        self.cause = event.index
         self.look()

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Sequence
 from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
@@ -24,7 +25,7 @@ from console.app.settings import apply, clash, keymap_problem
 from console.app.typed_number import inside
 from console.app.units import Unit
 from console.app.view import RunView
-from console.app.widgets.panel import Panel, Part, Picked, fit, fullest, line, wrapped
+from console.app.widgets.panel import Part, Picked, PickList, fit, fullest, line, wrapped
 from console.locale import N_, _, languages
 from drivers.files.settings import ManualRate, Presets, Rates, Settings
 
@@ -47,9 +48,7 @@ class SettingsView(NamedTuple):
     trouble: str                # why it was not used
 
 
-class SettingsList(Panel[SettingsView]):
-    """Posts Picked."""
-
+class SettingsList(PickList[SettingsView]):
     def lines(self, view: SettingsView, width: int, height: int) -> list[Content]:
         head = self._head(view, width)
         label = max((cell_len(one.label) for one in view.lines), default=0) + 4
@@ -98,23 +97,11 @@ class SettingsList(Panel[SettingsView]):
         first = max(0, min(at - height // 2, len(rows) - height))
         return rows[first:first + max(0, height)]
 
-    def _shown(self) -> tuple[int, list[int | str]]:
-        """Rows above the list, and what stands in its rows."""
+    def things(self) -> Sequence[int | None]:
         width = self.content_size.width
         head, foot = len(self._head(self.view, width)), len(self._foot(self.view, width))
-        return head, self._rows(self.view, self.content_size.height - head - foot)
-
-    def places(self) -> tuple[tuple[int, int], ...]:
-        head, rows = self._shown()
-        return tuple((0, head + row) for row, one in enumerate(rows) if isinstance(one, int))
-
-    def on_click(self, event: events.Click) -> None:
-        event.stop()
-        head, rows = self._shown()
-        if 0 <= event.y - head < len(rows):
-            picked = rows[event.y - head]
-            if isinstance(picked, int):
-                self.post_message(Picked(picked))
+        rows = self._rows(self.view, self.content_size.height - head - foot)
+        return [*[None] * head, *(one if isinstance(one, int) else None for one in rows)]
 
 
 UNIT_WORDS = {"metric": N_("metric: km/h, kg/ha, ha"), "imperial": N_("imperial: mph, lb/ac, ac")}
