@@ -21,8 +21,8 @@ def _of(name: str, decimals: int | None = None) -> UnitOf:
     return unit
 
 
-def _plain(name: str, decimals: int, per_si: float = 1.0) -> UnitOf:
-    unit = Unit(name, per_si, decimals)
+def _plain(name: str, decimals: int) -> UnitOf:
+    unit = Unit(name, 1.0, decimals)
     return lambda units: unit
 
 

@@ -51,8 +51,9 @@ STEPS = (
 class Tour:
     """Which step is shown. None of it gives an order: the keys pressed are the operator's."""
 
-    def __init__(self, steps: tuple[TourStep, ...] = STEPS) -> None:
-        self.steps = steps
+    steps = STEPS
+
+    def __init__(self) -> None:
         self.index = 0
         self._began: tuple[Frame, float] | None = None
 

@@ -48,16 +48,16 @@ def zero_line(axes: Any) -> None:
     axes.axhline(0.0, color=DIM, linewidth=0.9)
 
 
-def legend_below(figure: Any, axes: Any, columns: int = 4) -> None:
+def legend_below(figure: Any, axes: Any) -> None:
     """One legend for the whole picture, below it; what has the same name stands there once."""
     known: dict[str, Any] = {}
     for one in np.ravel(np.array(axes, object)):
         for handle, label in zip(*one.get_legend_handles_labels(), strict=True):
             known.setdefault(label, handle)
-    figure.legend(list(known.values()), list(known), loc="outside lower center", ncols=columns)
+    figure.legend(list(known.values()), list(known), loc="outside lower center", ncols=4)
 
 
-def smooth_line(axes: Any, at: Array, values: Array, label: str = "smooth function") -> None:
+def smooth_line(axes: Any, at: Array, values: Array) -> None:
     """Least-squares half-waves over the range of `at`: what the machine model would take up without a name for it."""
     low, high = np.percentile(at, (1.0, 99.0)) if len(at) > 200 else (float(at.min()), float(at.max()))
     if not high > low:
@@ -69,4 +69,4 @@ def smooth_line(axes: Any, at: Array, values: Array, label: str = "smooth functi
         return np.array([np.cos(np.pi * k * share) for k in range(count + 1)]).T
     weights, *_ = np.linalg.lstsq(waves(at), values, rcond=None)
     fine = np.linspace(low, high, 120)
-    axes.plot(fine, waves(fine) @ weights, color=THIRD, linewidth=2.2, label=label)
+    axes.plot(fine, waves(fine) @ weights, color=THIRD, linewidth=2.2, label="smooth function")

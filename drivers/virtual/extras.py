@@ -76,7 +76,6 @@ class VirtualRateModule(Extra):
     def __init__(self, port: Datagrams, pulses_per_turn: float, module: int = 0, sensor: int = 0,
                  label: str = "topdress virtual") -> None:
         self.listens = True
-        self.obeyed = 0                   # datagrams obeyed
         self.refused = 0
         self._port = port
         self._pulses_per_turn = pulses_per_turn
@@ -152,7 +151,6 @@ class VirtualRateModule(Extra):
             return
         if not self.listens or (command.module, command.sensor) != (self._module, self._sensor):
             return
-        self.obeyed += 1
         if isinstance(command, Relays):
             self._relays = command.relays
             return

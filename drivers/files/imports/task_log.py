@@ -235,9 +235,9 @@ def _width(found: TaskLogs, logs: Sequence[TimeLog], logged: Sequence[LoggedValu
 ORIGINS = {"1": "written before the work, by farm software", "2": "written after it, by a task controller"}
 
 
-def task_words(path: Path, inside: str | None = None) -> list[str] | None:
+def task_words(path: Path) -> list[str] | None:
     """None: no task file there. Raises Refused, OSError."""
-    found = task_logs(path, inside)
+    found = task_logs(path)
     if found is None:
         return None
     root = found.root

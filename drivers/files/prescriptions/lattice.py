@@ -60,7 +60,7 @@ class NoLattice(ValueError):
         super().__init__(str(self.reason))
 
 
-def read_lattice(path: Path, choice: RateChoice, title: str = "") -> Imported:
+def read_lattice(path: Path, choice: RateChoice) -> Imported:
     """A prescription out of points. Raises PrescriptionError, OSError."""
     try:
         raw = read_raw(path, Source(inside=choice.inside))
@@ -91,7 +91,7 @@ def read_lattice(path: Path, choice: RateChoice, title: str = "") -> Imported:
         findings.append(Finding("no_place", f"{many(int((~known).sum()), 'point')} without a place left out"))
     units = {name.casefold(): StatedUnit(unit, "the file, besides its name") for name, unit in raw.units.items()
              if unit not in name}
-    return imported(path, "points", features, choice, findings, title=title or path.stem, units=units)
+    return imported(path, "points", features, choice, findings, title=path.stem, units=units)
 
 
 def _place(raw: RawTable, column: str) -> Floats:

@@ -69,11 +69,11 @@ def find_task_files(path: Path, inside: str | None = None) -> TaskSet | None:
     return found[0] if found else None
 
 
-def task_tree(files: TaskSet, own_name: str = "TASKDATA.XML") -> ElementTree.Element:
+def task_tree(files: TaskSet) -> ElementTree.Element:
     """The root of the task file, its external files (XFR) joined in. Raises Refused."""
-    data = files.read(own_name)
+    data = files.read("TASKDATA.XML")
     if data is None:
-        raise PrescriptionError(files.label, "{name} is not there", name=own_name)
+        raise PrescriptionError(files.label, "{name} is not there", name="TASKDATA.XML")
     total = Total(files.label)
     root = _parsed(data, files.label, total)
     if root.tag != "ISO11783_TaskData":
