@@ -35,7 +35,6 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csr_array
 from scipy.special import expit
 
@@ -107,8 +106,8 @@ class OneMachine(NamedTuple):
     """A machine's logs (n) with all terms that they have: its own first, then those that it shares with others.
 
     of: its causes, whose terms these are. products: of the terms (K,). cross: (q, K, n) information that the logs'
-    effects share with them. own: s.d. of its own terms. taken: (q,) effects whose scatter from log to log stands in
-    `likely`. alone: its own terms by themselves, what the others share with them, what they leave of the others.
+    effects share with them. own: s.d. of its own terms. scatter: (n, q) variance of each size from log to log that
+    stands in `likely`. alone: its own terms by themselves, what the others share with them, what they leave of those.
     place: of the others among all that are shared. terms: of each cause, by its number. Of the posterior: b and cov of
     the terms, and what these leave of the logs' scores (n, q)."""
 
@@ -118,7 +117,7 @@ class OneMachine(NamedTuple):
     cross: Array
     products: Gaussian
     own: Array
-    taken: npt.NDArray[np.bool_]
+    scatter: Array
     alone: tuple[Sizes, Array, Gaussian]
     place: Indices = np.zeros(0, np.int64)
     terms: Mapping[int, slice] = {}
@@ -242,8 +241,7 @@ def _terms(logs: Logs, machine: int, of: tuple[EffectAtLevel, ...]) -> OneMachin
     products = Gaussian(np.einsum("nk,nkl->kl", share, cross[:, at]), np.sum(share * likely.s[:, at], axis=0))
     return OneMachine(
         of, here, Gaussian(likely.A[:, :q, :q], likely.s[:, :q]),
-        np.ascontiguousarray(cross[:, :q].transpose(1, 2, 0)), products, sd, np.any(variance[:, :q] > 0.0, axis=0),
-        _eliminated(products, sd))
+        np.ascontiguousarray(cross[:, :q].transpose(1, 2, 0)), products, sd, variance[:, :q], _eliminated(products, sd))
 
 
 def _eliminated(products: Gaussian, own: Array) -> tuple[Sizes, Array, Gaussian]:
@@ -263,9 +261,10 @@ def _with_posterior(one: OneMachine, shared: Sizes) -> OneMachine:
 
 
 def _scatter(logs: Logs, one: OneMachine) -> Array:
-    """(q,) variance by which sizes scatter from log to log that are not taken yet."""
+    """(q,) variance by which sizes scatter from log to log, of what the terms leave of them without it."""
     information = np.diagonal(one.likely.A, axis1=1, axis2=2)
-    return np.where(one.taken, 0.0, smooth(_basis(logs.times_d[one.logs]), one.left, information)[1])
+    without = 1.0 / (1.0 - one.scatter * information)
+    return smooth(_basis(logs.times_d[one.logs]), without * one.left, without * information)[1]
 
 
 def smooth(rows: Array, score: Array, information: Array) -> tuple[Array, Array]:
@@ -308,7 +307,7 @@ def scan(season: Season) -> Scan:
     doubts = dict[tuple[int, int], Array]()
     for machine, one in enumerate(season.machines):
         own, information = len(one.own), np.diagonal(one.likely.A, axis1=1, axis2=2)
-        scatter = _scatter(season.logs, one)
+        scatter = np.where(np.any(one.scatter > 0.0, axis=0), 0.0, _scatter(season.logs, one))
         weight = 1.0 / (1.0 + scatter * information)
         lost = one.cross * (scatter * weight).T[:, None, :]
         products = Gaussian(one.products.A - lost @ one.cross.swapaxes(1, 2),
@@ -475,10 +474,19 @@ def _made(season: Season, numbers: Iterable[int]) -> Season:
             causes[number] = cause._replace(at=at, columns=columns, sd=sds, scatter=course.scatter, course=course)
         else:
             sd = _level_sd(season, score.sum(keepdims=True), information.sum(keepdims=True), cause.effect)
-            # One for all: a machine's own is uncertain, and its logs would count the more the less it happens to be.
-            scatter = np.mean([_scatter(season.logs, one)[cause.effect] for one in (
-                season.machines[k] for k in season.levels.machines[cause.row]) if not one.taken[cause.effect]] or [0.0])
-            causes[number] = cause._replace(sd=np.array([sd]), scatter=np.array([scatter]))
+            causes[number] = cause._replace(sd=np.array([sd]))
+    return _scattered(season._replace(causes=tuple(causes)), numbers)
+
+
+def _scattered(season: Season, numbers: Iterable[int]) -> Season:
+    """With the scatter about these causes that is left by all: about what several machines share it is one for all, for
+    a machine's own is uncertain, and its logs would count the more the less it happens to be."""
+    causes, count = list(season.causes), len(season.machines)
+    for number in numbers:
+        cause = causes[number]
+        if cause.row >= count:
+            each = [_scatter(season.logs, season.machines[k])[cause.effect] for k in season.levels.machines[cause.row]]
+            causes[number] = cause._replace(scatter=np.array([np.mean(each)]))
     return solved(season.logs, season.levels, causes, season)
 
 
@@ -515,6 +523,7 @@ def _again(season: Season) -> Season:
             break
         done |= turn
         season = _replaced(season, {k: [key] for k, key in enumerate(keys) if key in turn})
+    season = _scattered(season, range(len(season.causes)))          # those made first knew the fewest others
     return _changed(season, judged, _stands)
 
 
