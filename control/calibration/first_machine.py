@@ -249,6 +249,6 @@ def _followed(commanded: Array, time_s: Array, tau_s: float) -> Array:
         return commanded
     keep = np.exp(-np.diff(time_s) / tau_s).tolist()
     found = commanded[:1].tolist()
-    for told, kept in zip(commanded.tolist(), keep, strict=False):
-        found.append(told + (found[-1] - told) * kept)
+    for goal, kept in zip(commanded.tolist(), keep, strict=False):
+        found.append(goal + (found[-1] - goal) * kept)
     return np.array(found)
