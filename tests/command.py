@@ -3,6 +3,7 @@ import contextlib
 import subprocess
 import sys
 from collections.abc import Iterator
+from typing import Any
 
 from click.testing import Result
 from typer.testing import CliRunner
@@ -12,9 +13,9 @@ from console.cli import app
 TOPDRESS = [sys.executable, "-c", "from console.cli import main; main()"]       # as a process of its own
 
 
-def topdress(*words: object) -> Result:
-    """Runs the command with these arguments."""
-    return CliRunner().invoke(app, [str(word) for word in words])
+def topdress(*words: object, **given: Any) -> Result:
+    """Runs the command with these arguments. given: `input`, `env`."""
+    return CliRunner().invoke(app, [str(word) for word in words], **given)
 
 
 @contextlib.contextmanager

@@ -6,13 +6,11 @@ import os
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from console.app.dialogs import ChoiceDialog
 from console.app.first_question import ask_first
 from console.app.pages.job.service import Offer
 from console.app.widgets.choice_list import ChoiceList
-from console.cli import app as command
 from console.cli import screens
 from console.services.job import JobFiles
 from console.services.launcher import Launcher
@@ -23,6 +21,7 @@ from drivers.files.kinds import JOB
 from drivers.files.run_log import PlainLogWriter
 from drivers.files.run_meta import run_meta
 from tests.app.harness import feed, in_state, settled
+from tests.command import topdress
 
 SIZES = [(120, 40), (80, 24), (60, 20)]
 
@@ -146,5 +145,5 @@ def test_run_takes_a_job_by_path_or_name_and_asks_nothing_then(tmp_path, monkeyp
     begun = []
     monkeypatch.setattr(screens, "show_run", lambda config, *_rest: begun.append(config))
     for given in (["north"], ["demo"], [str(own)], ["north", "--config", "huanghai"], []):
-        assert CliRunner().invoke(command, ["run", *given]).exit_code == 0
+        assert topdress("run", *given).exit_code == 0
     assert begun == [(str(own),), ("demo",), (str(own),), (str(own), "huanghai"), ()]

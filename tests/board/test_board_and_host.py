@@ -9,9 +9,7 @@ import sys
 import time
 
 import pytest
-from typer.testing import CliRunner
 
-from console.cli import app
 from control.readings import DriveCommand
 from control.simulation.plant import SensorReadings
 from drivers.board.framing import seal
@@ -22,6 +20,7 @@ from drivers.devices.slave_board import SetPointLimits, SlaveBoard
 from drivers.virtual.board import VirtualBoard
 from tests.board import board_scenarios as scenarios
 from tests.board.conftest import ENABLE, SHAFT_STEP
+from tests.command import topdress
 from tests.waiting import wait_for
 
 HOST = """
@@ -106,7 +105,7 @@ def test_a_program_that_hangs_puts_out_no_step_more_and_is_reset_after_half_a_se
 
 @pytest.mark.parametrize("settings", ["", "link = 'usb'\n"], ids=["uart", "usb"])
 def test_topdress_devices_finds_the_board(plugged, settings):
-    said = CliRunner().invoke(app, ["devices", plugged(settings).name, "--baud", "115200"])
+    said = topdress("devices", plugged(settings).name, "--baud", "115200")
     assert said.exit_code == 0 and "slave-board/1 at 115200 Bd: " in said.output
     assert ", 0 rejected; last: $S1," in said.output
 

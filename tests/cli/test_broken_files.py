@@ -8,10 +8,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from console.cli import app
 from control.log_row import COLUMNS
+from tests.command import topdress
 
 CATCH = "shaft_rpm,opening_mm,duration_s,mass_kg\n"
 LAG = "shaft_rpm,lag_s\n"
@@ -105,7 +104,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
                 (place / f"{name}{ending}").mkdir()
             elif name != "missing":
                 (place / f"{name}{ending}").write_bytes(data)
-    done = CliRunner().invoke(app, ["simulate", "--seconds", "5", "--out", str(place / "good.csv")])
+    done = topdress("simulate", "--seconds", "5", "--out", place / "good.csv")
     assert done.exit_code == 0
     return place
 
@@ -129,7 +128,7 @@ def test_a_broken_file_is_one_plain_line(folder: Path, command: str, endings: tu
     wrong = []
     for name in BROKEN:
         for one in endings:
-            result = CliRunner().invoke(app, COMMANDS[command](f"./{name}{one}"))
+            result = topdress(*COMMANDS[command](f"./{name}{one}"))
             said = [line for line in result.stderr.splitlines() if line.strip() and not line.startswith("note: ")
                     and not ("not imported:" in line or "not opened:" in line)]  # how to go on is a line of its own
             trace = result.exit_code == 70 or (result.exception is not None
@@ -150,7 +149,7 @@ def test_a_broken_file_is_one_plain_line(folder: Path, command: str, endings: tu
 
 def test_a_log_that_stands_newest_first_is_imported_and_that_is_said(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_bytes(b"time_s,speed_mps\n5,3\n4,2\n3,1\n")
-    done = CliRunner().invoke(app, ["import", str(tmp_path / "log.csv"), "--out", str(tmp_path / "out.csv")])
+    done = topdress("import", tmp_path / "log.csv", "--out", tmp_path / "out.csv")
     assert done.exit_code == 0 and "note: " in done.stderr and "(2 of 3): taken in order of time" in done.stderr
     assert (tmp_path / "out.csv").read_text() == "time_s,speed_mps\n0.000,1.0\n1.000,2.0\n2.000,3.0\n"
 
@@ -165,7 +164,7 @@ ROWS = "time_s,speed_mps,shaft_rpm\n" + "".join(f"{k / 10},1.5,{40 + k % 5}\n" f
 @pytest.mark.parametrize("name", ["pipe.csv", "pipe.geojson"])
 def test_a_pipe_is_no_file(tmp_path: Path, command: list[str], name: str) -> None:
     os.mkfifo(tmp_path / name)
-    done = CliRunner().invoke(app, [*command, str(tmp_path / name)])
+    done = topdress(*command, tmp_path / name)
     assert done.exit_code == 2 and "a pipe or a device: allowed is a file" in done.output, done.output
 
 
@@ -173,5 +172,5 @@ def test_the_same_file_twice_counts_once_or_not_at_all(tmp_path: Path) -> None:
     log, out = tmp_path / "log.csv", tmp_path / "out.csv"
     log.write_text(ROWS)
     (tmp_path / "sub").mkdir()
-    done = CliRunner().invoke(app, ["import", str(log), str(tmp_path / "sub" / ".." / "log.csv"), "--out", str(out)])
+    done = topdress("import", log, tmp_path / "sub" / ".." / "log.csv", "--out", out)
     assert done.exit_code == 2 and "named twice" in done.output and not out.exists()

@@ -13,15 +13,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from console.cli import app
 from control.calibration.encoder_fit import fit_counts
 from control.readings import DriveCommand
 from control.simulation.plant import SensorReadings
 from drivers.virtual.board import TRUE_COUNTS_PER_TURN
 from drivers.virtual.served import Serve, ServedMachine
-from tests.command import TOPDRESS, serving
+from tests.command import TOPDRESS, serving, topdress
 from tests.drivers.conftest import FakePlant
 from tests.waiting import wait_for
 
@@ -183,7 +181,7 @@ def test_what_cannot_be_is_one_line_and_writes_nothing(board, tmp_path, before, 
 
 
 def test_without_a_keyboard_nothing_is_counted(tmp_path):
-    result = CliRunner().invoke(app, ["calibrate", "encoder", "--board", "x", "--out", str(tmp_path / "x.py")])
+    result = topdress("calibrate", "encoder", "--board", "x", "--out", tmp_path / "x.py")
     assert result.exit_code == 2 and "there is no keyboard here" in result.output
     assert len(result.output.splitlines()) == 1 and not list(tmp_path.iterdir())
 

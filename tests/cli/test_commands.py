@@ -11,10 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from console.app.app import TopdressApp
-from console.cli import app, screens
+from console.cli import screens
 from console.cli.plain_errors import CommandError
 from console.cli.screens import first_time
 from console.running import WorkerAddress
@@ -29,9 +28,9 @@ from drivers.files import setup
 from drivers.files.config import load, save
 from drivers.files.config_error import ConfigError
 from drivers.files.kinds import JOB, MACHINE
+from tests.command import topdress
 
 ROOT = Path(__file__).parents[2]
-runner = CliRunner()
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
@@ -42,7 +41,7 @@ def rows_of(path: Path) -> list[dict[str, str]]:
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("run") / "a.csv"
-    result = runner.invoke(app, ["simulate", "--seconds", "90", "--seed", "3", "--out", str(path)])
+    result = topdress("simulate", "--seconds", "90", "--seed", "3", "--out", path)
     assert result.exit_code == 0, result.output
     return path
 
@@ -71,14 +70,14 @@ def test_simulate_writes_log_yaml_and_truth(log: Path) -> None:
 
 def test_one_seed_one_log(log: Path, tmp_path: Path) -> None:
     again = tmp_path / "a.csv"
-    runner.invoke(app, ["simulate", "--seconds", "90", "--seed", "3", "--out", str(again)])
+    topdress("simulate", "--seconds", "90", "--seed", "3", "--out", again)
     assert again.read_bytes() == log.read_bytes()
     assert again.with_name("a.truth.csv").read_bytes() == log.with_name("a.truth.csv").read_bytes()
 
 
 def test_headless_replay_decides_as_it_was_decided(log: Path, tmp_path: Path) -> None:
     new = tmp_path / "new.csv"
-    result = runner.invoke(app, ["replay", str(log), "--headless", "--out", str(new)])
+    result = topdress("replay", log, "--headless", "--out", new)
     assert result.exit_code == 0, result.output
     old_rows, new_rows = rows_of(log), rows_of(new)
     assert [r["state"] for r in new_rows] == [r["state"] for r in old_rows]
@@ -90,7 +89,7 @@ def test_headless_replay_decides_as_it_was_decided(log: Path, tmp_path: Path) ->
 
 def test_replay_with_another_strategy_moves_the_other_drive(log: Path, tmp_path: Path) -> None:
     new = tmp_path / "new.csv"
-    result = runner.invoke(app, ["replay", str(log), "--headless", "--out", str(new), "--strategy", "speed_first"])
+    result = topdress("replay", log, "--headless", "--out", new, "--strategy", "speed_first")
     assert result.exit_code == 0, result.output
     late = [float(r["opening_mm_cmd"]) for r in rows_of(new)[-600:]]
     assert max(late) - min(late) < 2.5
@@ -106,16 +105,16 @@ def test_balanced_is_read_as_opening_first_and_said(log: Path, tmp_path: Path) -
     for k, (command, has) in enumerate([(simulate, word), (simulate, ["--job", str(job)]),
                                         (["replay", str(log), "--headless"], word)]):
         out = tmp_path / f"{k}.csv"
-        result = runner.invoke(app, [*command, *has, "--out", str(out)])
+        result = topdress(*command, *has, "--out", out)
         assert result.exit_code == 0 and result.output.count(said) == 1, result.output
         assert {r["strategy"] for r in rows_of(out)[1:]} == {"opening_first"}
-    result = runner.invoke(app, ["check", str(job)])
+    result = topdress("check", job)
     assert result.exit_code == 0 and result.output.count(said) == 1
 
 
 def test_summary_as_json() -> None:
-    result = runner.invoke(app, ["simulate", "--seconds", "40", "--effect", "flow.gain=8", "--summary", "--json",
-                                 "--look-ahead", "off", "--strategy", "speed_first"])
+    result = topdress("simulate", "--seconds", "40", "--effect", "flow.gain=8", "--summary", "--json", "--look-ahead",
+                      "off", "--strategy", "speed_first")
     told = json.loads(result.output)
     assert told["strategy"] == "speed_first"
     assert told["look_ahead"] is False
@@ -126,10 +125,10 @@ def test_summary_as_json() -> None:
 
 
 def test_the_summary_says_against_what() -> None:
-    said = runner.invoke(app, ["simulate", "--seconds", "40", "--summary"]).output
+    said = topdress("simulate", "--seconds", "40", "--summary").output
     for words in ("against what was held", "against the graded need", "against the smooth need"):
         assert said.count(words) == 1
-    plain = runner.invoke(app, ["simulate", "--seconds", "20", "--job", "map_demo", "--summary"]).output
+    plain = topdress("simulate", "--seconds", "20", "--job", "map_demo", "--summary").output
     assert "against what was held" in plain and "need of the canopy" not in plain
 
 
@@ -152,7 +151,7 @@ def test_the_summary_says_against_what() -> None:
     (["decode", "gnss", "nothing.log"], "nothing.log"),
     (["check", "no_such_name"], "no_such_name")])
 def test_what_is_wrong_is_said_in_one_line(arguments: list[str], said: str) -> None:
-    result = runner.invoke(app, arguments)
+    result = topdress(*arguments)
     lines = [line for line in result.output.splitlines() if line.strip()]
     assert result.exit_code == 2 and len(lines) == 1 and said in lines[0], result.output
 
@@ -161,7 +160,7 @@ def test_check_says_ok_for_everything_shipped() -> None:
     from drivers.files.config import shipped
     names = [name for folder in ("machines", "crops", "products", "jobs") for name in shipped(folder)]
     assert len(names) >= 8
-    result = runner.invoke(app, ["check", *names])
+    result = topdress("check", *names)
     assert result.exit_code == 0, result.output
     assert result.output.count(": ok (") == len(names)
     assert all("typical figures" in shipped("machines")[name].read_text(encoding="utf-8")
@@ -171,7 +170,7 @@ def test_check_says_ok_for_everything_shipped() -> None:
 def test_check_names_key_value_and_range(tmp_path: Path) -> None:
     bad = tmp_path / "m.yaml"
     bad.write_text("format: topdress-machine/1\nflow: {gain_percent: 700}\n")
-    result = runner.invoke(app, ["check", str(bad)])
+    result = topdress("check", bad)
     assert result.exit_code == 2
     assert "flow.gain_percent" in result.output
     assert "700" in result.output
@@ -179,16 +178,16 @@ def test_check_names_key_value_and_range(tmp_path: Path) -> None:
 
 
 def test_effects_lists_the_catalogue() -> None:
-    listed = json.loads(runner.invoke(app, ["effects", "--json"]).output)
+    listed = json.loads(topdress("effects", "--json").output)
     assert len(listed) == 56
-    assert runner.invoke(app, ["effects"]).output.count("tell apart:") == len(CATALOGUE)
+    assert topdress("effects").output.count("tell apart:") == len(CATALOGUE)
 
 
 def test_info_and_extras_say_what_is_here() -> None:
-    told = json.loads(runner.invoke(app, ["info", "--json"]).output)
+    told = json.loads(topdress("info", "--json").output)
     assert told["topdress"]["textual"][0].isdigit() and told["folders"]["settings"].endswith("settings.yaml")
-    assert runner.invoke(app, ["info"]).output.count("\n") > 25
-    extras = {one["extra"]: one for one in json.loads(runner.invoke(app, ["extras", "--json"]).output)}
+    assert topdress("info").output.count("\n") > 25
+    extras = {one["extra"]: one for one in json.loads(topdress("extras", "--json").output)}
     declared = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
     assert set(extras) == set(declared) - {"dev"} and "'rasterio>=" in extras["raster"]["line"]
 
@@ -197,7 +196,7 @@ def test_decode_counts(tmp_path: Path) -> None:
     capture = tmp_path / "c.log"
     good = b"$GPGGA,092750.000,5321.6802,N,00630.3372,W,1,8,1.03,61.7,M,55.2,M,,*76\r\n"
     capture.write_bytes(good + good[:-4] + b"77\r\n")
-    result = runner.invoke(app, ["decode", "gnss", str(capture), "--json"])
+    result = topdress("decode", "gnss", capture, "--json")
     counts: dict[str, Any] = json.loads(result.output.splitlines()[-1])["counts"]
     assert counts["read"] == 2
     assert counts["accepted"] == 1
@@ -228,7 +227,7 @@ def test_cancelled_as_its_files_begin_it_leaves_none(tmp_path: Path, monkeypatch
         raise KeyboardInterrupt
 
     monkeypatch.setattr("drivers.files.run_log._write_all", cancelled)
-    done = runner.invoke(app, ["simulate", "--seconds", "2", "--out", str(tmp_path / "a.csv")])
+    done = topdress("simulate", "--seconds", "2", "--out", tmp_path / "a.csv")
     assert done.exit_code == 130 and list(tmp_path.iterdir()) == []
 
 
@@ -237,7 +236,7 @@ def test_diagnose_tells_a_bench_table_apart_from_a_run(tmp_path: Path) -> None:
     rows = [f"{rpm},{2.2118 - 0.0083 * rpm + 0.3 + 0.01 * k:.3f}" for rpm in range(10, 80, 10) for k in (-1, 0, 1)]
     table.write_text("shaft_rpm,lag_s\n" + "\n".join(rows) + "\n")
     out = tmp_path / "found.json"
-    result = runner.invoke(app, ["diagnose", str(table), "--json", str(out)])
+    result = topdress("diagnose", table, "--json", out)
     assert result.exit_code == 0, result.output
     found = json.loads(out.read_text())
     assert found["format"] == "topdress-diagnosis/1"
@@ -264,7 +263,7 @@ def test_a_folder_that_cannot_be_written_is_no_reason_to_fail(tmp_path, monkeypa
 
 @pytest.mark.parametrize("given", ["simulate --seconds 12,5", "simulate --seconds 5 --effect flow.gain=8,5"])
 def test_a_comma_is_refused_and_never_dropped(given: str) -> None:
-    said = runner.invoke(app, given.split())
+    said = topdress(*given.split())
     assert said.exit_code == 2 and ("12,5" in said.output or "8,5" in said.output or "number" in said.output)
 
 
@@ -283,7 +282,7 @@ def extended(tmp_path: Path) -> Path:
 
 
 def test_it_says_both_sides(extended: Path) -> None:
-    said = CliRunner().invoke(app, ["history", str(extended)])
+    said = topdress("history", extended)
     assert said.exit_code == 0
     assert "2026-07-09, from run.csv" in said.output
     assert "flow.gain: 0 -> 3 %" in said.output
@@ -292,22 +291,22 @@ def test_it_says_both_sides(extended: Path) -> None:
 
 def test_undo_writes_another_file(extended: Path, tmp_path: Path) -> None:
     before = extended.read_bytes()
-    said = CliRunner().invoke(app, ["history", str(extended), "--undo", "--out", str(tmp_path / "back.yaml")])
+    said = topdress("history", extended, "--undo", "--out", tmp_path / "back.yaml")
     assert said.exit_code == 0
     assert extended.read_bytes() == before
     back = load(str(tmp_path / "back.yaml"), MACHINE).model
     assert (effect_sizes(back), back.terms) == ({}, ())
-    assert "taken back" in CliRunner().invoke(app, ["history", str(tmp_path / "back.yaml")]).output
+    assert "taken back" in topdress("history", tmp_path / "back.yaml").output
 
 
 @pytest.mark.parametrize("words", [["--undo"], ["--out", "x.yaml"]])
 def test_the_file_itself_is_never_written_over(extended: Path, words: list[str]) -> None:
-    said = CliRunner().invoke(app, ["history", str(extended), *words])
+    said = topdress("history", extended, *words)
     assert said.exit_code != 0
 
 
 def test_a_shipped_machine_has_none() -> None:
-    said = CliRunner().invoke(app, ["history", "huanghai"])
+    said = topdress("history", "huanghai")
     assert said.exit_code == 0
     assert said.output == "huanghai: no diagnosis changed this file\n"
 

@@ -6,15 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from console.cli import app
 from control.diagnosis.runs.compared import interval_of_difference
 from control.machine.machine import Adopted, with_effect
 from drivers.files.config import load, save, sha256_of
 from drivers.files.kinds import MACHINE
-
-RUNNER = CliRunner()
+from tests.command import topdress
 
 
 def log_of(path: Path, gain: float, seed: int) -> Path:
@@ -40,7 +37,7 @@ def files(tmp_path: Path) -> tuple[Path, Path, Path]:
 def test_the_better_file_is_said_with_its_interval(files: tuple[Path, Path, Path], tmp_path: Path) -> None:
     old, new, log = files
     other = log_of(tmp_path / "other.csv", 1.0, 2)
-    done = RUNNER.invoke(app, ["compare", str(old), str(new), str(log), str(other), "--json"])
+    done = topdress("compare", old, new, log, other, "--json")
     assert done.exit_code == 0, done.output
     told = json.loads(done.stdout)
     assert set(told) == {"logs"} and [one["path"] for one in told["logs"]] == [str(log), str(other)]
@@ -57,19 +54,19 @@ def test_what_a_machine_does_not_have_is_not_missed(files: tuple[Path, Path, Pat
     old, new, log = files
     for path in (old, new):
         save(path, load(str(path), MACHINE).model.model_copy(update={"stages": ("shaft",)}), MACHINE)
-    done = RUNNER.invoke(app, ["compare", str(old), str(new), str(log)])
+    done = topdress("compare", old, new, log)
     assert done.exit_code == 0 and "cannot be diagnosed" not in done.stderr, done.stderr
 
 
 def test_in_words_and_as_a_page(files: tuple[Path, Path, Path], tmp_path: Path) -> None:
     old, new, log = files
     page = tmp_path / "page.html"
-    done = RUNNER.invoke(app, ["compare", str(old), str(new), str(log), "--report", str(page)])
+    done = topdress("compare", old, new, log, "--report", page)
     assert done.exit_code == 0, done.output
     assert "shaft" in done.stdout and "new is better" in done.stdout
     text = page.read_text(encoding="utf-8")
     assert text.count("<svg") == 1 and "old machine file" in text and "1 better, 0 worse" in text
-    again = RUNNER.invoke(app, ["compare", str(old), str(new), str(log), "--report", str(log)])
+    again = topdress("compare", old, new, log, "--report", log)
     assert again.exit_code == 2 and "is read" in again.output
 
 
@@ -78,7 +75,7 @@ def test_a_log_that_the_file_was_made_from_is_said(files: tuple[Path, Path, Path
     machine = load(str(new), MACHINE).model
     adopted = Adopted(id="shaft.gain", size=5.0, sha256=sha256_of(log))
     save(new, machine.model_copy(update={"adopted": (adopted,)}), MACHINE)
-    done = RUNNER.invoke(app, ["compare", str(old), str(new), str(log)])
+    done = topdress("compare", old, new, log)
     assert done.exit_code == 0 and "fitted to this very log" in done.output
 
 
@@ -86,9 +83,9 @@ def test_what_cannot_be_compared(files: tuple[Path, Path, Path], tmp_path: Path)
     old, new, log = files
     rates = tmp_path / "rates.csv"
     rates.write_text("time_s,target_rate_kg_ha\n" + "".join(f"{k},{100 + k % 3}\n" for k in range(100)))
-    none = RUNNER.invoke(app, ["compare", str(old), str(new), str(rates), "--json"])
+    none = topdress("compare", old, new, rates, "--json")
     assert none.exit_code == 3 and json.loads(none.stdout) == {"logs": [{"path": str(rates), "channels": []}]}
-    gone = RUNNER.invoke(app, ["compare", str(old), str(tmp_path / "gone.yaml"), str(log)])
+    gone = topdress("compare", old, tmp_path / "gone.yaml", log)
     assert gone.exit_code == 2 and len(gone.output.splitlines()) == 1
 
 
@@ -104,6 +101,6 @@ def test_the_interval_holds_the_truth_as_often_as_it_says() -> None:
 
 def test_of_the_same_file_the_difference_is_nought(files: tuple[Path, Path, Path]) -> None:
     old, _, log = files
-    done = RUNNER.invoke(app, ["compare", str(old), str(old), str(log), "--json"])
+    done = topdress("compare", old, old, log, "--json")
     one = json.loads(done.stdout)["logs"][0]["channels"][0]
     assert one["old"] == one["new"] and one["low"] == one["high"] == 0.0

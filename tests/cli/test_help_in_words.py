@@ -12,13 +12,14 @@ from typer.testing import CliRunner
 
 from console.cli import EXAMPLES, app, asked, plain_output, ranges_in_words
 from console.cli.plain_errors import OUR_FAULT, guarded
+from tests.command import topdress
 from tests.places import PAPERS
 
 TYPES = re.compile(r"<(str|int|float|path|list|Path)|int range|float range")
 
 
 def said(*words: str) -> str:
-    done = CliRunner().invoke(app, [*words], env={"COLUMNS": "120"})
+    done = topdress(*words, env={"COLUMNS": "120"})
     assert done.exit_code == 0, done.output
     return done.output
 
@@ -59,15 +60,15 @@ def test_help_tells_the_exit_codes_and_completion():
 @pytest.mark.parametrize("words", [["run"], ["replay", "good.csv"], []])
 def test_what_draws_on_a_terminal_says_that_it_needs_one(words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert CliRunner().invoke(app, ["simulate", "--seconds", "2", "--out", "good.csv"]).exit_code == 0
-    done = CliRunner().invoke(app, words)
+    assert topdress("simulate", "--seconds", "2", "--out", "good.csv").exit_code == 0
+    done = topdress(*words)
     assert done.exit_code == 2 and "needs a terminal; without one: topdress" in done.stderr
     assert len(done.stderr.splitlines()) == 1
 
 
 def test_simulate_says_what_it_wrote(tmp_path):
     log = tmp_path / "run.csv"
-    done = CliRunner().invoke(app, ["simulate", "--seconds", "2", "--out", str(log)])
+    done = topdress("simulate", "--seconds", "2", "--out", log)
     for name in ("run.csv", "run.yaml", "run.truth.csv"):
         assert str(tmp_path / name) in done.stdout and (tmp_path / name).exists()
 
@@ -166,7 +167,7 @@ def test_an_answer_or_one_plain_line(table: Path, command: str, tmp_path: Path) 
     out = tmp_path / "new.yaml"
     arguments = ["diagnose", str(table)] if command == "diagnose" else ["calibrate", command, str(table), "--out",
                                                                        str(out)]
-    told = CliRunner().invoke(app, arguments)
+    told = topdress(*arguments)
     assert told.exception is None or isinstance(told.exception, SystemExit)
     if table.stem in ANSWERED[command]:
         assert told.exit_code == 0 and told.stdout
@@ -176,6 +177,5 @@ def test_an_answer_or_one_plain_line(table: Path, command: str, tmp_path: Path) 
 
 
 def test_a_table_that_holds_no_drop_time_is_told_so_before_its_labels(tmp_path: Path) -> None:
-    told = CliRunner().invoke(app, ["calibrate", "lag", str(PAPERS / "lag_table2_response.csv"), "--out",
-                                    str(tmp_path / "new.yaml")])
+    told = topdress("calibrate", "lag", PAPERS / "lag_table2_response.csv", "--out", tmp_path / "new.yaml")
     assert "response_s holds no drop time" in told.stderr

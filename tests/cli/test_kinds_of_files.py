@@ -11,9 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import Result
-from typer.testing import CliRunner
 
-from console.cli import app
 from control.log_row import COLUMNS
 from control.machine.compiled import shaft_run
 from control.machine.machine import with_effect
@@ -23,6 +21,7 @@ from drivers.files import extras
 from drivers.files.config import load, shipped
 from drivers.files.kinds import MACHINE
 from drivers.files.what_it_is import what_is
+from tests.command import topdress
 
 PRJ = "<kml xmlns='http://www.opengis.net/kml/2.2'><Document/></kml>"
 KINDS: dict[str, tuple[str, bytes]] = {
@@ -133,34 +132,33 @@ def test_an_empty_file_and_a_folder_by_such_a_name(tmp_path: Path, ending: str) 
     for command in ("map", "field"):
         if (command, ending) == ("field", "csv"):
             continue
-        said = CliRunner().invoke(app, [command, str(tmp_path / f"a.{ending}")])
+        said = topdress(command, tmp_path / f"a.{ending}")
         assert said.exit_code == 2 and f"a.{ending}: this is an empty file" in said.output, said.output
-        said = CliRunner().invoke(app, [command, str(tmp_path / f"b.{ending}")])
+        said = topdress(command, tmp_path / f"b.{ending}")
         assert said.exit_code == 2 and f"b.{ending}: no " in said.output, said.output
 
 
 # --- Machines of other scale at the commands: their bounds, a run of the spreader, a log of a drive alone ------------
 
-runner = CliRunner()
 
 
 def test_effects_of_a_machine_have_its_bounds(tmp_path: Path) -> None:
-    plain = runner.invoke(app, ["effects", "--machine", "drive_alone"]).output
+    plain = topdress("effects", "--machine", "drive_alone").output
     assert "shaft.dead_band  (r/min; 0 to 390)" in plain and "(% lost at 650 r/min; -10 to 60)" in plain
-    assert "shaft.dead_band  (r/min; 0 to 60)" in runner.invoke(app, ["effects"]).output
+    assert "shaft.dead_band  (r/min; 0 to 60)" in topdress("effects").output
     listed = {one["id"]: one for one in json.loads(
-        runner.invoke(app, ["effects", "--json", "--machine", str(shipped("machines")["spreader"])]).output)}
+        topdress("effects", "--json", "--machine", shipped("machines")["spreader"]).output)}
     assert (listed["gate.slow"]["low"], listed["gate.slow"]["high"]) == (-40.0, 39.0)
     page = tmp_path / "page.md"
-    assert runner.invoke(app, ["effects", "--machine", "spreader", "--markdown", str(page)]).exit_code == 0
+    assert topdress("effects", "--machine", "spreader", "--markdown", page).exit_code == 0
     assert "Ranges are those of machine `spreader`" in page.read_text(encoding="utf-8")
     assert "| mm/s lost | -40 to 39, a share of gate.slew_mm_s |" in page.read_text(encoding="utf-8")
 
 
 @pytest.mark.exam
 def test_a_spreader_meters_and_places_what_is_wanted() -> None:
-    result = runner.invoke(app, ["simulate", "--machine", "spreader", "--job", "spreader_demo", "--seconds", "240",
-                                 "--summary", "--json"])
+    result = topdress("simulate", "--machine", "spreader", "--job", "spreader_demo", "--seconds", "240", "--summary",
+                      "--json")
     assert result.exit_code == 0, result.output
     told = json.loads(result.output)
     assert told["rate_error_percent"] < 4.0 and told["released_kg"] == pytest.approx(told["landed_kg"])
@@ -179,7 +177,7 @@ def test_a_log_of_a_shaft_alone_is_diagnosed(tmp_path: Path) -> None:
     read = turns + 2.0 * rng.standard_normal(len(time))
     place.write_text("time_s,shaft_rpm_cmd,shaft_rpm\n" + "".join(
         f"{t:.3f},{c:g},{r:.2f}\n" for t, c, r in zip(time, asked, read, strict=True)), encoding="utf-8")
-    result = runner.invoke(app, ["diagnose", str(place), "--machine", "drive_alone", "--json", "-"])
+    result = topdress("diagnose", place, "--machine", "drive_alone", "--json", "-")
     assert result.exit_code == 0, result.output
     found = json.loads(result.stdout)
     assert [one["channel"] for one in found["channels"]] == ["shaft"] and found["data"]["machine"] == "drive_alone"

@@ -5,11 +5,10 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from console.cli import app, at_the_bench, drop_by_hand
+from console.cli import at_the_bench, drop_by_hand
 from control.machine.fall import Fall, start_drop_s
-from tests.command import TOPDRESS, serving
+from tests.command import TOPDRESS, serving, topdress
 
 
 def test_one_run_on_real_bytes_gives_a_table_that_is_read(tmp_path: Path) -> None:
@@ -39,7 +38,7 @@ def test_what_is_missing_is_said_and_writes_nothing(words: list[str], said: str,
     for module in (at_the_bench, drop_by_hand):
         monkeypatch.setattr(module, "HEARD_WITHIN_S", 0.5)
     table = tmp_path / "lag.csv"
-    result = CliRunner().invoke(app, ["calibrate", "lag", *words, "--out", str(table)])
+    result = topdress("calibrate", "lag", *words, "--out", table)
     assert result.exit_code == 2 and said in result.output and not table.exists()
     assert len(result.stderr.splitlines()) == 1
 
@@ -47,8 +46,7 @@ def test_what_is_missing_is_said_and_writes_nothing(words: list[str], said: str,
 def test_a_table_that_exists_is_not_overwritten(tmp_path: Path) -> None:
     table = tmp_path / "lag.csv"
     table.write_text("mine")
-    result = CliRunner().invoke(app, ["calibrate", "lag", "--rig", "x", "--board", "y", "--no-key", "--out",
-                                      str(table)])
+    result = topdress("calibrate", "lag", "--rig", "x", "--board", "y", "--no-key", "--out", table)
     assert result.exit_code == 2 and "exists already" in result.output and table.read_text() == "mine"
 
 
@@ -56,5 +54,5 @@ def test_a_table_that_exists_is_not_overwritten(tmp_path: Path) -> None:
     (["lag", "t.csv", "--rig", "x"], "or --rig URL and no table"), (["lag"], "or --rig URL and no table"),
     (["catch", "--rig", "x"], "No such option: --rig")])
 def test_either_a_table_or_a_rig(arguments: list[str], why: str, tmp_path: Path) -> None:
-    result = CliRunner().invoke(app, ["calibrate", *arguments, "--out", str(tmp_path / "x")])
+    result = topdress("calibrate", *arguments, "--out", tmp_path / "x")
     assert result.exit_code == 2 and why in result.output

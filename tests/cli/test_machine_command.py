@@ -7,17 +7,15 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pytest
-from typer.testing import CliRunner
 
-from console.cli import app
 from control.calibration.first_machine import rounded_up, suggested
 from control.diagnosis.runs.diagnose import diagnose_run
 from control.log_row import COMMANDS_HELD
 from drivers.files.config import load
 from drivers.files.kinds import MACHINE
 from drivers.files.read_log import read_rows
+from tests.command import topdress
 
-RUNNER = CliRunner()
 Array = npt.NDArray[np.float64]
 
 
@@ -36,7 +34,7 @@ def log_of(path: Path, one_way: bool = False, steps: int = 80) -> Path:
 def test_four_questions_make_a_file_of_a_few_lines(tmp_path: Path) -> None:
     log, out = log_of(tmp_path / "pump-log.csv"), tmp_path / "pump.yaml"
     words = ["machine", "--from", str(log), "--out", str(out), "--kind", "pump"]
-    done = RUNNER.invoke(app, words, input="1250\n\n\n\n")
+    done = topdress(*words, input="1250\n\n\n\n")
     assert done.exit_code == 0, done.output
     assert "4 questions" in done.output
     lines = [line for line in out.read_text().splitlines() if not line.startswith("#")]
@@ -45,9 +43,9 @@ def test_four_questions_make_a_file_of_a_few_lines(tmp_path: Path) -> None:
     assert (made.id, made.limits.shaft_high_rpm, made.shaft.one_way) == ("pump", 1250.0, 0.0)
     assert made.noise.shaft_rpm == pytest.approx(4.0, rel=0.15)
     assert made.shaft.dead_time_s + made.shaft.time_constant_s == pytest.approx(0.15, abs=0.02)
-    again = RUNNER.invoke(app, ["machine", "--from", str(log), "--out", str(out), "--yes"])
+    again = topdress("machine", "--from", log, "--out", out, "--yes")
     assert again.exit_code == 2 and "exists already" in again.output
-    beside = RUNNER.invoke(app, ["machine", "--from", str(log), "--out", str(log.with_suffix(".yaml")), "--yes"])
+    beside = topdress("machine", "--from", log, "--out", log.with_suffix(".yaml"), "--yes")
     assert beside.exit_code == 2 and "allowed is another name" in beside.output
 
 
@@ -59,30 +57,30 @@ def test_what_the_drive_takes_for_itself_is_in_the_file_where_the_log_says_it(tm
     log.write_text("\n".join((f"{head},shaft_effort", *(
         f"{row},{20.0 + 0.03 * float(row.split(',')[2]) + one:.3f}" for row, one in zip(rows, noise, strict=True)))))
     words = ["machine", "--from", str(log), "--out", str(out), "--kind", "pump"]
-    done = RUNNER.invoke(app, words, input="1500\n\n\n\n\n")
+    done = topdress(*words, input="1500\n\n\n\n\n")
     assert done.exit_code == 0 and "5 questions" in done.output, done.output
     made = load(str(out), MACHINE).model
     assert made.has("effort") and made.effort_unit == "%" and made.noise.effort == pytest.approx(1.0, rel=0.2)
     assert (made.effort.coulomb, made.effort.viscous) == (pytest.approx(20.0, rel=0.05), pytest.approx(0.03, rel=0.1))
     found = diagnose_run(dict(read_rows(log).columns), made)
     assert [one.channel for one in found.channels] == ["shaft", "effort"] and found.data.stages == ("shaft", "effort")
-    assert RUNNER.invoke(app, [*words, "--yes", "--force"]).exit_code == 0
+    assert topdress(*words, "--yes", "--force").exit_code == 0
     assert not load(str(out), MACHINE).model.has("effort")
 
 
 def test_what_it_has_not_got_is_not_told_of(tmp_path: Path) -> None:
     log, out = log_of(tmp_path / "fan-log.csv", one_way=True, steps=30), tmp_path / "fan.yaml"
-    done = RUNNER.invoke(app, ["machine", "--from", str(log), "--out", str(out), "--kind", "fan", "--yes"])
+    done = topdress("machine", "--from", log, "--out", out, "--kind", "fan", "--yes")
     assert done.exit_code == 0, done.output
     made = load(str(out), MACHINE).model
     assert made.shaft.one_way == 0.0, "a log that goes one way does not say that the drive cannot go back"
-    RUNNER.invoke(app, ["machine", "--from", str(log), "--out", str(out), "--yes", "--one-way", "--force"])
+    topdress("machine", "--from", log, "--out", out, "--yes", "--one-way", "--force")
     assert load(str(out), MACHINE).model.shaft.one_way == 1.0
     found = diagnose_run(dict(read_rows(log).columns), made)
     assert found.data.stages == ("shaft",) and [one.channel for one in found.channels] == ["shaft"]
     assert not [one for one in found.findings if "is left out: column" in one]
     assert {one.id.split(".")[0] for one in found.not_shown} == {"shaft"}
-    said = RUNNER.invoke(app, ["diagnose", str(log), "--machine", str(out)]).output
+    said = topdress("diagnose", log, "--machine", out).output
     for word in ("gate", "hopper", "ndvi", "canopy", "speed_mps", "scale"):
         assert word not in said, said
 
@@ -90,7 +88,7 @@ def test_what_it_has_not_got_is_not_told_of(tmp_path: Path) -> None:
 def test_what_it_cannot_be_made_of_is_refused(tmp_path: Path) -> None:
     log, out = tmp_path / "none.csv", tmp_path / "x.yaml"
     log.write_text("time_s,speed_mps,shaft_rpm\n" + "".join(f"{k},1,2\n" for k in range(50)))
-    done = RUNNER.invoke(app, ["machine", "--from", str(log), "--out", str(out), "--yes"])
+    done = topdress("machine", "--from", log, "--out", out, "--yes")
     assert done.exit_code == 2 and "column shaft_rpm_cmd: missing" in done.output and not out.exists()
 
 
@@ -100,11 +98,11 @@ def test_a_time_constant_that_the_log_does_not_show_is_asked_for(tmp_path: Path)
     log.write_text("time_s,shaft_rpm_cmd,shaft_rpm\n" + "".join(
         f"{0.1 * k:.1f},900,{860 - 0.2 * k * (k > 300) + 5 * rng.standard_normal():.1f}\n" for k in range(600)))
     words = ["machine", "--from", str(log), "--out", str(out), "--running"]
-    asked = RUNNER.invoke(app, words, input="\n\n\n0.3\n")
+    asked = topdress(*words, input="\n\n\n0.3\n")
     assert asked.exit_code == 0 and "this log does not show it" in asked.output
     assert load(str(out), MACHINE).model.shaft.time_constant_s == 0.3
     for more, tau_s in (([], 0.05), (["--time-constant", "2"], 2.0)):
-        said = RUNNER.invoke(app, [*words, "--yes", "--force", *more]).output
+        said = topdress(*words, "--yes", "--force", *more).output
         assert f"time constant {tau_s:g} s as answered: the log does not show it" in said
         assert load(str(out), MACHINE).model.shaft.time_constant_s == tau_s
 
@@ -118,7 +116,7 @@ def test_a_heater_has_a_time_constant_of_minutes(tmp_path: Path) -> None:
         rows.append(f"{k},{duty:g},{21.0 + warm + 0.1 * rng.standard_normal():.2f}\n")
         warm += (0.6 * command[max(0, k - 15)] - warm) * -np.expm1(-1.0 / 150.0)
     log.write_text("time_s,shaft_rpm_cmd,shaft_rpm\n" + "".join(rows))
-    done = RUNNER.invoke(app, ["machine", "--from", str(log), "--out", str(out), "--yes", "--running"])
+    done = topdress("machine", "--from", log, "--out", out, "--yes", "--running")
     assert "as the log shows them" in done.output
     made = load(str(out), MACHINE).model
     assert made.shaft.time_constant_s == pytest.approx(150.0, rel=0.1)
@@ -141,7 +139,7 @@ def test_where_it_stands_is_measured(goal: Callable[[Array], Array], low_rpm: fl
         rows.append(f"{0.02 * k:.2f},{command[k]:g},{speed + 2.0 * rng.standard_normal():.2f}\n")
         speed += (float(goal_rpm) - speed) * -float(np.expm1(-0.02 / 0.1))
     log.write_text("time_s,shaft_rpm_cmd,shaft_rpm\n" + "".join(rows))
-    done = RUNNER.invoke(app, ["machine", "--from", str(log), "--out", str(out), "--yes"])
+    done = topdress("machine", "--from", log, "--out", out, "--yes")
     assert ("stands at a command of" in done.output) == (neutral_rpm != 0.0), done.output
     shaft = load(str(out), MACHINE).model.shaft
     assert shaft.neutral_rpm == pytest.approx(neutral_rpm, abs=1.5)

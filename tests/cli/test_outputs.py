@@ -13,7 +13,7 @@ import pytest
 import typer
 from serial.tools.list_ports_common import ListPortInfo
 from typer.models import OptionInfo
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
 from console.cli import app
 from control.machine.history import noted
@@ -22,6 +22,7 @@ from drivers.files.config import save, shipped
 from drivers.files.kinds import MACHINE
 from drivers.files.prescriptions.read import read_prescription
 from drivers.files.prescriptions.write import write_prescription
+from tests.command import topdress
 
 SHORT = ("--seconds", "1")
 INPUTS = {           # command -> arguments that name each of its inputs, in the folder of `place`
@@ -95,7 +96,7 @@ def originals(tmp_path_factory: pytest.TempPathFactory) -> Path:
         f"{k};{20 + k % 9}\n" for k in range(99)))
     (folder / "import.yaml").write_text("format: topdress-import/1\ntime: {column: 'Time [s]', counts: s}\n"
                                         "columns: {shaft_rpm: {from: 'Shaft speed [rpm]'}}\n")
-    done = CliRunner().invoke(app, ["simulate", "--seconds", "30", "--out", str(folder / "run.csv")])
+    done = topdress("simulate", "--seconds", "30", "--out", folder / "run.csv")
     assert done.exit_code == 0, done.output
     return folder
 
@@ -119,7 +120,7 @@ def place(originals: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> I
 
 
 def invoke(command: str, *more: object) -> Result:
-    return CliRunner().invoke(app, [*command.split(), *INPUTS[command], *map(str, more)])
+    return topdress(*command.split(), *INPUTS[command], *more)
 
 
 def refused(result: Result) -> str:
@@ -152,11 +153,11 @@ def test_every_option_that_names_an_output_is_tried_here() -> None:
 def test_a_fleet_leaves_files_alone_that_it_did_not_make(place: Path, theirs: str) -> None:
     (place / "season").mkdir()
     (place / "season" / theirs).write_bytes(b"somebody's")
-    done = CliRunner().invoke(app, ["fleet", "run.csv", "--out", "season"])
+    done = topdress("fleet", "run.csv", "--out", "season")
     assert "exists already" in refused(done)
     assert (place / "season" / theirs).read_bytes() == b"somebody's"
     (place / "season" / "logs.parquet").write_bytes((place / "run.csv").read_bytes())
-    done = CliRunner().invoke(app, ["fleet", "season/logs.parquet", "--out", "season", "--force"])
+    done = topdress("fleet", "season/logs.parquet", "--out", "season", "--force")
     assert "is read" in refused(done)
 
 
@@ -227,7 +228,7 @@ def test_nor_the_truth_beside_a_simulated_log(place: Path) -> None:
     crop = Path("crop.yaml").read_text(encoding="utf-8")
     Path("crop2.yaml").write_text(crop.replace("weather.csv", "a.truth.csv"), encoding="utf-8")
     Path("job2.yaml").write_text(Path("job.yaml").read_text(encoding="utf-8").replace("crop.yaml", "crop2.yaml"))
-    result = CliRunner().invoke(app, ["simulate", "--job", "job2.yaml", *SHORT, "--out", "a.csv", "--force"])
+    result = topdress("simulate", "--job", "job2.yaml", *SHORT, "--out", "a.csv", "--force")
     assert "a.truth.csv" in refused(result)
     assert (place / "a.truth.csv").read_bytes() == (place / "weather.csv").read_bytes()
 
@@ -236,7 +237,7 @@ def test_nor_the_truth_beside_a_simulated_log(place: Path) -> None:
 def test_nor_the_name_that_a_log_has_until_it_is_whole(place: Path, command: str) -> None:
     before = (place / "machine.yaml").read_bytes()
     shutil.copy("machine.yaml", ".a.part.yaml")
-    result = CliRunner().invoke(app, [command, *INPUTS[command], "--machine", "./.a.part.yaml", "--out", "a.csv"])
+    result = topdress(command, *INPUTS[command], "--machine", "./.a.part.yaml", "--out", "a.csv")
     assert result.exit_code == 0, result.output
     assert (place / ".a.part.yaml").read_bytes() == before and (place / "a.csv").exists()
 
@@ -246,8 +247,8 @@ def test_nor_a_file_in_a_folder_that_is_written(place: Path, force: bool) -> Non
     more = ["--force"] if force else []
     assert "machine.json" in refused(invoke("check", "--write-schemas", ".", *more))
     shutil.copy("machine.yaml", "gnss")
-    assert "gnss" in refused(CliRunner().invoke(app, ["serve-machine", "--machine", "./gnss", *SHORT, "--port", "0",
-                                                      "--pty", ".", *more]))
+    assert "gnss" in refused(topdress("serve-machine", "--machine", "./gnss", *SHORT, "--port", "0", "--pty", ".",
+                                      *more))
     assert (place / "gnss").read_bytes() == (place / "machine.yaml").read_bytes()
 
 
@@ -260,7 +261,7 @@ def test_a_map_is_not_converted_onto_itself(place: Path, form: str, force: bool)
     write_prescription(read_prescription(place / "plan.geojson").data, source)
     before = {file: file.read_bytes() for file in source.parent.rglob("*") if file.is_file()}
     for file in (source, *before):
-        result = CliRunner().invoke(app, ["map", str(source), "--out", str(file), *(["--force"] if force else [])])
+        result = topdress("map", source, "--out", file, *(["--force"] if force else []))
         assert result.exit_code == 2 and len(result.output.splitlines()) == 1, (file, result.output)
     assert {file: file.read_bytes() for file in source.parent.rglob("*") if file.is_file()} == before
 
@@ -279,7 +280,7 @@ def test_what_is_there_already_stays(place: Path, command: str, option: str) -> 
     ("effects", ("--markdown", "a.md")), ("check", ("--write-schemas", "a")), ("import", ("--out", "a.csv"))])
 def test_a_second_time_a_command_replaces_what_it_made(place: Path, command: str, options: tuple[str, str]) -> None:
     inputs = ("machine.yaml",) if command == "check" else INPUTS[command]
-    first, second = (CliRunner().invoke(app, [command, *inputs, *options]) for _ in range(2))
+    first, second = (topdress(command, *inputs, *options) for _ in range(2))
     assert (first.exit_code, second.exit_code) == (0, 0), first.output + second.output
 
 
@@ -301,9 +302,9 @@ def test_an_imported_log_is_made_anew_of_the_same_files_only(place: Path) -> Non
     before = Path("a.csv").read_bytes()
     Path("later.csv").write_text(Path("other.csv").read_text().replace(";20", ";70"))
     later = ["import", "later.csv", "--mapping", "import.yaml", "--out", "a.csv"]
-    assert "a.csv: exists already" in refused(CliRunner().invoke(app, later))
+    assert "a.csv: exists already" in refused(topdress(*later))
     assert Path("a.csv").read_bytes() == before
-    assert CliRunner().invoke(app, [*later, "--force"]).exit_code == 0
+    assert topdress(*later, "--force").exit_code == 0
     assert Path("a.csv").read_bytes() != before
 
 
@@ -320,14 +321,14 @@ def test_a_guess_is_never_replaced_untold(place: Path) -> None:
 def test_nor_the_companion_of_an_imported_shapefile(place: Path) -> None:
     write_prescription(read_prescription(place / "plan.geojson").data, place / "points.shp")
     os.link("points.dbf", "a.csv")
-    result = CliRunner().invoke(app, ["import", "points.shp", "--out", "a.csv", "--force"])
+    result = topdress("import", "points.shp", "--out", "a.csv", "--force")
     assert "points.dbf" in refused(result)
 
 
 def test_a_log_may_lie_in_the_folder_of_its_task(place: Path) -> None:
     assert invoke("map", "--out", "task").exit_code == 0
     for _ in range(2):
-        result = CliRunner().invoke(app, ["import", "task", "--out", "task/log.csv", "--force"])
+        result = topdress("import", "task", "--out", "task/log.csv", "--force")
         assert result.exit_code == 0, result.output
 
 
@@ -372,7 +373,7 @@ def test_json_stands_alone_on_standard_output(place: Path, words: str, names: se
     save(Path("new.yaml"), noted(Machine(), after, data="run.csv", date="2026-07-09"), MACHINE)
     Path("lag.csv").write_text("shaft_rpm,lag_s\n" + "".join(
         f"{rpm},{2.2118 - 0.0083 * rpm + 0.01 * k:.3f}\n" for rpm in range(10, 80, 10) for k in (-1, 0, 1)))
-    done = CliRunner().invoke(app, [*words.split(), "--json"])
+    done = topdress(*words.split(), "--json")
     assert done.exit_code == (2 if "bad" in words else 0), done.output
     found = json.loads(done.stdout)
     assert names <= set(found[0] if isinstance(found, list) else found)

@@ -5,10 +5,9 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from console.cli import app
 from console.cli.check import kinds_by_name, schema_text
+from tests.command import topdress
 
 PUBLISHED = Path(__file__).parents[2] / "schemas"
 KINDS = sorted(kinds_by_name())
@@ -26,7 +25,7 @@ def test_nothing_else_is_published() -> None:
 
 @pytest.mark.parametrize("name", ["cab", "topdress-cab/1"])
 def test_a_schema_is_told_by_name_or_format(name: str) -> None:
-    result = CliRunner().invoke(app, ["check", "--schema", name])
+    result = topdress("check", "--schema", name)
     assert result.exit_code == 0
     told = json.loads(result.output)
     assert told["properties"]["format"] == {"const": "topdress-cab/1"} and told["additionalProperties"] is False
@@ -34,7 +33,7 @@ def test_a_schema_is_told_by_name_or_format(name: str) -> None:
 
 
 def test_all_are_written_to_a_folder(tmp_path: Path) -> None:
-    result = CliRunner().invoke(app, ["check", "--write-schemas", str(tmp_path / "new")])
+    result = topdress("check", "--write-schemas", tmp_path / "new")
     assert result.exit_code == 0 and len(result.output.splitlines()) == len(KINDS)
     for kind in KINDS:
         assert (tmp_path / "new" / f"{kind}.json").read_bytes() == (PUBLISHED / f"{kind}.json").read_bytes()
@@ -43,5 +42,5 @@ def test_all_are_written_to_a_folder(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("arguments", "said"), [
     (["check"], "no file given"), (["check", "--schema", "boat"], "allowed is one of machine, crop")])
 def test_what_is_wrong_is_said_in_one_line(arguments: list[str], said: str) -> None:
-    result = CliRunner().invoke(app, arguments)
+    result = topdress(*arguments)
     assert result.exit_code == 2 and said in result.output and len(result.output.splitlines()) == 1

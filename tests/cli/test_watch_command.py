@@ -4,14 +4,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from console.cli import app
 from console.services import live_check
 from console.services.live_check import Look
 from control.diagnosis.result import Departure
+from tests.command import topdress
 
-RUNNER = CliRunner()
 FOUND = Departure("flow", "flow.fill_falloff", -4.0, 600.0, adoptable=True)
 
 
@@ -30,13 +28,13 @@ def test_what_departs_is_said_once_and_when_it_is_over(tmp_path: Path, monkeypat
     monkeypatch.setattr(live_check, "followed", followed)
     log = tmp_path / "run.csv"
     log.write_text(rows(3))
-    done = RUNNER.invoke(app, ["watch", str(log), "--to-end"])
+    done = topdress("watch", log, "--to-end")
     assert done.exit_code == 0
     assert done.stdout.splitlines() == [
         "0:11:00  4 % too little flows since 0:10:00. Probably: Flutes fill less at high shaft speed; "
         "adopt it into the machine file: topdress diagnose --adopt", "0:45:00  as the model says again"]
     assert "4 looks" in done.stderr
-    done = RUNNER.invoke(app, ["watch", str(log), "--to-end", "--json"])
+    done = topdress("watch", log, "--to-end", "--json")
     found = [json.loads(line) for line in done.stdout.splitlines()]
     assert [one["at_s"] for one in found] == [660.0, 2700.0] and found[0]["departure"]["cause"] == FOUND.cause
 
@@ -45,7 +43,7 @@ def test_what_departs_is_said_once_and_when_it_is_over(tmp_path: Path, monkeypat
 def test_a_log_that_is_too_short_is_no_healthy_machine(tmp_path: Path, text: str) -> None:
     log = tmp_path / "run.csv"
     log.write_text(text)
-    done = RUNNER.invoke(app, ["watch", str(log), "--to-end"])
+    done = topdress("watch", log, "--to-end")
     assert done.exit_code == 2
     assert done.stderr.strip() == f"{log}: too short: nothing is said before 5 minutes of rows"
 
@@ -55,14 +53,14 @@ def test_ctrl_c_ends_it_and_it_says_beforehand_that_it_waits(tmp_path: Path, mon
         raise KeyboardInterrupt
         yield
     monkeypatch.setattr(live_check, "followed", followed)
-    done = RUNNER.invoke(app, ["watch", str(tmp_path / "coming.csv")])
+    done = topdress("watch", tmp_path / "coming.csv")
     assert done.exit_code == 0 and "waited for" in done.stderr and "0 looks" in done.stderr
 
 
 def test_what_cannot_be_watched_is_one_line(tmp_path: Path) -> None:
     for name, data in (("odd.csv", bytes(range(256)) * 20), ("cut.parquet", b"PAR1 and no more")):
         (tmp_path / name).write_bytes(data)
-        done = RUNNER.invoke(app, ["watch", str(tmp_path / name), "--to-end"])
+        done = topdress("watch", tmp_path / name, "--to-end")
         assert done.exit_code == 2 and name in done.stderr and "fault of topdress" not in done.stderr
-    gone = RUNNER.invoke(app, ["watch", str(tmp_path / "nowhere.csv"), "--to-end"])
+    gone = topdress("watch", tmp_path / "nowhere.csv", "--to-end")
     assert gone.exit_code == 2 and gone.stderr.strip().endswith("no such file")

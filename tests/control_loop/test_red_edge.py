@@ -4,10 +4,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from pydantic import ValidationError
-from typer.testing import CliRunner
 
 from console.app.pages.job.nrich import StripRun
-from console.cli import app
 from console.services.rerun import rerun
 from console.worker.assemble import assemble
 from console.worker.options import Options
@@ -21,6 +19,7 @@ from drivers.files.kinds import CROP, JOB
 from drivers.files.read_log import read_log
 from drivers.files.run_log import write_log
 from drivers.files.run_meta import run_meta
+from tests.command import topdress
 from tests.control_loop.closed import SETUP, Closed
 
 CURVE = {"a_t_ha": 0.9, "b_days": 400.0, "base_temp_c": 4.4, "source": "made up for this test"}
@@ -97,7 +96,7 @@ def files(tmp_path):
 
 def test_heads_of_another_index_are_refused_in_one_line(files):
     def said(*names: str) -> tuple[int, str]:
-        result = CliRunner().invoke(app, ["check", *(str(files / name) for name in names)])
+        result = topdress("check", *(str(files / name) for name in names))
         return result.exit_code, result.output
     code, output = said("job.yaml", "greenseeker.yaml")
     lines = [line for line in output.splitlines() if "heads.index" in line]

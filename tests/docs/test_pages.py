@@ -16,10 +16,10 @@ from typing import Any
 
 import pytest
 from click.testing import Result
-from typer.testing import CliRunner
 
 from console.app import actions
 from console.cli import app
+from tests.command import topdress
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -57,7 +57,7 @@ def is_near(shown: str, said: str) -> bool:
 
 
 def run_as(command: str) -> Result:
-    return CliRunner().invoke(app, shlex.split(command)[1:])
+    return topdress(*shlex.split(command)[1:])
 
 
 @pytest.fixture

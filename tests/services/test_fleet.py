@@ -18,9 +18,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
-from typer.testing import CliRunner
 
-from console.cli import app
 from console.reports.fleet_page import costliest, fleet_page, service
 from console.reports.numbers import fixed
 from console.services import fleet
@@ -35,6 +33,7 @@ from control.machine.machine import Machine
 from drivers import day_clock
 from drivers.files.log_store import write_store
 from drivers.files.read_log import read_rows
+from tests.command import topdress
 
 MACHINE = Machine().model_dump(mode="json")
 
@@ -525,12 +524,12 @@ def test_every_number_of_the_owners_page_is_found_again_in_the_tables(tmp_path: 
 
 def test_the_command_says_what_it_cannot_use(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
-    told = CliRunner().invoke(app, ["fleet", str(tmp_path / "empty"), "--out", str(tmp_path / "out")])
+    told = topdress("fleet", tmp_path / "empty", "--out", tmp_path / "out")
     assert told.exit_code != 0 and "no logs there" in told.output
     wheel_log(tmp_path / "in" / "a.csv")
     table = tmp_path / "about.csv"
     table.write_text("log,driver\na.csv,Li\n")
-    told = CliRunner().invoke(app, ["fleet", str(tmp_path / "in"), "--out", str(tmp_path / "o"), "--about", str(table)])
+    told = topdress("fleet", tmp_path / "in", "--out", tmp_path / "o", "--about", table)
     assert told.exit_code != 0 and "column driver" in told.output
 
 
@@ -556,8 +555,8 @@ def test_about_is_never_ignored_and_a_changed_word_diagnoses_nothing_again(tmp_p
 
     def said(*rows: str) -> Any:
         table.write_text("\n".join(("log,operator,time", *rows)) + "\n")
-        return CliRunner().invoke(app, ["fleet", str(tmp_path / "in"), "--out", str(tmp_path / "out"), "--about",
-                                        str(table), "--workers", "1", "--force"])
+        return topdress("fleet", tmp_path / "in", "--out", tmp_path / "out", "--about", table, "--workers", "1",
+                        "--force")
     none = said("m3/a.csv,Li,", "a.csv,Wang,")
     assert none.exit_code != 0 and "no row is of a log" in none.output and not (tmp_path / "out").exists()
     assert "row 1: m3/a.csv: no such log" in none.output and "row 2: a.csv: 2 logs end so" in none.output
@@ -659,7 +658,7 @@ def test_where_nothing_was_diagnosed_the_command_fails(tmp_path: Path) -> None:
     pytest.importorskip("distributed", reason="the extra `fleet` is not installed")
     (tmp_path / "in").mkdir()
     (tmp_path / "in" / "a.csv").write_text("a,b\nc,d\n")
-    done = CliRunner().invoke(app, ["fleet", str(tmp_path / "in"), "--out", str(tmp_path / "out"), "--workers", "1"])
+    done = topdress("fleet", tmp_path / "in", "--out", tmp_path / "out", "--workers", "1")
     assert done.exit_code != 0 and "no log was diagnosed" in done.output
 
 

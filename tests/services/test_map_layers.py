@@ -6,19 +6,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from console.app.camera import Pixels
 from console.app.layers import MapLayer, scale_of
 from console.app.map_image import Ground
 from console.app.units import METRIC
-from console.cli import app as cli
 from console.frame import Frame
 from console.services.layers import MapLayers, plane_of
 from console.services.replay_frames import frames_of
 from control.geodesy import TangentPlane, offset
 from control.log_row import LogRow
 from drivers.files.read_log import RunLog, read_rows
+from tests.command import topdress
 
 SECONDS = 60
 
@@ -27,8 +26,7 @@ SECONDS = 60
 def run(tmp_path_factory) -> RunLog:
     folder = tmp_path_factory.mktemp("layers")
     log = folder / "run.csv"
-    made = CliRunner().invoke(cli, ["simulate", "--job", "map_demo", "--seconds", str(SECONDS), "--seed", "3", "--out",
-                                    str(log)])
+    made = topdress("simulate", "--job", "map_demo", "--seconds", SECONDS, "--seed", "3", "--out", log)
     assert made.exit_code == 0, made.output
     return read_rows(log)
 
@@ -41,7 +39,7 @@ def frame(run) -> Frame:
 def exported(run: RunLog, name: str) -> Path:
     path = run.path.with_name(name)
     if not path.exists():
-        made = CliRunner().invoke(cli, ["map", str(run.path), "--out", str(path)])
+        made = topdress("map", run.path, "--out", path)
         assert made.exit_code == 0, made.output
     return path
 
