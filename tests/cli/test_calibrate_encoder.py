@@ -165,16 +165,16 @@ BoardSettings.shaft_drive, BoardSettings.counts_per_turn = "stepper", 0.0
 
 
 @pytest.mark.parametrize(("before", "words", "said"), [
-    pytest.param("", ["--board", "{board}", "--out", "x.yaml"], "x.yaml: allowed is a name that ends in .py",
+    pytest.param("", ["--board", "x", "--out", "x.yaml"], "x.yaml: allowed is a name that ends in .py",
                  id="an ending"),
-    pytest.param("", ["--board", "{board}", "--turns", "0", "--out", "x.py"], "Invalid value for '--turns'", id="turn"),
+    pytest.param("", ["--board", "x", "--turns", "0", "--out", "x.py"], "Invalid value for '--turns'", id="turn"),
     pytest.param(OLDER, ["--board", "{board}", "--out", "x.py"],
                  "does not say how far its shaft turned: its program is older than this", id="an older board"),
     pytest.param(NO_ENCODER, ["--board", "{board}", "--out", "x.py"], "this board has no encoder", id="no encoder"),
     pytest.param("", ["--board", "{board}", "--rpm", "3", "--out", "x.py"], "--rpm 3: allowed is 10 to", id="too slow"),
     pytest.param("", ["--board", "socket://127.0.0.1:9", "--out", "x.py"], "is silent", id="silent")])
 def test_what_cannot_be_is_one_line_and_writes_nothing(board, tmp_path, before, words, said):
-    served = board(before=before)
+    served = board(before=before) if "{board}" in words else ""
     person = Person(*(word.format(board=served) for word in words[:-1]), str(tmp_path / words[-1]))
     assert person.ends() == 2 and said in person.screen(), person.screen()
     assert not list(tmp_path.glob("x.*"))
