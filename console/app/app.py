@@ -358,21 +358,18 @@ class TopdressApp(App[None], inherit_bindings=False):
         """Who came, went, fell silent or ordered is said by the others; who has just come hears whom it found."""
         before, self._frame_before = self._frame_before, frame
         if before is None:
-            self._say_found(frame)
+            found = " ".join(arrival_words(frame, self.own_name, self.utc_offset_s))
+            joined, self._to_say = self._to_say, None
+            if joined is not None:
+                self._say_joined(joined, found, frame)
+            elif found:
+                self.notice(found)
         elif frame.attached:
             said = news(before, frame, self.own_name)
             if said:
                 self.notice(said)
         elif 0 < frame.consoles < before.consoles:          # a worker that does not tell who is attached
             self.notice(_("another console has ended or is silent; open now: {count}").format(count=frame.consoles))
-
-    def _say_found(self, frame: Frame) -> None:
-        found = " ".join(arrival_words(frame, self.own_name, self.utc_offset_s))
-        joined, self._to_say = self._to_say, None
-        if joined is not None:
-            self._say_joined(joined, found, frame)
-        elif found:
-            self.notice(found)
 
     def _say_joined(self, joined: Joined, found: str, frame: Frame) -> None:
         """With files of its own on the command line this console may take the machine's place."""

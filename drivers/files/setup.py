@@ -110,10 +110,11 @@ def load_setup(machine: str | Path, job: str | Path, today: dt.date,
         raise ConfigError([str(error)]) from error
     folder = got_job.path.parent
     sums = {str(got.path): got.sha256 for got in (got_machine, got_job, got_crop, got_product) if got is not None}
+    # What is not there, or is a folder, is said when it is read.
+    named = {str(path): sha256_of(path) for name in got_job.model.named_files if (path := folder / name).is_file()}
     stated = None if crop.days is None else crop.days.weather
     weather = None if stated is None else got_crop.path.parent / stated
-    return Setup(spreader, crop, rule, got_job.model, sums | _sums_of_files(got_job.model, folder), folder, weather,
-                 product, n_year)
+    return Setup(spreader, crop, rule, got_job.model, sums | named, folder, weather, product, n_year)
 
 
 class YearN(NamedTuple):
@@ -238,9 +239,3 @@ def index_disagreements(cab: Loaded[BaseModel] | None, crop: Crop, job: Job) -> 
         return []
     return [f"{cab.path}: key heads.index: value {heads.index}: allowed {crop.index}, over which the rule of crop "
             f"{crop.id} is written"]
-
-
-def _sums_of_files(job: Job, folder: Path) -> dict[str, str]:
-    """Checksums of the single files that a job names; what is not there, or is a folder, is said when it is read."""
-    named = [folder / name for name in job.named_files]
-    return {str(path): sha256_of(path) for path in named if path.is_file()}

@@ -34,10 +34,10 @@ from drivers.files.prescriptions.words import (
     PrescriptionError,
     RateChoice,
     RateQuestion,
+    check_degrees,
     checked_index,
     checked_rate,
     factor_kg_ha,
-    not_degrees,
     with_choice,
 )
 from drivers.files.stated_units import ANY, NO_UNITS, StatedUnit, side_units, together
@@ -272,7 +272,7 @@ def imported(path: Path, format_name: str, features: Sequence[Feature], choice: 
         findings.append(Finding("empty_rates", f"{many(empty, 'polygon')} without a rate left out", column, empty))
     if not zones:
         raise PrescriptionError(where.at("column {column}", column=column), "empty everywhere: allowed is a number")
-    _check_degrees(path, zones)
+    check_degrees(path, np.concatenate([rings[0] for _, rings, _ in zones]))
     data = MapData(tuple(zones), None, with_choice(fallbacks, choice, where), fields_deg, title, product)
     return Imported(path, format_name, data, unit, factor, (column,), tuple(findings),
                     f"{column} ({chosen.why})", chosen.unit_from)
@@ -291,12 +291,3 @@ def ring(corners: Sequence[Sequence[float]] | Floats) -> Floats:
     if len(lon_lat) > 1 and (lon_lat[0] == lon_lat[-1]).all():
         lon_lat = lon_lat[:-1]
     return np.ascontiguousarray(lon_lat[:, ::-1])
-
-
-def _check_degrees(path: Path, zones: Sequence[Zone]) -> None:
-    corners = np.concatenate([rings[0] for _, rings, _ in zones])
-    if not np.isfinite(corners).all():
-        raise PrescriptionError(path, "a corner is not finite: allowed are degrees")
-    highest = np.abs(corners).max(axis=0)
-    if highest[0] > 90.0 or highest[1] > 180.0:
-        raise not_degrees(path, float(highest[0]), float(highest[1]))

@@ -24,7 +24,7 @@ from drivers.files.imports.read import read_raw
 from drivers.files.imports.trouble import TableError
 from drivers.files.imports.words import folded, places_without_time, subject_of
 from drivers.files.prescriptions.features import Feature, imported
-from drivers.files.prescriptions.words import Imported, NotAMap, PrescriptionError, RateChoice, not_degrees
+from drivers.files.prescriptions.words import Imported, NotAMap, PrescriptionError, RateChoice, check_degrees
 from drivers.files.stated_units import StatedUnit
 from drivers.plain_text import Reason
 
@@ -75,8 +75,7 @@ def read_lattice(path: Path, choice: RateChoice) -> Imported:
     if not len(rows):
         raise PrescriptionError(path, "no point with latitude and longitude: allowed are degrees")
     lat, lon = lat[rows], lon[rows]
-    if np.abs(lat).max() > 90.0 or np.abs(lon).max() > 180.0:
-        raise not_degrees(path, float(np.abs(lat).max()), float(np.abs(lon).max()))
+    check_degrees(path, np.column_stack((lat, lon)))
     try:
         found, corners = _cells(lat, lon)
     except NoLattice as why:

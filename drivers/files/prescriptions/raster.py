@@ -41,7 +41,11 @@ def read_raster(path: Path, choice: RateChoice) -> Imported:
 
 
 def _read(path: Path, file: Any, choice: RateChoice) -> Imported:
-    projection = _projection(path, file)
+    if file.crs is None:
+        raise PrescriptionError(path, "the raster does not say where it lies (no coordinate system): allowed are "
+                                "degrees on WGS84, or UTM")
+    west, south, east, north = file.bounds
+    projection = projection_in(file.crs.to_wkt(version="WKT1_GDAL"), path, np.array([(west, south), (east, north)]))
     held_to(RASTER_CELLS, file.width * file.height * file.count, path)
     held_to(RASTER_CELLS, max(high * wide for high, wide in file.block_shapes), PlaceInFile(str(path)).at("a tile"))
     names = [stated or f"band {k}" for k, stated in enumerate(file.descriptions, start=1)]
@@ -82,14 +86,6 @@ def _units(path: Path, file: Any, names: list[str]) -> Mapping[str, StatedUnit]:
         found.append({name.casefold(): StatedUnit(unit, path.name)} if (unit := file.units[k - 1]) else {})
         found.append(of_json({"name": name, **file.tags(k)}, [name], path.name))
     return together(*found)
-
-
-def _projection(path: Path, file: Any) -> Projection | None:
-    if file.crs is None:
-        raise PrescriptionError(path, "the raster does not say where it lies (no coordinate system): allowed are "
-                                "degrees on WGS84, or UTM")
-    west, south, east, north = file.bounds
-    return projection_in(file.crs.to_wkt(version="WKT1_GDAL"), path, np.array([(west, south), (east, north)]))
 
 
 def _corners(transform: Any, rows: Any, columns: Any, projection: Projection | None) -> Floats:

@@ -88,7 +88,8 @@ def _of_several(path: Path, choice: RateChoice) -> Imported:
         raise RateQuestion(path, "{count} shapefiles: allowed is one of {names}", " (--inside says which)",
                            count=len(shapes), names=listed(one.name for one in shapes))
     if not shapes:
-        packed = _packed(path)
+        packed = listed(name for name in files_at(path).names if name.lower().endswith(".zip")) \
+            if path.suffix.lower() == ".zip" else ""
         raise NotAMap(path, "no prescription" if choice.inside is None else "no prescription named {name}",
                       f": allowed is {KNOWN}" + (f"; it holds {packed}: unpack that first" if packed else ""),
                       name=choice.inside)
@@ -115,14 +116,6 @@ def _said(read: Imported, shapes: list[ShapeSet]) -> Imported:
     names = listed(one.name for one in shapes)
     unused = Finding("shapefiles_beside", f"not used next to the task set: {names} (--inside takes one)")
     return replace(read, findings=(*read.findings, unused))
-
-
-def _packed(path: Path) -> str:
-    """The zips in a zip."""
-    if path.suffix.lower() != ".zip":
-        return ""
-    packed = [name for name in files_at(path).names if name.lower().endswith(".zip")]
-    return listed(packed)
 
 
 def index_choice(choice: RateChoice, rule: Rule, where: str) -> RateChoice:

@@ -7,6 +7,9 @@ from math import isfinite
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from control.recordings.finding import Finding
 from control.targets.prescription import Fallbacks, MapData
 from drivers.plain_text import PlaceInFile, Refused
@@ -108,14 +111,19 @@ def _asked(given: float | None) -> type[PrescriptionError]:
     return RateQuestion if given is None else PrescriptionError
 
 
-def not_degrees(path: Path, lat_deg: float, lon_deg: float) -> PrescriptionError:
-    """Of a file whose places go up to these: what is wrong with them."""
+def check_degrees(path: Path, places: NDArray[np.float64]) -> None:
+    """Raises PrescriptionError where places (n, 2), latitude and longitude, are none."""
+    lat_deg, lon_deg = np.abs(places).max(axis=0).tolist()
+    if not (isfinite(lat_deg) and isfinite(lon_deg)):
+        raise PrescriptionError(path, "a corner is not finite: allowed are degrees")
+    if lat_deg <= 90.0 and lon_deg <= 180.0:
+        return
     if lat_deg <= 180.0 and lon_deg <= 90.0:
-        return PrescriptionError(path, "latitude and longitude look swapped: latitudes up to {lat:.0f}, longitudes up "
-                                 "to {lon:.0f}: allowed are latitudes to 90",
-                                 " (GeoJSON and WKT name the longitude first)", lat=lat_deg, lon=lon_deg)
-    return PrescriptionError(path, "coordinates up to {lon:.0f}, {lat:.0f}: allowed are degrees (WGS84)",
-                             "; export the map again in longitude and latitude", lat=lat_deg, lon=lon_deg)
+        raise PrescriptionError(path, "latitude and longitude look swapped: latitudes up to {lat:.0f}, longitudes up "
+                                "to {lon:.0f}: allowed are latitudes to 90",
+                                " (GeoJSON and WKT name the longitude first)", lat=lat_deg, lon=lon_deg)
+    raise PrescriptionError(path, "coordinates up to {lon:.0f}, {lat:.0f}: allowed are degrees (WGS84)",
+                            "; export the map again in longitude and latitude", lat=lat_deg, lon=lon_deg)
 
 
 def checked_rate(rate_kg_ha: float, where: Callable[[], PlaceInFile]) -> float:

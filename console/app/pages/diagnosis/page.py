@@ -242,15 +242,12 @@ class DiagnosisScreen(Page):
             SourcesView(self.sources or (), self.at, self.sources is None and self.service is not None, in_use()))
         self.query_one("#dia-chips", Chips).show(self._chips())
         if found is not None:
-            self._show_found(found)
-
-    def _show_found(self, found: DiagnosisView) -> None:
-        self.query_one("#dia-verdict", VerdictPanel).show(tuple(
-            shown.said(one, "" if len(self.found) == 1 else _("log") if not index else _("separating run"))
-            for index, one in enumerate(self.found)))
-        self.query_one("#dia-causes", Causes).show(shown.causes(found, self.cause, self.app.units))
-        self.query_one("#dia-channels", ChannelTable).show(shown.channels(found))
-        self.query_one("#dia-run", RunPlanPanel).show(shown.plan(found))
+            self.query_one("#dia-verdict", VerdictPanel).show(tuple(
+                shown.said(one, "" if len(self.found) == 1 else _("log") if not index else _("separating run"))
+                for index, one in enumerate(self.found)))
+            self.query_one("#dia-causes", Causes).show(shown.causes(found, self.cause, self.app.units))
+            self.query_one("#dia-channels", ChannelTable).show(shown.channels(found))
+            self.query_one("#dia-run", RunPlanPanel).show(shown.plan(found))
 
     def tick(self, now_s: float) -> None:
         super().tick(now_s)
