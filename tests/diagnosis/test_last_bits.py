@@ -84,7 +84,7 @@ def test_tables_that_tie_are_answered_alike_by_two_kernels(tmp_path: Path) -> No
 
 
 def test_tables_moved_by_a_hair_are_answered_alike() -> None:
-    cases = made_tables() + papers_tables()[:len(PAPERS)]
+    cases = made_tables()[::2] + papers_tables()[:len(PAPERS):2]        # the others: the exam below
     assert bits.differences(cases, [bits.answer(case, HUANGHAI) for case in cases],
                             [bits.answer(bits.moved(case, HUANGHAI), HUANGHAI) for case in cases]) == []
 

@@ -90,7 +90,7 @@ def test_it_is_named_with_its_size_said_and_the_file_with_it_predicts_another_re
     assert asked.new < 1.05 * NOISE_RPM < 0.2 * asked.old
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", [*range(6), *(pytest.param(seed, marks=pytest.mark.exam) for seed in range(6, 20))])
 def test_a_healthy_drive_is_silent(seed: int) -> None:
     tau_s = 0.06 + 0.008 * float(np.random.default_rng(100 + seed).standard_normal())
     found = diagnose_run(log_of(seed, one_lag(tau_s)), DRIVE)
