@@ -216,7 +216,7 @@ def test_extending_takes_the_effect_into_the_machine_and_the_second_look_finds_n
 
 
 def test_the_same_log_gives_the_same_diagnosis() -> None:
-    columns = whole_run(16, 120.0, wrong({"flow.slope": 1.0}))
+    columns = whole_run(16, 60.0, wrong({"flow.slope": 1.0}))
     assert diagnose_run(columns, Machine()).to_json() == diagnose_run(columns, Machine()).to_json()
 
 
