@@ -1,6 +1,7 @@
 """A seeded NDVI field with a chosen mean, CV and correlation length (decision paper: plots of 0.467-0.546, 8-11 %)."""
 from __future__ import annotations
 
+from functools import lru_cache
 from math import cos, exp, log, radians, sin
 
 import numpy as np
@@ -42,6 +43,7 @@ class CanopyField:
         field = (field - field.mean()) / field.std()
         ndvi = canopy.mean_ndvi * (1.0 + canopy.cv_percent / 100.0 * field)
         self.ndvi: Array = np.clip(ndvi, 0.02, 0.98)
+        self.ndvi.flags.writeable = False               # several machines may work on it
         self._rows, self._columns = rows, columns
         self._cells = memoryview(self.ndvi.ravel())     # by row: its single cells are read quicker than the array's
 
@@ -65,6 +67,12 @@ class CanopyField:
         i0, i1, j0, j1 = i % self._columns, (i + 1) % self._columns, j % self._rows, (j + 1) % self._rows
         here: Array = (1 - v) * ((1 - u) * g[j0, i0] + u * g[j0, i1]) + v * ((1 - u) * g[j1, i0] + u * g[j1, i1])
         return here
+
+
+@lru_cache(maxsize=1)
+def canopy_field(canopy: Canopy, east_m: tuple[float, float], north_m: tuple[float, float], seed: int) -> CanopyField:
+    """As `CanopyField`; the same one where the same field is worked again: it takes as long as 30 s of simulation."""
+    return CanopyField(canopy, east_m, north_m, seed)
 
 
 class AcrossWidth:

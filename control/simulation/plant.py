@@ -26,7 +26,7 @@ from control.machine.term_sums import NOTHING, HeldCommands, More, TermSums
 from control.machine.terms import Term
 from control.readings import DoseOrder, DriveCommand, GnssFix, PlantSeen, SpeedPlan
 
-from .canopy import AcrossWidth, CanopyField
+from .canopy import AcrossWidth, canopy_field
 from .noise import Normals, Slow
 from .plant_rows import along_way, simulated_plants
 from .rest import later, rest, stands, waited
@@ -126,8 +126,8 @@ class Plant:
         corners = field_boundary(sim, width, job.field.pass_heading_deg)
         east, north = [e for e, _ in corners], [n for _, n in corners]
         rim = sim.run_in_m + machine.geometry.heads_m
-        self._canopy = AcrossWidth(CanopyField(sim.canopy, (min(east) - rim, max(east) + rim),
-                                               (min(north) - rim, max(north) + rim), seed),
+        self._canopy = AcrossWidth(canopy_field(sim.canopy, (min(east) - rim, max(east) + rim),
+                                                (min(north) - rim, max(north) + rim), seed),
                                    machine.geometry.heads, width, sim.heads_index)
         self._driver = Driver(sim, seed + 4)
         self._normal = Normals(seed + 1)

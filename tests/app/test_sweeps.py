@@ -15,7 +15,7 @@ class Living:
         self.me = [self]
 
 
-@pytest.fixture
+@pytest.fixture(scope="module", autouse=True)           # a sweep through all of a session takes seconds
 def thawed():
     gc.collect()
     gc.freeze()
@@ -25,7 +25,7 @@ def thawed():
     gc.freeze()                                          # as tests/conftest.py left it
 
 
-def test_what_lives_is_not_swept_again(thawed):
+def test_what_lives_is_not_swept_again():
     one = Sweeps(LIVES)
     lives = [Living() for _ in range(LIVES)]
     one.tick()
@@ -36,7 +36,7 @@ def test_what_lives_is_not_swept_again(thawed):
     assert len(gc.get_objects(generation=2)) < LIVES and len(lives) == LIVES
 
 
-def test_once_after_a_sweep_and_not_for_ever(thawed):
+def test_once_after_a_sweep_and_not_for_ever():
     one = Sweeps(LIVES)
     kept = []
     for look in range(2 * TIMES):
@@ -47,7 +47,7 @@ def test_once_after_a_sweep_and_not_for_ever(thawed):
         assert one.left == max(0, TIMES - 1 - look)
 
 
-def test_little_is_left_to_the_sweeps_of_python(thawed):
+def test_little_is_left_to_the_sweeps_of_python():
     one = Sweeps(LIVES)
     gc.collect()
     one.tick()
