@@ -2,12 +2,13 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import sys
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from console.app.action import CALIBRATE, DEVICES, DIAGNOSIS
 from console.app.app import TopdressApp
@@ -76,73 +77,33 @@ class Picture(NamedTuple):
     alarms: bool = False
 
 
-PICTURES = (
-    Picture("run-120x40-day", (120, 40)),
-    Picture("run-120x40-night", (120, 40), "night"),
-    Picture("run-120x40-contrast", (120, 40), "contrast", alarms=True),
-    Picture("run-120x40-alarms", (120, 40), alarms=True),
-    Picture("run-120x40-zh", (120, 40), language="zh", alarms=True),
-    Picture("run-100x30-day", (100, 30)),
-    Picture("run-80x24-day", (80, 24)),
-    Picture("run-80x24-night", (80, 24), "night"),
-    Picture("run-80x24-alarms", (80, 24), alarms=True),
-    Picture("run-60x16", (60, 16), alarms=True),
-    Picture("run-check-120x40-day", (120, 40), screen="run-check"),
-    Picture("run-check-80x24-day", (80, 24), screen="run-check"),
-    Picture("run-check-unnamed-80x24-night", (80, 24), "night", screen="run-check-unnamed"),
-    Picture("run-check-held-120x40-day", (120, 40), screen="run-check-held"),
-    Picture("run-check-unsure-120x40-zh", (120, 40), language="zh", screen="run-check-unsure"),
-    Picture("run-check-unsure-80x24-day", (80, 24), screen="run-check-unsure"),
-    Picture("map-120x40-day", (120, 40), screen="map"),
-    Picture("map-120x40-night", (120, 40), "night", screen="map"),
-    Picture("map-near-120x40-day", (120, 40), screen="map-near"),
-    Picture("map-80x24-day", (80, 24), screen="map", alarms=True),
-    Picture("map-120x40-zh", (120, 40), language="zh", screen="map"),
-    Picture("map-laid-120x40-day", (120, 40), screen="map-laid"),
-    Picture("map-laid-80x24-night", (80, 24), "night", screen="map-laid"),
-    Picture("map-laid-80x24-zh", (80, 24), language="zh", screen="map-laid", alarms=True),
-    Picture("trends-120x40-day", (120, 40), screen="trends"),
-    Picture("trends-120x40-night", (120, 40), "night", screen="trends"),
-    Picture("trends-read-100x30-day", (100, 30), screen="trends-read"),
-    Picture("trends-80x24-day", (80, 24), screen="trends", alarms=True),
-    Picture("trends-120x40-zh", (120, 40), language="zh", screen="trends"),
-    Picture("replay-120x40-day", (120, 40), screen="replay"),
-    Picture("replay-120x40-night", (120, 40), "night", screen="replay"),
-    Picture("replay-80x24-day", (80, 24), screen="replay"),
-    Picture("replay-80x24-night", (80, 24), "night", screen="replay"),
-    Picture("replay-120x40-zh", (120, 40), "night", "zh", screen="replay"),
-    Picture("diagnosis-120x40-day", (120, 40), screen="diagnosis"),
-    Picture("diagnosis-120x40-night", (120, 40), "night", screen="diagnosis"),
-    Picture("diagnosis-100x30-day", (100, 30), screen="diagnosis"),
-    Picture("diagnosis-80x24-day", (80, 24), screen="diagnosis"),
-    Picture("diagnosis-120x40-zh", (120, 40), language="zh", screen="diagnosis"),
-    Picture("diagnosis-list-80x24-night", (80, 24), "night", screen="diagnosis-list"),
-    Picture("diagnosis-import-100x30-day", (100, 30), screen="diagnosis-import"),
-    Picture("devices-120x40-day", (120, 40), screen="devices"),
-    Picture("devices-120x40-night", (120, 40), "night", screen="devices"),
-    Picture("devices-80x24-day", (80, 24), screen="devices", alarms=True),
-    Picture("devices-120x40-zh", (120, 40), language="zh", screen="devices"),
-    Picture("calibrate-120x40-day", (120, 40), screen="calibrate"),
-    Picture("calibrate-120x40-night", (120, 40), "night", screen="calibrate"),
-    Picture("calibrate-running-120x40", (120, 40), screen="calibrate-running"),
-    Picture("calibrate-80x24-day", (80, 24), screen="calibrate-running"),
-    Picture("calibrate-120x40-zh", (120, 40), language="zh", screen="calibrate"),
-    Picture("calibrate-lag-100x30", (100, 30), screen="calibrate-lag"),
-    Picture("calibrate-heads-100x30", (100, 30), screen="calibrate-heads"),
-    Picture("calibrate-wheel-80x24-night", (80, 24), "night", screen="calibrate-wheel"),
-    Picture("job-120x40-day", (120, 40), screen="job"),
-    Picture("job-120x40-night", (120, 40), "night", screen="job"),
-    Picture("job-80x24-day", (80, 24), screen="job", alarms=True),
-    Picture("job-120x40-zh", (120, 40), language="zh", screen="job"),
-    Picture("settings-120x40-day", (120, 40), screen="settings"),
-    Picture("settings-120x40-night", (120, 40), "night", screen="settings"),
-    Picture("settings-80x24-day", (80, 24), screen="settings"),
-    Picture("settings-120x40-zh", (120, 40), language="zh", screen="settings"),
-    Picture("alarm-list-100x30", (100, 30), screen="alarm-list", alarms=True),
-    Picture("power-cut-100x30", (100, 30), screen="power-cut"),
-    Picture("help-100x30", (100, 30), screen="help"),
-    Picture("gone-100x30", (100, 30), screen="gone"),
-)
+def pictures(names: str) -> tuple[Picture, ...]:
+    """By names of page, size, and what of theme and language is not day and English; a ! where alarms stand."""
+    def named(name: str) -> Picture:
+        page, wide, high, rest = re.split(r"-(\d+)x(\d+)", name.removesuffix("!"))
+        more = rest.split("-")
+        return Picture(name.removesuffix("!"), (int(wide), int(high)),
+                       next((one for one in ("night", "contrast") if one in more), "day"),
+                       "zh" if "zh" in more else ENGLISH, page, "alarms" in more or name.endswith("!"))
+    return tuple(map(named, names.split()))
+
+
+OTHERWISE: dict[str, dict[str, Any]] = {"replay-120x40-zh": {"theme": "night"},
+                                        "calibrate-80x24-day": {"screen": "calibrate-running"}}
+PICTURES = tuple(one._replace(**OTHERWISE.get(one.name, {})) for one in pictures("""
+    run-120x40-day run-120x40-night run-120x40-contrast! run-120x40-alarms run-120x40-zh! run-100x30-day run-80x24-day
+    run-80x24-night run-80x24-alarms run-60x16! run-check-120x40-day run-check-80x24-day run-check-unnamed-80x24-night
+    run-check-held-120x40-day run-check-unsure-120x40-zh run-check-unsure-80x24-day map-120x40-day map-120x40-night
+    map-near-120x40-day map-80x24-day! map-120x40-zh map-laid-120x40-day map-laid-80x24-night map-laid-80x24-zh!
+    trends-120x40-day trends-120x40-night trends-read-100x30-day trends-80x24-day! trends-120x40-zh replay-120x40-day
+    replay-120x40-night replay-80x24-day replay-80x24-night replay-120x40-zh diagnosis-120x40-day
+    diagnosis-120x40-night diagnosis-100x30-day diagnosis-80x24-day diagnosis-120x40-zh diagnosis-list-80x24-night
+    diagnosis-import-100x30-day devices-120x40-day devices-120x40-night devices-80x24-day! devices-120x40-zh
+    calibrate-120x40-day calibrate-120x40-night calibrate-running-120x40 calibrate-80x24-day calibrate-120x40-zh
+    calibrate-lag-100x30 calibrate-heads-100x30 calibrate-wheel-80x24-night job-120x40-day job-120x40-night
+    job-80x24-day! job-120x40-zh settings-120x40-day settings-120x40-night settings-80x24-day settings-120x40-zh
+    alarm-list-100x30! power-cut-100x30 help-100x30 gone-100x30
+"""))
 
 MOVING = ("run-120x40-day", "map-120x40-day", "devices-120x40-day", "diagnosis-120x40-day", "job-120x40-day")
 EACH_S = 4

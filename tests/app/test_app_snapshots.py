@@ -3,14 +3,9 @@ from __future__ import annotations
 
 import pytest
 
-from tests.app.gallery import PICTURES, Picture, settle, still_app
+from tests.app.gallery import PICTURES, pictures, settle, still_app
 
-EXTRA = (
-    Picture("run-100x30-night", (100, 30), "night"),
-    Picture("run-80x24-zh-night", (80, 24), "night", "zh", alarms=True),
-    Picture("replay-100x30-day", (100, 30), screen="replay"),
-    Picture("replay-80x24-zh-day", (80, 24), language="zh", screen="replay"),
-)
+EXTRA = pictures("run-100x30-night run-80x24-zh-night! replay-100x30-day replay-80x24-zh-day")
 
 
 # Of the quick set: every page once, both sizes, both languages, night, alarms. The others are of the exam.

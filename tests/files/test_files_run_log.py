@@ -21,6 +21,7 @@ from drivers.files.read_log import RunLog, read_log
 from drivers.files.replay import measurements
 from drivers.files.run_log import PlainLogWriter, RunLogWriter, write_log
 from drivers.files.run_meta import RunMeta, meta_from_yaml, run_meta
+from tests.waiting import wait_for
 
 MakeRow = Callable[[float], LogRow]
 META = RunMeta(software="topdress test")
@@ -53,15 +54,6 @@ class _ShakyFile(NewFile):
         if self._disk.refuse is not None:
             raise self._disk.refuse
         return super().write(data[:self._disk.take_at_most])
-
-
-def until(condition: Callable[[], bool], timeout_s: float = 30.0) -> bool:
-    deadline = time.monotonic() + timeout_s
-    while time.monotonic() < deadline:
-        if condition():
-            return True
-        time.sleep(0.005)
-    return condition()
 
 
 def full_disk() -> OSError:
@@ -147,7 +139,7 @@ def test_rows_reach_the_disk_while_the_run_goes_on(tmp_path: Path, full_row: Mak
     with RunLogWriterClosing(RunLogWriter(tmp_path / "run.csv", META, flush_s=0.01, sync_s=0.01)) as log:
         for tick in range(40):
             log.append(full_row(tick * 0.05))
-        assert until(lambda: log.path.read_text().count("\n") == 41)
+        wait_for(lambda: log.path.read_text().count("\n") == 41)
         assert log.ok and log.trouble == ""
     assert log.close() and log._lost == 0
 
@@ -155,7 +147,7 @@ def test_rows_reach_the_disk_while_the_run_goes_on(tmp_path: Path, full_row: Mak
 def test_the_default_rhythm_is_within_a_second(tmp_path: Path, full_row: MakeRow) -> None:
     with RunLogWriterClosing(RunLogWriter(tmp_path / "run.csv", META)) as log:
         log.append(full_row(0.0))
-        assert until(lambda: log.path.read_text().count("\n") == 2, 1.5)
+        wait_for(lambda: log.path.read_text().count("\n") == 2, 1.5)
 
 
 def test_the_caller_never_touches_the_disk(tmp_path: Path, full_row: MakeRow) -> None:
@@ -168,7 +160,7 @@ def test_the_caller_never_touches_the_disk(tmp_path: Path, full_row: MakeRow) ->
             log.append(full_row(tick * 0.05))
         assert time.thread_time() - started < 0.5
         disk.hang.set()
-        assert until(lambda: log.path.read_text().count("\n") == 1001)
+        wait_for(lambda: log.path.read_text().count("\n") == 1001)
         assert threading.get_ident() not in disk.threads
 
 
@@ -178,14 +170,14 @@ def test_a_full_disk_is_told_and_no_row_is_lost_when_it_ends(tmp_path: Path, ful
     with RunLogWriterClosing(opened) as log:
         disk.take_at_most = 100        # the last write before the end of the disk takes a part of a row
         log.append(full_row(0.0))
-        assert until(lambda: log.path.read_text().count("\n") == 2)
+        wait_for(lambda: log.path.read_text().count("\n") == 2)
         disk.refuse = full_disk()
         for tick in range(1, 50):
             log.append(full_row(tick * 0.05))
-        assert until(lambda: not log.ok)
+        wait_for(lambda: not log.ok)
         assert "run.csv" in log.trouble and "No space left on device" in log.trouble
         disk.refuse = None
-        assert until(lambda: log.ok)
+        wait_for(lambda: log.ok)
     assert log._lost == 0
     rows = list(csv.DictReader(log.path.open()))
     assert [float(row["time_s"]) for row in rows] == [round(tick * 0.05, 3) for tick in range(50)]
@@ -197,7 +189,7 @@ def test_rows_that_cannot_wait_any_longer_are_counted(tmp_path: Path, full_row: 
     disk.refuse = full_disk()
     for tick in range(100):
         log.append(full_row(tick * 0.05))
-    assert until(lambda: not log.ok)
+    wait_for(lambda: not log.ok)
     assert log._lost == 80
     assert not log.close()
 
@@ -211,10 +203,10 @@ def test_a_disk_that_hangs_is_told(tmp_path: Path, full_row: MakeRow) -> None:
     now_s[0] = 19.0
     assert log.ok, "memory takes the rows"
     now_s[0] = 21.0
-    assert until(lambda: not log.ok)
+    wait_for(lambda: not log.ok)
     assert "has not answered" in log.trouble
     disk.hang.set()
-    assert until(lambda: log.ok)
+    wait_for(lambda: log.ok)
     assert log.close()
 
 
@@ -224,7 +216,7 @@ def test_an_unwritable_place_is_told_and_tried_again(tmp_path: Path, full_row: M
     log.append(full_row(0.0))
     assert not log.ok and "run.csv: log not written: " in log.trouble
     (tmp_path / "card").unlink()
-    assert until(lambda: log.ok)
+    wait_for(lambda: log.ok)
     assert log.close()
     assert log.path.read_text().count("\n") == 2
 
@@ -247,15 +239,15 @@ def rows_of(log: RunLogWriter) -> list[str]:
 def test_a_log_deleted_under_way_is_told_and_written_anew(tmp_path: Path, full_row: MakeRow) -> None:
     log = RunLogWriter(tmp_path / "run.csv", META, flush_s=0.01, sync_s=0.0)
     log.append(full_row(0.0))
-    assert until(lambda: rows_of(log) == ["0.000"])
+    wait_for(lambda: rows_of(log) == ["0.000"])
     troubles = []
     try:
         log.path.unlink()
     except PermissionError:
         pytest.skip("this system does not delete open files")
-    assert until(lambda: bool(troubles.append(log.trouble) or "no longer where it was started" in "".join(troubles)))
+    wait_for(lambda: bool(troubles.append(log.trouble) or "no longer where it was started" in "".join(troubles)))
     log.append(full_row(0.05))
-    assert until(lambda: log.ok and log.path.exists() and len(rows_of(log)) == 2)
+    wait_for(lambda: log.ok and log.path.exists() and len(rows_of(log)) == 2)
     assert log.close() and rows_of(log) == ["0.000", "0.050"]
 
 
@@ -266,10 +258,10 @@ def test_a_log_whose_folder_comes_back_is_written_on(tmp_path: Path, full_row: M
     log = RunLogWriter(folder / "run.csv", META, flush_s=0.01, sync_s=0.0)
     log.append(full_row(0.0))
     log.append(full_row(0.05))
-    assert until(lambda: len(rows_of(log)) == 2)
+    wait_for(lambda: len(rows_of(log)) == 2)
     folder.rename(away)
     log.append(full_row(0.1))
-    assert until(lambda: not log.ok)
+    wait_for(lambda: not log.ok)
     log.append(full_row(0.15))
     time.sleep(0.05)
     assert not folder.exists(), "nothing is written where the card should be"
@@ -280,7 +272,7 @@ def test_a_log_whose_folder_comes_back_is_written_on(tmp_path: Path, full_row: M
         (card / name).write_bytes(data[:len(data) - lost_bytes] if name == "run.csv" else data)
     card.rename(folder)                 # all its files at once, as a mount brings them
     log.append(full_row(0.2))
-    assert until(lambda: log.ok)
+    wait_for(lambda: log.ok)
     assert log.close()
     told = rows_of(log)
     assert told == sorted(set(told)) and told[0] == "0.000" and told[-2:] == ["0.150", "0.200"]
@@ -294,16 +286,16 @@ def test_a_log_that_is_cut_short_goes_on_in_a_new_one(tmp_path: Path, full_row: 
     log = RunLogWriter(tmp_path / "run.csv", META, flush_s=0.01, sync_s=0.0)
     for tick in range(10):
         log.append(full_row(tick * 0.05))
-    assert until(lambda: len(rows_of(log)) == 10) and until(lambda: not log._unsynced)
+    wait_for(lambda: len(rows_of(log)) == 10 and not log._unsynced)
     log._sync_s = 1e9                           # what comes now is written and perhaps not kept
     log.append(full_row(0.5))
     log.append(full_row(0.55))
-    assert until(lambda: len(rows_of(log)) == 12)
+    wait_for(lambda: len(rows_of(log)) == 12)
     text = log.path.read_bytes()
     row = len(text.splitlines(keepends=True)[-1])
     os.truncate(log.path, {"none": 0, "header": len(HEADER.encode())}.get(left, len(text) - row * 3 // 2))
     log.append(full_row(0.6))
-    assert until(lambda: log.cut_short is not None)
+    wait_for(lambda: log.cut_short is not None)
     log.append(full_row(0.65))
     assert log.close() and log.ok and log.cut_short == tmp_path / "run.csv" and log.path == tmp_path / "run-2.csv"
     assert rows_of(log) == ["0.500", "0.550", "0.600", "0.650"]

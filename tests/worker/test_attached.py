@@ -17,14 +17,9 @@ from console.cli.tablet import TabLink
 from console.frame import from_json
 from console.link import Link
 from control.orders import Answer, Do, Order
+from tests.waiting import until
 
 posix = pytest.mark.skipif(os.name != "posix", reason="sends signals")
-
-
-async def until(true, timeout_s=30.0):
-    async with asyncio.timeout(timeout_s):
-        while not true():
-            await asyncio.sleep(0.01)
 
 
 @pytest.fixture

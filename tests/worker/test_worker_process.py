@@ -25,15 +25,9 @@ from console.running import WorkerAddress, WorkerFailed, find_running, start_wor
 from console.worker.limits import CLIENTS_LOOKING, CLIENTS_NEW, CLIENTS_WITH_KEY, LINE_BYTES, REFUSALS
 from control.orders import Answer, Do, Order
 from drivers.files.lock import take_lock
+from tests.waiting import until
 
 posix = pytest.mark.skipif(os.name != "posix", reason="sends signals")
-
-
-async def until(true, timeout_s=30.0):
-    """Waits for what is no matter of time: on a busy machine it may be long in coming."""
-    async with asyncio.timeout(timeout_s):
-        while not true():
-            await asyncio.sleep(0.01)
 
 
 def raw(where: WorkerAddress) -> socket.socket:
