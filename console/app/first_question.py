@@ -21,7 +21,12 @@ def ask_first(app: TopdressApp, service: JobService) -> None:
     def listed(found: tuple[Recent, ...]) -> None:
         frame = app.arrival.frame
         if found and app.screen is app.page and (frame is None or frame.row.state in MAY_CHANGE):
-            app.ask(_question(app, found), lambda number: start_with(app, service, found[int(number)]))
+            now = _("Esc: it stays as it is now, {job} on {machine}.").format(
+                job=frame.job if frame is not None else "--", machine=frame.machine if frame is not None else "--")
+            choices = [Choice(str(number), _words(one, app), picture=one.card and one.card.picture)
+                       for number, one in enumerate(found)]
+            app.ask(ChoiceDialog(_("Which field and job?"), choices, "", now),
+                    lambda number: start_with(app, service, found[int(number)]))
 
     app.list_files(lambda: service.recent(), listed)      # made in the thread
 
@@ -51,15 +56,6 @@ def _start(app: TopdressApp, service: JobService, left: Offer | None) -> None:
         app.restart(service.restart)
     else:
         app.push_screen(app.pass_question(left, _("A job was left on this field")), answer)
-
-
-def _question(app: TopdressApp, found: tuple[Recent, ...]) -> ChoiceDialog:
-    frame = app.arrival.frame
-    now = _("Esc: it stays as it is now, {job} on {machine}.").format(
-        job=frame.job if frame is not None else "--", machine=frame.machine if frame is not None else "--")
-    return ChoiceDialog(_("Which field and job?"), [
-        Choice(str(number), _words(one, app), picture=one.card and one.card.picture)
-        for number, one in enumerate(found)], "", now)
 
 
 def _words(one: Recent, app: TopdressApp) -> str:

@@ -113,21 +113,17 @@ def _source(text: str | None) -> Literal["ddi", "presentation"] | None:
     return text  # type: ignore[return-value]
 
 
-def _by_rule(source: Path, choice: RateChoice, job: str) -> Imported:
-    """A map of an index, as rates by the rule of a job's crop."""
-
-    from drivers.files.prescriptions.read import by_rule, index_choice, read_prescription
-    from drivers.files.setup import load_setup
-    rule = load_setup("huanghai", job, day_clock.today()).rule
-    return by_rule(read_prescription(source, index_choice(choice, rule, job)), rule)
-
-
-def _convert(source: Path, out: Path | None, choice: RateChoice, rule: str | None, merge_kg_ha: float | None,
+def _convert(source: Path, out: Path | None, choice: RateChoice, job: str | None, merge_kg_ha: float | None,
              as_json: bool) -> None:
     from control.recordings.finding import Finding
-    from drivers.files.prescriptions.read import read_prescription, with_merged_zones
+    from drivers.files.prescriptions.read import by_rule, index_choice, read_prescription, with_merged_zones
     from drivers.files.prescriptions.write import not_written, write_prescription
-    read = read_prescription(source, choice) if rule is None else _by_rule(source, choice, rule)
+    from drivers.files.setup import load_setup
+    if job is None:
+        read = read_prescription(source, choice)
+    else:                               # a map of an index, as rates by the rule of a job's crop
+        rule = load_setup("huanghai", job, day_clock.today()).rule
+        read = by_rule(read_prescription(source, index_choice(choice, rule, job)), rule)
     if merge_kg_ha is not None:
         read = with_merged_zones(read, merge_kg_ha)
     if out is not None:

@@ -157,8 +157,12 @@ def run_services(files: Callable[[], Files], effects: tuple[str, ...] = ()) -> S
         return calibrate_job(setup.machine, board.wheel_circumference_m if board else None)
 
     def diagnosis() -> DiagnosisFiles:
-        from console.services.diagnosis import diagnosis_files
-        return diagnosis_files(files()[1], effects)
+        from console.services.diagnosis import DiagnosisFiles
+        from drivers.files.kinds import MACHINE
+        found = files()[1]
+        folders = [Path.cwd(), *(loaded.path.parent for loaded in found.values())]
+        machine = str(found[MACHINE.format].path) if MACHINE.format in found else "huanghai"
+        return DiagnosisFiles(folders, machine, effects)
 
     def logs() -> LogFiles:
         from console.services.logs import RunLogs

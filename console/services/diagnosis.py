@@ -8,7 +8,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,21 +36,10 @@ from drivers.files.atomic import free_path
 from drivers.files.extras import MissingExtra, extra_line, need
 
 if TYPE_CHECKING:
-    from pydantic import BaseModel
-
     from control.machine.machine import Machine
-    from drivers.files.config import Loaded
 
 MOST_FILES = 200
 PROGRAM = ("-P", "-m", "console.services.diagnosis_job")
-
-
-def diagnosis_files(found: Mapping[str, Loaded[BaseModel]], effects: tuple[str, ...] = ()) -> DiagnosisFiles:
-    """With what the command line was given: the configuration files by kind, the simulated machine's effects."""
-    from drivers.files.kinds import MACHINE
-    folders = [Path.cwd(), *(loaded.path.parent for loaded in found.values())]
-    machine = found.get(MACHINE.format)
-    return DiagnosisFiles(folders, "huanghai" if machine is None else str(machine.path), effects)
 
 
 class DiagnosisFiles:
