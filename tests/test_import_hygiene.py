@@ -24,7 +24,7 @@ def loaded_by(start: str) -> set[str]:
 
 
 LIGHT = ("console.worker.__main__", "console.link", "console.frame", "control.loop", "drivers", "drivers.cab",
-         "drivers.virtual", "drivers.files.run_log")
+         "drivers.virtual", "drivers.files.run_log", "control.calibration", "console.cli.encoder")
 OF_FILES = {"numpy", "pydantic", "yaml", "serial"}
 DIAGNOSE = ("console.cli.diagnose, console.reports.diagnosis_text, control.diagnosis.runs.diagnose, "
             "control.diagnosis.runs.several, control.diagnosis.tables.diagnose, drivers.files.opened")

@@ -5,6 +5,7 @@ import time
 from itertools import pairwise
 from math import inf
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -12,13 +13,14 @@ from console.cli.at_the_bench import HEARD_WITHIN_S, AtTheBench, Keys, host_of, 
 from console.cli.inputs import machine_of
 from console.cli.plain_errors import CommandError
 from console.frame import Frame
-from control.calibration.encoder_fit import fit_counts
-from control.calibration.least_squares import FittedInterval
 from control.orders import Do, Order, State
 from drivers import day_clock
 from drivers.cab import Cab, CabConfig
 from drivers.devices.board_frames import COUNTERS, ShaftTurned
 from drivers.files.atomic import write_atomically
+
+if TYPE_CHECKING:
+    from control.calibration.least_squares import FittedInterval
 
 TICK_S = 0.02
 ANSWERS_WITHIN_S = 2.0          # of a board that is heard: some 40 questions
@@ -38,6 +40,7 @@ def calibrate_encoder(board: str, *, turns: int, repeats: int, rpm: float | None
             _by_hand(board, count, keyboard)
         else:
             _by_drive(board, count, keyboard, machine, rpm)
+    from control.calibration.encoder_fit import fit_counts
     lines = [_said(setting, fit_counts(runs, turns), believed) for setting, runs, believed in count.found()]
     day = day_clock.today().isoformat()
     write_atomically(out, f"# topdress calibrate encoder, {day}: {repeats} x {turns} turns\n" + "".join(lines))

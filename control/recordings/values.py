@@ -3,7 +3,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from control.log_row import HEAD_COLUMNS, NDRE_COLUMNS
 from control.recordings.finding import Finding, many
@@ -71,6 +70,7 @@ def without_lone(name: str, values: Floats, findings: list[Finding]) -> Floats:
     if len(rows) < LONE_AMONG:
         return values
     seen = values[rows]
+    from scipy.ndimage import median_filter     # a third of a second: most that is read here needs none
     off = np.abs(seen - median_filter(seen, LONE_WITHIN, mode="nearest"))
     steps = np.diff(np.unique(seen))
     scale = np.maximum(MAD_SD * median_filter(off, LONE_AMONG), np.percentile(off, 90.0) / NINE_IN_TEN_SD)
