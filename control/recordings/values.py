@@ -70,7 +70,7 @@ def without_lone(name: str, values: Floats, findings: list[Finding]) -> Floats:
     if len(rows) < LONE_AMONG:
         return values
     seen = values[rows]
-    from scipy.ndimage import median_filter     # a third of a second: most that is read here needs none
+    from scipy.ndimage import median_filter  # a third of a second: most that is read here needs none
     off = np.abs(seen - median_filter(seen, LONE_WITHIN, mode="nearest"))
     steps = np.diff(np.unique(seen))
     scale = np.maximum(MAD_SD * median_filter(off, LONE_AMONG), np.percentile(off, 90.0) / NINE_IN_TEN_SD)

@@ -5,6 +5,7 @@ import asyncio
 import re
 import sys
 from collections.abc import Awaitable, Callable, Sequence
+from copy import deepcopy
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any, NamedTuple
 
 from console.app.action import CALIBRATE, DEVICES, DIAGNOSIS
 from console.app.app import TopdressApp
+from console.app.history import History
 from console.app.pages.diagnosis.page import DiagnosisScreen
 from console.app.pages.map.page import MapScreen
 from console.app.pages.replay.service import ReplayJob
@@ -129,6 +131,15 @@ def _frames() -> tuple[Frame, ...]:
     return tuple(run_frames())
 
 
+@cache
+def _history() -> History:
+    """Of all that came before the frame that is shown."""
+    history = History()
+    for frame in _frames()[:-1]:
+        history.add(frame)
+    return history
+
+
 def still_app(picture: Picture) -> tuple[TopdressApp, StillClock]:
     """An app that shows one picture: nothing in it moves by itself."""
     frames = list(_frames())
@@ -154,8 +165,7 @@ def still_app(picture: Picture) -> tuple[TopdressApp, StillClock]:
     app = TopdressApp(None if replay else StillSource(frames[-1]), clock, replay=replay, language=picture.language,
                       theme=picture.theme, units=METRIC, utc_offset_s=8 * 3600.0, live=False,
                       services=_services(picture))
-    for frame in frames[:-1]:
-        app.history.add(frame)
+    app.history = deepcopy(_history())
     return app, clock
 
 
