@@ -51,7 +51,7 @@ def test_four_questions_make_a_file_of_a_few_lines(tmp_path: Path) -> None:
 
 def test_what_the_drive_takes_for_itself_is_in_the_file_where_the_log_says_it(tmp_path: Path) -> None:
     """20 % dry and 0.03 % for each r/min, planted; asked as a fifth question, left out where nobody says its unit."""
-    log, out = log_of(tmp_path / "pump-log.csv", one_way=True), tmp_path / "pump.yaml"
+    log, out = log_of(tmp_path / "pump-log.csv", one_way=True, steps=40), tmp_path / "pump.yaml"
     head, *rows = log.read_text().splitlines()
     noise = np.random.default_rng(6).standard_normal(len(rows))
     log.write_text("\n".join((f"{head},shaft_effort", *(
