@@ -160,7 +160,6 @@ class Host:
         self._heard_s = clock()
         self._ticks = 0
         self._state: str | None = None               # of the newest tick
-        self._words: object = None                   # of it, whose change is reported at once
         self._files = SideFiles()
         self._device_service = DeviceService(self._bench, self._names.log_path, self._files)
         self.lag = LagBench(self._bench, self._loop, self._files)
@@ -226,19 +225,18 @@ class Host:
     def tick(self, now_s: float) -> None:
         """Orders, measurements, decision, drives, log, frame: in this order. Never raises: a tick that fails stops the
         drives, and the next one goes on."""
-        due = self._due()
-        for waiting in due:
+        for waiting in self._due():
             self._answer(waiting, now_s)
         self._off = bool(self._stop)
         try:
             if self._stop:
                 self._loop.order(Order(Do.STOP), self._stopped_by)
-            self._control(now_s, bool(due))
+            self._control(now_s)
         except Exception as error:
             self._fail(now_s, error)
         self._ticks += 1
 
-    def _control(self, now_s: float, answered: bool) -> None:
+    def _control(self, now_s: float) -> None:
         measurements = self._bench.measure(now_s)
         if self._failed:
             measurements = measurements._replace(control_failed=True)
@@ -255,10 +253,8 @@ class Host:
         self._state, self._failed = tick.row.state, ""
         self._guarded(lambda: self._record(tick))
         self._ordered.extend(orders_in(tick.row.events, tick.row.time_s))
-        words = tick.row.state, tick.alarms, tick.row.events
-        if self._ticks % self._ticks_a_frame == 0 or answered or words != self._words or self._off:
+        if self._ticks % self._ticks_a_frame == 0 or self._off:
             self.newest = self._frame(now_s, tick)
-        self._words = words
 
     def _follow_log(self, now_s: float) -> None:
         """Where another program has cut the log short, the writer has started a new one."""
