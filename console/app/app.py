@@ -139,6 +139,8 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.not_started = ""              # why the worker that this console began with never came up
         self.arrival, self.history = FrameArrival(), History()
         self.notice_text, self._notice_until_s = "", 0.0
+        self._first_shown: Frame | None = None          # the newest of those that are shown when they come ...
+        self._first_s = 0.0                             # ... from then on
         self.rates = Rates()
         self.pages = Pages(replay, self.services, self._page_made)
         self.page_actions = actions.pages()
@@ -316,11 +318,17 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.sweeps.tick()
 
     def _first(self) -> None:
-        """The first frame is shown when it comes, not with the next of the ticks."""
-        if self.source is not None and self.source.newest is not None:
+        """The first frames are shown when they come, not with the next of the ticks, until one has the receiver's."""
+        frame, now_s = None if self.source is None else self.source.newest, self.clock()
+        if frame is None or frame is self._first_shown:
+            return
+        begins, self._first_shown = self._first_shown is None, frame
+        self._first_s = now_s if begins else self._first_s
+        if frame.gnss_age_s is not None or now_s - self._first_s >= SEEN_S:
             self._until_first.stop()
-            self.page.hurry()
-            self.tick()
+        self.page.hurry()
+        self.tick()
+        if begins:
             if self.ask_job and self.services.job is not None:
                 ask_first(self, self.services.job)
             self.set_timer(SEEN_S, lambda: self.run_worker(self._make_pages(), group="pages", exit_on_error=False))

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
@@ -69,6 +70,23 @@ async def test_between_two_frames_nothing_is_looked_at_but_what_was_asked_for(
     clock.now_s += 0.1
     app.tick()
     assert looked[-1] == 1.1
+
+
+@pytest.mark.parametrize(("gnss_from", "looked_at"), [(0, [0]), (3, [0, 1, 2, 3]), (9, [0, 1, 2, 3, 4, 5])],
+                         ids=["with its first frame", "with its fourth", "after half a second"])
+async def test_first_frames_are_shown_as_they_come_until_the_receiver_speaks(
+        app, source, clock, frames, pilot, monkeypatch, gnss_from, looked_at):
+    looked, stopped = [], []
+    monkeypatch.setattr(app.page, "show_numbers", lambda view: looked.append(number))
+    app._until_first = SimpleNamespace(stop=lambda: stopped.append(True))
+    for number in range(8):
+        age_s = 0.1 if number >= gnss_from else None
+        source.newest = replace(frames[-1], seq=frames[-1].seq + 1 + number, gnss_age_s=age_s)
+        for _look in range(2):              # twice between two frames
+            if not stopped:
+                app._first()
+        clock.now_s += 0.1
+    assert stopped and looked == looked_at
 
 
 async def test_a_frame_of_the_same_number_is_not_a_new_one(app, source, clock, frames, pilot):
