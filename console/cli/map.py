@@ -118,10 +118,10 @@ def _convert(source: Path, out: Path | None, choice: RateChoice, job: str | None
     from control.recordings.finding import Finding
     from drivers.files.prescriptions.read import by_rule, index_choice, read_prescription, with_merged_zones
     from drivers.files.prescriptions.write import not_written, write_prescription
-    from drivers.files.setup import load_setup
     if job is None:
         read = read_prescription(source, choice)
     else:                               # a map of an index, as rates by the rule of a job's crop
+        from drivers.files.setup import load_setup
         rule = load_setup("huanghai", job, day_clock.today()).rule
         read = by_rule(read_prescription(source, index_choice(choice, rule, job)), rule)
     if merge_kg_ha is not None:

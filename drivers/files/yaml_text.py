@@ -50,7 +50,11 @@ _Loader.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+0123456
 _Loader.add_implicit_resolver("tag:yaml.org,2002:merge", re.compile(r"^<<$"), ["<"])
 
 
-_Loader.add_constructor("tag:yaml.org,2002:int", lambda _loader, node: int(node.value))
+def _decimal_int(loader: _Loader, node: yaml.ScalarNode) -> int:
+    return int(str(loader.construct_scalar(node)))
+
+
+_Loader.add_constructor("tag:yaml.org,2002:int", _decimal_int)
 
 
 def parse_yaml(text: str) -> tuple[Any, dict[KeyPath, int]]:

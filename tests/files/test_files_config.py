@@ -253,6 +253,7 @@ def test_anchors_and_merges_are_fine_and_may_be_overridden() -> None:
     ("a: 1\n\tb: 2\n", "line 2: not YAML"),
     ("a: !!python/object:os.system {}\n", "line 1: not YAML"),
     ("a: 1\n---\nb: 2\n", "not YAML"),
+    ("a: 1\nb: !!int [1, 2]\n", "line 2: not YAML"),
     ("? [a, b]\n: 1\n", "a key must be a name"),
     ("a: &x [*x]\n", "nested too deeply"),
     ("a: \x07\n", "not allowed in YAML"),

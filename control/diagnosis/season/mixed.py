@@ -31,6 +31,7 @@ worth no more than that (coarsened posterior; Miller and Dunson, Journal of the 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import cache
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -458,7 +459,7 @@ def _rough(season: Season, row: int, effect: int) -> EffectAtLevel:
     return EffectAtLevel(row, effect, at, columns, np.full(columns.shape[1], slab(season.logs)[-1, effect]))
 
 
-def _made(season: Season, numbers: Iterable[int]) -> Season:
+def _made(season: Season, numbers: Sequence[int]) -> Season:
     """With the terms of these causes, rough so far: a machine's are the stretches of its course."""
     causes = list(season.causes)
     for number in numbers:
@@ -478,14 +479,15 @@ def _made(season: Season, numbers: Iterable[int]) -> Season:
     return _scattered(season._replace(causes=tuple(causes)), numbers)
 
 
-def _scattered(season: Season, numbers: Iterable[int]) -> Season:
+def _scattered(season: Season, numbers: Sequence[int]) -> Season:
     """With the scatter about these causes that is left by all: about what several machines share it is one for all, for
     a machine's own is uncertain, and its logs would count the more the less it happens to be."""
     causes, count = list(season.causes), len(season.machines)
+    of = cache(lambda machine: _scatter(season.logs, season.machines[machine]))
     for number in numbers:
         cause = causes[number]
         if cause.row >= count:
-            each = [_scatter(season.logs, season.machines[k])[cause.effect] for k in season.levels.machines[cause.row]]
+            each = [of(machine)[cause.effect] for machine in season.levels.machines[cause.row].tolist()]
             causes[number] = cause._replace(scatter=np.array([np.mean(each)]))
     return solved(season.logs, season.levels, causes, season)
 

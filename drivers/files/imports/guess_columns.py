@@ -92,9 +92,7 @@ def _candidate(raw: RawTable, name: str) -> ColumnCandidate | None:
         return None
     implied = quantity_of(target) is None or subject.id in DEGREES or (
         subject.id == "shaft" and says(plain, IN_RPM))
-    moving = np.abs(values[np.isfinite(values)])
-    moving = moving[moving > MOVING_MPS]
-    if subject.id == "speed" and unit is None and moving.size and np.median(moving) > TOO_FAST:
+    if subject.id == "speed" and unit is None and _too_fast(values):
         target = "shaft_rpm_cmd" if role == "command" else "shaft_rpm"
     elif subject.id == "speed" and role == "command":
         return None                     # a wanted ground speed is no reading
@@ -119,6 +117,12 @@ def _target(subject: Subject, plain: str, role: str) -> str:
 def _values(raw: RawTable, name: str) -> NDArray[np.float64]:
     found = numbers(raw.frame[name], raw.decimal_comma)
     return found.values.to_numpy() if found.bad <= 0.5 * max(1, found.values.len()) else np.empty(0)
+
+
+def _too_fast(values: NDArray[np.float64]) -> bool:
+    moving = np.abs(values[np.isfinite(values)])
+    moving = moving[moving > MOVING_MPS]
+    return bool(moving.size and np.median(moving) > TOO_FAST)
 
 
 def _tell_roles(candidates: list[ColumnCandidate]) -> None:
